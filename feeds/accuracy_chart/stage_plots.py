@@ -19,7 +19,7 @@ from plotfeed.feeds.accuracy_chart.case import (
     wrapped,
 )
 from plotfeed.feeds.accuracy_chart.stage import FALSE_ALARMS, MEASURED, ChartStage, Method, rms
-from plotfeed.feeds.formats import FORMATS, Format, MessageFormat, Seen
+from plotfeed.feeds.formats import FORMATS, Batch, Format, MessageFormat
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sea_level import SeaLevel
@@ -155,8 +155,8 @@ def formats_of(case: Case) -> list[str]:
     return [name for name in case.sensor.formats if not FORMATS[name].facts.tells_tracks]
 
 
-def _messages(maker: MessageFormat, seen: Seen) -> list[Message]:
-    return [message for messages in maker.messages(seen) for message in messages]
+def _messages(maker: MessageFormat, batch: Batch) -> list[Message]:
+    return [message for messages in maker.messages(batch) for message in messages]
 
 
 def _read_back(row: Format, messages: Sequence[Message], near_ns: int) -> MeasuredPlots:
@@ -166,7 +166,7 @@ def _read_back(row: Format, messages: Sequence[Message], near_ns: int) -> Measur
     return MeasuredPlots.joined([row.plots_in(message.payload, near_ns) for message in messages])
 
 
-def _seen(case: Case) -> Seen:
+def _seen(case: Case) -> Batch:
     """One detection of each seen target where that is to be had, spread over a few sectors."""
     targets, rng = case.seen_targets(), case.rng
     _, plots = case.model.observe(targets, rng)
@@ -179,7 +179,7 @@ def _seen(case: Case) -> Seen:
     plots = with_heights(plots.but(t_utc_ns=t_ns), case.frame)
     index = np.searchsorted([s.end_ns for s in sectors[:-1]], t_ns, side="right")
     plots_by = np.searchsorted(index, np.arange(len(sectors) + 1))
-    return Seen(Sectors.of(sectors), plots, plots_by)
+    return Batch(Sectors.of(sectors), plots, plots_by)
 
 
 def _group(case: Case) -> list[Sector]:

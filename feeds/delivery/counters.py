@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from plotfeed.feeds.delivery.lateness import LastLateness
 from plotfeed.proto import plotfeed_pb2 as pb
-
-if TYPE_CHECKING:  # else whoever only counts waits for all sensors
-    from plotfeed.feeds.messages.sector_report import SectorCounts
 
 LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})
 """Fates that a link decides on, as the scene asks."""
@@ -78,12 +74,12 @@ class SessionCounters:
     speed_reached: float | None = None
     """And at which it ran since that was set: a machine that cannot hold it slows the clock."""
 
-    def add(self, counts: SectorCounts) -> None:
+    def add(self, scan: int, looks: int, plots: int, false_alarms: int) -> None:
         """Count what one sector brought."""
-        self.scan = max(self.scan, counts.scan)
-        self.looks += counts.looks
-        self.plots += counts.plots
-        self.false_alarms += counts.false_alarms
+        self.scan = max(self.scan, scan)
+        self.looks += looks
+        self.plots += plots
+        self.false_alarms += false_alarms
 
     def sent(self, lateness_ns: Sequence[int]) -> None:
         """Count messages that were sent, so late each."""

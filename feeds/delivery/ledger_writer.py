@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import accumulate
 from typing import TypeVar
 
 import numpy as np
 
 from plotfeed.feeds.delivery.delivery import SentTogether, Settled, records
+from plotfeed.feeds.messages.batch import Batch, edges
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.models.state import Columns, Ints, Looks, Plots
 from plotfeed.proto.content_types import LEDGER, protobuf_content_type
 from plotfeed.proto.ledger_octets import MANY, LedgerOctets, ledger, sent_field
@@ -20,8 +19,8 @@ CONTENT_TYPE = protobuf_content_type(LEDGER)
 
 C = TypeVar("C", bound=Columns)
 
-Kept = tuple[SectorReport, str, Settled]
-"""A sector, its link's keys then in JSON, and what became of its messages."""
+Kept = tuple[Batch, int, str, Settled]
+"""A sector by its batch and row, its link's keys then in JSON, what became of its messages."""
 
 
 class LedgerWriter:
@@ -34,35 +33,31 @@ class LedgerWriter:
 
     def messages(self, kept: Sequence[Kept]) -> list[Message]:
         """An entry for each sector, in that order."""
-        truths = self._truths([report for report, _, _ in kept])
-        sent = self._sent([settled for _, _, settled in kept])
-        times = {at: iso_utc(at) for at in {report.counts.due_utc_ns for report, _, _ in kept}}
+        truths = self._truths([(batch, row) for batch, row, _, _ in kept])
+        sent = self._sent([settled for _, _, _, settled in kept])
+        times: dict[int, str] = {}
         found = []
-        for (report, link, _), truth, messages in zip(kept, truths, sent, strict=True):
-            sensor, scan, end_ns = report.sensor, report.counts.scan, report.counts.due_utc_ns
-            index = int(report.sighting.sectors.index[report.row])
+        for (batch, row, link, _), truth, messages in zip(kept, truths, sent, strict=True):
+            of = batch.sectors
+            sensor, scan = batch.sensors[of.sensor[row]], int(of.scan[row])
+            index, end_ns = int(of.index[row]), int(of.end_ns[row])
             properties = (
                 ("specversion", "1.0"),
                 ("id", f"truth-{scan}-{index}"),
                 ("source", f"{self._prefix}/{sensor}"),
                 ("type", "plotfeed.truth"),
-                ("time", times[end_ns]),
+                ("time", times.get(end_ns) or times.setdefault(end_ns, iso_utc(end_ns))),
                 ("sensor", sensor),
                 ("scan", str(scan)),
                 ("sector", str(index)),
             )
+            payload = ledger(
+                sensor, scan, index, truth=truth, sent=messages, link=link, claims=batch.claims
+            )
             found.append(
                 Message(
                     topic=self._topic,
-                    payload=ledger(
-                        sensor,
-                        scan,
-                        index,
-                        truth=truth,
-                        sent=messages,
-                        link=link,
-                        claims=report.claims,
-                    ),
+                    payload=payload,
                     content_type=CONTENT_TYPE,
                     due_utc_ns=end_ns,
                     properties=properties,
@@ -70,47 +65,34 @@ class LedgerWriter:
             )
         return found
 
-    def _truths(self, reports: Sequence[SectorReport]) -> list[bytes]:
+    def _truths(self, sectors: Sequence[tuple[Batch, int]]) -> list[bytes]:
         """Looks and plots of each sector, as fields of its entry."""
-        of_names: dict[int, list[int]] = {}
-        for place, report in enumerate(reports):
-            of_names.setdefault(id(report.sighting.names), []).append(place)
-        if len(of_names) <= 1:
-            return self._truths_by_names(reports)
-        found = [b""] * len(reports)
-        for places in of_names.values():  # some drones have been forgotten meanwhile
-            truths = self._truths_by_names([reports[place] for place in places])
-            for place, truth in zip(places, truths, strict=True):
+        # Together where drones have the same names: some may have been forgotten meanwhile.
+        of_names: dict[int, dict[int, list[int]]] = {}
+        for place, (batch, _) in enumerate(sectors):
+            of_batch = of_names.setdefault(id(batch.names), {})
+            of_batch.setdefault(id(batch), []).append(place)
+        found = [b""] * len(sectors)
+        for of_batch in of_names.values():
+            looks: list[Looks] = []
+            plots: list[Plots] = []
+            looks_in: list[int] = []
+            plots_in: list[int] = []
+            for places in of_batch.values():
+                batch = sectors[places[0]][0]
+                rows = _ints([sectors[place][1] for place in places])
+                looks.append(_of_rows(batch.looks, batch.of_looks, rows, looks_in))
+                plots.append(_of_rows(batch.plots, batch.of_plots, rows, plots_in))
+            truths = self._octets.truths(
+                Looks.joined(looks),
+                edges(_ints(looks_in)),
+                Plots.joined(plots),
+                edges(_ints(plots_in)),
+                names=batch.names,
+            )
+            in_order = [place for places in of_batch.values() for place in places]
+            for place, truth in zip(in_order, truths, strict=True):
                 found[place] = truth
-        return found
-
-    def _truths_by_names(self, reports: Sequence[SectorReport]) -> list[bytes]:
-        """Looks and plots as `_truths`, of sectors whose drones have the same names."""
-        if not reports:
-            return []
-        places: dict[int, list[int]] = {}
-        for place, report in enumerate(reports):
-            places.setdefault(id(report.sighting), []).append(place)
-        looks: list[Looks] = []
-        plots: list[Plots] = []
-        looks_in: list[int] = []
-        plots_in: list[int] = []
-        for together in places.values():
-            sighting = reports[together[0]].sighting
-            rows = _ints([reports[place].row for place in together])
-            looks.append(_of_rows(sighting.looks, sighting.looks_by, rows, looks_in))
-            plots.append(_of_rows(sighting.plots, sighting.plots_by, rows, plots_in))
-        truths = self._octets.truths(
-            Looks.joined(looks),
-            _edges(looks_in),
-            Plots.joined(plots),
-            _edges(plots_in),
-            names=reports[0].sighting.names,
-        )
-        in_order = [place for together in places.values() for place in together]
-        found = [b""] * len(reports)
-        for place, truth in zip(in_order, truths, strict=True):
-            found[place] = truth
         return found
 
     def _sent(self, settled: Sequence[Settled]) -> Iterator[bytes]:
@@ -143,10 +125,6 @@ class LedgerWriter:
 
 def _ints(values: list[int]) -> Ints:
     return np.array(values, np.int64)
-
-
-def _edges(lengths: list[int]) -> Ints:
-    return _ints([0, *accumulate(lengths)])
 
 
 def _of_rows(columns: C, by: Ints, rows: Ints, lengths: list[int]) -> C:

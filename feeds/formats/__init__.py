@@ -24,9 +24,9 @@ from plotfeed.feeds.formats.message_format import (
 )
 from plotfeed.feeds.formats.plot_batches import PlotBatches
 from plotfeed.feeds.formats.sapient import FORMAT as SAPIENT
-from plotfeed.feeds.formats.seen import Seen, SeenSector
 from plotfeed.feeds.formats.sensor_tracks import SceneTracks
 from plotfeed.feeds.formats.track_messages import TRACK_ROWS
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -92,20 +92,20 @@ class SceneFormats:
         self._formats = {name: FORMATS[name].make(scene) for name in wanted}
         self._tracks = SceneTracks(scene)
 
-    def messages(self, seen: Seen) -> list[list[Message]]:
+    def messages(self, batch: Batch) -> list[list[Message]]:
         """Messages of each sector, due when it ends, in the order in which they are to leave."""
-        seen = self._tracks.tracked(seen)
+        batch = self._tracks.tracked(batch)
         if len(self._reports) == 1:
-            return self._in_formats(0, seen)
-        return seen.in_groups(self._report[seen.sectors.sensor], self._in_formats)
+            return self._in_formats(0, batch)
+        return batch.in_groups(self._report[batch.sectors.sensor], self._in_formats)
 
-    def _in_formats(self, report: int, seen: Seen) -> list[list[Message]]:
+    def _in_formats(self, report: int, batch: Batch) -> list[list[Message]]:
         """Messages of sensors that report in the same formats."""
-        made = [self._formats[name].messages(seen) for name in self._reports[report]]
+        made = [self._formats[name].messages(batch) for name in self._reports[report]]
         if len(made) == 1:
             return made[0]
         if not made:
-            return [[] for _ in range(len(seen))]
+            return [[] for _ in range(len(batch))]
         return [[m for messages in each for m in messages] for each in zip(*made, strict=True)]
 
 
@@ -128,12 +128,11 @@ def inboxes_of(scene: Scene) -> dict[str, str]:
 __all__ = [
     "FORMATS",
     "Announcer",
+    "Batch",
     "Format",
     "MessageFormat",
     "SceneFormats",
     "SectorFormat",
-    "Seen",
-    "SeenSector",
     "announcer_of",
     "carries_plots",
     "in_time",

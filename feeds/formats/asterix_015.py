@@ -13,7 +13,7 @@ from plotfeed.feeds.formats.message_format import (
     numbers_of,
     periods_in,
 )
-from plotfeed.feeds.formats.seen import Seen
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
@@ -91,10 +91,10 @@ class Asterix015(AsterixFormat):
         self._status = Status025(scene, sensors)
         self._systems = _systems(scene, sensors)
 
-    def blocks(self, seen: Seen) -> list[Blocks]:
+    def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 015, then those of 016 and 025 where they are due."""
-        sectors = seen.sectors
-        found = seen.in_groups(self._manner[sectors.sensor], self._of_plots)
+        sectors = batch.sectors
+        found = batch.in_groups(self._manner[sectors.sensor], self._of_plots)
         due = periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns) > 0
         for of, encoder in self._systems if due.any() else ():
             numbers = of[sectors.sensor]
@@ -105,12 +105,12 @@ class Asterix015(AsterixFormat):
         self._status.add_to(found, sectors)
         return found
 
-    def _of_plots(self, manner: int, seen: Seen) -> list[Blocks]:
+    def _of_plots(self, manner: int, batch: Batch) -> list[Blocks]:
         """Blocks of category 015 of sensors of one geometry that call classes alike."""
         numbers, encoder = self._plots[manner]
-        parts = seen.parts(numbers[seen.sectors.sensor])
-        first = seen.sectors.scan * OBSERVATIONS_A_SCAN
-        every = encoder.blocks_by(seen.plots, parts, first)
+        parts = batch.parts(numbers[batch.sectors.sensor])
+        first = batch.sectors.scan * OBSERVATIONS_A_SCAN
+        every = encoder.blocks_by(batch.plots, parts, first)
         return [[(15, block) for block in blocks] for blocks in every]
 
 

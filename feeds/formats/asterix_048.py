@@ -11,7 +11,7 @@ from plotfeed.feeds.formats.message_format import (
     max_block_octets,
     numbers_of,
 )
-from plotfeed.feeds.formats.seen import Seen
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
@@ -58,11 +58,11 @@ class Asterix048(AsterixFormat):
                 ],
             )
 
-    def blocks(self, seen: Seen) -> list[Blocks]:
+    def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 048, then those of category 034."""
-        sectors = seen.sectors
-        parts = seen.parts(self._numbers[sectors.sensor])
-        every = self._plots.blocks_by(seen.plots, parts, self._undulation_m(seen.plots, parts))
+        sectors = batch.sectors
+        parts = batch.parts(self._numbers[sectors.sensor])
+        every = self._plots.blocks_by(batch.plots, parts, self._undulation_m(batch.plots, parts))
         found = [[(48, block) for block in blocks] for blocks in every]
         if self._service is None:
             return found

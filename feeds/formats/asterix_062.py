@@ -13,7 +13,7 @@ from plotfeed.feeds.formats.message_format import (
     numbers_of,
     periods_in,
 )
-from plotfeed.feeds.formats.seen import Seen, of_parts
+from plotfeed.feeds.messages.batch import Batch, of_parts
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.beam import Sectors
@@ -37,22 +37,22 @@ class Asterix062:
         self._encoder = TrackEncoder062(*source, max_octets=most)
         self._service = SensorStatusEncoder063(*source, max_octets=most)
 
-    def messages(self, seen: Seen) -> list[list[Message]]:
+    def messages(self, batch: Batch) -> list[list[Message]]:
         """Blocks of category 062, then 063 where it is due."""
-        sensors = seen.sectors.sensor.tolist()
+        sensors = batch.sectors.sensor.tolist()
         found: list[Blocks] = [[] for _ in sensors]
-        filled = np.flatnonzero(np.diff(seen.tracks_by))
+        filled = np.flatnonzero(np.diff(batch.of_tracks))
         # Heights are sent, or not, for all tracks of a sensor.
-        is_flat = np.isnan(seen.tracks.height_m[seen.tracks_by[filled]])
+        is_flat = np.isnan(batch.tracks.height_m[batch.of_tracks[filled]])
         for which in (filled[is_flat], filled[~is_flat]):
             if len(which):
-                tracks, by = of_parts(seen.tracks, seen.tracks_by, which)
-                parts = Parts(by, self._numbers[seen.sectors.sensor[which]])
+                tracks, by = of_parts(batch.tracks, batch.of_tracks, which)
+                parts = Parts(by, self._numbers[batch.sectors.sensor[which]])
                 blocks_by = self._encoder.blocks_by(tracks, parts)
                 for i, blocks in zip(which.tolist(), blocks_by, strict=True):
                     found[i].extend((62, block) for block in blocks)
-        self._add_service(found, seen.sectors)
-        every = zip(sensors, seen.stamps, found, strict=True)
+        self._add_service(found, batch.sectors)
+        every = zip(sensors, batch.stamps, found, strict=True)
         return [self._topics[sensor].asterix(stamp, blocks) for sensor, stamp, blocks in every]
 
     def _add_service(self, found: list[Blocks], sectors: Sectors) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from plotfeed.feeds.formats.asterix_015 import Status025
 from plotfeed.feeds.formats.message_format import AsterixFormat, Blocks, Sensors, numbers_of
-from plotfeed.feeds.formats.seen import Seen
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
@@ -31,12 +31,12 @@ class Asterix205(AsterixFormat):
             scene, {i: sensor for i, sensor in sensors.items() if i not in told_by_015}
         )
 
-    def blocks(self, seen: Seen) -> list[Blocks]:
+    def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 205, then 025 where it is due."""
-        sectors = seen.sectors
-        parts = seen.parts(self._numbers[sectors.sensor])
+        sectors = batch.sectors
+        parts = batch.parts(self._numbers[sectors.sensor])
         first = sectors.scan * REPORTS_A_SCAN
-        bearings = self._bearings.blocks_by(seen.plots, parts, sectors.end_ns, first)
+        bearings = self._bearings.blocks_by(batch.plots, parts, sectors.end_ns, first)
         found = [[(205, block) for block in blocks] for blocks in bearings]
         self._status.add_to(found, sectors)
         return found

@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from plotfeed.feeds.formats.seen import Seen, SeenSector
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.user_properties import Address, SectorProperties, SectorStamp
 from plotfeed.feeds.scene.report_formats import ReportFormat
@@ -47,7 +47,7 @@ Blocks = list[tuple[int, bytes]]
 class MessageFormat(Protocol):
     """Makes the messages that carry what came of sectors of a scene's sensors."""
 
-    def messages(self, seen: Seen) -> list[list[Message]]:
+    def messages(self, batch: Batch) -> list[list[Message]]:
         """Messages of each sector, due when it ends, in the order in which they are to leave."""
 
 
@@ -156,17 +156,17 @@ class SectorFormat(ABC):
         return _SectorBySector({i: cls(scene, sensor) for i, sensor in sensors.items()})
 
     @abstractmethod
-    def messages_of(self, seen: SeenSector) -> list[Message]:
-        """Due when the sector ends, in the order in which they are to leave."""
+    def messages_of(self, batch: Batch) -> list[Message]:
+        """Messages of one sector, due when it ends, in the order in which they leave."""
 
 
 @dataclass(frozen=True, slots=True)
 class _SectorBySector:
     formats: Mapping[int, SectorFormat]
 
-    def messages(self, seen: Seen) -> list[list[Message]]:
-        every = map(seen.one, range(len(seen)))
-        return [self.formats[one.sensor].messages_of(one) for one in every]
+    def messages(self, batch: Batch) -> list[list[Message]]:
+        every = enumerate(batch.sectors.sensor.tolist())
+        return [self.formats[sensor].messages_of(batch.one(i)) for i, sensor in every]
 
 
 class AsterixFormat(ABC):
@@ -176,21 +176,21 @@ class AsterixFormat(ABC):
         self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
 
     @abstractmethod
-    def blocks(self, seen: Seen) -> list[Blocks]:
+    def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of each sector, in the order in which they are to leave."""
 
-    def messages(self, seen: Seen) -> list[list[Message]]:
+    def messages(self, batch: Batch) -> list[list[Message]]:
         """Messages of each sector; one that cannot be encoded is an `EncodeError`."""
         try:
-            blocks = self.blocks(seen)
+            blocks = self.blocks(batch)
         except EncodeError:
-            if len(seen) == 1:
+            if len(batch) == 1:
                 raise
             # What some of them measure and others do not cannot be encoded together.
-            each = [seen.rows(np.array([i])) for i in range(len(seen))]
+            each = [batch.rows(np.array([i])) for i in range(len(batch))]
             return [messages for one in each for messages in self.messages(one)]
-        topics, stamps = self._topics, seen.stamps
-        sensors = seen.sectors.sensor.tolist()
+        topics, stamps = self._topics, batch.stamps
+        sensors = batch.sectors.sensor.tolist()
         return [
             topics[sensor].asterix(stamp, found) if found else []
             for sensor, stamp, found in zip(sensors, stamps, blocks, strict=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from plotfeed.feeds.formats.message_format import Sensors, Topics, message_to
-from plotfeed.feeds.formats.seen import Seen
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -22,16 +22,16 @@ class PlotBatches:
             for i, sensor in sensors.items()
         }
 
-    def messages(self, seen: Seen) -> list[list[Message]]:
+    def messages(self, batch: Batch) -> list[list[Message]]:
         """The batch of each sector."""
-        sectors, stamps = seen.sectors, seen.stamps
+        sectors, stamps = batch.sectors, batch.stamps
         sensors = sectors.sensor.tolist()
         batches = plot_batches(
             [self._names[sensor] for sensor in sensors],
             [stamp.scan for stamp in stamps],
             [stamp.index for stamp in stamps],
-            seen.plots,
-            seen.plots_by.tolist(),
+            batch.plots,
+            batch.of_plots.tolist(),
         )
         every = zip(sensors, batches, stamps, strict=True)
         return [[message_to(self._addresses[i], batch, stamp)] for i, batch, stamp in every]

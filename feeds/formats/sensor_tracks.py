@@ -6,11 +6,12 @@ Which kind a sensor has its keys say: the truth, smoothed, or what a plain track
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from plotfeed.feeds.formats.seen import Seen, SeenSector
+from plotfeed.feeds.messages.batch import Batch, edges
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -37,7 +38,7 @@ UNMEASURED_SIGMA_M = 1.0
 class SensorTracker(Protocol):
     """Whatever makes the tracks of one sensor, fed sector by sector."""
 
-    def take(self, seen: SeenSector) -> TrackStates:
+    def take(self, batch: Batch) -> TrackStates:
         """The tracks at the end of a sector, east, north and up of the scene's site."""
 
 
@@ -53,21 +54,19 @@ class SceneTracks:
                 kind = _PlainTracks if is_plain else _SmoothedTruth
                 self._trackers[i] = kind(scene, sensor, self._site)
 
-    def tracked(self, seen: Seen) -> Seen:
-        """Add the tracks at the ends of its sectors to what was seen."""
+    def tracked(self, batch: Batch) -> Batch:
+        """Add the tracks at the ends of its sectors to the batch."""
         if not self._trackers:
-            return seen
-        trackers = [self._trackers.get(sensor) for sensor in seen.sectors.sensor.tolist()]
+            return batch
+        trackers = [self._trackers.get(sensor) for sensor in batch.sectors.sensor.tolist()]
         states = [
-            _NO_STATES if tracker is None else tracker.take(seen.one(i))
+            _NO_STATES if tracker is None else tracker.take(batch.one(i))
             for i, tracker in enumerate(trackers)
         ]
         lengths = np.array([len(each) for each in states], np.int64)
-        t_utc_ns = np.repeat(seen.sectors.end_ns, lengths)
-        return seen.with_tracks(
-            self._told(TrackStates.joined(states or [_NO_STATES]), t_utc_ns),
-            np.concatenate([[0], np.cumsum(lengths)]),
-        )
+        t_utc_ns = np.repeat(batch.sectors.end_ns, lengths)
+        tracks = self._told(TrackStates.joined(states or [_NO_STATES]), t_utc_ns)
+        return replace(batch, tracks=tracks, tracks_by=edges(lengths))
 
     def _told(self, states: TrackStates, t_utc_ns: Ints) -> ToldTracks:
         """Tracks on the Earth; no height of those of a sensor that measures none."""
@@ -118,19 +117,19 @@ class _SmoothedTruth:
         """Of drones by index, when it last knew of them."""
         self._chance = Chance(scene.scene.seed, sensor.id)
 
-    def take(self, seen: SeenSector) -> TrackStates:
+    def take(self, batch: Batch) -> TrackStates:
         """The tracks at the end of a sector."""
-        sector, ahead_ns = seen.sector, seen.clock_ahead_ns
-        if seen.names is not self._names:
-            others = renamed(self._names, seen.names)
+        sector, ahead_ns = batch.sector, batch.clock_ahead_ns
+        if batch.names is not self._names:
+            others = renamed(self._names, batch.names)
             # A track whose drone is forgotten ends by itself, unless another has its row.
-            reused = [row for row in others.tolist() if row < len(seen.names) and seen.names[row]]
-            self._tracks.forget(np.array(reused, np.int64), len(seen.names))
-            self._names = seen.names
-        looks = self._looks(seen.looks, seen.plots)
+            reused = [row for row in others.tolist() if row < len(batch.names) and batch.names[row]]
+            self._tracks.forget(np.array(reused, np.int64), len(batch.names))
+            self._names = batch.names
+        looks = self._looks(batch.looks, batch.plots)
         return self._tracks.take(
             looks,
-            self._truth(seen, np.union1d(looks.drone, self._tracks.drones)),
+            self._truth(batch, np.union1d(looks.drone, self._tracks.drones)),
             start_ns=sector.start_ns - ahead_ns,
             end_ns=sector.end_ns - ahead_ns,
             rng=self._chance.rng(Purpose.TRACKS, sector.scan, sector.index),
@@ -153,8 +152,8 @@ class _SmoothedTruth:
             drone=drone, t_utc_ns=looks.t_utc_ns[at], hit=hit, covariance_m2=errors_m2
         )
 
-    def _truth(self, seen: SeenSector, drones: Ints) -> LocalStates:
-        truth = seen.truth_at(seen.sector.end_ns, drones)
+    def _truth(self, batch: Batch, drones: Ints) -> LocalStates:
+        truth = batch.truth_at(batch.sector.end_ns, drones)
         return LocalStates(
             drone=truth.drone,
             position_enu_m=self._site.from_ecef(truth.position_ecef_m),
@@ -181,10 +180,10 @@ class _PlainTracks:
         turns = sensor.scan.sectors > 1
         self._tracker = PlainTracker(_rule_of(sensor), motion, turns=turns)
 
-    def take(self, seen: SeenSector) -> TrackStates:
+    def take(self, batch: Batch) -> TrackStates:
         """The tracks at the end of a sector."""
-        start_ns, end_ns = seen.sector.start_ns, seen.sector.end_ns
-        return self._tracker.take(self._located(seen.plots), start_ns=start_ns, end_ns=end_ns)
+        start_ns, end_ns = batch.sector.start_ns, batch.sector.end_ns
+        return self._tracker.take(self._located(batch.plots), start_ns=start_ns, end_ns=end_ns)
 
     def _located(self, plots: Plots) -> LocatedPlots:
         """Plots as places about the site; without an elevation, on the sensor's horizontal."""

@@ -12,8 +12,8 @@ from plotfeed.feeds.formats.message_format import (
     Topics,
     message_to,
 )
-from plotfeed.feeds.formats.seen import Seen
 from plotfeed.feeds.formats.sensor_tracks import tracks_keys_of
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.user_properties import SectorStamp
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -43,16 +43,16 @@ class TrackMessages:
             for i, sensor in sensors.items()
         }
 
-    def messages(self, seen: Seen) -> list[list[Message]]:
+    def messages(self, batch: Batch) -> list[list[Message]]:
         """Messages of each sector; none of one without tracks."""
-        by = seen.tracks_by.tolist()
+        by = batch.of_tracks.tolist()
         found = []
         for k, (sensor, stamp) in enumerate(
-            zip(seen.sectors.sensor.tolist(), seen.stamps, strict=True)
+            zip(batch.sectors.sensor.tolist(), batch.stamps, strict=True)
         ):
             payloads: Sequence[bytes] = ()
             if by[k] < by[k + 1]:
-                tracks = seen.tracks.between(by[k], by[k + 1])
+                tracks = batch.tracks.between(by[k], by[k + 1])
                 payloads = self._encoders[sensor](tracks, self._origins[sensor], stamp)
             address = self._addresses[sensor]
             found.append([message_to(address, p, stamp, n) for n, p in enumerate(payloads)])

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.connections import connections
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
@@ -81,13 +81,13 @@ class PageObserver(Observer):
         self._now_ns = self.now_utc_ns()
         self._session = None
 
-    def report(self, report: SectorReport) -> None:
-        """A sector is reported now."""
-        self._view.report(report)
+    def report(self, batch: Batch) -> None:
+        """A batch of one sector leaves now."""
+        self._view.report(batch)
 
-    def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+    def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
         """A sector's messages have their fates."""
-        self._view.settled(report, sent)
+        self._view.settled(batch, sent)
 
     def settings(self, sensor: Sensor) -> None:
         """The sensor is so from now on."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.formats import carries_plots
-from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.score.feed_checks import FALSE_RATE, simulated_feed
@@ -89,22 +89,22 @@ class LiveScore(Observer):
         """There is nothing more to score."""
         self._session = None
 
-    def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
+    def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
         """Keep whom a sensor looked at, and of what was delivered the plots."""
         session = self._session
-        if session is None or report.sensor not in session.sensor_tasks:
+        if session is None or batch.sensor not in session.sensor_tasks:
             return
-        for drone in np.unique(report.looks.drone).tolist():
-            self._looked_ns[drone] = report.counts.due_utc_ns
+        for drone in np.unique(batch.looks.drone).tolist():
+            self._looked_ns[drone] = batch.due_utc_ns
         carriers = [message for message in sent if carries_plots(message.topic)]
         if any(not message.delivered for message in carriers):
             return
-        feed = self._feeds.get(report.sensor)
+        feed = self._feeds.get(batch.sensor)
         if feed is None:
             if len(self._feeds) >= MOST_SENSORS:
                 return
-            feed = self._feeds[report.sensor] = _FeedSoFar(since_ns=0)
-        feed.take(report)
+            feed = self._feeds[batch.sensor] = _FeedSoFar(since_ns=0)
+        feed.take(batch)
 
     def settings(self, sensor: Sensor) -> None:
         """What a sensor's feed said by other keys counts no more."""
@@ -265,15 +265,15 @@ class _FeedSoFar:
         self._plots: list[SimulatedPlots] = []
         self._count = 0
 
-    def take(self, report: SectorReport) -> None:
+    def take(self, batch: Batch) -> None:
         """Take a sector whose plots were delivered."""
-        of = report.sector
+        of = batch.sector
         if self._count >= MOST_LOOKS or max(of.end_ns - AHEAD_NS, of.start_ns) < self._since_ns:
             return
         if self.began_ns is None:
-            self.began_ns = report.counts.due_utc_ns
+            self.began_ns = batch.due_utc_ns
         scan, sector = of.scan, of.index
-        looks, plots = report.looks, report.plots
+        looks, plots = batch.looks, batch.plots
         self._looks.append(SimulatedLooks.holding(_at(looks, scan, sector)))
         self._plots.append(SimulatedPlots.holding(_at(plots, scan, sector)))
         self._count += len(looks) + len(plots)

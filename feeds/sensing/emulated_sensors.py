@@ -7,14 +7,14 @@ what comes out depends neither on how long the stretches are nor on who else is 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.formats import SceneFormats, Seen
-from plotfeed.feeds.messages.sector_report import SectorReport, Sighting
+from plotfeed.feeds.formats import SceneFormats
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -149,7 +149,7 @@ class EmulatedSensors:
                 if sector.start_ns > self._next.sector(i).start_ns:
                     self._next.go_on_with(i, sector)
         while (end_ns := self.next_end_ns) is not None and end_ns <= until_utc_ns:
-            for _ in self.reports(min(end_ns + NS, until_utc_ns + 1)):
+            for _ in self.batches(min(end_ns + NS, until_utc_ns + 1)):
                 yield
 
     @property
@@ -197,13 +197,12 @@ class EmulatedSensors:
         """Whether what a sensor reports, or one that it cues, depends on all that was before."""
         return keeps_state(self.sensors[i]) or self.cueing.cues(i)
 
-    def reports(self, before_ns: int) -> Iterator[list[SectorReport]]:
+    def batches(self, before_ns: int) -> Iterator[Batch]:
         """What comes of all sectors that are next and end before that time, a group at a time."""
-        for seen in self.sightings(before_ns):
-            yield self._reports_of(seen)
+        return map(self._with_messages, self.seen(before_ns))
 
-    def sightings(self, before_ns: int) -> Iterator[Sighting]:
-        """What is seen in those sectors, a group at a time, with the script's changes meanwhile."""
+    def seen(self, before_ns: int) -> Iterator[Batch]:
+        """What is seen in those sectors, without messages; the script's changes come meanwhile."""
         self._forget_gone()
         while len(sectors := self._next.ending_before(before_ns)):
             later = self._later_than_script(sectors)
@@ -231,7 +230,7 @@ class EmulatedSensors:
         known_ns = np.maximum(sectors.end_ns - AHEAD_NS, sectors.start_ns)
         return known_ns >= self._script[-1][0]
 
-    def _seen(self, sectors: Sectors) -> Iterator[Sighting]:
+    def _seen(self, sectors: Sectors) -> Iterator[Batch]:
         if not len(sectors):
             return
         if len(self._groups) == 1:
@@ -249,27 +248,13 @@ class EmulatedSensors:
                 self.cueing.take(seen)
             yield seen
 
-    def _reports_of(self, found: Sighting) -> list[SectorReport]:
-        """Sectors with their messages, in the order of sensors and time."""
-        site = self._sites[found.sectors.sensor[0]]
-        sectors, plots, truth_at = found.sectors, found.plots, self._trajectories.state_at
-        if site.errs:  # it is alone, and its clock and axes are its own
-            truth_at = site.apparent_at
-        if ahead_ns := site.clock_ahead_ns:
-            plots = plots.but(t_utc_ns=plots.t_utc_ns + ahead_ns)
-            start_ns, end_ns = sectors.start_ns + ahead_ns, sectors.end_ns + ahead_ns
-            sectors = sectors.but(start_ns=start_ns, end_ns=end_ns)
-        seen = Seen(
-            sectors=sectors,
-            plots=plots,
-            plots_by=found.plots_by,
-            looks=found.looks,
-            looks_by=found.looks_by,
-            truth_at=lambda _row, t_utc_ns, drones: truth_at(t_utc_ns, drones),
-            clock_ahead_ns=site.clock_ahead_ns,
-            names=found.names,
-        )
-        return list(found.reports(self._names, self._formats.messages(seen)))
+    def _with_messages(self, batch: Batch) -> Batch:
+        """The batch with the messages of its sectors."""
+        site = self._sites[batch.sectors.sensor[0]]
+        # A sensor that errs is alone, and its clock and axes are its own.
+        truth_at = site.apparent_at if site.errs else self._trajectories.state_at
+        told = batch.by_clock(site.clock_ahead_ns, truth_at)
+        return replace(batch, messages=self._formats.messages(told))
 
     def _follow_script_until(self, t_utc_ns: int) -> None:
         """Change what the script changes by then."""

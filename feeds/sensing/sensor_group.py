@@ -14,8 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.feeds.formats.seen import joined_sightings
-from plotfeed.feeds.messages.sector_report import Sighting
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue, OfSensor
 from plotfeed.feeds.sensing.sensor_site import SensorSite, with_heights
 from plotfeed.feeds.sensing.sidelobe_looks import SidelobeLooks
@@ -90,7 +89,7 @@ class SensorGroup:
         self._reach_m = reach_m
 
     @nan_without_warnings
-    def look(self, sectors: Sectors) -> Sighting:
+    def look(self, sectors: Sectors) -> Batch:
         """What comes of sectors of these sensors, as far as is known now."""
         if not sectors.stares[0]:
             if not self._merges:
@@ -101,15 +100,15 @@ class SensorGroup:
                 sectors.rows(np.arange(i, min(i + n, len(sectors))))
                 for i in range(0, len(sectors), n)
             ]
-            return joined_sightings([self._turn(turn) for turn in turns])
+            return Batch.joined([self._turn(turn) for turn in turns])
         scans = []
         while len(sectors):  # one scan of each sensor after the other
             first = sectors.first_of_sensors()
             scans.append(self._stare(sectors.rows(first)))
             sectors = sectors.rows(~first)
-        return joined_sightings(scans)
+        return Batch.joined(scans)
 
-    def _stare(self, sectors: Sectors) -> Sighting:
+    def _stare(self, sectors: Sectors) -> Batch:
         """Looks at all drones that are there when a scan ends; one scan of each sensor."""
         row, truth = self._there_at_the_end(sectors)
         aims = None
@@ -143,9 +142,9 @@ class SensorGroup:
                 for sensor, found in alarms
                 if aims.sees[np.searchsorted(sectors.sensor, sensor)]
             ]
-        return self._sighting(sectors, looks, detections, alarms)
+        return self._batch(sectors, looks, detections, alarms)
 
-    def _turn(self, sectors: Sectors) -> Sighting:
+    def _turn(self, sectors: Sectors) -> Batch:
         """Looks at the drones that beams pass in their sectors."""
         at_work = self._at_work
         met = meetings(sectors, self._axes, at_work.trajectories, at_work.borders, self._reach_m)
@@ -156,7 +155,7 @@ class SensorGroup:
             looks, detections = self._observed_among_neighbours(sectors, met.truth)
         else:
             looks, detections = self._met(sectors, met.truth, met.row)
-        return self._sighting(sectors, looks, detections, alarms)
+        return self._batch(sectors, looks, detections, alarms)
 
     def _met(self, sectors: Sectors, truth: TruthState, row: Ints) -> tuple[Looks, Plots]:
         """What the model makes of drones, each met within a sector, by its row."""
@@ -314,9 +313,9 @@ class SensorGroup:
         skew = self.site.axes is not self.site.frame
         return self.site.as_they_truly_were(looks) if skew else looks
 
-    def _sighting(
+    def _batch(
         self, sectors: Sectors, looks: Looks, plots: Plots, alarms: Sequence[OfSensor]
-    ) -> Sighting:
+    ) -> Batch:
         """Looks and plots by sector, plots with heights if any format tells them."""
         if alarms:
             plots = Plots.joined([plots, *(self._told(sensor, found) for sensor, found in alarms)])
@@ -326,7 +325,9 @@ class SensorGroup:
             sensor = np.repeat(sectors.sensor, np.diff(plots_by))
             plots = with_heights(plots, frames_at(self._frames, sensor))
         names = self._at_work.trajectories.names
-        return Sighting(sectors, looks, looks_by, plots, plots_by, names)
+        return Batch(
+            sectors, plots, plots_by, looks, looks_by, sensors=self._at_work.names, names=names
+        )
 
     def _told(self, sensor: int, plots: Plots) -> Plots:
         """Plots of a sensor that say whose they are, where that is not known without."""

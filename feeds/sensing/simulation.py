@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from plotfeed.feeds.messages.sector_report import Sighting
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
@@ -124,8 +124,8 @@ def simulate(
     end_utc_ns = start_utc_ns + round(duration_s * NS)
     found = _Found(scene.sensor)
     for before_ns in range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS):
-        found.take(emulated.sightings(before_ns))
-    found.take(emulated.sightings(end_utc_ns + 1))
+        found.take(emulated.seen(before_ns))
+    found.take(emulated.seen(end_utc_ns + 1))
     return Simulation(found.sensors(), trajectories, start_utc_ns)
 
 
@@ -141,17 +141,17 @@ class _Found:
         self._plots: list[list[SimulatedPlots]] = [[] for _ in sensors]
         self._sectors: list[list[Sectors]] = [[] for _ in sensors]
 
-    def take(self, sightings: Iterable[Sighting]) -> None:
+    def take(self, batches: Iterable[Batch]) -> None:
         """Sort what was seen by sensor."""
-        for seen in sightings:
-            looks = _of_sectors(SimulatedLooks, seen.looks, seen.looks_by, seen.sectors)
-            plots = _of_sectors(SimulatedPlots, seen.plots, seen.plots_by, seen.sectors)
+        for seen in batches:
+            looks = _of_sectors(SimulatedLooks, seen.looks, seen.of_looks, seen.sectors)
+            plots = _of_sectors(SimulatedPlots, seen.plots, seen.of_plots, seen.sectors)
             sensors, first = np.unique(seen.sectors.sensor, return_index=True)
             last = [*first[1:].tolist(), len(seen.sectors)]
             for i, a, b in zip(sensors.tolist(), first.tolist(), last, strict=True):
                 self._sectors[i].append(seen.sectors.between(a, b))
-                self._looks[i].append(looks.between(seen.looks_by[a], seen.looks_by[b]))
-                self._plots[i].append(plots.between(seen.plots_by[a], seen.plots_by[b]))
+                self._looks[i].append(looks.between(seen.of_looks[a], seen.of_looks[b]))
+                self._plots[i].append(plots.between(seen.of_plots[a], seen.of_plots[b]))
 
     def sensors(self) -> dict[str, SimulatedSensor]:
         """All of each, by id."""

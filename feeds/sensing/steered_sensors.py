@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.messages.sector_report import Sighting
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import Cue, MountKeys, cue_order, home_of, mount_of
@@ -162,18 +162,18 @@ class Cueing:
         dwell_s = steered.keys.dwell_s if cue.dwell_s is None else cue.dwell_s
         self._put(steered, as_of_ns, (aim, round(dwell_s * NS)))
 
-    def take(self, seen: Sighting) -> None:
+    def take(self, batch: Batch) -> None:
         """Hand the plots of sensors to the mounts that they cue."""
-        for row, i in enumerate(seen.sectors.sensor.tolist()):
+        for row, i in enumerate(batch.sectors.sensor.tolist()):
             if i not in self._cued_by:
                 continue
-            plots = seen.plots_of(row)
+            plots = batch.one(row).plots
             plots = plots.rows(~np.isnan(plots.azimuth_deg))
             if not len(plots):
                 continue
             for other in self._cued_by[i]:
                 steered = self._steered[other]
-                end_ns = int(seen.sectors.end_ns[row])
+                end_ns = int(batch.sectors.end_ns[row])
                 self._put(steered, end_ns, self._batch(i, other, steered, plots))
 
     def at(self, sectors: Sectors) -> Aims:

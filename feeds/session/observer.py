@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.delivery import Settled
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -117,11 +117,11 @@ class Observer:
         """Time as of which it hands in something next, before what is due then; None for never."""
         return None
 
-    def report(self, report: SectorReport) -> None:
-        """A sector is reported now."""
+    def report(self, batch: Batch) -> None:
+        """A batch of one sector leaves now."""
 
-    def settled(self, report: SectorReport, sent: Sequence[pb.Sent]) -> None:
-        """What became of a sector's messages is known."""
+    def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
+        """What became of the messages of a batch of one sector is known."""
 
     def settings(self, sensor: Sensor) -> None:
         """The sensor is so from now on."""
@@ -166,8 +166,8 @@ def cares(observer: Observer, method: str) -> bool:
     return getattr(type(observer), method) is not getattr(Observer, method)
 
 
-KeepLedger = Callable[[SectorReport, str, Settled], None]
-"""Given a sector, its link's keys then in JSON, and what became of its messages."""
+KeepLedger = Callable[[Batch, int, str, Settled], None]
+"""Given a batch and the row of a sector, its link's keys in JSON, and its messages' fates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,8 +13,8 @@ from typing import Any
 from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.delivery.outbox import Departure, Outbox
 from plotfeed.feeds.formats import Announcer
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, retained_message
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.changes import Layers, instants_ns, joined, with_change
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -26,7 +26,6 @@ from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_description import mount_status, status_of
 from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.models.beam import Sector
-from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS, iso_utc
 
@@ -91,10 +90,10 @@ class SensorTask:
             self.outbox.send_past_link(*self._announcer.closing(now_ns))
         self._publish_status(pb.SensorStatus.OFFLINE)
 
-    def reported(self, report: SectorReport) -> None:
-        """A sector of it has been reported."""
-        self._status.scan = report.counts.scan
-        self._status.plots += report.counts.plots
+    def reported(self, scan: int, plots: int) -> None:
+        """A sector of that scan has been reported, with so many plots."""
+        self._status.scan = scan
+        self._status.plots += plots
 
     def missed(self, missed: MissedScans) -> None:
         """Count what was left out, since it was too late for that."""
@@ -265,11 +264,9 @@ class CooperativeTask:
             messages, truths = self._drones.said(self._number)
             sector = Sector(self._number, 0, due_ns - period_ns, due_ns, 0.0, 360.0)
             claims = pb.Ledger(claims=truths).SerializeToString()
-            report = SectorReport.of(
-                COOPERATIVE, sector, NO_LOOKS, NO_PLOTS, messages, claims=claims
-            )
+            batch = Batch.of_one(sector, sensor=COOPERATIVE, messages=messages, claims=claims)
             keep_ledger = self._context.keep_ledger
-            keep = None if keep_ledger is None else partial(keep_ledger, report, self._link)
+            keep = None if keep_ledger is None else partial(keep_ledger, batch, 0, self._link)
             yield due_ns, (self.outbox, messages, keep)
             self._number += 1
 

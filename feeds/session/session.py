@@ -11,9 +11,9 @@ from typing import Any
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.delivery import Settled, records
 from plotfeed.feeds.delivery.ledger_writer import Kept, LedgerWriter
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
@@ -282,17 +282,17 @@ class Session:
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)
 
-    def _keep_ledger(self, report: SectorReport, link: str, settled: Settled) -> None:
+    def _keep_ledger(self, batch: Batch, row: int, link: str, settled: Settled) -> None:
         """Put what is true on the truth topic when there is time."""
-        self._loop.later(partial(self._kept.append, (report, link, settled)))
+        self._loop.later(partial(self._kept.append, (batch, row, link, settled)))
 
     def _write_ledger(self) -> None:
         """Make entries of all sectors whose turn has come, which leave together."""
         kept, self._kept[:] = [*self._kept], []
         for observer in self._observers:
             if cares(observer, "settled"):
-                for report, _, settled in kept:
-                    observer.settled(report, records(settled))
+                for batch, row, _, settled in kept:
+                    observer.settled(batch.one(row), records(settled))
         messages = self._ledger.messages(kept)
         for observer in self._observers:
             for message in messages:

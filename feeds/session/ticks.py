@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from operator import itemgetter
 
 from plotfeed.feeds.delivery.outbox import Departure, prepare_all, send_all
-from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors, MissedScans
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.observer import SessionContext, cares
@@ -55,7 +56,6 @@ class Ticks:
         self._sensors = sensors
         self._tasks = tasks
         self._of_index = list(tasks.values())
-        self._order = {name: i for i, name in enumerate(tasks)}
         self._cooperative = cooperative
         self._inputs = inputs
         self._shares = False
@@ -155,15 +155,19 @@ class Ticks:
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
         due: dict[int, DueTogether] = defaultdict(DueTogether)
         ready: list[Departure] = []
-        for reports in self._sensors.reports(before_ns):
+        for batch in self._sensors.batches(before_ns):
             self._let_sendings_pass((k + 1) * TICK_NS)
-            sectors += len(reports)
-            for report in self._in_time(reports, too_late_ns) if too_late_ns else reports:
-                due[report.counts.due_utc_ns].reports.append(report)
-                ready.append((self._tasks[report.sensor].outbox, report.messages, None))
+            sectors += len(batch)
+            of = batch.sectors.sensor.tolist()
+            for row, due_ns in enumerate(batch.sectors.end_ns.tolist()):
+                i = of[row]
+                if too_late_ns and not self._in_time(batch, row, due_ns, too_late_ns):
+                    continue
+                due[due_ns].sectors.append((i, batch, row))
+                ready.append((self._of_index[i].outbox, batch.messages[row], None))
         if len(self._tasks) > 1:
             for together in due.values():
-                together.reports.sort(key=lambda report: self._order[report.sensor])
+                together.sectors.sort(key=itemgetter(0))
         if self._cooperative is not None:
             for due_ns, departure in self._cooperative.said_before(
                 before_ns, 0 if self._clock.can_wait else now_ns
@@ -180,16 +184,15 @@ class Ticks:
         if self._inputs:
             self.input_waits()
 
-    def _leave_out(self, now_ns: int) -> dict[str, int]:
+    def _leave_out(self, now_ns: int) -> dict[int, int]:
         """Leave out what is late by more than a period, or have it worked out and not sent.
 
-        Of the latter sensors, by name, up to when what is due is not sent.
+        Of the latter sensors, by index, up to when what is due is not sent.
         """
         too_late_ns = {}
         for i in () if self._clock.can_wait else self._sensors.late(now_ns):
             if self._shares and self._sensors.remembers(i):
-                sensor = self._sensors.sensors[i]
-                too_late_ns[sensor.id] = now_ns - sensor.scan.period_ns
+                too_late_ns[i] = now_ns - self._sensors.sensors[i].scan.period_ns
             else:
                 self._missed(self._of_index[i], self._sensors.skip(i, now_ns))
         return too_late_ns
@@ -198,18 +201,15 @@ class Ticks:
         task.missed(missed)
         self._context.totals.missed_scans += missed.scans
 
-    def _in_time(
-        self, reports: Sequence[SectorReport], too_late_ns: Mapping[str, int]
-    ) -> Iterator[SectorReport]:
-        """Reports that are still to be sent; the others are missed."""
-        for report in reports:
-            due_ns = report.counts.due_utc_ns
-            if due_ns >= too_late_ns.get(report.sensor, due_ns):
-                yield report
-                continue
-            task = self._tasks[report.sensor]
-            is_last = report.sector.index + 1 == task.sensor.scan.sectors
-            self._missed(task, MissedScans(int(is_last), due_ns, due_ns))
+    def _in_time(self, batch: Batch, row: int, due_ns: int, too_late_ns: Mapping[int, int]) -> bool:
+        """Whether a sector is still to be sent; else it is missed."""
+        i = int(batch.sectors.sensor[row])
+        if due_ns >= too_late_ns.get(i, due_ns):
+            return True
+        task = self._of_index[i]
+        is_last = int(batch.sectors.index[row]) + 1 == task.sensor.scan.sectors
+        self._missed(task, MissedScans(int(is_last), due_ns, due_ns))
+        return False
 
     def _let_sendings_pass(self, before_ns: int) -> None:
         """Send what is due by now: no deadline waits for the sensors that are still to be done.
@@ -244,20 +244,21 @@ class Ticks:
         """Hand over what is due now."""
         send_all(self._departures(together))
         totals = self._context.totals
-        for report in together.reports:
-            totals.add(report.counts)
-            self._tasks[report.sensor].reported(report)
+        for i, batch, row in together.sectors:
+            scan, looks, plots, false_alarms = batch.counts[row]
+            totals.add(scan, looks, plots, false_alarms)
+            self._of_index[i].reported(scan, plots)
         for tell in self._reported:
-            for report in together.reports:
-                tell(report)
+            for _, batch, row in together.sectors:
+                tell(batch.one(row))
 
     def _departures(self, together: DueTogether) -> list[Departure]:
         """All messages, by who sends them, with the links that they have now."""
-        keep, tasks, departures = self._context.keep_ledger, self._tasks, list[Departure]()
-        for report in together.reports:
-            task = tasks[report.sensor]
-            on_complete = None if keep is None else partial(keep, report, task.link)
-            departures.append((task.outbox, report.messages, on_complete))
+        keep, departures = self._context.keep_ledger, list[Departure]()
+        for i, batch, row in together.sectors:
+            task = self._of_index[i]
+            on_complete = None if keep is None else partial(keep, batch, row, task.link)
+            departures.append((task.outbox, batch.messages[row], on_complete))
         return departures + together.others
 
 
@@ -265,5 +266,5 @@ class Ticks:
 class DueTogether:
     """What is due at one time: sectors, in the order of sensors, and what else there is."""
 
-    reports: list[SectorReport] = field(default_factory=list)
+    sectors: list[tuple[int, Batch, int]] = field(default_factory=list)
     others: list[Departure] = field(default_factory=list)

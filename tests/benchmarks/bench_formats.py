@@ -24,7 +24,7 @@ from support.seen_sectors import scene_of, sectors_of, seen_by
 
 from plotfeed.feeds.cli.run import GARBAGE_OF_SESSION
 from plotfeed.feeds.console.process import keep_freed, undisturbed
-from plotfeed.feeds.formats import SceneFormats, Seen
+from plotfeed.feeds.formats import Batch, SceneFormats
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.transport.mqtt.publish_packet import pack
 
@@ -55,7 +55,7 @@ def us_of(call: Callable[[], object]) -> float:
     return statistics.median(found)
 
 
-def seen_sectors(kind: str, report: str, count: int) -> tuple[SceneFormats, Seen]:
+def seen_sectors(kind: str, report: str, count: int) -> tuple[SceneFormats, Batch]:
     """So many sectors, one of each sensor after the other, and what makes their messages."""
     rng = np.random.default_rng(1)
     scene = scene_of(kind, SENSORS, [report])
@@ -83,7 +83,7 @@ def table() -> None:
         for count in PASSES:
             formats, seen = seen_sectors(kind, report, count)
 
-            def made(formats: SceneFormats = formats, seen: Seen = seen) -> list[Message]:
+            def made(formats: SceneFormats = formats, seen: Batch = seen) -> list[Message]:
                 vars(seen).pop("stamps", None)  # each pass has its own
                 return [m for each in formats.messages(seen) for m in each]
 

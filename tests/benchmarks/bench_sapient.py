@@ -19,7 +19,7 @@ from aims import ratios, spread
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from ulid import ULID
 
-from plotfeed.feeds.formats import Seen, SeenSector
+from plotfeed.feeds.formats import Batch
 from plotfeed.feeds.formats.sapient.sapient_node import manner_of, node_of
 from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 from plotfeed.feeds.scene.scene import example
@@ -108,8 +108,8 @@ def main() -> None:
     found = {n: plots(n) for n in SIZES}
     sector = Timetable(10**9, 32).sector(T_NS // 10**9, 31)
 
-    def seen(n: int) -> SeenSector:
-        return Seen.of_one(sector, found[n]).one(0)
+    def seen(n: int) -> Batch:
+        return Batch.of_one(sector, found[n])
 
     while not reports["range-bearing"].messages_of(seen(1)):
         sector = Timetable(10**9, 32).sector(sector.scan, sector.index - 1)

@@ -12,7 +12,7 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 
 from plotfeed import feeds
 from plotfeed.feeds import Observer, PlotfeedError, Scene, load, run, simulate
-from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.sensing.simulation import SimulatedSensor
 from plotfeed.feeds.timing.clock import InstantClock
@@ -45,9 +45,9 @@ bias = { time_offset_s = 0.2, azimuth_offset_deg = 1.0 }
 
 class Reports(Observer):
     def __init__(self) -> None:
-        self.of: dict[str, list[SectorReport]] = {}
+        self.of: dict[str, list[Batch]] = {}
 
-    def report(self, report: SectorReport) -> None:
+    def report(self, report: Batch) -> None:
         self.of.setdefault(report.sensor, []).append(report)
 
 
@@ -56,7 +56,7 @@ def scene(folder: Path) -> Scene:
     return load(scene_file(folder, text))
 
 
-async def observed(what: Scene, start_utc_ns: int | None = None) -> dict[str, list[SectorReport]]:
+async def observed(what: Scene, start_utc_ns: int | None = None) -> dict[str, list[Batch]]:
     reports = Reports()
     await run(
         what,
@@ -79,7 +79,7 @@ def assert_same(columns: Columns, parts: list[Columns]) -> None:
             np.testing.assert_array_equal(getattr(columns, field.name), there)
 
 
-def assert_as_in_a_session(simulated: SimulatedSensor, reports: list[SectorReport]) -> None:
+def assert_as_in_a_session(simulated: SimulatedSensor, reports: list[Batch]) -> None:
     assert_same(simulated.plots, [report.plots for report in reports])
     assert_same(simulated.looks, [report.looks for report in reports])
     for name, rows in (("plots", simulated.plots), ("looks", simulated.looks)):

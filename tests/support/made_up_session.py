@@ -15,8 +15,8 @@ from support import road
 from support.station import Station
 
 from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
@@ -321,15 +321,16 @@ class MadeUpSession:
             )
         )
 
-    def _report(self, report: SectorReport) -> None:
-        self.totals.add(report.counts)
-        self.messages += report.messages
-        sent = [self._sent(report, message.topic) for message in report.messages]
+    def _report(self, report: Batch) -> None:
+        [counts], [messages] = report.counts, report.messages
+        self.totals.add(*counts)
+        self.messages += messages
+        sent = [self._sent(report, message.topic) for message in messages]
         if self.view is not None:
             self.view.report(report)
             self.view.settled(report, sent)
 
-    def _sent(self, report: SectorReport, topic: str) -> pb.Sent:
+    def _sent(self, report: Batch, topic: str) -> pb.Sent:
         link = self.sensors[report.sensor].link
         number = self._numbers[report.sensor]
         self._numbers[report.sensor] += 1

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from support.road import START_NS, radar, rotating, scene, staring, waypoint
 
-from plotfeed.feeds.formats import Seen
+from plotfeed.feeds.formats import Batch
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.beam import Sectors
 from plotfeed.models.state import Looks, Plots
@@ -94,7 +94,7 @@ def sectors_of(made: Scene, sensors: NDArray[np.int64], numbers: NDArray[np.int6
 
 def seen_by(
     kind: str, sectors: Sectors, counts: NDArray[np.int64], rng: np.random.Generator
-) -> Seen:
+) -> Batch:
     """So many plots in each of the sectors, (m,), of what sensors of the kind measure."""
     plots_by = np.concatenate([[0], np.cumsum(counts)])
     rows = np.repeat(np.arange(len(sectors)), counts)
@@ -110,7 +110,7 @@ def seen_by(
         columns["kind"] = rng.choice(np.array(["", "video"], np.object_), len(rows))
     plots = Plots.of(t_utc_ns=t_utc_ns[order], drone=rng.integers(-1, 5, len(rows)), **columns)
     looks, looks_by = looks_at(sectors, plots.drone, rows)
-    return Seen(sectors, plots, plots_by, looks, looks_by)
+    return Batch(sectors, plots, plots_by, looks, looks_by)
 
 
 def looks_at(

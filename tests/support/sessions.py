@@ -14,8 +14,8 @@ from support.road import START_NS
 from support.waiting import until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import Session, run
@@ -66,7 +66,7 @@ class AtWork(Observer):
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self.begins = asyncio.Event()
-        self.sectors: list[SectorReport] = []
+        self.sectors: list[Batch] = []
         self.entries: list[pb.Ledger] = []
         self.taken = 0
         """Messages taken out of the queue: telemetry and commands, accepted or not."""
@@ -77,7 +77,7 @@ class AtWork(Observer):
         self.session, self.totals = session, session.totals
         self.begins.set()
 
-    def report(self, report: SectorReport) -> None:
+    def report(self, report: Batch) -> None:
         self.sectors.append(report)
         self.most_waiting = max(self.most_waiting, self.session.input_queue.waiting)
 

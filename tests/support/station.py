@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -38,7 +38,7 @@ class Station:
     def next_sector(self, sector: Sector) -> Sector:
         return self._timetable.next_sector(sector)
 
-    def report(self, sector: Sector) -> SectorReport:
+    def report(self, sector: Sector) -> Batch:
         self._emulated.go_on_with(0, sector)
-        [[report]] = self._emulated.reports(sector.end_ns + 1)
-        return report
+        [batch] = self._emulated.batches(sector.end_ns + 1)
+        return batch

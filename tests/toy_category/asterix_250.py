@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from toy_category.cat250 import CAT250, PlotEncoder250
 
-from plotfeed.feeds.formats import Format, SectorFormat, SeenSector
+from plotfeed.feeds.formats import Batch, Format, SectorFormat
 from plotfeed.feeds.formats.message_format import max_block_octets
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import SentCategory, asterix
@@ -21,10 +21,10 @@ class Asterix250(SectorFormat):
         most = max_block_octets(scene, sensor)
         self._plots = PlotEncoder250(sensor.sac, sensor.sic, max_octets=most)
 
-    def messages_of(self, seen: SeenSector) -> list[Message]:
+    def messages_of(self, batch: Batch) -> list[Message]:
         """Blocks of category 250."""
-        blocks = [(250, block) for block in self._plots.blocks(seen.plots)]
-        return self.topics.asterix(seen.stamp, blocks)
+        blocks = [(250, block) for block in self._plots.blocks(batch.plots)]
+        return self.topics.asterix(batch.stamp, blocks)
 
 
 FORMAT = Format(

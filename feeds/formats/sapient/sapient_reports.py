@@ -16,7 +16,7 @@ from plotfeed.feeds.formats.sapient.sapient_node import (
     node_of,
     tells_location,
 )
-from plotfeed.feeds.formats.seen import SeenSector
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
@@ -112,13 +112,13 @@ class SapientReports(SectorFormat):
         self._group = -1
         self._waiting: list[Plots] = []
 
-    def messages_of(self, seen: SeenSector) -> list[Message]:
+    def messages_of(self, batch: Batch) -> list[Message]:
         """The messages of a group of sectors, if this one ends it."""
-        sector = seen.sector
+        sector = batch.sector
         group = self._groups.number(sector)
         if group != self._group:  # of one that was not finished, the time is past
             self._group, self._waiting = group, []
-        self._waiting.append(seen.plots)
+        self._waiting.append(batch.plots)
         if not self._groups.ends_with(sector):
             return []
         together, self._waiting = Plots.joined(self._waiting), []
@@ -130,7 +130,7 @@ class SapientReports(SectorFormat):
             None if self._confidence is None else self._confidence.of(together.snr),
         )
         return [
-            message_to(self._address, payload, seen.stamp, n) for n, payload in enumerate(payloads)
+            message_to(self._address, payload, batch.stamp, n) for n, payload in enumerate(payloads)
         ]
 
     def _positions(self, plots: Plots) -> Positions | None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from support.road import scene
 from support.seen_sectors import KINDS, scene_of, sectors_of, seen_by
 
-from plotfeed.feeds.formats import SceneFormats, Seen
+from plotfeed.feeds.formats import Batch, SceneFormats
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.state import Ints, TruthState
@@ -31,7 +31,7 @@ CASES = (
 )
 
 
-def truth_at(_row: int, t_utc_ns: int, drones: Ints) -> TruthState:
+def truth_at(t_utc_ns: int, drones: Ints) -> TruthState:
     """Drones that stand still, a kilometre apart."""
     place = np.array([4_850_000.0, -310_000.0, 4_120_000.0])
     return TruthState(
@@ -47,7 +47,7 @@ class Pass:
     """Sectors that follow each other of some sensors, shuffled among each other."""
 
     scene: Scene
-    seen: Seen
+    seen: Batch
 
 
 @st.composite
@@ -68,7 +68,7 @@ def passes(draw: st.DrawFn, kind: str, report: list[str]) -> Pass:
     return Pass(made, replace(seen, truth_at=truth_at))
 
 
-def alone(formats: SceneFormats, seen: Seen) -> list[list[Message]]:
+def alone(formats: SceneFormats, seen: Batch) -> list[list[Message]]:
     """What each sector has if it is worked out by itself."""
     every = [seen.rows(np.array([i])) for i in range(len(seen))]
     return [messages for one in every for messages in formats.messages(one)]
@@ -129,13 +129,15 @@ def test_what_some_measure_and_others_do_not_is_encoded_apart() -> None:
     seen = seen_by("staring", sectors, np.array([2, 2]), rng)
     height_m = seen.plots.height_m.copy()
     height_m[:2] = np.nan
-    without = Seen(sectors, seen.plots.but(height_m=height_m), seen.plots_by)
+    without = Batch(sectors, seen.plots.but(height_m=height_m), seen.plots_by)
     (first,), (second,) = SceneFormats(made).messages(without)
     assert len(first.payload) == len(second.payload) - 2 * 4  # heights and their flags
     assert [second] == SceneFormats(made).messages(seen)[1]
     height_m[1] = 0.0
     with pytest.raises(EncodeError, match="NaN"):
-        SceneFormats(made).messages(Seen(sectors, seen.plots.but(height_m=height_m), seen.plots_by))
+        SceneFormats(made).messages(
+            Batch(sectors, seen.plots.but(height_m=height_m), seen.plots_by)
+        )
 
 
 def test_properties_are_those_of_cloudevents_in_their_order() -> None:

@@ -10,7 +10,7 @@ from support.made_up_session import MadeUpSession
 from support.page_updates import Frame, read_frame
 from support.station import Station
 
-from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.shown import MAX_KEPT
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, Update
 from plotfeed.feeds.page.view import View
@@ -45,8 +45,8 @@ def plots(n: int, **columns: Any) -> Plots:
     return Plots.of(**(given | columns))
 
 
-def report(found: Plots, sensor: str = "radar", looks: Looks | None = None) -> SectorReport:
-    return SectorReport.of(sensor, SECTOR, looks or Looks.none(), found, [])
+def report(found: Plots, sensor: str = "radar", looks: Looks | None = None) -> Batch:
+    return Batch.of_one(SECTOR, found, looks or Looks.none(), sensor=sensor)
 
 
 def sent(topic: str = "plotfeed/radar/plots", **changes: Any) -> pb.Sent:

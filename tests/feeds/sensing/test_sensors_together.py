@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support.road import START_NS, radar, rotating, scene, staring, waypoint
 
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch
@@ -130,16 +130,17 @@ def at_work(made: Scene, which: list[int] | None = None) -> EmulatedSensors:
     return found
 
 
-def told(reports: list[SectorReport]) -> dict[str, list[Message]]:
+def told(batches: list[Batch]) -> dict[str, list[Message]]:
     """Messages of each sensor, in its order."""
     found: dict[str, list[Message]] = {}
-    for report in reports:
-        found.setdefault(report.sensor, []).extend(report.messages)
+    for batch in batches:
+        for i, messages in zip(batch.sectors.sensor.tolist(), batch.messages, strict=True):
+            found.setdefault(batch.sensors[i], []).extend(messages)
     return found
 
 
 def in_stretches(sensors: EmulatedSensors, ends_ns: list[int]) -> dict[str, list[Message]]:
-    return told([r for end_ns in ends_ns for some in sensors.reports(end_ns) for r in some])
+    return told([batch for end_ns in ends_ns for batch in sensors.batches(end_ns)])
 
 
 END_NS = START_NS + DURATION_NS

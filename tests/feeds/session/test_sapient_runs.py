@@ -14,7 +14,7 @@ from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from support.road import START_NS, Road, fly, held, radar, rotating, scene, staring
 from support.sapient_rules import checked, checked_together
 
-from plotfeed.feeds.formats import Seen
+from plotfeed.feeds.formats import Batch
 from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
 from plotfeed.feeds.scene.scene import example, from_tree
 from plotfeed.models.beam import Timetable
@@ -267,7 +267,7 @@ def test_what_was_not_finished_is_not_sent_later() -> None:
     def sent(index: int, scan: int) -> int:
         sector = Timetable(10**9, 32).sector(scan, index)
         plot = Plots.of(t_utc_ns=np.array([sector.start_ns]), azimuth_deg=np.array([1.0]))
-        return len(reports.messages_of(Seen.of_one(sector, plot).one(0)))
+        return len(reports.messages_of(Batch.of_one(sector, plot)))
 
     scan = 3 * 10**8
     for index, expected in ((0, 0), (1, 0), (2, 3), (3, 0), (4, 0)):

@@ -15,7 +15,7 @@ from support.mqtt_client import Heard, listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import wait_until
 
-from plotfeed.feeds.messages.sector_report import SectorReport
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
@@ -95,7 +95,7 @@ def test_what_is_left_of_a_session_that_died_is_no_session(tmp_path: Path) -> No
 
 
 class Breaks(Observer):
-    def report(self, _report: SectorReport) -> None:
+    def report(self, _report: Batch) -> None:
         raise ZeroDivisionError
 
 

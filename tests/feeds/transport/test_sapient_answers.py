@@ -23,8 +23,8 @@ from support.sapient_middleware import Peer, linked, listening, polite, status_r
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.formats.sapient.sapient_tasks import MAX_TASKS_PER_S
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.sector_report import SectorReport
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.transport import patience, sapient_news, sapient_tcp, sapient_wire
@@ -199,7 +199,7 @@ class Fates(Observer):
         self.of: dict[str, Counter[int]] = {}
         self.statuses: dict[str, list[dict[str, Any]]] = {}
 
-    def settled(self, report: SectorReport, sent: Any) -> None:
+    def settled(self, report: Batch, sent: Any) -> None:
         self.of.setdefault(report.sensor, Counter()).update(one.fate for one in sent)
 
     def after_link(self, message: Message, _sent_utc_ns: int) -> None:

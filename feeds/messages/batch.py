@@ -1,0 +1,251 @@
+"""`Batch`: what came of sectors, from sensing to octets, page, recording and score."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self, TypeVar
+
+import numpy as np
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.user_properties import SectorStamp
+from plotfeed.models.beam import Sector, Sectors
+from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
+from plotfeed.models.state import FALSE_ALARM, Columns, Ints, Looks, Plots, TruthState
+from plotfeed.proto.asterix.codec.reports import Parts
+from plotfeed.proto.tracks.told_tracks import NO_TRACKS, ToldTracks
+
+C = TypeVar("C", bound=Columns)
+T = TypeVar("T")
+
+
+def _no_truth(t_utc_ns: int, _drones: Ints, /) -> TruthState:
+    raise LookupError(f"nothing is known of the truth at {t_utc_ns}")
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What came of sectors, (m,), of one sensor or of many.
+
+    Plots of sector i are the rows from `plots_by[i]` up to `plots_by[i + 1]`, in the order of time;
+    looks, tracks and their offsets, (m+1,), likewise. Times are UTC; `by_clock` gives a batch whose
+    sectors and plots have the times of a sensor's own clock, as its messages tell them.
+    """
+
+    sectors: Sectors
+    plots: Plots = NO_PLOTS
+    plots_by: Ints | None = None
+    """None where no sector has plots; so are `looks_by` and `tracks_by` of looks and tracks."""
+    looks: Looks = NO_LOOKS
+    looks_by: Ints | None = None
+    tracks: ToldTracks = NO_TRACKS
+    """Tracks of sensors that report some, at the ends of their sectors."""
+    tracks_by: Ints | None = None
+    sensors: Sequence[str] = ()
+    """Ids of sensors, by the index in `sectors.sensor`."""
+    names: Sequence[str] = ()
+    """Ids of drones when the sectors were worked out, by the index in the columns `drone`."""
+    messages: Sequence[Sequence[Message]] = ()
+    """Messages of each sector, due at its end, in the order in which they leave."""
+    claims: bytes = b""
+    """What drones said of themselves, as octets of the ledger's entry."""
+    clock_ahead_ns: int = 0
+    """By how much the times of sectors and plots are ahead of UTC; those of looks never are."""
+    truth_at: Callable[[int, Ints], TruthState] = _no_truth
+    """Where drones, by index, are at a time, by the clock and axes of `by_clock`'s sensor."""
+
+    def __len__(self) -> int:
+        """How many sectors."""
+        return len(self.sectors)
+
+    @classmethod
+    def of_one(
+        cls,
+        sector: Sector,
+        plots: Plots = NO_PLOTS,
+        looks: Looks = NO_LOOKS,
+        *,
+        sensor: str = "",
+        messages: Sequence[Message] = (),
+        claims: bytes = b"",
+    ) -> Self:
+        """What came of one sector of one sensor."""
+        return cls(
+            sectors=Sectors.of([sector]),
+            plots=plots,
+            plots_by=np.array([0, len(plots)], np.int64),
+            looks=looks,
+            looks_by=np.array([0, len(looks)], np.int64),
+            sensors=[sensor],
+            messages=[messages],
+            claims=claims,
+        )
+
+    @classmethod
+    def joined(cls, scans: Sequence[Self]) -> Self:
+        """Looks and plots of several scans; of each sensor, later ones after earlier ones."""
+        if len(scans) == 1:
+            return scans[0]
+        sectors = Sectors.joined([scan.sectors for scan in scans])
+        order = np.lexsort((sectors.end_ns, sectors.sensor))
+
+        def in_order(parts: Sequence[C], offsets: Sequence[Ints]) -> tuple[C, Ints]:
+            lengths = np.concatenate([np.diff(of_scan) for of_scan in offsets])
+            return of_parts(type(parts[0]).joined(parts), edges(lengths), order)
+
+        looks, looks_by = in_order([s.looks for s in scans], [s.of_looks for s in scans])
+        plots, plots_by = in_order([s.plots for s in scans], [s.of_plots for s in scans])
+        return replace(
+            scans[0],
+            sectors=sectors.rows(order),
+            looks=looks,
+            looks_by=looks_by,
+            plots=plots,
+            plots_by=plots_by,
+        )
+
+    @property
+    def of_plots(self) -> Ints:
+        """Where the plots of each sector begin, (m+1,)."""
+        return self._nothing if self.plots_by is None else self.plots_by
+
+    @property
+    def of_looks(self) -> Ints:
+        """Where the looks of each sector begin, (m+1,)."""
+        return self._nothing if self.looks_by is None else self.looks_by
+
+    @property
+    def of_tracks(self) -> Ints:
+        """Where the tracks of each sector begin, (m+1,)."""
+        return self._nothing if self.tracks_by is None else self.tracks_by
+
+    @property
+    def _nothing(self) -> Ints:
+        return np.zeros(len(self) + 1, np.int64)
+
+    @cached_property
+    def stamps(self) -> list[SectorStamp]:
+        """The sectors as messages tell of them; where sensors are in step, it is one for all."""
+        of = self.sectors
+        keys = zip(of.scan.tolist(), of.index.tolist(), of.end_ns.tolist(), strict=True)
+        known: dict[tuple[int, int, int], SectorStamp] = {}
+        ahead_ns = self.clock_ahead_ns
+        return [
+            known.get(key) or known.setdefault(key, SectorStamp(*key, ahead_ns)) for key in keys
+        ]
+
+    @cached_property
+    def counts(self) -> list[tuple[int, int, int, int]]:
+        """Scan, and the number of looks, plots and false alarms of each sector, (m,)."""
+        looks, plots = np.diff(self.of_looks).tolist(), np.diff(self.of_plots).tolist()
+        alarms = [0] * len(looks)
+        if len(self.plots):
+            before = edges(self.plots.drone == FALSE_ALARM)
+            alarms = np.diff(before[self.of_plots]).tolist()
+        return list(zip(self.sectors.scan.tolist(), looks, plots, alarms, strict=True))
+
+    @property
+    def sensor(self) -> str:
+        """The id of the sensor of the first sector, which is the only one of `one`."""
+        return self.sensors[int(self.sectors.sensor[0])]
+
+    @cached_property
+    def sector(self) -> Sector:
+        """The first sector, which is the only one of `one`."""
+        return self.sectors.one(0)
+
+    @property
+    def stamp(self) -> SectorStamp:
+        """The first sector as its messages tell of it."""
+        return self.stamps[0]
+
+    @property
+    def due_utc_ns(self) -> int:
+        """When the messages of the first sector are due, UTC."""
+        return int(self.sectors.end_ns[0]) - self.clock_ahead_ns
+
+    def one(self, i: int) -> Self:
+        """What came of sector i, not copied."""
+        plots, plots_by = _between(self.plots, self.plots_by, i)
+        looks, looks_by = _between(self.looks, self.looks_by, i)
+        tracks, tracks_by = _between(self.tracks, self.tracks_by, i)
+        return replace(
+            self,
+            sectors=self.sectors.between(i, i + 1),
+            plots=plots,
+            plots_by=plots_by,
+            looks=looks,
+            looks_by=looks_by,
+            tracks=tracks,
+            tracks_by=tracks_by,
+            messages=self.messages[i : i + 1],
+        )
+
+    def rows(self, which: Ints) -> Self:
+        """What came of the sectors at those indices, (k,), in that order; without messages."""
+        plots, plots_by = _of_parts(self.plots, self.plots_by, which)
+        looks, looks_by = _of_parts(self.looks, self.looks_by, which)
+        tracks, tracks_by = _of_parts(self.tracks, self.tracks_by, which)
+        return replace(
+            self,
+            sectors=self.sectors.rows(which),
+            plots=plots,
+            plots_by=plots_by,
+            looks=looks,
+            looks_by=looks_by,
+            tracks=tracks,
+            tracks_by=tracks_by,
+            messages=(),
+        )
+
+    def by_clock(self, ahead_ns: int, truth_at: Callable[[int, Ints], TruthState]) -> Self:
+        """The batch by the clock of its sensors, which is so far ahead, with their truth."""
+        if not ahead_ns:
+            return replace(self, truth_at=truth_at)
+        of = self.sectors
+        return replace(
+            self,
+            sectors=of.but(start_ns=of.start_ns + ahead_ns, end_ns=of.end_ns + ahead_ns),
+            plots=self.plots.but(t_utc_ns=self.plots.t_utc_ns + ahead_ns),
+            clock_ahead_ns=ahead_ns,
+            truth_at=truth_at,
+        )
+
+    def parts(self, sources: Ints) -> Parts:
+        """The plots by sector, for encoders; `sources` are their sensors, (m,)."""
+        return Parts(self.of_plots, sources)
+
+    def in_groups(self, groups: Ints, make: Callable[[int, Self], list[T]]) -> list[T]:
+        """What `make` makes of the sectors of each group, (m,), put in the sectors' order."""
+        if len(groups) and (groups == groups[0]).all():
+            return make(int(groups[0]), self)
+        made: list[T | None] = [None] * len(groups)
+        for group in np.unique(groups).tolist():
+            which = np.flatnonzero(groups == group)
+            for i, one in zip(which.tolist(), make(group, self.rows(which)), strict=True):
+                made[i] = one
+        return made  # type: ignore[return-value]
+
+
+def edges(lengths: Ints) -> Ints:
+    """Where parts of those lengths, (k,), begin and end when one follows the other; (k+1,)."""
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(lengths)])
+
+
+def of_parts(columns: C, by: Ints, which: Ints) -> tuple[C, Ints]:
+    """Rows of some parts, (k,), and where each of those begins and ends now, (k+1,)."""
+    by_now = edges(np.diff(by)[which])
+    rows = np.arange(by_now[-1]) + np.repeat(by[which] - by_now[:-1], np.diff(by_now))
+    return columns.rows(rows), by_now
+
+
+def _of_parts(columns: C, by: Ints | None, which: Ints) -> tuple[C, Ints | None]:
+    return (columns, None) if by is None else of_parts(columns, by, which)
+
+
+def _between(columns: C, by: Ints | None, i: int) -> tuple[C, Ints | None]:
+    if by is None:
+        return columns, None
+    return columns.between(int(by[i]), int(by[i + 1])), by[i : i + 2] - by[i]
