@@ -88,7 +88,7 @@ def _machine() -> dict[str, Any]:
 def processor() -> str:
     """What the machine says that it is."""
     cpuinfo = Path("/proc/cpuinfo")
-    told = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    told = cpuinfo.read_text("utf-8", "replace").splitlines() if cpuinfo.exists() else []
     names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
 

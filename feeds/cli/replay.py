@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
-import os
 import signal
 import sys
-import termios
 import time
-import tty
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from plotfeed.feeds.cli.replay_options import ReplayOptions
 from plotfeed.feeds.console import FAILED, INTERRUPTED
+from plotfeed.feeds.console.posix import keys_of
 from plotfeed.feeds.console.printed import say, say_damage
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
@@ -61,32 +59,6 @@ def press(control: ReplayControl, typed: bytes) -> None:
             KEYS[key](control)
 
 
-@contextlib.contextmanager
-def steered_by_keys(control: ReplayControl, stdin: TextIO = sys.stdin) -> Iterator[bool]:
-    """Meanwhile keys steer it, inside a running loop; gives whether there are any."""
-    if not _is_ours(stdin):
-        yield False
-        return
-    terminal = stdin.fileno()
-    before = termios.tcgetattr(terminal)
-    loop = asyncio.get_running_loop()
-    tty.setcbreak(terminal)
-    loop.add_reader(terminal, lambda: press(control, os.read(terminal, 64)))
-    try:
-        yield True
-    finally:
-        loop.remove_reader(terminal)
-        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
-
-
-def _is_ours(stdin: TextIO) -> bool:
-    """Whether it is a terminal, in whose foreground we are; else asking it would stop us."""
-    try:
-        return stdin.isatty() and os.tcgetpgrp(stdin.fileno()) == os.getpgrp()
-    except (OSError, ValueError):
-        return False
-
-
 def replay_as_asked(
     path: Path, default_broker: str, access: dict[str, Any], options: ReplayOptions
 ) -> int:
@@ -106,7 +78,8 @@ async def _replay(
 ) -> int:
     control, totals = ReplayControl(), ReplayCounters()
     async with open_transports(to, waits=settings.fastest) as outs:
-        with stopped_by_signals(control.stop) as signals, steered_by_keys(control) as has_keys:
+        keys = keys_of(sys.stdin, partial(press, control))
+        with stopped_by_signals(control.stop) as signals, keys as has_keys:
             if not as_json:
                 _introduce(path, to, has_keys=has_keys)
             status = asyncio.create_task(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import ctypes
 import gc
@@ -11,6 +10,7 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from io import BufferedWriter, FileIO
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
@@ -18,6 +18,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, BinaryIO
 
 from plotfeed.feeds.console import TERMINATED
+from plotfeed.feeds.console.posix import HAS_POSIX, lock, on_signal
 from plotfeed.feeds.console.printed import naming
 from plotfeed.proto.errors import PlotfeedError
 
@@ -41,19 +42,15 @@ SWITCH_S = 1e-5
 def stopped_by_signals(stop: Callable[[], object]) -> Iterator[list[signal.Signals]]:
     """Call `stop` at each SIGINT or SIGTERM; gives the list of those that came."""
     came: list[signal.Signals] = []
-    loop = asyncio.get_running_loop()
 
     def note(which: signal.Signals) -> None:
         came.append(which)
         stop()
 
-    for which in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(which, note, which)
-    try:
-        yield came
-    finally:
+    with contextlib.ExitStack() as handled:
         for which in (signal.SIGINT, signal.SIGTERM):
-            loop.remove_signal_handler(which)
+            handled.callback(on_signal(which, partial(note, which)))
+        yield came
 
 
 def keep_freed() -> None:
@@ -147,20 +144,18 @@ def new_file(path: Path, *, force: bool, is_private: bool = False) -> OutputFile
 @contextlib.contextmanager
 def own_folder() -> Iterator[Path]:
     """A temporary folder; those that killed processes have left are cleared first."""
-    try:
-        from fcntl import LOCK_EX, LOCK_NB, flock
-    except ImportError:  # not on this system
+    if not HAS_POSIX:
         with TemporaryDirectory(prefix=FOLDERS) as name:
             yield Path(name)
         return
-    for lock in Path(gettempdir()).glob(f"{FOLDERS}*/{LOCK}"):
-        with contextlib.suppress(OSError), lock.open("rb") as held:
-            flock(held, LOCK_EX | LOCK_NB)  # whose process lives is locked
-            shutil.rmtree(lock.parent, ignore_errors=True)
+    for left in Path(gettempdir()).glob(f"{FOLDERS}*/{LOCK}"):
+        with contextlib.suppress(OSError), left.open("rb") as held:
+            lock(held.fileno())  # whose process lives is locked
+            shutil.rmtree(left.parent, ignore_errors=True)
     with TemporaryDirectory(prefix=FOLDERS) as name:
         folder = Path(name)
         with (folder / f"{LOCK}.part").open("wb") as held:
-            flock(held, LOCK_EX | LOCK_NB)
+            lock(held.fileno())
             (folder / f"{LOCK}.part").rename(folder / LOCK)  # from now on others may find it
             yield folder
 

@@ -9,18 +9,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Callable
+
+from plotfeed.feeds.console.posix import alive_s
 
 PATIENCE_S = 60.0
 """For a worker that was just told to run a part, and has not asked for its lease yet."""
-CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-"""Goes on while the machine is suspended, where the system has such a clock."""
-
-
-def alive_s() -> float:
-    """Seconds of a clock that never stands still, of this machine."""
-    return time.clock_gettime(CLOCK)
 
 
 class WorkerLease:

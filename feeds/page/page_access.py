@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import NamedTuple, Self
 
+from plotfeed.feeds.console.posix import listen_again
 from plotfeed.feeds.page.audience import Role
 from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
 from plotfeed.proto.errors import PlotfeedError
@@ -171,7 +172,7 @@ def listening(address: PageAddress) -> socket.socket:
         )
         family, _, _, _, target = found[0]
         listener = socket.socket(family, socket.SOCK_STREAM)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listen_again(listener)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, ABORT_MS)
         listener.bind(target)

@@ -11,8 +11,10 @@ import struct
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
+from plotfeed.feeds.console.posix import received, watched
 from plotfeed.feeds.messages.message import ReceivedMessage
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import (
@@ -98,14 +100,14 @@ class UdpSource:
             raise UdpError(f"{self.shown}: {error.strerror or error}") from None
         self._socket = opened
         self._settled_s = time.monotonic() + SETTLING_S
-        asyncio.get_running_loop().add_reader(opened, self._take, opened)
+        self._unwatch = watched(opened, partial(self._take, opened))
 
     async def close(self) -> None:
         """Receive what is there already, and no more."""
         opened = self._socket
         if opened is None:
             return
-        asyncio.get_running_loop().remove_reader(opened)
+        self._unwatch()
         for _ in range(LAST_TURNS):
             if self._take(opened) < AT_ONCE:
                 break
@@ -117,7 +119,7 @@ class UdpSource:
         is_settling = time.monotonic() < self._settled_s
         for n in range(AT_ONCE):
             try:
-                payload, extras, _, sender = opened.recvmsg(LARGEST_OCTETS, EXTRA_OCTETS)
+                payload, extras, sender = received(opened, LARGEST_OCTETS, EXTRA_OCTETS)
             except OSError:  # there is nothing, or only word of an error
                 return n
             topic, at_ns = self._kernel_told(extras)

@@ -198,7 +198,7 @@ def _example(flow: Flow) -> dict[str, Any]:
 
 @lru_cache
 def _examples() -> dict[str, Any]:
-    text = files("plotfeed.feeds.schema").joinpath("message_examples.json").read_text()
+    text = files("plotfeed.feeds.schema").joinpath("message_examples.json").read_text("utf-8")
     found: dict[str, Any] = json.loads(text)
     return found
 
@@ -216,7 +216,7 @@ def _payload(flow: Flow) -> dict[str, Any]:
 
 def messages_schema() -> str:
     """The protobuf schema of our messages."""
-    return files("plotfeed.proto").joinpath("plotfeed.proto").read_text().rstrip()
+    return files("plotfeed.proto").joinpath("plotfeed.proto").read_text("utf-8").rstrip()
 
 
 def _schemas() -> dict[str, Any]:

@@ -14,6 +14,7 @@ from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+from plotfeed.feeds.console.posix import end_group
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.outgoing import Outgoing
@@ -269,17 +270,13 @@ class _TrackerProcess:
 
     async def end(self) -> None:
         """Tell it to end, and kill it if it does not."""
-        self._signal(signal.SIGTERM)
+        end_group(self._process, kill=False)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._process.wait(), TERM_S)
-        self._signal(signal.SIGKILL)
+        end_group(self._process, kill=True)
         await self._process.wait()
         self._reading.cancel()
         await asyncio.gather(self._reading, return_exceptions=True)
-
-    def _signal(self, which: signal.Signals) -> None:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, which)
 
     async def _read(self) -> None:
         """Read what it says, so that it never waits: the last line counts."""

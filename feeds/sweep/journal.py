@@ -9,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, Self
 
+from plotfeed.feeds.console.posix import lock
 from plotfeed.feeds.console.printed import naming, say
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.sweep.levels import SweepLevel
@@ -72,11 +73,7 @@ class Journal:
 
     def _hold(self) -> None:
         try:
-            from fcntl import LOCK_EX, LOCK_NB, flock
-        except ImportError:  # not on this system
-            return
-        try:
-            flock(self._file, LOCK_EX | LOCK_NB)
+            lock(self._file.fileno())
         except OSError:
             raise PlotfeedError(f"{self.path}: another process works on it") from None
 

@@ -17,9 +17,10 @@ import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from plotfeed.feeds.console.posix import allow_many_files
 from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def main(orders: dict[str, Any]) -> None:
     """Serve what the orders say."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _allow_many_files()
+    allow_many_files()
     if MEMORY.exists():
         watched = (int(orders["max_memory_mib"]) * MIB,)
         threading.Thread(target=_end_beyond, args=watched, daemon=True).start()
@@ -57,27 +58,18 @@ def _end_with_parent() -> None:
 
 def _end_beyond(octets: int) -> None:
     page = os.sysconf("SC_PAGE_SIZE")
-    while int(MEMORY.read_text().split()[1]) * page <= octets:
+    while int(MEMORY.read_text("ascii").split()[1]) * page <= octets:
         time.sleep(LOOK_EVERY_S)
     os._exit(OUT_OF_MEMORY)
-
-
-def _allow_many_files() -> None:
-    """Have as many connections as the system lets us, since each is a file."""
-    with contextlib.suppress(ImportError, OSError, ValueError):
-        import resource
-
-        most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
 def _serve_mqtt(configuration: str) -> None:
     from iotcore import IotCoreBroker
 
-    with NamedTemporaryFile("w", prefix="plotfeed-", suffix=".toml") as file:
-        file.write(configuration)
-        file.flush()
-        broker = IotCoreBroker(config_path=file.name)  # it has read it now
+    with TemporaryDirectory(prefix="plotfeed-broker-") as folder:
+        path = Path(folder, "broker.toml")
+        path.write_text(configuration, encoding="utf-8")
+        broker = IotCoreBroker(config_path=str(path))  # it has read it now
     broker.run_forever()
 
 

@@ -15,14 +15,13 @@ import os
 import socket
 import subprocess  # nosec B404
 import sys
-import tempfile
 import time
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, Self
 
+from plotfeed.feeds.console.posix import listen_again, lock, lock_of_user
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
 from plotfeed.feeds.transport.broker_process import OUT_OF_MEMORY
 from plotfeed.feeds.transport.local_hosts import LOOPBACK
@@ -228,18 +227,15 @@ async def _no_other_session_starts() -> AsyncIterator[None]:
     Else one could take another's broker for its own, and lose it when that ends.
     """
     try:
-        import fcntl
-
-        path = Path(tempfile.gettempdir(), f"plotfeed-{os.getuid()}.lock")
-        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    except (ImportError, AttributeError, OSError):  # another system, or somebody else's file
+        file = lock_of_user()
+    except OSError:  # another system, or somebody else's file
         yield
         return
-    with os.fdopen(lock):
+    with os.fdopen(file):
         deadline = time.monotonic() + START_TIMEOUT_S
         while time.monotonic() < deadline:
             with contextlib.suppress(OSError):
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock(file)
                 break
             await asyncio.sleep(0.01)
         yield
@@ -252,7 +248,7 @@ def free_ports(preferred: int, websocket: bool = False) -> Ports:
     with contextlib.ExitStack() as held:
         for wanted in range(preferred, preferred + 2 + websocket):
             listener = held.enter_context(socket.socket())
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listen_again(listener)
             try:
                 listener.bind((LOOPBACK, wanted))
             except (OSError, OverflowError):

@@ -8,8 +8,10 @@ import ipaddress
 import logging
 import socket
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
+from plotfeed.feeds.console.posix import watched
 from plotfeed.feeds.scene.source_keys import SourceAddress
 from plotfeed.feeds.transport.multicast_groups import interface_number, join_group
 from plotfeed.proto.errors import PlotfeedError
@@ -81,7 +83,7 @@ class UdpOctets:
             at = f" at {self._interface}" if self._interface else ""
             raise SourceError(f"{address}{at}: {error.strerror or error}") from None
         self._socket = opened
-        asyncio.get_running_loop().add_reader(opened, self._take, opened)
+        self._unwatch = watched(opened, partial(self._take, opened))
 
     async def run(self) -> None:
         """Wait for ever: what comes is taken by the loop."""
@@ -90,7 +92,7 @@ class UdpOctets:
     def close(self) -> None:
         """Take no more."""
         if self._socket is not None:
-            asyncio.get_running_loop().remove_reader(self._socket)
+            self._unwatch()
             self._socket.close()
             self._socket = None
 

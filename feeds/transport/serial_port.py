@@ -6,10 +6,10 @@ import asyncio
 import contextlib
 import logging
 import os
-import termios
 import threading
 from collections.abc import Iterator
 
+from plotfeed.feeds.console.posix import serial_line
 from plotfeed.feeds.scene.source_keys import SourceAddress
 from plotfeed.feeds.transport.octet_sources import OctetsTaker, SourceError
 
@@ -26,7 +26,6 @@ class SerialOctets:
 
     def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
         self._address, self._taker = address, taker
-        self._rate = getattr(termios, f"B{address.baud}", None)
         self._file = NO_LINE
         self._ended = asyncio.Event()
 
@@ -34,12 +33,10 @@ class SerialOctets:
 
     async def open(self) -> None:
         """Open the port; raises `SourceError`."""
-        if self._rate is None:
-            raise SourceError(f"{self._address}: {self._address.baud} baud is no usual rate")
         try:
             self._open()
-        except (OSError, termios.error) as error:
-            raise SourceError(f"{self._address}: {_why(error)}") from None
+        except OSError as error:
+            raise SourceError(f"{self._address}: {error.strerror}") from None
 
     async def run(self) -> None:
         """Open the port again whenever it was lost."""
@@ -50,7 +47,7 @@ class SerialOctets:
             self._taker.gone(self._address.path)
             while self._file == NO_LINE:
                 await asyncio.sleep(AGAIN_S)
-                with contextlib.suppress(OSError, termios.error):
+                with contextlib.suppress(OSError):
                     self._open()
             log.warning("%s: the port is back", self._address)
 
@@ -74,21 +71,8 @@ class SerialOctets:
         return [self._address.path]
 
     def _open(self) -> None:
-        file = os.open(self._address.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        try:
-            settings = termios.tcgetattr(file)
-            settings[0:2] = [termios.IGNBRK, 0]
-            settings[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
-            settings[3] = 0
-            settings[4] = settings[5] = self._rate
-            settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
-            termios.tcsetattr(file, termios.TCSANOW, settings)
-            termios.tcflush(file, termios.TCIFLUSH)
-        except BaseException:
-            os.close(file)
-            raise
-        self._file = file
-        asyncio.get_running_loop().add_reader(file, self._take)
+        self._file = serial_line(self._address.path, self._address.baud)
+        asyncio.get_running_loop().add_reader(self._file, self._take)
 
     def _take(self) -> None:
         try:
@@ -102,11 +86,6 @@ class SerialOctets:
         else:
             self.close()
             self._ended.set()
-
-
-def _why(error: OSError | termios.error) -> str:
-    text = error.strerror if isinstance(error, OSError) else error.args[-1]
-    return f"{text}: expected a serial port"
 
 
 class PipedOctets:
@@ -164,10 +143,8 @@ class PipedOctets:
         """Nobody is there to be told anything."""
 
     def _pieces(self) -> Iterator[bytes]:
-        file = 0 if self._address.transport == "stdin" else os.open(self._peer, os.O_RDONLY)
-        try:
-            while not self._is_closed and (data := os.read(file, READ_OCTETS)):
+        is_stdin = self._address.transport == "stdin"
+        source = 0 if is_stdin else self._peer
+        with open(source, "rb", buffering=0, closefd=not is_stdin) as file:
+            while not self._is_closed and (data := file.read(READ_OCTETS)):
                 yield data
-        finally:
-            if file:
-                os.close(file)

@@ -1,0 +1,192 @@
+"""What POSIX systems have and Windows lacks, and what plotfeed does there instead.
+
+Nothing else in the package uses such a module, function or constant, but for what Linux alone has.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import os
+import select
+import signal
+import socket
+import tempfile
+import threading
+import time
+from asyncio.subprocess import Process
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, TextIO
+
+try:
+    import fcntl
+    import resource
+    import termios
+    import tty
+except ImportError:
+    HAS_POSIX = False
+else:
+    HAS_POSIX = True
+
+LOOK_EVERY_S = 0.1
+"""So long a socket that is no longer watched may still be looked at."""
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+_LISTEN = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
+"""On Windows SO_REUSEADDR would give us a port on which somebody else listens."""
+
+
+def lock(file: int) -> None:
+    """Lock a file for this process until it is closed; raises `OSError` where another has it.
+
+    Without POSIX every process may have it at once.
+    """
+    if HAS_POSIX:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def lock_of_user() -> int:
+    """A file that all processes of this user may lock; raises `OSError`."""
+    if not HAS_POSIX:
+        raise OSError(errno.ENOTSUP, "no locks")
+    path = Path(tempfile.gettempdir(), f"plotfeed-{os.getuid()}.lock")
+    return os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+
+
+def alive_s() -> float:
+    """Seconds of a clock of this machine that also goes on while it is suspended, if it has one."""
+    return time.monotonic() if _CLOCK is None else time.clock_gettime(_CLOCK)
+
+
+def allow_many_files() -> None:
+    """Have as many connections as the system lets us, since each is a file."""
+    if HAS_POSIX:
+        with contextlib.suppress(OSError, ValueError):
+            most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
+def listen_again(listener: socket.socket) -> None:
+    """Let a socket listen on a port that was another's just now, but is nobody's."""
+    listener.setsockopt(socket.SOL_SOCKET, _LISTEN, 1)
+
+
+def end_group(process: Process, *, kill: bool) -> None:
+    """Ask a process that leads a session to end, and all that it started; or kill them.
+
+    Without POSIX it is the process alone, and it is killed at once.
+    """
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        if HAS_POSIX:
+            os.killpg(process.pid, signal.SIGKILL if kill else signal.SIGTERM)
+        else:
+            process.kill()
+
+
+def on_signal(which: signal.Signals, call: Callable[[], object]) -> Callable[[], object]:
+    """Have the running loop call that at a signal; gives what ends that."""
+    loop = asyncio.get_running_loop()
+    with contextlib.suppress(NotImplementedError):
+        loop.add_signal_handler(which, call)
+        return partial(loop.remove_signal_handler, which)
+    before = signal.signal(which, lambda *_: loop.call_soon_threadsafe(call))
+    return partial(signal.signal, which, before)
+
+
+def watched(opened: socket.socket, take: Callable[[], object]) -> Callable[[], object]:
+    """Have the running loop call `take` when there is something to read; gives what ends that.
+
+    A loop that watches no sockets, as that of Windows, is told by a thread.
+    """
+    loop = asyncio.get_running_loop()
+    with contextlib.suppress(NotImplementedError):
+        loop.add_reader(opened, take)
+        return partial(loop.remove_reader, opened)
+    is_over, is_taken = threading.Event(), threading.Event()
+
+    def take_and_tell() -> None:
+        try:
+            if not is_over.is_set():
+                take()
+        finally:
+            is_taken.set()
+
+    def look() -> None:
+        # The socket or the loop may be closed just now.
+        with contextlib.suppress(OSError, ValueError, RuntimeError):
+            while not is_over.is_set():
+                if select.select([opened], [], [], LOOK_EVERY_S)[0]:
+                    is_taken.clear()
+                    loop.call_soon_threadsafe(take_and_tell)
+                    is_taken.wait()
+
+    def end() -> None:
+        is_over.set()
+        is_taken.set()
+
+    threading.Thread(target=look, name="looks at a socket", daemon=True).start()
+    return end
+
+
+def received(
+    opened: socket.socket, octets: int, extra_octets: int
+) -> tuple[bytes, list[tuple[int, int, bytes]], Any]:
+    """A datagram, what the system says of it besides, and the sender's address."""
+    if HAS_POSIX:
+        data, extras, _, sender = opened.recvmsg(octets, extra_octets)
+        return data, extras, sender
+    data, sender = opened.recvfrom(octets)
+    return data, [], sender
+
+
+@contextlib.contextmanager
+def keys_of(stdin: TextIO, press: Callable[[bytes], object]) -> Iterator[bool]:
+    """Meanwhile the running loop calls `press` with what is typed; gives whether anything can be.
+
+    That is at a terminal of POSIX, in whose foreground we are: else asking it would stop us.
+    """
+    try:
+        is_ours = HAS_POSIX and stdin.isatty() and os.tcgetpgrp(stdin.fileno()) == os.getpgrp()
+    except (OSError, ValueError):
+        is_ours = False
+    if not is_ours:
+        yield False
+        return
+    terminal = stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    loop = asyncio.get_running_loop()
+    tty.setcbreak(terminal)
+    loop.add_reader(terminal, lambda: press(os.read(terminal, 64)))
+    try:
+        yield True
+    finally:
+        loop.remove_reader(terminal)
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def serial_line(path: str, baud: int) -> int:
+    """The file of a serial port, raw, 8 bits, no parity, 1 stop bit; raises `OSError`."""
+    if not HAS_POSIX:
+        raise OSError(errno.ENOTSUP, "serial ports are read on POSIX systems alone")
+    rate = getattr(termios, f"B{baud}", None)
+    if rate is None:
+        raise OSError(errno.EINVAL, f"{baud} baud is no usual rate")
+    file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        settings = termios.tcgetattr(file)
+        settings[0:2] = [termios.IGNBRK, 0]
+        settings[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
+        settings[3] = 0
+        settings[4] = settings[5] = rate
+        settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
+        termios.tcsetattr(file, termios.TCSANOW, settings)
+        termios.tcflush(file, termios.TCIFLUSH)
+    except BaseException as error:
+        os.close(file)
+        if isinstance(error, termios.error):
+            code, why = error.args
+            raise OSError(code, f"{why}: expected a serial port") from None
+        raise
+    return file

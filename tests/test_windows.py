@@ -1,0 +1,201 @@
+"""Commands where Python has nothing but what it has on Windows: here, with the rest hidden.
+
+No test was ever run on Windows itself; what differs there beyond that is not seen here.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from support.brokers import free_port
+from support.waiting import PATIENCE_S
+from support.windows_lacks import lacks, uses
+
+ROOT = Path(__file__).parents[1]
+TESTS = ROOT / "tests"
+PRODUCT = ("feeds", "models", "proto", "replay")
+SCENE = ROOT / "examples" / "scenes" / "radar-udp.toml"
+FLIGHT = ROOT / "examples" / "flights" / "visit.csv"
+GUARDED = {
+    "feeds/page/page_access.py": {"socket.TCP_USER_TIMEOUT"},  # where the system has it
+    "feeds/timing/timers.py": {"os.O_NONBLOCK", "os.O_CLOEXEC", "time.CLOCK_MONOTONIC"},  # Linux's
+    "feeds/transport/broker_process.py": {"os.sysconf"},  # for a file that Linux has
+    "feeds/transport/sapient_wire.py": {"socket.TCP_USER_TIMEOUT"},  # where the system has it
+}
+
+
+def test_one_module_alone_uses_what_windows_lacks() -> None:
+    lacking = lacks()
+    assert lacking.keys() >= {"termios", "fcntl", "resource", "pwd", "grp", "tty"}
+    assert {"fork", "getuid", "killpg"} <= set(lacking["os"] or ())
+    found = {
+        str(path.relative_to(ROOT)): names
+        for room in PRODUCT
+        for path in sorted((ROOT / room).rglob("*.py"))
+        if (names := set(uses(path.read_text("utf-8"), lacking)))
+    }
+    assert {"fcntl", "termios", "os.killpg", "signal.SIGKILL"} <= found.pop(
+        "feeds/console/posix.py"
+    )
+    assert found == GUARDED
+
+
+@pytest.fixture(scope="module")
+def poorer(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment of a Python that lacks it."""
+    told = tmp_path_factory.mktemp("windows") / "lacks.json"
+    told.write_text(json.dumps(lacks()), "utf-8")
+    return os.environ | {
+        "PLOTFEED_TEST_LACKS": str(told),
+        "PYTHONIOENCODING": "cp1252",
+        "PYTHONPATH": os.pathsep.join([str(TESTS / "support" / "windows"), str(TESTS)]),
+        "PYTHONWARNDEFAULTENCODING": "1",
+    }
+
+
+@contextmanager
+def started(poorer: dict[str, str], *words: object) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, *map(str, words)],
+        env=poorer,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="cp1252",
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def ended(poorer: dict[str, str], *words: object) -> tuple[int, str, str]:
+    with started(poorer, "-m", "plotfeed.feeds.cli", *words) as process:
+        out, err = process.communicate(timeout=PATIENCE_S)
+        return process.returncode, out, err
+
+
+EVERY_MODULE = """
+import importlib, os, pkgutil, plotfeed.feeds, plotfeed.models, plotfeed.proto, plotfeed.replay
+import plotfeed.feeds.console.posix as posix
+assert not posix.HAS_POSIX
+rooms = (plotfeed.feeds, plotfeed.models, plotfeed.proto, plotfeed.replay)
+found = [
+    module.name
+    for room in rooms
+    for module in pkgutil.walk_packages(room.__path__, room.__name__ + ".")
+]
+for name in found:
+    if not name.endswith("__main__"):
+        importlib.import_module(name)
+print(len(found))
+"""
+
+
+def test_every_module_can_be_imported(poorer: dict[str, str]) -> None:
+    with started(poorer, "-c", EVERY_MODULE) as process:
+        out, err = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, err) == (0, "")
+    assert int(out) > 400
+
+
+def test_commands_that_need_no_network_do_as_ever(poorer: dict[str, str], tmp_path: Path) -> None:
+    here = tmp_path
+    quick = ("--broker", "none", "--speed", "max", "--duration", 20)
+    commands: list[tuple[object, ...]] = [
+        ("check", SCENE),
+        ("run", SCENE, *quick, "--record", here / "a.mcap", "--write", here / "a.ast"),
+        ("run", here / "a.mcap", *quick, "--record", here / "again.mcap"),
+        ("demo", *quick, "--json"),
+        ("show", here / "a.mcap"),
+        ("show", "--json", here / "a.ast"),
+        *(("convert", here / "a.mcap", here / f"a.{to}") for to in ("pcap", "csv", "jsonl")),
+        ("convert", here / "a.mcap", here / "a.csv", "--force"),
+        ("merge", here / "a.mcap", here / "again.mcap", here / "both.mcap"),
+        ("report", here / "a.mcap"),
+        ("score", here / "a.mcap", "--feed"),
+        ("sweep", SCENE, "--runs", 2, "--duration", 5, "--processes", 1, "--out", here / "sweep"),
+        ("replay", here / "a.mcap", "--udp", f"127.0.0.1:{free_port()}", "--fastest", "--json"),
+        ("schema",),
+        ("schema", "asyncapi"),
+        ("scenes",),
+        ("sensors", "echodyne"),
+    ]
+    lines = "".join(json.dumps([*map(str, words)]) + "\n" for words in commands)
+    with started(poorer, TESTS / "support" / "windows_commands.py") as process:
+        out, err = process.communicate(lines, timeout=2 * PATIENCE_S)
+    assert (process.returncode, err) == (0, "")
+    for words, answer in zip(commands, out.splitlines(), strict=True):
+        code, said, complained = json.loads(answer)
+        assert (code, "Traceback" in complained) == (0, False), (words, said, complained)
+    rows = list(csv.reader((here / "a.csv").read_text("utf-8").splitlines()))
+    assert len(rows) > 10
+    assert len({len(row) for row in rows}) == 1
+
+
+def introduced(process: subprocess.Popen[str]) -> dict[str, str]:
+    """The addresses that a session says as it begins."""
+    said = []
+    assert process.stdout is not None
+    for line in process.stdout:
+        said.append(line)
+        if line.startswith("look at it"):
+            return dict(re.findall(r"^ +(\w.*?)  +(\w+://[^ \n]+)", "".join(said), re.MULTILINE))
+    raise AssertionError(process.communicate())
+
+
+def test_a_session_a_flight_and_a_recorder_meet_and_ctrl_c_ends_them(
+    poorer: dict[str, str], tmp_path: Path
+) -> None:
+    command, udp = ("-m", "plotfeed.feeds.cli"), free_port()
+    with started(poorer, *command, "run", SCENE, "--page", free_port()) as session:
+        url = introduced(session)["MQTT 5"]
+        heard, datagrams = tmp_path / "heard.mcap", tmp_path / "datagrams.mcap"
+        with (
+            started(poorer, *command, "record", f"{url}/#", heard, "--count", 200) as recorder,
+            started(poorer, *command, "record", f"udp://127.0.0.1:{udp}", datagrams) as receiver,
+        ):
+            flight = tmp_path / "flight.csv"
+            flight.write_text("".join(FLIGHT.read_text("utf-8").splitlines(True)[:5]), "utf-8")
+            how = ("--now", "--altitude-reference", "ellipsoid")
+            injected = ended(poorer, "inject", flight, *how, "--broker", url)
+            assert injected[0] == 0, injected
+            out, err = recorder.communicate(timeout=PATIENCE_S)
+            assert recorder.returncode == 0, (out, err)
+            replayed = ended(poorer, "replay", heard, "--udp", f"127.0.0.1:{udp}", "--speed", 100)
+            assert replayed[0] == 0, replayed
+            receiver.send_signal(signal.SIGINT)
+            out, err = receiver.communicate(timeout=PATIENCE_S)
+            assert receiver.returncode == 130, (out, err)
+        shown = ended(poorer, "show", datagrams)
+        assert (shown[0], bool(re.search(r" 048 +[1-9]", shown[1]))) == (0, True), shown
+        session.send_signal(signal.SIGINT)
+        out, err = session.communicate(timeout=PATIENCE_S)
+        assert (session.returncode, "Traceback" in err) == (130, False), err
+
+
+def test_a_tracker_under_test_is_started_and_ended(poorer: dict[str, str], tmp_path: Path) -> None:
+    tracker = f'{sys.executable} -c "import time; print(1, flush=True); time.sleep(999)"'
+    words = ("score", SCENE, "--tracker", tracker, "--duration", 3, "--runs", 1)
+    code, out, err = ended(poorer, *words, "--folder", tmp_path / "score")
+    assert (code, "Traceback" in err) == (1, False), err
+    assert "the tracker reported no tracks" in out  # it was killed, and had not ended by itself
+
+
+def test_a_serial_port_is_refused_in_one_line(poorer: dict[str, str]) -> None:
+    code, _, err = ended(poorer, "inject", "mavlink:serial:COM3:57600")
+    assert code == 1
+    assert err.splitlines() == [
+        "plotfeed: mavlink:COM3,57600: serial ports are read on POSIX systems alone"
+    ]
