@@ -113,12 +113,25 @@ class Agenda:
 
     next_beam: int
     tracks: BeamTracks
+    searched: int = 0
+    """Beams that the last period searched, up to the next one."""
+    start_ns: int = 0
+    """When that period began."""
 
     @classmethod
     def empty(cls) -> Agenda:
         """An agenda with no track, and the first beam next."""
         none = np.zeros(0, np.int64)
         return cls(0, BeamTracks.begun(np.zeros((0, 3)), none, none))
+
+
+@dataclass(frozen=True, slots=True)
+class PointedBeams:
+    """Azimuths of the beams of a period, degrees: of search, (n,), and of looks at tracks, (m,)."""
+
+    width_deg: float
+    search_deg: Floats
+    tracks_deg: Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,15 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def in_short(value: Any) -> Any:
+    """A tree with its fractions to six digits, as people read them: 2e-05 for 2.0000000001e-05."""
+    if isinstance(value, Mapping):
+        return {key: in_short(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [in_short(item) for item in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
 def printable(text: str) -> str:
     """Text on one line in which what a terminal would obey is written out.
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from plotfeed.feeds.console.printed import in_short
 from plotfeed.proto.errors import PlotfeedError
 
 KEPT_ACTIONS = 40
@@ -118,7 +119,7 @@ def _leaves(tree: object, path: str = "") -> list[str]:
             (f"{path} {key}" if path and path != "set" else str(key), tree[key]) for key in tree
         )
         return [leaf for path, below in keys for leaf in _leaves(below, path)]
-    said = tree if isinstance(tree, str) else json.dumps(tree)
+    said = tree if isinstance(tree, str) else json.dumps(in_short(tree))
     return [path if tree is True else f"{path} {said}".strip()]
 
 

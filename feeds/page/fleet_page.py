@@ -1,4 +1,4 @@
-"""The page of a fleet: its scene, and how its workers do. No plot comes by here."""
+"""The page of a fleet: its scene, what its broker delivers, and how its workers do."""
 
 from __future__ import annotations
 
@@ -7,15 +7,27 @@ import contextlib
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from plotfeed.feeds.fleet.fleet_link import FleetLink, health
 from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows
+from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.page.connections import connections
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
-from plotfeed.feeds.page.run_with_page import CLOCK_CONTROLS, REAL_TIME, alongside
+from plotfeed.feeds.page.recorded_sectors import nobody_s
+from plotfeed.feeds.page.run_with_page import (
+    CLOCK_CONTROLS,
+    REAL_TIME,
+    alongside,
+    receiving_tracks,
+)
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.shown_settings import tell_settings
 from plotfeed.feeds.page.updates import NoControls
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recording.recorded_session import plot_topics
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 
 EVERY_S = 1.0
@@ -40,10 +52,48 @@ async def shown_on_page(
         clock = {"kind": "wall", "paused": False, "speed": 1.0}
         view.session({"clock": clock, "refuses": REFUSES})
         view.connections(connections(fleet.scene, {"MQTT": str(link.link.address)}))
-        async with serving(server), alongside(_tell(view, link), "page-fleet"):
+        async with (
+            serving(server),
+            alongside(_tell(view, link), "page-fleet"),
+            _heard(view, link),
+        ):
             yield server.urls
     finally:
         server.close()
+
+
+@contextlib.asynccontextmanager
+async def _heard(view: View, link: FleetLink) -> AsyncIterator[None]:
+    """Show plots and tracks that come from the broker, each plot by one of its formats."""
+    fleet, address = link.fleet, link.link.address
+    scene = fleet.scene
+    readers = {}
+    for sensor in scene.sensor:
+        told = (row for row in FORMATS.values() if row.name in sensor.report)
+        for row in told:
+            if row.facts.topic in plot_topics() and row.plots_in is not None:
+                topic = f"{scene.mqtt.prefix}/{sensor.id}/{row.facts.topic}"
+                readers[topic] = sensor.id, row.plots_in
+                break
+
+    def take(topic: str, payload: bytes, _content_type: str | None) -> None:
+        sensor, read = readers[topic]
+        now_ns = fleet.now_utc_ns
+        with contextlib.suppress(DecodeError):
+            plots = read(payload, now_ns)
+            times_ns = [now_ns if t_ns is None else t_ns for t_ns in plots.t_utc_ns]
+            timed = plots.but(t_utc_ns=np.array(times_ns, np.int64))
+            view.delivered(sensor, nobody_s(timed), now_ns)
+
+    plots_link = MqttTransport(address, "plotfeed-page", subscribe=[*readers], on_message=take)
+    async with contextlib.AsyncExitStack() as receiving:
+        if scene.page.tracks_topic is not None:
+            tracks = receiving_tracks(
+                view, scene, address, scene.page.tracks_topic, lambda: fleet.now_utc_ns
+            )
+            await receiving.enter_async_context(tracks)
+        await receiving.enter_async_context(alongside(plots_link.run(), "page-plots"))
+        yield
 
 
 async def _tell(view: View, link: FleetLink) -> None:

@@ -13,7 +13,7 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.connections import connections
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
-from plotfeed.feeds.page.scene_outline import Basemap, load_basemap
+from plotfeed.feeds.page.scene_outline import Basemap, load_basemap, pointing_of
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
 from plotfeed.feeds.page.shown_settings import model_differs, tell_settings
@@ -129,6 +129,13 @@ class PageObserver(Observer):
         self._view.truth(now_ns, state, trajectories.names, classes)
         self._view.totals(session.totals)
         self._marks.look_at(session)
+        self._view.pointing(
+            {
+                name: pointing_of(task.sensor, pointed)
+                for name, task in session.sensor_tasks.items()
+                if (pointed := task.pointed) is not None
+            }
+        )
         if session.totals.last_refusal != self._refusal:
             self._refusal = session.totals.last_refusal
             self._view.refusal(self._refusal)

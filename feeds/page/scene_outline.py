@@ -16,7 +16,9 @@ from plotfeed.feeds.scene.output_keys import BasemapImage
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.scene_head import head_of
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, VolumeKeys
+from plotfeed.feeds.scene.sensors.mount_keys import mount_of
+from plotfeed.models.cueing import CuedState
+from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef
 from plotfeed.models.state import Floats, Ints
 from plotfeed.proto.errors import PlotfeedError
@@ -86,18 +88,13 @@ def _about(scene: Scene) -> dict[str, Any]:
 
 
 def _sensor(scene: Scene, sensor: Sensor, position_m: list[float]) -> dict[str, Any]:
-    cover = sensor.azimuth_cover if isinstance(sensor, AzimuthCoverKeys) else None
-    return {
+    return cover_of(sensor, scene.scene.site) | {
         "id": sensor.id,
         "type": sensor.type,
         "label": sensor.label,
         "preset": sensor.preset,
         "east_m": position_m[0],
         "north_m": position_m[1],
-        "range_min_m": sensor.range_min_m if isinstance(sensor, VolumeKeys) else 0.0,
-        "range_max_m": sensor.range_max_m,
-        "azimuth_min_deg": cover.min_deg if cover else 0.0,
-        "azimuth_span_deg": cover.span_deg if cover else 360.0,
         "period_s": sensor.scan.period_s,
         "rotates": sensor.scan.rotates,
         "false_alarms_per_scan": sensor.model(scene.scene.site).false_alarms_per_scan,
@@ -105,6 +102,56 @@ def _sensor(scene: Scene, sensor: Sensor, position_m: list[float]) -> dict[str, 
         "pfa": sensor.false_alarm_probability,
         "loss_db": getattr(sensor, "loss_db", None),
     }
+
+
+def cover_of(sensor: Sensor, site: Site) -> dict[str, Any]:
+    """Where a sensor can see as its keys are now, and who jams it; metres from the site.
+
+    What a mount turns has its cover from where the mount points: `pointing_of`.
+    """
+    low_deg, high_deg = _azimuths_deg(sensor)
+    frame = site_frame(site)
+    places = [(name, enu_from(frame, site, jammer)) for name, jammer in sensor.jamming.items()]
+    return {
+        "enabled": sensor.enabled,
+        "range_min_m": getattr(sensor, "range_min_m", 0.0),
+        "range_max_m": sensor.range_max_m,
+        "azimuth_min_deg": low_deg,
+        "azimuth_span_deg": high_deg - low_deg,
+        "turns": mount_of(sensor) is not None,
+        "jammers": [
+            {"id": name, "east_m": round(float(enu_m[0]), 1), "north_m": round(float(enu_m[1]), 1)}
+            for name, enu_m in places
+        ],
+    }
+
+
+def pointing_of(sensor: Sensor, pointed: CuedState | PointedBeams) -> dict[str, Any]:
+    """Where a mount or the beams of a radar pointed in the last scan, degrees from true north."""
+    if isinstance(pointed, PointedBeams):
+        return {
+            "width_deg": round(pointed.width_deg, 3),
+            "search_deg": np.round(pointed.search_deg, 2).tolist(),
+            "tracks_deg": np.round(pointed.tracks_deg, 2).tolist(),
+        }
+    at, (low_deg, high_deg) = pointed.pointing, _azimuths_deg(sensor)
+    if hasattr(sensor, "horizontal_fov_deg"):
+        low_deg, high_deg = -at.field_deg / 2, at.field_deg / 2
+    return {
+        "pan_deg": round(at.pan_deg, 2),
+        "tilt_deg": round(at.tilt_deg, 2),
+        "from_deg": round(at.pan_deg + low_deg, 2),
+        "span_deg": round(high_deg - low_deg, 3),
+        "aim_deg": round(pointed.aim.pan_deg, 2),
+        "sees": pointed.sees(at.t_utc_ns),
+        "cued_by": pointed.source,
+    }
+
+
+def _azimuths_deg(sensor: Sensor) -> tuple[float, float]:
+    """Where the cover begins and ends clockwise; all around where a sensor has no such keys."""
+    low_deg: float = getattr(sensor, "azimuth_min_deg", -180.0)
+    return low_deg, getattr(sensor, "azimuth_max_deg", 180.0)
 
 
 def _transmitters(scene: Scene, sensor: Sensor) -> list[dict[str, Any]]:

@@ -17,6 +17,7 @@ def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: b
     """Show a sensor as it is since then, and the delays that its link is to make."""
     link = sensor.link or LinkSettings()
     law = DelayLaw.of(link)
+    view.cover(sensor)
     view.settings(
         sensor.id,
         sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,6 +43,17 @@ def looks_summary(looks: LookTally) -> dict[str, Any]:
         "variance": np.round(variance, 3).tolist(),
         "off": by_chance < OFF_BELOW,
     }
+
+
+class Loss(NamedTuple):
+    """A message that was lost; it counts when it would have come, beside those that did."""
+
+    told_utc_ns: int
+    sensor: int
+    number: int
+    due_utc_ns: int
+    by_chain: bool
+    """The link's model of loss took it, not an outage or a queue."""
 
 
 LATENCIES_KEPT = 3000
@@ -238,14 +249,16 @@ class Rates:
             self._second = second
         if second == self._second:
             return []
-        p50_us, p99_us = np.percentile(self._lateness_ns or [0], (50, 99)) / 1e3
+        late_us: list[float | None] = [None, None]
+        if self._lateness_ns:  # else nothing left, neither late nor in time
+            late_us = np.round(np.percentile(self._lateness_ns, (50, 99)) / 1e3, 1).tolist()
         ended = {
             "t_utc_ms": now_utc_ns / 1e6,
             "plots": self._plots,
             "messages": self._messages,
             "lost": self._lost,
-            "late_p50_us": round(float(p50_us), 1),
-            "late_p99_us": round(float(p99_us), 1),
+            "late_p50_us": late_us[0],
+            "late_p99_us": late_us[1],
         }
         self._second = second
         self._begin()

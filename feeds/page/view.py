@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from heapq import heappop, heappush
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +19,9 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.impairment.losses import LossChain
 from plotfeed.feeds.page.audience import CONCEALS, without_truth
-from plotfeed.feeds.page.scene_outline import Basemap, Placements, outline
-from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
-from plotfeed.feeds.page.strips import LinkRecord, Rates, looks_summary, new_looks
+from plotfeed.feeds.page.scene_outline import Basemap, Placements, cover_of, outline
+from plotfeed.feeds.page.shown import Drones, PlotStore, Reported, ShownTracks
+from plotfeed.feeds.page.strips import LinkRecord, Loss, Rates, looks_summary, new_looks
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.updates import (
     LAYOUTS,
@@ -34,39 +34,13 @@ from plotfeed.feeds.page.updates import (
 )
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.state import Looks, Plots, Texts, TruthState
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models.state import Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
 MAX_REASON = 300
 LAYOUTS_BY_KIND = {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 _NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
-
-
-class Reported(Protocol):
-    """A sector: what its sensor looked at, and what it measured."""
-
-    @property
-    def sensor(self) -> str:
-        """The sensor's id."""
-
-    @property
-    def looks(self) -> Looks:
-        """Looks at drones."""
-
-    @property
-    def plots(self) -> Plots:
-        """Plots in the order of time."""
-
-
-class Loss(NamedTuple):
-    """A message that was lost; it counts when it would have come, beside those that did."""
-
-    told_utc_ns: int
-    sensor: int
-    number: int
-    due_utc_ns: int
-    by_chain: bool
-    """The link's model of loss took it, not an outage or a queue."""
 
 
 class View:
@@ -96,7 +70,9 @@ class View:
         seconds = scene.page.afterglow_s if hasattr(scene, "page") else 10.0
         self._tell("scene", outline(scene, placements, basemap) | {"afterglow_s": seconds})
         self._tell("generation", self.generation)
-        self._tell("settings", {})
+        self._site = scene.scene.site
+        for key in ("settings", "covers", "pointing"):
+            self._tell(key, {})
         self.marks([])
         self.stories([], "")
         self._tell("refusal", None)
@@ -121,6 +97,13 @@ class View:
         if number is not None:
             carried = (m.sent_utc_ns for m in sent if m.delivered and carries_plots(m.topic))
             self._plots.take(number, report.plots, min(carried, default=None))
+
+    def delivered(self, sensor: str, plots: Plots, at_utc_ns: int) -> None:
+        """Plots that a broker delivered then; what their link did is not known."""
+        number = self._sensors.get(sensor)
+        if number is not None:
+            self._plots.take(number, plots, at_utc_ns)
+            self._rates.plots(number, len(plots))
 
     def settled(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
         """Take what became of a sector's messages: if one that brings plots left, so did they."""
@@ -183,6 +166,17 @@ class View:
         self._merges[number] = in_force.get("merging") is not None
         if new_model:
             self._looks[number] = new_looks(float(self._placements.range_max_m[number]))
+
+    def cover(self, sensor: Sensor) -> None:
+        """Where a sensor can see, as its keys are now."""
+        covers = {**self._news["covers"], sensor.id: cover_of(sensor, self._site)}
+        if covers != self._news["covers"]:
+            self._tell("covers", covers)
+
+    def pointing(self, pointing: Mapping[str, Mapping[str, Any]]) -> None:
+        """Where mounts and steered beams pointed in their last scans, by sensor."""
+        if pointing != self._news["pointing"]:
+            self._tell("pointing", dict(pointing))
 
     def session(self, state: Mapping[str, Any]) -> None:
         """Clock, recording, replay, and what there is to choose from; keys replace earlier ones.

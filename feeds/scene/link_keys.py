@@ -6,11 +6,15 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from plotfeed.feeds.scene.fields import NotNegative, SceneTable
+from plotfeed.feeds.scene.fields import SceneTable
 
 Chance = Annotated[float, Field(ge=0, le=1)]
 """A probability: 0.05 is 5 percent."""
 Correlation = Annotated[float, Field(gt=-1, lt=1)]
+
+LONGEST_DELAY_MS = 600_000
+"""Ten minutes: what comes later is an outage, and `down` says so."""
+Delay = Annotated[float, Field(ge=0, le=LONGEST_DELAY_MS)]
 
 
 class RandomLoss(SceneTable):
@@ -136,14 +140,14 @@ class ReorderSettings(SceneTable):
 class LinkSettings(SceneTable):
     """What happens to a sensor's messages on their way. A key that is not given does nothing."""
 
-    latency_ms: NotNegative = 0.0
-    """Delay of every message, in milliseconds."""
-    jitter_ms: NotNegative = 0.0
+    latency_ms: Delay = 0.0
+    """Delay of every message, in milliseconds; at most ten minutes."""
+    jitter_ms: Delay = 0.0
     """Unit of the delay's spread in milliseconds: sigma if normal, half the width if uniform."""
     distribution: Literal["normal", "uniform", "pareto", "paretonormal", "table"] = "normal"
     """Shape of the spread, as netem's; one that netem is not told is uniform, not normal."""
     delays_ms: (
-        Annotated[tuple[NotNegative, ...], Field(strict=False, min_length=1, max_length=MAX_DELAYS)]
+        Annotated[tuple[Delay, ...], Field(strict=False, min_length=1, max_length=MAX_DELAYS)]
         | None
     ) = None
     """Sample of measured delays in milliseconds, for table alone; latency_ms is added to them."""

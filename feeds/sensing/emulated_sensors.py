@@ -29,6 +29,8 @@ from plotfeed.feeds.sensing.world import World
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, PairDraws, Purpose, ScanDraws
+from plotfeed.models.cueing import CuedState
+from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.effects.classification import ClaimDraws
 from plotfeed.models.known_rows import renamed
 from plotfeed.models.local_frames import LocalFrames
@@ -192,6 +194,10 @@ class EmulatedSensors:
         last = self._at_work.timetables[i].sector_at(now_ns - (sector.end_ns - sector.start_ns))
         self._next.go_on_with(i, last)
         return MissedScans(last.scan - sector.scan, sector.end_ns, last.start_ns)
+
+    def pointed(self, i: int) -> CuedState | PointedBeams | None:
+        """Where a sensor's mount or beams pointed in the last scan; None where nothing turns."""
+        return self.cueing.state_of(i) or self._groups[int(self._group_of[i])].beams()
 
     def remembers(self, i: int) -> bool:
         """Whether what a sensor reports, or one that it cues, depends on all that was before."""

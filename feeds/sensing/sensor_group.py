@@ -22,7 +22,7 @@ from plotfeed.feeds.sensing.steered_sensors import Aims, Cueing
 from plotfeed.models.beam import Sectors, Timetable
 from plotfeed.models.beam_meetings import CULLED_FROM, Borders, meetings
 from plotfeed.models.chance import Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
-from plotfeed.models.dwell_agenda import Agenda
+from plotfeed.models.dwell_agenda import Agenda, PointedBeams
 from plotfeed.models.effects.classification import ClaimDraws, HeldClaims
 from plotfeed.models.frames import Axes
 from plotfeed.models.local_frames import frames_at, rows_about
@@ -87,6 +87,11 @@ class SensorGroup:
         reach_m = np.zeros(max(sensors) + 1)
         reach_m[self.sensors] = [model.range_max_m for model in models]
         self._reach_m = reach_m
+
+    def beams(self) -> PointedBeams | None:
+        """Where the beams of the last period pointed; None where none is steered."""
+        model = self._model
+        return model.pointed(self._agenda) if isinstance(model, ElectronicRadar) else None
 
     @nan_without_warnings
     def look(self, sectors: Sectors) -> Batch:
@@ -164,9 +169,7 @@ class SensorGroup:
         return self._observed(targets, draws)
 
     def _by_sidelobes(self, sectors: Sectors) -> list[OfSensor]:
-        if self._sidelobes is None:
-            return []
-        return self._sidelobes.plots(sectors, self._all_at_the_end)
+        return self._sidelobes.plots(sectors, self._all_at_the_end) if self._sidelobes else []
 
     def _all_at_the_end(self, sectors: Sectors) -> Targets:
         row, truth = self._there_at_the_end(sectors)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from plotfeed.feeds.console.printed import in_short
 from plotfeed.feeds.scene.changes import Command, ControlError, Layers
 from plotfeed.feeds.scene.mission_keys import Resume
 from plotfeed.feeds.scene.scene import Scene
@@ -205,4 +206,6 @@ def _flat(change: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
 
 
 def _value(value: Any) -> str:
-    return "as usual" if value is None else json.dumps(value, default=str).replace('"', "")
+    return (
+        "as usual" if value is None else json.dumps(in_short(value), default=str).replace('"', "")
+    )

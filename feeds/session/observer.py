@@ -18,6 +18,8 @@ from plotfeed.feeds.scene.story_keys import StoryState
 from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.models.cueing import CuedState
+from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -43,6 +45,10 @@ class RunningSensor(Protocol):
     @property
     def status(self) -> pb.SensorStatus:
         """The sensor's status as it is now, but for its lateness."""
+
+    @property
+    def pointed(self) -> CuedState | PointedBeams | None:
+        """Where its mount or beams pointed in the last scan; None where nothing turns."""
 
 
 class RunningChanges(Protocol):

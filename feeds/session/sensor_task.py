@@ -26,6 +26,8 @@ from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_description import mount_status, status_of
 from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.models.beam import Sector
+from plotfeed.models.cueing import CuedState
+from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS, iso_utc
 
@@ -216,6 +218,11 @@ class SensorTask:
             for told in pb.SapientStatus.DESCRIPTOR.fields:
                 setattr(status.sapient, told.name, getattr(node, told.name))
         return status
+
+    @property
+    def pointed(self) -> CuedState | PointedBeams | None:
+        """Where its mount or beams pointed in the last scan; None where nothing turns."""
+        return self._sensors.pointed(self._i)
 
     def _publish_status(self, state: pb.SensorStatus.State) -> None:
         status, counts = self.status, self.outbox.counters

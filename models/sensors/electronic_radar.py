@@ -22,6 +22,7 @@ from plotfeed.models.beam_grid import BeamGrid
 from plotfeed.models.dwell_agenda import (
     Agenda,
     BeamTracks,
+    PointedBeams,
     Steering,
     frame_s,
     revisit_interval_s,
@@ -161,7 +162,19 @@ class ElectronicRadar(JointSensor):
         searched, confirmed, beams = self._searched(agenda.next_beam, len(due), period)
         tracks = self._with_new(tracks, confirmed, sector)
         every = Looks.joined([looks, searched]), Plots.joined([plots, confirmed])
-        return *every, Agenda((agenda.next_beam + beams) % self.beams, tracks)
+        next_beam = (agenda.next_beam + beams) % self.beams
+        return *every, Agenda(next_beam, tracks, beams, sector.start_ns)
+
+    def pointed(self, agenda: Agenda) -> PointedBeams:
+        """Where the beams of the last period pointed, by the agenda after it."""
+        beams = (agenda.next_beam - 1 - np.arange(agenda.searched)) % self.beams
+        tracks = agenda.tracks
+        looked_at = (tracks.t_utc_ns > agenda.start_ns) | (tracks.misses > 0)
+        return PointedBeams(
+            self.radar.azimuth_beamwidth_deg,
+            np.unique(self.grid.middle_of(beams)[0]),
+            enu_to_aer(tracks.place_m[looked_at])[0],
+        )
 
     def _looked(
         self,

@@ -1,10 +1,11 @@
 // What is known of the mark that is selected, and what the marks mean.
 
-import { TrackFlag } from "./frames.js";
 import { colours } from "./colours.js";
 import { inKilometres } from "./ground.js";
 import { dronePlace, trackPlace } from "./marks.js";
+import { drawBolt } from "./looks.js";
 import { shapeOf, swatch } from "./shapes.js";
+import { stateOf } from "./track_states.js";
 import { azimuthOf } from "./viewport.js";
 
 const byId = (id) => document.getElementById(id);
@@ -55,7 +56,6 @@ function describePlot({ plots, news, droneNames }, { row, at }, truth) {
 function describeTrack(track, nowMs) {
   if (!track) return null;
   const [east, north] = trackPlace(track, nowMs), speed = Math.hypot(track.velocity_east_m_s, track.velocity_north_m_s);
-  const states = [[TrackFlag.TENTATIVE, "tentative"], [TrackFlag.COASTED, "coasted"]].filter(([flag]) => track.flags & flag).map(([, word]) => word);
   return {
     title: `Track ${track.id}`,
     rows: [
@@ -63,7 +63,7 @@ function describeTrack(track, nowMs) {
       ["Speed", fixed(speed, 1, " m/s")],
       ["Course", fixed(azimuthOf(track.velocity_east_m_s, track.velocity_north_m_s), 0, "°")],
       ["Updated", fixed((nowMs - track.t_utc_ms) / 1000, 1, " s ago")],
-      ["State", states.join(", ") || "confirmed"],
+      ["State", stateOf(track, nowMs)],
     ],
   };
 }
@@ -89,13 +89,16 @@ function describeDrone({ drones, droneNames, droneClasses }, drone, nowMs) {
 const MARKS = {
   bearing: (c) => { c.strokeStyle = colours.ink; line(c, 1, 16, 17, 3); },
   track: (c) => { c.strokeStyle = colours.track; c.strokeRect(4.5, 4.5, 9, 9); line(c, 9, 9, 17, 3); },
+  "track, coasted": (c) => { c.strokeStyle = colours.track; c.setLineDash([4, 3]); c.strokeRect(4.5, 4.5, 9, 9); line(c, 9, 9, 17, 3); },
+  "track, not updated": (c) => { c.strokeStyle = colours.track; c.setLineDash([1, 3]); c.strokeRect(4.5, 4.5, 9, 9); },
+  jammer: (c) => drawBolt(c, 9, 9, 7),
   drone: (c) => { c.strokeStyle = colours.truth; arrowhead(c); },
   "drone gone": (c) => { c.strokeStyle = colours.gone; c.setLineDash([2, 2]); arrowhead(c); },
   "false alarm": (c) => { c.strokeStyle = colours.ink; line(c, 5, 5, 13, 13); line(c, 5, 13, 13, 5); },
   "lost by the link": (c) => { c.strokeStyle = colours.ink; c.beginPath(); c.arc(9, 9, 4.5, 0, 7); c.stroke(); },
   "several drones": (c) => { c.fillStyle = c.strokeStyle = colours.ink; c.fillRect(7, 7, 4, 4); c.strokeRect(4, 4, 10, 10); },
 };
-const ALWAYS = ["bearing", "track"];
+const ALWAYS = ["bearing", "track", "track, coasted", "track, not updated", "jammer"];
 
 function arrowhead(context) {
   context.beginPath();

@@ -3,13 +3,14 @@
 import { colours, faded } from "./colours.js";
 import { nice } from "./ground.js";
 
-const LEFT = 38, RIGHT = 8, TOP = 6, BOTTOM = 17;
+const LEAST_LEFT = 38, GAP = 5, RIGHT = 8, TOP = 6, BOTTOM = 17;
 
 export class Chart {
   #low = 0;
   #high = 1;
   #bottom = 0;
   #top = 1;
+  #left = LEAST_LEFT; // of the axis: room for the widest of its words
 
   constructor(id) {
     this.canvas = document.getElementById(id);
@@ -30,7 +31,7 @@ export class Chart {
   }
 
   x(value) {
-    return LEFT + ((value - this.#low) / (this.#high - this.#low)) * (this.width - LEFT - RIGHT);
+    return this.#left + ((value - this.#low) / (this.#high - this.#low)) * (this.width - this.#left - RIGHT);
   }
 
   y(value) {
@@ -45,13 +46,15 @@ export class Chart {
     context.fillStyle = colours.quiet;
     context.textAlign = "right";
     context.textBaseline = "middle";
-    for (const value of ticks(this.#bottom, this.#top, Math.max(2, Math.floor((this.height - TOP - BOTTOM) / 34)))) {
+    const levels = ticks(this.#bottom, this.#top, Math.max(2, Math.floor((this.height - TOP - BOTTOM) / 26)));
+    this.#left = Math.max(LEAST_LEFT, ...levels.map((value) => context.measureText(yTick(value)).width + 2 * GAP));
+    for (const value of levels) {
       const y = Math.round(this.y(value)) + 0.5;
       context.beginPath();
-      context.moveTo(LEFT, y);
+      context.moveTo(this.#left, y);
       context.lineTo(this.width - RIGHT, y);
       context.stroke();
-      context.fillText(yTick(value), LEFT - 5, y);
+      context.fillText(yTick(value), this.#left - GAP, Math.min(y, this.height - BOTTOM - 4));
     }
     context.textBaseline = "alphabetic";
     const unitWidth = context.measureText(unit).width;
@@ -149,7 +152,7 @@ export class Chart {
 
   /** Words in the upper right corner, on a ground of their own, cut to the width. */
   note(words, colour) {
-    const { context } = this, most = this.width - LEFT - RIGHT - 6;
+    const { context } = this, most = this.width - this.#left - RIGHT - 6;
     context.font = colours.font;
     context.textAlign = "right";
     context.textBaseline = "middle";
@@ -175,7 +178,7 @@ export class Chart {
     context.font = colours.font;
     context.fillStyle = colours.quiet;
     context.textAlign = "center";
-    context.fillText(words, (LEFT + this.width - RIGHT) / 2, this.height / 2);
+    context.fillText(words, (this.#left + this.width - RIGHT) / 2, this.height / 2);
   }
 }
 

@@ -2,6 +2,7 @@
 
 import { colours, faded, sensorColour } from "./colours.js";
 import { Labels } from "./labels.js";
+import { drawJammers } from "./looks.js";
 import { shapeOf, traceShape } from "./shapes.js";
 
 const SITE_HALF = 7;
@@ -36,6 +37,7 @@ export function drawGround(context, view, { scene, hidden, layers, basemap, grid
     drawSpokes(context, view, labels);
   } else if (grid === "squares") drawSquares(context, view, labels);
   if (scene) drawSites(context, view, scene, hidden, layers.labels && labels);
+  if (layers.cover && scene) drawJammers(context, view, scene, hidden, layers.labels && labels);
   if (layers.basemap && basemap?.shapes) drawNames(context, view, basemap.shapes.points, labels);
   return labels.placed;
 }
@@ -83,12 +85,14 @@ function drawNames(context, view, points, labels) {
   }
 }
 
+/** Filled is what is looked at all the time; a dashed line is about what is off, or what a mount may turn to. */
 function drawCover(context, view, scene, hidden) {
   scene.sensors.forEach((sensor, number) => {
     if (hidden.has(sensor.id)) return;
-    const colour = sensorColour(number);
-    traceCover(context, view, sensor);
-    if (scene.sensors.length <= COVER_LIMIT) {
+    const colour = sensorColour(number), looks = sensor.enabled && !sensor.turns;
+    traceCover(context, view, sensor.turns ? { ...sensor, azimuth_span_deg: 360 } : sensor);
+    context.setLineDash(looks ? [] : [2, 6]);
+    if (looks && scene.sensors.length <= COVER_LIMIT) {
       context.fillStyle = faded(colour, 0.045);
       context.fill("evenodd");
     }
@@ -96,6 +100,7 @@ function drawCover(context, view, scene, hidden) {
     context.lineWidth = 1;
     context.stroke();
   });
+  context.setLineDash([]);
 }
 
 /** The sector between blind and instrumented range. */

@@ -2,8 +2,10 @@
 // the screen, the sweeps and what is selected.
 
 import { FALSE_ALARM, TrackFlag } from "./frames.js";
+import { ageText, fadedTo, isSilent } from "./track_states.js";
 import { colours, faded, sensorColour, SENSOR_COLOURS } from "./colours.js";
 import { Labels } from "./labels.js";
+import { drawPointing, watching } from "./looks.js";
 import { packed } from "./pixels.js";
 import { arrowStamp, shapeOf, stampOf, traceShape } from "./shapes.js";
 
@@ -48,6 +50,7 @@ export function drawMarks(context, pixels, view, picture, nowMs, options) {
 /** What turns, and what is selected. */
 export function drawMoving(context, view, picture, nowMs, options) {
   const scene = picture.news.scene;
+  if (scene && options.layers.cover) drawPointing(context, view, picture.news, options.hidden);
   if (scene && options.layers.sweep) drawSweeps(context, view, picture, scene, nowMs, options.hidden);
   if (scene && options.selected) drawSelection(context, view, picture, nowMs, options);
 }
@@ -58,8 +61,7 @@ export function beamAzimuth(nowMs, periodS) {
 }
 
 function drawSweeps(context, view, picture, scene, nowMs, hidden) {
-  const off = (sensor) => hidden.has(sensor.id) || picture.news.settings?.[sensor.id]?.enabled === false;
-  const turning = scene.sensors.map((sensor, number) => ({ sensor, number })).filter(({ sensor }) => sensor.rotates && !off(sensor));
+  const turning = watching(scene, hidden).filter(({ sensor }) => sensor.rotates);
   for (const { sensor, number } of turning) {
     const x = view.x(sensor.east_m), y = view.y(sensor.north_m), radius = sensor.range_max_m / view.scale;
     const beam = ((beamAzimuth(nowMs, sensor.period_s) - 90) * Math.PI) / 180, wedge = (SWEEP_DEG * Math.PI) / 180;
@@ -217,9 +219,9 @@ function traceDrone(context, x, y, drones, i, length) {
   context.closePath();
 }
 
-/** Where a track is between two reports. */
+/** Where a track is between two reports; where it was told last, if the next one stays out. */
 export function trackPlace(track, nowMs) {
-  const seconds = Math.min(Math.max((nowMs - track.t_utc_ms) / 1000, 0), 3);
+  const seconds = isSilent(track, nowMs) ? 0 : Math.max((nowMs - track.t_utc_ms) / 1000, 0);
   return [track.east_m + seconds * (track.velocity_east_m_s || 0), track.north_m + seconds * (track.velocity_north_m_s || 0)];
 }
 
@@ -227,22 +229,22 @@ function drawTracks(context, view, { tracks }, nowMs, { layers }, labels) {
   const labelled = layers.labels && tracks.size <= MOST_LABELS;
   for (const track of tracks.values()) {
     const [east, north] = trackPlace(track, nowMs), x = view.x(east), y = view.y(north);
-    const tentative = track.flags & TrackFlag.TENTATIVE, coasted = track.flags & TrackFlag.COASTED;
-    context.strokeStyle = faded(colours.track, 0.35);
+    const tentative = track.flags & TrackFlag.TENTATIVE, silent = isSilent(track, nowMs), left = silent ? fadedTo(track, nowMs) : 1;
+    context.strokeStyle = faded(colours.track, 0.35 * left);
     context.lineWidth = 1;
     context.beginPath();
     for (let i = 0; i < track.trail.length; i += 2) context[i ? "lineTo" : "moveTo"](view.x(track.trail[i]), view.y(track.trail[i + 1]));
     context.stroke();
-    context.strokeStyle = faded(colours.track, tentative ? 0.6 : 1);
+    context.strokeStyle = faded(colours.track, (tentative ? 0.6 : 1) * left);
     context.lineWidth = 1.4;
-    context.setLineDash(coasted ? [2, 2] : []);
+    context.setLineDash(silent ? [1, 4] : track.flags & TrackFlag.COASTED ? [4, 3] : []);
     context.strokeRect(x - 6 * size, y - 6 * size, 12 * size, 12 * size);
     context.setLineDash([]);
     context.beginPath();
     context.moveTo(x, y);
-    context.lineTo(view.x(east + AHEAD_S * (track.velocity_east_m_s || 0)), view.y(north + AHEAD_S * (track.velocity_north_m_s || 0)));
+    if (!silent) context.lineTo(view.x(east + AHEAD_S * (track.velocity_east_m_s || 0)), view.y(north + AHEAD_S * (track.velocity_north_m_s || 0)));
     context.stroke();
-    if (labelled) labels.beside(`T${track.id}`, x, y, colours.ink, { size });
+    if (labelled) labels.beside(`T${track.id}${silent ? ` ${ageText(track, nowMs)}` : ""}`, x, y, silent ? colours.quiet : colours.ink, { size });
   }
 }
 

@@ -75,6 +75,7 @@ function takeFrame(buffer) {
     tour.tell(picture.news.scene.about.words);
     showAbout(picture.news.scene.about);
   }
+  if (changed.has("covers")) display.redraw();
   past.keep(buffer, frame, picture);
   trails.note(frame.nowMs);
   timeline.tick();
@@ -84,6 +85,7 @@ function takeFrame(buffer) {
   if (all || changed.has("session") || changed.has("scene") || changed.has("audience")) session.show();
   if (["snapshot", "stories", "undoes", "session", "audience"].some((key) => changed.has(key))) stories.show();
   if (all || changed.has("settings") || changed.has("session") || changed.has("audience")) sensors.showSettings();
+  if (changed.has("pointing")) sensors.showPointing();
   if (all || changed.has("fleet")) fleet.take(picture.news.fleet);
   if (all || changed.has("score")) score.take(display.truth ? picture.score : null);
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();

@@ -1,12 +1,12 @@
 // What there is to see: plots that fade, drones, tracks, and the session's time between two updates.
 
 import { FALSE_ALARM, Kind, PlotFlag, TrackFlag } from "./frames.js";
+import { noteReport, TRACK_KEPT_MS } from "./track_states.js";
 
 const CAPACITY = 1 << 16; // plots; a power of two
 const MASK = CAPACITY - 1;
 const LONGEST_FADE_MS = 60_000;
 const TRAIL = 40;
-const TRACK_KEPT_MS = 60_000;
 export const UNKNOWN = -2; // whose plot it is, while that is not told
 
 const FLOATS = ["east_m", "north_m", "range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "latency_ms",
@@ -104,6 +104,11 @@ export class Plots {
   }
 }
 
+/** The scene with its sensors as they cover now. */
+function withCovers({ scene, covers }) {
+  return { ...scene, sensors: scene.sensors.map((sensor) => ({ ...sensor, ...covers?.[sensor.id] })) };
+}
+
 export class Picture {
   plots = new Plots();
   lost = new Plots();
@@ -151,6 +156,7 @@ export class Picture {
 
   #takeNews({ seconds, ...news }, changed) {
     Object.assign(this.news, news);
+    if ((news.covers || news.scene) && this.news.scene) this.news.scene = withCovers(this.news);
     for (const key of Object.keys(news)) changed.add(key);
     if (seconds) {
       this.seconds = [...this.seconds, ...seconds].slice(-120);
@@ -168,6 +174,7 @@ export class Picture {
         continue;
       }
       const track = this.tracks.get(id) ?? { id, trail: [] };
+      noteReport(track, columns.t_utc_ms[i]);
       for (const name of ["t_utc_ms", "east_m", "north_m", "velocity_east_m_s", "velocity_north_m_s", "flags"]) track[name] = columns[name][i];
       track.trail.push(track.east_m, track.north_m);
       if (track.trail.length > 2 * TRAIL) track.trail.splice(0, 2);

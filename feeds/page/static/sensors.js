@@ -1,6 +1,7 @@
 // The table of sensors, and what can be asked of the one that is chosen.
 
 import { SENSOR_COLOURS } from "./colours.js";
+import { pointingWords } from "./looks.js";
 import { refusals } from "./roles.js";
 import { shapeOf, swatch } from "./shapes.js";
 import { askedLoss } from "./strips.js";
@@ -9,6 +10,7 @@ const byId = (id) => document.getElementById(id);
 const DEGRADED_PFA = 10; // times
 const DEGRADED_LOSS_DB = 6;
 const EXAMPLES = { pfa: "1e-6", latency: "250", jitter: "20", loss: "5", burst: "3" };
+const power = (value) => (+value.toPrecision(4)).toExponential();
 const plain = (value, digits = 4) => (value == null ? "–" : String(+value.toPrecision(digits)));
 
 export class Sensors {
@@ -51,7 +53,6 @@ export class Sensors {
     box.checked = !this.hidden.has(sensor.id);
     box.addEventListener("change", () => { this.hidden[box.checked ? "delete" : "add"](sensor.id); this.onHide(); });
     button.append(swatch(shapeOf(sensor.type), number % SENSOR_COLOURS), `${sensor.id} · ${sensor.label}`);
-    button.title = sensor.preset ? `${sensor.id}: ${sensor.preset}` : sensor.id;
     button.addEventListener("click", () => this.choose(sensor.id));
     this.#rows.set(sensor.id, { row, button, rate: row.children[2], state: row.children[3] });
     return row;
@@ -92,16 +93,24 @@ export class Sensors {
     const sensor = this.#sensor();
     byId("sensor-title").textContent = sensor ? `${sensor.id}: settings` : "Sensor";
     byId("sensor-form").inert = !sensor || "sensor" in refusals(this.picture.news);
+    this.showPointing();
     if (!sensor) return;
     const now = this.#inForce(sensor), link = now.link ?? {}, loss = askedLoss(link.loss);
     if (!this.#asking) for (const radio of document.querySelectorAll("input[name=state]")) radio.checked = radio.value === this.#stateOf(sensor);
     const pfa = now.pfa ?? sensor.pfa;
     byId("pfa").disabled = sensor.pfa == null;
-    this.#show("pfa", pfa == null ? "" : pfa.toExponential(), pfa == null ? "has none" : pfa.toExponential());
+    this.#show("pfa", pfa == null ? "" : power(pfa), pfa == null ? "has none" : power(pfa));
     this.#show("latency", link.latency_ms ?? 0, `${plain(link.latency_ms ?? 0)} ms`);
     this.#show("jitter", link.jitter_ms ?? 0, `${plain(link.jitter_ms ?? 0)} ms${link.distribution ? ` ${link.distribution}` : ""}`);
     this.#show("loss", loss.share == null ? "" : +(100 * loss.share).toPrecision(6), loss.share == null ? link.loss.kind : `${plain(100 * loss.share)} %`);
     this.#show("burst", loss.burst == null ? 1 : +loss.burst.toPrecision(6), link.loss ? plain(loss.burst) : "–");
+  }
+
+  /** What the chosen sensor is, and where it points if it turns. */
+  showPointing() {
+    const sensor = this.#sensor(), { pointing } = this.picture.news, words = byId("sensor-words");
+    const told = [sensor?.preset && `Preset ${sensor.preset}.`, pointingWords(pointing?.[sensor?.id])].filter(Boolean).join(" ");
+    if (words.textContent !== told) Object.assign(words, { textContent: told, hidden: !told });
   }
 
   #show(id, value, words) {
@@ -127,7 +136,7 @@ export class Sensors {
 
   #setState(state) {
     const sensor = this.#sensor(), degraded = state === "degraded", set = { enabled: state !== "off" };
-    if (state !== "off" && sensor.pfa != null) set.pfa = degraded ? Math.min(sensor.pfa * DEGRADED_PFA, 0.1) : sensor.pfa;
+    if (state !== "off" && sensor.pfa != null) set.pfa = degraded ? Math.min(+(sensor.pfa * DEGRADED_PFA).toPrecision(9), 0.1) : sensor.pfa;
     if (state !== "off" && sensor.loss_db != null) set.loss_db = degraded ? sensor.loss_db + DEGRADED_LOSS_DB : sensor.loss_db;
     this.#send({ sensor: this.chosen, set });
   }

@@ -109,12 +109,11 @@ export class Session {
     showSpeed(clock.speed ?? 1);
     byId("record").setAttribute("aria-pressed", String(Boolean(record.on)));
     byId("record-text").textContent = record.on ? `Stop ${clockText(record.seconds ?? 0)}` : "Record";
-    if (!refuses.record) byId("record").title = record.file ? `${record.on ? "Recording to" : "Recorded"} ${record.file}` : "";
     fill("scene", scenes, news.scene?.name);
     fill("recording", recordings, replay.file);
     this.#showReplay(replay, "replay" in refuses);
-    const sentences = new Set([...notes, ...Object.values(refuses)]);
-    byId("not-allowed").textContent = byId("not-allowed").title = [...sentences].join(" ");
+    const recorded = record.file && !refuses.record ? [`${record.on ? "Recording to" : "Recorded"} ${record.file}.`] : [];
+    byId("not-allowed").textContent = [...new Set([...recorded, ...notes, ...Object.values(refuses)])].join(" ");
   }
 
   #showReplay(replay, isRefused) {
@@ -138,7 +137,6 @@ export class Session {
   showRefusal() {
     const { refusal, track_problem: problem } = this.picture.news, words = byId("refusal");
     words.textContent = [refusal && `Last refused: ${refusal}`, problem && `Tracks: ${problem}`].filter(Boolean).join(" ") || "No telemetry was refused.";
-    words.title = words.textContent;
   }
 
   showTime(nowMs) {

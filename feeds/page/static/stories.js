@@ -22,14 +22,14 @@ export class Stories {
   /** Those of the scene, and which are on; told when stories, what undo would undo, or the session changed. */
   show() {
     const { stories = [], undoes = "" } = this.picture.news, refuses = refusals(this.picture.news);
-    const told = stories.map(({ id, title }) => `${id} ${title}`).join("\n");
+    const told = stories.map(({ id, title, text }) => `${id} ${title} ${text}`).join("\n");
     if (told !== this.#told) this.#renew(stories);
     this.#told = told;
     for (const story of stories) {
       const button = this.#buttons.get(story.id);
       button.setAttribute("aria-pressed", String(story.since_utc_ms !== null));
       button.disabled = "story" in refuses;
-      button.title = refuses.story ?? story.text;
+      button.title = refuses.story ?? "";
     }
     byId("undo").disabled = !undoes || "undo" in refuses;
     byId("undo-words").textContent = undoes || "Nothing to undo.";
@@ -38,11 +38,13 @@ export class Stories {
 
   #renew(stories) {
     this.#buttons.clear();
-    byId("stories").replaceChildren(...stories.map(({ id, title }) => {
-      const button = Object.assign(document.createElement("button"), { type: "button", textContent: title });
+    byId("stories").replaceChildren(...stories.map(({ id, title, text }, i) => {
+      const story = document.createElement("div"), button = Object.assign(document.createElement("button"), { type: "button", textContent: title });
+      story.append(button, Object.assign(document.createElement("p"), { id: `story-${i}`, textContent: text }));
+      button.setAttribute("aria-describedby", `story-${i}`);
       button.addEventListener("click", () => this.#send(this.#isOn(id) ? { story: id, reset: true } : { story: id }));
       this.#buttons.set(id, button);
-      return button;
+      return story;
     }));
   }
 

@@ -112,12 +112,13 @@ export class Strips {
   }
 
   #drawLateness(seconds) {
-    const points = this.#history(this.#late, seconds, [], nice(Math.max(topOf(seconds.map((s) => s.late_p99_us / 1000)), 0.1) * 1.05));
-    this.#late.line(points((s) => s.late_p99_us / 1000), colours.warn);
-    this.#late.cutOff(points((s) => s.late_p99_us / 1000), colours.warn, (ms) => `${short(ms)} ms`);
-    this.#late.line(points((s) => s.late_p50_us / 1000), colours.ink);
+    const inMs = (us) => (us == null ? NaN : us / 1000), p99 = (s) => inMs(s.late_p99_us);
+    const points = this.#history(this.#late, seconds, [], nice(Math.max(topOf(seconds.map(p99)), 0.1) * 1.05));
+    this.#late.line(points(p99), colours.warn);
+    this.#late.cutOff(points(p99), colours.warn, (ms) => `${short(ms)} ms`);
+    this.#late.line(points((s) => inMs(s.late_p50_us)), colours.ink);
     const last = seconds.at(-1);
-    say("late-text", last ? `p50 ${(last.late_p50_us / 1000).toFixed(2)}, p99 ${(last.late_p99_us / 1000).toFixed(2)} ms` : "–");
+    say("late-text", !last ? "–" : last.late_p50_us == null ? "no message left" : `p50 ${inMs(last.late_p50_us).toFixed(2)}, p99 ${p99(last).toFixed(2)} ms`);
   }
 }
 

@@ -1,7 +1,7 @@
 // Drones, plots and tracks as a plain table: sorted by any column, filtered by words, of bounded length.
 
-import { TrackFlag } from "./frames.js";
 import { dronePlace, trackPlace } from "./marks.js";
+import { stateOf } from "./track_states.js";
 import { azimuthOf } from "./viewport.js";
 
 const MOST_ROWS = 200;
@@ -124,8 +124,7 @@ export class Tables {
 
 function trackRow(track, nowMs) {
   const [east, north] = trackPlace(track, nowMs), { velocity_east_m_s: ve, velocity_north_m_s: vn } = track;
-  const state = track.flags & TrackFlag.COASTED ? "coasted" : track.flags & TrackFlag.TENTATIVE ? "tentative" : "confirmed";
-  const values = [track.id, azimuthOf(east, north), Math.hypot(east, north), Math.hypot(ve, vn), azimuthOf(ve, vn), (nowMs - track.t_utc_ms) / 1000, state];
+  const values = [track.id, azimuthOf(east, north), Math.hypot(east, north), Math.hypot(ve, vn), azimuthOf(ve, vn), (nowMs - track.t_utc_ms) / 1000, stateOf(track, nowMs)];
   return { mark: { kind: "track", id: track.id }, values };
 }
 

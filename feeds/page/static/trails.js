@@ -4,6 +4,7 @@ import { Chart } from "./chart.js";
 import { colours, faded, sensorColour } from "./colours.js";
 import { nice } from "./ground.js";
 import { dronePlace, trackPlace } from "./marks.js";
+import { isSilent } from "./track_states.js";
 
 const NOTED_EVERY_MS = 500;
 const LONGEST_MS = 300_000;
@@ -47,7 +48,7 @@ export class Trails {
     if (nowMs - this.#notedMs < NOTED_EVERY_MS) return;
     this.#notedMs = nowMs;
     const { tracks, drones } = this.live;
-    for (const track of tracks.values()) this.#add(`track ${track.id}`, nowMs, trackPlace(track, nowMs));
+    for (const track of tracks.values()) if (!isSilent(track, nowMs)) this.#add(`track ${track.id}`, nowMs, trackPlace(track, nowMs));
     for (let i = 0; i < (drones?.rows ?? 0); i++) if (drones.gone_ms[i] === 0) this.#add(`drone ${drones.drone[i]}`, nowMs, dronePlace(drones, i, nowMs));
     for (const [name, trail] of this.#trails) if (trail.at(-3) < nowMs - LONGEST_MS) this.#trails.delete(name);
   }

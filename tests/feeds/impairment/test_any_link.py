@@ -10,10 +10,10 @@ from pydantic import ValidationError
 from support.links import START_NS
 
 from plotfeed.feeds.impairment.link import Fate, Impairment, LinkExpectation, flip
-from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.link_keys import LONGEST_DELAY_MS, LinkSettings
 
 chance = st.floats(0, 1)
-delay = st.one_of(st.floats(0, 1e9), st.floats(0, 100))
+delay = st.one_of(st.floats(0, LONGEST_DELAY_MS), st.floats(0, 100))
 losses = st.one_of(
     st.fixed_dictionaries({"kind": st.just("random"), "probability": chance},
                           optional={"correlation": st.floats(-1, 1)}),

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from support.links import link
 
 from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.scene.link_keys import LONGEST_DELAY_MS
 
 NAMED = ("normal", "uniform", "pareto", "paretonormal")
 TABLES = Path("/usr/lib/x86_64-linux-gnu/tc")
@@ -25,12 +26,14 @@ laws = st.one_of(
             distribution=shape, latency_ms=latency, jitter_ms=jitter
         ),
         st.sampled_from(NAMED),
-        st.floats(0, 1e9),
-        st.floats(0, 1e9),
+        st.floats(0, LONGEST_DELAY_MS),
+        st.floats(0, LONGEST_DELAY_MS),
     ),
     st.builds(
         lambda sample, latency: link(distribution="table", delays_ms=sample, latency_ms=latency),
-        st.lists(st.one_of(st.floats(0, 1e9), st.sampled_from([1.0, 2.0])), min_size=1),
+        st.lists(
+            st.one_of(st.floats(0, LONGEST_DELAY_MS), st.sampled_from([1.0, 2.0])), min_size=1
+        ),
         st.floats(0, 1e3),
     ),
 ).map(DelayLaw.of)
