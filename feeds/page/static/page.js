@@ -4,7 +4,7 @@ import { Address } from "./address.js";
 import { showCard, showLegend } from "./card.js";
 import { Cards } from "./cards.js";
 import { Clip } from "./clip.js";
-import { setTheme, startTheme } from "./colours.js";
+import { readColours, setTheme, startTheme } from "./colours.js";
 import { showConnections } from "./connect.js";
 import { Display } from "./display.js";
 import { Feed } from "./feed.js";
@@ -246,7 +246,7 @@ for (const layer of Object.keys(display.layers)) {
     display.redraw();
   });
 }
-addEventListener("resize", () => strips.draw(picture, sensors.chosen));
+addEventListener("resize", () => { readColours(); strips.draw(picture, sensors.chosen); }); // words are larger in a large window
 setInterval(() => { session.showTime(picture.nowMs(performance.now())); refreshCard(); showFollowing(); }, 100);
 
 showKeys(KEYS);

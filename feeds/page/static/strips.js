@@ -118,7 +118,7 @@ export class Strips {
     this.#late.cutOff(points(p99), colours.warn, (ms) => `${short(ms)} ms`);
     this.#late.line(points((s) => inMs(s.late_p50_us)), colours.ink);
     const last = seconds.at(-1);
-    say("late-text", !last ? "–" : last.late_p50_us == null ? "no message left" : `p50 ${inMs(last.late_p50_us).toFixed(2)}, p99 ${p99(last).toFixed(2)} ms`);
+    say("late-text", !last ? "–" : last.late_p50_us == null ? "no message left" : `p50 ${short(inMs(last.late_p50_us))}, p99 ${short(p99(last))} ms`);
   }
 }
 

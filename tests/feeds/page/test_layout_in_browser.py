@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 SIZES = ((360, 740), (960, 640), (1280, 720), (1920, 1080), (2560, 1440))
-SMALL = (1280, 720)
-"""Of a window in which the picture has two thirds."""
+ON_A_DESK = ((1280, 720), (1920, 1080), (2560, 1440))
+"""Of windows in which the picture has two thirds."""
 SCROLLS_BELOW_PX = 860
 """A narrower window has everything one below the other, and the page scrolls."""
 TWO_THIRDS = 2 / 3
@@ -101,10 +101,35 @@ def test_nothing_is_cut_off_or_covered(page: Page) -> None:
         if width >= SCROLLS_BELOW_PX:
             assert high == height
         assert not page.evaluate(COVERED), at
-        if (width, height) == SMALL:
+        if (width, height) in ON_A_DESK:
             box = page.locator("#display").bounding_box()
             assert box
-            assert box["width"] * box["height"] >= TWO_THIRDS * width * height
+            assert box["width"] * box["height"] >= TWO_THIRDS * width * height, at
+
+
+BESIDE_THE_CHART = """() => {
+  const found = [], { fillText } = CanvasRenderingContext2D.prototype;
+  CanvasRenderingContext2D.prototype.fillText = function (words, x, y) {
+    const left = this.textAlign === "right" ? x - this.measureText(words).width : x;
+    if (this.canvas.id.endsWith("-strip") && (left < 0 || y > this.canvas.clientHeight))
+      found.push([this.canvas.id, words, left, y]);
+    fillText.call(this, words, x, y);
+  };
+  dispatchEvent(new Event("resize"));
+  CanvasRenderingContext2D.prototype.fillText = fillText;
+  return found;
+}"""
+"""Words of charts that are cut off, when all are drawn anew."""
+
+
+@pytest.mark.usefixtures("goes_on")
+def test_no_axis_is_cut_off_where_all_is_lost(page: Page) -> None:
+    page.set_viewport_size({"width": 2560, "height": 1440})
+    page.reload()
+    until_shown(page)
+    until(page, "plotfeed.picture.seconds.length > 0")
+    page.evaluate("for (const second of plotfeed.picture.seconds) second.lost = 1e6")
+    assert not page.evaluate(BESIDE_THE_CHART)
 
 
 @pytest.mark.usefixtures("goes_on")
