@@ -84,9 +84,8 @@ class SensorGroup:
         self._sidelobes = SidelobeLooks.of(self.models, *of_scene)
         self._place = np.zeros(max(sensors) + 1, np.int64)
         self._place[self.sensors] = np.arange(len(sensors))
-        reach_m = np.zeros(max(sensors) + 1)
-        reach_m[self.sensors] = [model.range_max_m for model in models]
-        self._reach_m = reach_m
+        self._reach_m = np.zeros(max(sensors) + 1)
+        self._reach_m[self.sensors] = [model.range_max_m for model in models]
 
     def beams(self) -> PointedBeams | None:
         """Where the beams of the last period pointed; None where none is steered."""
