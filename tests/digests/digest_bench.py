@@ -1,26 +1,28 @@
-"""A folder in which the command is run, and the items that come of it."""
+"""A folder in which commands are run, in this process, and the items that come of them."""
 
 from __future__ import annotations
 
+import io
 import json
-import os
+import logging
 import re
-import subprocess
+import sys
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from digest_items import Item, of_octets, of_recording, of_text
 
-PATIENCE_S = 120.0
+from plotfeed.feeds.cli.main import main
 
 Change = Callable[[str], str]
 
 
 @dataclass
 class Bench:
-    plotfeed: Path
     folder: Path
     items: dict[str, Item] = field(default_factory=dict)
 
@@ -30,44 +32,61 @@ class Bench:
         self.items[name] = item
 
     def run(
-        self, name: str, *arguments: str, change: Change | None = None, port: int | None = None
+        self, name: str, *words: str, change: Change | None = None, port: int | None = None
     ) -> str:
         """Run the command; what it prints and its exit code are an item. Returns its output.
 
         `change` takes out of the output what does not repeat; `port` is one that was free, and
         is another one each time.
         """
-        done = subprocess.run(
-            [str(self.plotfeed), *arguments],
-            cwd=self.folder,
-            env=_environment(),
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_S,
-            check=False,
-        )
-        out = done.stdout if change is None or done.returncode else change(done.stdout)
-        text = f"exit code {done.returncode}\n{out}\n-- standard error --\n{done.stderr}"
+        code, printed, complaint = _run(words)
+        out = printed if change is None or code else change(printed)
+        text = f"exit code {code}\n{out}\n-- standard error --\n{complaint}"
         # A recording that is run again has its scene in a folder with a random name.
         text = re.sub(r"/tmp/plotfeed-\w+", "/tmp/plotfeed-X", text)  # noqa: S108
         text = text.replace(f"{self.folder}", "DIR")
-        name = f"{name}: {' '.join(arguments)}"
+        name = f"{name}: {' '.join(words)}"
         if port is not None:
             name, text = (each.replace(f":{port}", ":PORT") for each in (name, text))
         self.add(name, of_text(text))
-        return done.stdout
+        return printed
 
     def octets(self, name: str, file: str) -> None:
         path = self.folder / file
         self.add(f"{name}: {file}", of_octets(path.read_bytes() if path.exists() else b""))
 
-    def recording(self, name: str, file: str, *, marked: bool = True) -> None:
-        for each, item in of_recording(self.folder / file, marked=marked).items():
+    def recording(self, name: str, file: str) -> dict[str, Item]:
+        """Add an item for each topic and stage of a recording, and return them."""
+        items = of_recording(self.folder / file)
+        for each, item in items.items():
             self.add(f"{name}: {file}: {each}", item)
+        return items
 
     def write(self, file: str, data: bytes) -> None:
         (self.folder / file).write_bytes(data)
+
+
+def _run(words: tuple[str, ...]) -> tuple[object, str, str]:
+    """The exit code, or the error that nobody caught, what was printed, and what was complained."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    log, level = logging.getLogger(), logging.getLogger().level
+    code: object = 0
+    with (
+        patch.object(sys, "argv", ["plotfeed", *words]),
+        patch.object(log, "handlers", []),  # where there are any, the command adds none
+        redirect_stdout(out),
+        redirect_stderr(err),
+    ):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+        except Exception as error:  # noqa: BLE001 - that too is what a revision does
+            code = f"{type(error).__name__}: {error}"
+        finally:
+            log.setLevel(level)
+    printed, complaint = (each.buffer.getvalue().decode() for each in (out, err))
+    return code, printed, complaint
 
 
 def one_count(text: str) -> str:
@@ -85,9 +104,3 @@ def _without(value: Any, names: tuple[str, ...]) -> Any:
     if isinstance(value, dict):
         return {k: _without(v, names) for k, v in value.items() if k not in names}
     return [_without(v, names) for v in value] if isinstance(value, list) else value
-
-
-def _environment() -> dict[str, str]:
-    """Ours, but for what would change what is printed."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("PLOTFEED_", "PYTHON"))}
-    return kept | {"COLUMNS": "100", "LC_ALL": "C.UTF-8", "TZ": "UTC", "NO_COLOR": "1"}

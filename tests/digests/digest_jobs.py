@@ -2,66 +2,92 @@
 
 from __future__ import annotations
 
-import os
+import hashlib
+import re
 from collections.abc import Callable
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from digest_bench import Bench, Change, json_without, one_count
-from digest_items import Item, Series
+from digest_items import Item, of_messages
 from digest_listeners import broker, datagrams
 from digest_wrong import damage, wrong_scenes, wrong_uses
+
+from plotfeed.feeds import load, simulate
 
 Job = Callable[[Bench], None]
 
 SCENES = Path(__file__).resolve().parent / "scenes"
-GIVEN = Path(os.environ.get("PLOTFEED_TEST_INPUT", "no input"))
-FLIGHTS = {"flight-srt": "matrice_300.srt", "flight-csv": "UAV_Rot.csv", "flight-bin": "log171.bin"}
-"""Scenes that need a file which may not be here."""
-CONVERTED = ("radars", "listeners", "heard")
+GOLDEN = Path(__file__).resolve().parents[1] / "golden"
+EXAMPLES = Path("examples/scenes")
+SHIPPED = Path("feeds/scene/examples")
+CONVERTED = ("radars", "listeners", "heard", "effects")
 """Scenes whose records are converted and replayed too."""
-SUFFIXES = ("jsonl", "pcap", "ff", "ast", "csv", "mcap")
+NOT_OF_PACE = (
+    *("+/+/asterix/#", "+/+/sapient/#", "+/+/plots", "+/+/tracks", "+/+/cot", "+/+/geojson"),
+    *("+/+/description", "+/+/settings", "+/telemetry/#", "+/session", "+/truth", "+/errors"),
+    *("lab/north/+/asterix/#", "lab/north/+/plots", "lab/north/+/sapient/#", "lab/north/truth"),
+)
+"""Topics of all but statuses, which say how the machine kept pace."""
+SUFFIXES = ("jsonl", "pcap", "ff", "ast", "mcap")
+TABLES = ("plots", "truths", "looks", "tracks", "messages", "fates")
 COMMANDS = (
     *("demo", "run", "inject", "check", "chart", "show", "replay", "convert", "record", "report"),
-    *("sensors", "schema"),
+    *("sensors", "schema", "score", "sweep", "fleet", "merge", "scenes"),
 )
 CHARTED = ("section-4", "radars", "listeners")
 # Times, and what is chosen by times, do not repeat; nor does the machine.
 OF_CHARTS = json_without("ns", "machine", "on_front", "front", "cheapest", "batches")
 OF_REPLAYS = json_without("duration_s")
-START = "start_utc = 2026-01-01T12:00:00Z"
+START = "start_utc = 2026-01-01T12:00:00Z\nduration_s = 20.0"
+START_NS = 1_767_268_800 * 10**9
+QUIETLY = ("--broker", "none", "--speed", "max")
 
 
-def jobs(bench: Bench, shipped: list[Path]) -> list[Job]:
-    """`shipped` are the example scenes of the project; the longest jobs come first."""
+def jobs(bench: Bench, root: Path) -> list[Job]:
+    """Those of the scenes here, and of the scenes that `root`, a clone of the project, ships."""
     names = []
-    for path in [*sorted(SCENES.iterdir()), *sorted((GIVEN / "flights").glob("*.*"))]:
-        bench.write(path.name, path.read_bytes())
-        if path.suffix == ".toml" and _is_complete(path.stem):
+    for folder in (SCENES, GOLDEN / "flights", root / "examples/flights"):
+        for path in sorted(folder.iterdir()):
+            bench.write(path.name, path.read_bytes())
+    for path in sorted([*(root / SHIPPED).iterdir(), *(root / EXAMPLES).iterdir()]):
+        if path.suffix == ".toml":
+            # Without a time at which it begins, a scene begins now.
+            text = path.read_text().replace("../flights/", "")
+            text = re.sub(r"\[\[http\]\]\n(.+\n)+", "", text)  # there is no server
+            if "start_utc" not in text:
+                text = text.replace("[scene]\n", f"[scene]\n{START}\n", 1)
+            bench.write(path.name, text.encode())
             names.append(path.stem)
-    for path in shipped:
-        bench.write(f"shipped-{path.name}", path.read_bytes())
-        # Without a time at which it begins, a scene begins now.
-        text = path.read_text()
-        if "start_utc" not in text:
-            text = text.replace("[scene]\n", f"[scene]\n{START}\nduration_s = 30.0\n", 1)
-        bench.write(path.name, text.encode())
-        names.append(path.stem)
-    names.sort(key=lambda name: (name not in CONVERTED, name))
-    found: list[Job] = [partial(_scene, name=name) for name in names]
+        elif path.suffix in (".geojson", ".hgt"):
+            bench.write(path.name, path.read_bytes())
+    found: list[Job] = [partial(_shipped, name=name) for name in names]
+    names += sorted(path.stem for path in SCENES.glob("*.toml"))
+    found += [partial(_scene, name=name) for name in names]
     found += [partial(_chart, name=name) for name in CHARTED if name in names]
-    recordings = sorted((GIVEN / "recordings").glob("*.*"))
-    found += [partial(_foreign, path=path) for path in recordings if path.suffix != ".md"]
-    found += [partial(_inject, file=file) for file in _flights()]
-    return [*found, _static, _sensors, _udp, _session_over_mqtt, wrong_scenes, wrong_uses]
+    recordings = sorted((GOLDEN / "recordings").iterdir())
+    found += [partial(_foreign, path=path) for path in recordings]
+    flights = sorted(path.name for path in (GOLDEN / "flights").iterdir())
+    found += [partial(_inject, file=file) for file in ["loop.gpx", *flights]]
+    found += [_static, _sensors, _udp, _session_over_mqtt, _sweeps, wrong_scenes, wrong_uses]
+    return found
 
 
-def _is_complete(name: str) -> bool:
-    return name not in FLIGHTS or (GIVEN / "flights" / FLIGHTS[name]).exists()
-
-
-def _flights() -> list[str]:
-    return ["loop.gpx", *(f for f in FLIGHTS.values() if (GIVEN / "flights" / f).exists())]
+def _shipped(bench: Bench, *, name: str) -> None:
+    """What Python has of it: the columns of three seconds."""
+    scene = load(bench.folder / f"{name}.toml")
+    simulated = simulate(scene, 3, start_utc_ns=START_NS)
+    for sensor, seen in simulated.items():
+        lines = []
+        for table in (seen.plots, seen.looks):
+            for field in fields(table):
+                value = repr(np.asarray(getattr(table, field.name)).tolist())
+                lines.append(f"{field.name} {hashlib.sha256(value.encode()).hexdigest()}")
+        bench.add(f"{name}: simulate: {sensor}", Item(lines))
 
 
 def _scene(bench: Bench, *, name: str) -> None:
@@ -72,34 +98,52 @@ def _scene(bench: Bench, *, name: str) -> None:
     if (bench.folder / f"{name}.jsonl").exists():
         bench.run(name, "convert", f"{name}.jsonl", f"{name}-in.mcap")
         heard = ["--telemetry", f"{name}-in.mcap"]
-    how = ["--broker", "none", "--speed", "max"]
     end = ["--record", record, "--write", f"{name}.raw", "--json"]
-    bench.run(name, "run", scene, *heard, *how, *end)
-    bench.recording(name, record)
+    bench.run(name, "run", scene, *heard, *QUIETLY, *end)
+    first = bench.recording(name, record)
     bench.octets(name, f"{name}.raw")
     end = ["--record", again, "--write", f"{name}-again.raw"]
-    bench.run(name, "run", record, *how, *end, change=one_count)
-    bench.recording(name, again, marked=False)
+    bench.run(name, "run", record, *QUIETLY, *end, change=one_count)
+    lines = [f"{each} {item.digest}" for each, item in _of(bench, again) if not item.is_said]
+    bench.add(f"{name}: {again}", Item(lines))
     bench.octets(name, f"{name}-again.raw")
     bench.run(name, "report", record)
     bench.run(name, "report", record, "--json")
     bench.run(name, "show", record)
-    bench.run(name, "show", record, "--list")
+    bench.run(name, "show", record, "--list", "--count", "300")
+    bench.run(name, "show", record, "--list", "--count", "100", "--verbose")
+    bench.run(name, "score", record, "--feed")
+    bench.run(name, "score", record, "--feed", "--json")
+    for topic in sorted({t.split()[0] for t in first if t.endswith("/tracks after")}):
+        bench.run(name, "score", record, "--topic", topic)
+        bench.run(name, "score", record, "--topic", topic, "--json")
     if name in CONVERTED:
-        bench.run(name, "show", record, "--json")
-        bench.run(name, "show", record, "--list", "--json", "--edition", "025-half-turn")
-        _convert(bench, name)
-        _replay(bench, name, record)
+        still = f"{name}-still.mcap"
+        topics = [word for topic in NOT_OF_PACE for word in ("--topic", topic)]
+        bench.run(name, "convert", record, still, *topics)
+        bench.run(name, "show", still, "--json", "--list", "--edition", "025-half-turn")
+        _convert(bench, name, still)
+        _replay(bench, name, still)
 
 
-def _convert(bench: Bench, name: str) -> None:
+def _of(bench: Bench, record: str) -> list[tuple[str, Item]]:
+    other = Bench(bench.folder)
+    return sorted(other.recording("", record).items())
+
+
+def _convert(bench: Bench, name: str, record: str) -> None:
     """To every format, and back."""
-    record = f"{name}.mcap"
     for suffix in SUFFIXES:
         target = f"{name}-to.{suffix}"
         bench.run(name, "convert", record, target)
         bench.octets(name, target)
-    for suffix, stage in (("ast", "before"), ("csv", "before"), ("jsonl", "telemetry")):
+    for table in TABLES:
+        target = f"{name}-{table}.parquet"
+        bench.run(name, "convert", record, target)
+        _parquet(bench, name, target)
+    _table(bench, name, record, f"{name}-to.csv")
+    _table(bench, name, record, f"{name}-before.csv", "--stage", "before", "--json")
+    for suffix, stage in (("ast", "before"), ("jsonl", "telemetry")):
         target = f"{name}-{stage}.{suffix}"
         bench.run(name, "convert", record, target, "--stage", stage, "--json")
         bench.octets(name, target)
@@ -110,8 +154,31 @@ def _convert(bench: Bench, name: str) -> None:
         target = f"{name}-from-{suffix}.{'mcap' if suffix in ('pcap', 'jsonl') else 'jsonl'}"
         bench.run(name, "convert", f"{name}-to.{suffix}", target, "--date", "2026-01-01")
         bench.octets(name, target)
+    bench.run(name, "merge", record, record, f"{name}-merged.mcap", "--json")
+    bench.octets(name, f"{name}-merged.mcap")
     if name == "heard":
         damage(bench, name)
+
+
+def _table(bench: Bench, name: str, record: str, target: str, *more: str) -> None:
+    bench.run(name, "convert", record, target, *more)
+    path = bench.folder / target
+    lines = path.read_text().split("\n") if path.exists() else []
+    bench.add(f"{name}: {target}", Item(lines, is_said=True))
+
+
+def _parquet(bench: Bench, name: str, target: str) -> None:
+    """Columns and rows, for the octets have the version of the library."""
+    path = bench.folder / target
+    lines = []
+    if path.exists():
+        table = pq.read_table(path)
+        for column in table.schema:
+            values = table[column.name]
+            if pa.types.is_timestamp(column.type):  # Python's own have no nanoseconds
+                values = values.cast(pa.int64())
+            lines.append(f"{column.name} {column.type} {values.to_pylist()}")
+    bench.add(f"{name}: {target}", Item(lines, is_said=True))
 
 
 def _replay(bench: Bench, name: str, record: str) -> None:
@@ -126,7 +193,8 @@ def _replay(bench: Bench, name: str, record: str) -> None:
         with datagrams() as listener:
             to, port = f"127.0.0.1:{listener.port}", listener.port
             bench.run(name, *how, "--udp", to, change=OF_REPLAYS, port=port)
-        bench.add(f"{name}: replay {which} to UDP: datagrams", _series(listener.heard))
+        lines = [each.hex() for each in listener.heard]
+        bench.add(f"{name}: replay {which} to UDP: datagrams", Item(lines))
     for which, more in {
         "all": ["--truth", "--stamps", "+86399.5", "--topic", "plotfeed=lab/again"],
         "lossy": [*link, "--end", "9"],
@@ -136,19 +204,14 @@ def _replay(bench: Bench, name: str, record: str) -> None:
         _over_mqtt(bench, f"{name}: replay {which}", *how, change=OF_REPLAYS)
 
 
-def _series(datagrams: list[bytes]) -> Item:
-    series = Series()
-    for datagram in datagrams:
-        series.add(payload=datagram)
-    return series.item()
-
-
-def _over_mqtt(bench: Bench, name: str, *arguments: str, change: Change | None = None) -> None:
+def _over_mqtt(bench: Bench, name: str, *words: str, change: Change | None = None) -> None:
+    """An item for each topic; of the ledger nothing, for its encoding may change."""
     with broker() as found:
         address = f"mqtt://127.0.0.1:{found.port}"
-        bench.run(name, *arguments, "--broker", address, change=change, port=found.port)
-    for topic, series in sorted(found.topics.items()):
-        bench.add(f"{name}: published {topic}", series.item())
+        bench.run(name, *words, "--broker", address, change=change, port=found.port)
+    for topic, lines in sorted(found.topics.items()):
+        if not topic.endswith("/truth"):
+            bench.add(f"{name}: published {topic}", of_messages(topic, lines))
 
 
 def _chart(bench: Bench, *, name: str) -> None:
@@ -164,12 +227,14 @@ def _foreign(bench: Bench, *, path: Path) -> None:
         target = f"{path.stem}-to.{suffix}"
         bench.run("recording", "convert", path.name, target, "--date", "2026-01-01")
         bench.octets("recording", target)
+    _table(bench, "recording", path.name, f"{path.stem}-to.csv", "--date", "2026-01-01")
     if path.suffix == ".pcap":
         _replay(bench, path.name, path.name)
 
 
 def _inject(bench: Bench, *, file: str) -> None:
-    reference = ["--altitude-reference", "ellipsoid"] if file.endswith(".csv") else []
+    reference = ["--altitude-reference", "ellipsoid"] if file == "eight.csv" else []
+    reference += ["--height-m", "60"] if file == "frames.srt" else []
     fast = ["--speed", "1000", *reference]
     _over_mqtt(bench, f"inject {file}", "inject", file, *fast)
     more = ["--encoding", "json", "--raw", "--drone", "d", "--rcs-m2", "0.2", "--prefix", "lab/1"]
@@ -184,27 +249,32 @@ def _static(bench: Bench) -> None:
         bench.run("static", command, "--help")
     for what in ("scene", "messages", "asyncapi"):
         bench.run("static", "schema", what)
+    bench.run("static", "scenes", "--json")
 
 
 def _sensors(bench: Bench) -> None:
     listed = bench.run("static", "sensors")
     bench.run("static", "sensors", "--json")
     for line in listed.split("\n\n", maxsplit=1)[0].splitlines()[1:]:
-        preset = line.split()[0]
-        bench.run("static", "sensors", preset)
-        bench.run("static", "sensors", preset, "--json")
+        bench.run("static", "sensors", line.split()[0], "--json")
 
 
 def _udp(bench: Bench) -> None:
-    """ASTERIX of a session by datagrams, one destination for all and one for a sensor."""
-    scene = (bench.folder / "links.toml").read_text()
-    with datagrams() as everything, datagrams() as one:
-        tables = f'[[udp]]\ndestination = "127.0.0.1:{everything.port}"\nmax_octets = 64\n'
-        tables += f'[[udp]]\ndestination = "127.0.0.1:{one.port}"\nsensors = ["radar"]\n'
-        bench.write("udp.toml", f"{scene}\n{tables}".encode())
-        bench.run("udp", "run", "udp.toml", "--broker", "none", "--speed", "max", "--json")
-    for name, listener in (("everything", everything), ("one sensor", one)):
-        bench.add(f"udp: {name}", _series(listener.heard))
+    """ASTERIX of a session by datagrams, one destination for all and one for a sensor; and CoT."""
+    for name in ("links", "effects"):
+        scene = (bench.folder / f"{name}.toml").read_text()
+        of = {"links": "radar", "effects": "distant"}[name]
+        with datagrams() as everything, datagrams() as one, datagrams() as events:
+            tables = f'[[udp]]\ndestination = "127.0.0.1:{everything.port}"\nmax_octets = 64\n'
+            tables += f'[[udp]]\ndestination = "127.0.0.1:{one.port}"\nsensors = ["{of}"]\n'
+            if name == "effects":
+                tables += f'[[udp]]\ndestination = "127.0.0.1:{events.port}"\ncarries = "cot"\n'
+            bench.write(f"udp-{name}.toml", f"{scene}\n{tables}".encode())
+            bench.run("udp", "run", f"udp-{name}.toml", *QUIETLY, "--json")
+        listeners = {"everything": everything, "one sensor": one, "events": events}
+        for each, listener in listeners.items():
+            lines = [datagram.hex() for datagram in listener.heard]
+            bench.add(f"udp: {name}: {each}", Item(lines))
 
 
 def _session_over_mqtt(bench: Bench) -> None:
@@ -217,3 +287,13 @@ def _session_over_mqtt(bench: Bench) -> None:
     bench.run("over MQTT", "convert", "over-mqtt.jsonl", "over-mqtt.mcap")
     fast = ["--telemetry", "over-mqtt.mcap", "--speed", "max", "--json"]
     _over_mqtt(bench, "over MQTT", "run", "over-mqtt.toml", *fast)
+
+
+def _sweeps(bench: Bench) -> None:
+    runs = ["--runs", "2", "--duration", "5", "--processes", "1"]
+    radar = ["sweep", "radar-udp.toml", "bad-link.toml", "--vary", "link.latency_ms=0,250", *runs]
+    bench.run("sweep", *radar, "--json")
+    (table,) = (bench.folder / "sweep").glob("runs.*")
+    _parquet(bench, "sweep", f"sweep/{table.name}")
+    bench.run("sweep", "sweep", "field-day.toml", *runs, "--out", "runs.csv")
+    bench.octets("sweep", "runs.csv")

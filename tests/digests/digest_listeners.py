@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from digest_items import Series
+from digest_items import without_pace
 
 BUFFER_OCTETS = 32 << 20
 CONNECT, PUBLISH, SUBSCRIBE, PING = 0x10, 0x30, 0x80, 0xC0
@@ -59,7 +59,7 @@ class Broker:
     """
 
     port: int = 0
-    topics: dict[str, Series] = field(default_factory=dict)
+    topics: dict[str, list[str]] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def serve(self, client: socket.socket) -> None:
@@ -91,9 +91,9 @@ class Broker:
             if not rest[at - 1] & 0x80:
                 break
         with self.lock:
-            series = self.topics.setdefault(topic, Series())
             properties, payload = rest[at : at + length], rest[at + length :]
-            series.add(payload=payload, properties=properties, flags=kind & 0x07)
+            line = f"{kind & 0x07} {properties.hex()} {without_pace(topic, payload).hex()}"
+            self.topics.setdefault(topic, []).append(line)
 
 
 def _length(stream: object) -> int:
