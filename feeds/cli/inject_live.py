@@ -33,7 +33,6 @@ OPTIONS = {
     "drone": "--drone",
     "view": "--view",
     "qnh_hpa": "--qnh-hpa",
-    "edition": "--edition",
     "interface": "--interface",
 }
 """By the keys of a scene that they are."""
@@ -49,8 +48,7 @@ def settings_of_source(
     if settings.speed != 1 or settings.shift or settings.raw:
         raise PlotfeedError(f"{url}: --speed, --now and --raw are for files")
     tree: dict[str, Any] = {"url": url, "drone": settings.drone, "rcs_m2": settings.rcs_m2}
-    tree |= {name: options[name] for name in ("altitude", "ask_hz", "qnh_hpa")}
-    tree |= {name: options[name] for name in ("edition", "interface") if options[name] is not None}
+    tree |= {name: options[name] for name in ("altitude", "ask_hz", "qnh_hpa", "interface")}
     if options["view"] is not None:
         try:
             tree["view"] = [float(text) for text in options["view"].split(",")]

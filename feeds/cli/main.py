@@ -172,11 +172,10 @@ def run(scene: Path, **options: Any) -> int:
 def inject(flight: str, broker: str, **options: Any) -> int:
     """Publish FLIGHT, a recorded file, or what a live SOURCE says, as live telemetry.
 
-    FLIGHT is a DJI subtitle file (.srt) or flight record (.txt), a table (.csv, .tsv, .txt), a log
-    of ArduPilot (.bin), MAVLink (.tlog) or PX4 (.ulg), a GPX (.gpx) or KML (.kml) track, or NMEA
-    sentences (.nmea).
+    FLIGHT is a DJI subtitle file (.srt), a table (.csv, .tsv, .txt), a log of ArduPilot (.bin),
+    MAVLink (.tlog) or PX4 (.ulg), a GPX (.gpx) or KML (.kml) track, or NMEA sentences (.nmea).
 
-    SOURCE is KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or remote-id:-, of the
+    SOURCE is KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or mavlink:-, of the
     kinds mavlink, remote-id, sbs1, beast and asterix-021.
     """
     from plotfeed.feeds.cli.inject import InjectSettings, publish_flight

@@ -262,11 +262,6 @@ source_options = together(
         help="Join a multicast group of a source at this network interface, such as eth0.",
     ),
     click.option(
-        "--edition",
-        metavar="EDITION",
-        help="Read ASTERIX 021 of a source by this edition: 0.23 to 0.26, or 2.1 to 2.7, as usual.",
-    ),
-    click.option(
         "--ask-hz",
         type=click.FloatRange(0.1, 50),
         metavar="HERTZ",
@@ -308,7 +303,7 @@ def take_flight_options(options: dict[str, Any]) -> FlightOptions:
 
 def take_source_options(options: dict[str, Any]) -> dict[str, Any]:
     """What `source_options` gave, likewise."""
-    names = ("duration", "altitude", "ask_hz", "view", "qnh_hpa", "edition", "interface")
+    names = ("duration", "altitude", "ask_hz", "view", "qnh_hpa", "interface")
     return {name: options.pop(name) for name in names}
 
 

@@ -23,7 +23,7 @@ from plotfeed.proto.tracks.cot import cot_events
 from plotfeed.proto.tracks.geojson import LiveFeatures, feature_collection, location_fixes
 from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
 from plotfeed.proto.tracks.track_batch import track_batch
-from plotfeed.proto.tracks.utm_json import air_traffic, f3411_flights, gutma_logs
+from plotfeed.proto.tracks.utm_json import air_traffic, f3411_flights
 
 Encoder = Callable[[ToldTracks, TrackOrigin, SectorStamp], Sequence[bytes]]
 """What makes payloads of the tracks of a sector, of which there is at least one."""
@@ -91,7 +91,6 @@ ENCODERS: dict[str, Callable[[], Encoder]] = {
     "geojson": _one(feature_collection),
     "air-traffic": _one(air_traffic),
     "f3411": _one(f3411_flights),
-    "gutma": _each(gutma_logs),
     "foxglove-geojson": _living,
     "foxglove-location": _each(location_fixes),
 }

@@ -52,7 +52,7 @@ class FlightFile(SceneTable):
     """A recorded flight, flown from the session's start on."""
 
     file: str
-    """DJI SRT or flight record, CSV of whatever exporter, ArduPilot DataFlash, MAVLink tlog, PX4
+    """DJI SRT, CSV of whatever exporter, ArduPilot DataFlash, MAVLink tlog, PX4
     ULog, GPX, KML or NMEA; relative to the scene."""
     columns: dict[str, str] = Field(default={})
     """Of a CSV: the file's name for each of ours, such as latitude_deg = "lat"."""

@@ -159,7 +159,6 @@ REPORT_FORMATS: dict[str, ReportFormat] = {
             "air-traffic", "plotfeed.AirTraffic", "Observations for Flight Blender's air traffic."
         ),
         tracks_in_json("f3411", "plotfeed.F3411Flights", "Flights in the words of ASTM F3411-22a."),
-        tracks_in_json("gutma", "plotfeed.GutmaLog", "A flight log like GUTMA's, of one position."),
         tracks_in_json(
             "foxglove-geojson", "foxglove.GeoJSON", "All living tracks, for Foxglove's map."
         ),

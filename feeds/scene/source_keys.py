@@ -22,7 +22,6 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     split_address,
 )
-from plotfeed.proto.asterix.decode_021 import NEWEST, Edition021
 
 LOOPBACK_4 = "127.0.0.1"
 USUAL_BAUD = 57_600
@@ -53,7 +52,7 @@ class SourceKind:
 
 KINDS: Mapping[str, SourceKind] = {
     "mavlink": SourceKind("mav-{system}", frozenset({"system", "component", "host", "port"})),
-    "remote-id": SourceKind("{id}", frozenset({"id"}), OCTETS | {"http"}),
+    "remote-id": SourceKind("{id}", frozenset({"id"}), frozenset({"udpin", "udpout", "http"})),
     **{
         name: SourceKind("{icao}", frozenset({"icao", "callsign"}), is_traffic=True)
         for name in ("sbs1", "beast", "asterix-021")
@@ -79,7 +78,7 @@ class SourceAddress:
         if kind not in KINDS:
             kinds = ", ".join(KINDS)
             raise ValueError(f"expected KIND:TRANSPORT:PLACE, of the kinds {kinds}, not {text!r}")
-        if where == "-":
+        if where == "-" and "stdin" in KINDS[kind].transports:
             return cls(kind, "stdin")
         if where.startswith("/"):
             where = f"serial:{where}"
@@ -89,8 +88,9 @@ class SourceAddress:
             return cls(kind, transport, path=_base_url(where))
         if transport is None or transport not in KINDS[kind].transports:
             known = sorted(n for n, t in _TRANSPORTS.items() if t in KINDS[kind].transports)
+            serial = " or a serial port" if "serial" in known else ""
             raise ValueError(
-                f"expected one of {', '.join(known)} or a serial port after {kind}, not {text!r}"
+                f"expected one of {', '.join(known)}{serial} after {kind}, not {text!r}"
             )
         place = place.removeprefix("//")
         if transport == "serial":
@@ -194,9 +194,6 @@ class TelemetrySource(SceneTable):
     qnh_hpa: Annotated[float, Field(ge=850, le=1100)] | None = None
     """Pressure at sea level, by which pressure altitudes of ADS-B become such above it; without it,
     that of the standard atmosphere."""
-    edition: Edition021 = NEWEST
-    """Of asterix-021, by which its blocks are read: those from 2.1 on are alike, those to 0.26 are
-    not, and nothing in a block tells which it is."""
     interface: str | None = None
     """Where a multicast group is joined: the name of a network interface, or its IPv4 address;
     without it, by the system's route."""
@@ -219,8 +216,6 @@ class TelemetrySource(SceneTable):
             raise ValueError("view: network Remote ID is asked for one, and nothing else")
         if self.qnh_hpa is not None and not KINDS[kind].is_traffic:
             raise ValueError("qnh_hpa: only for ADS-B")
-        if self.edition != NEWEST and kind != "asterix-021":
-            raise ValueError("edition: only for asterix-021")
         if self.interface is not None:
             if self.address.transport != "udpin" or not self.address.is_multicast:
                 raise ValueError(f"interface: only for a multicast group, which {self.url} is not")

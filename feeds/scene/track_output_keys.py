@@ -110,7 +110,7 @@ class HttpDestination(QueuedDestination):
 
     url: Annotated[str, AfterValidator(_url)]
     """http:// or https://, with path and query; {session} in it stands for a UUID of the run."""
-    carries: Literal["air-traffic", "f3411", "geojson", "gutma"] = "air-traffic"
+    carries: Literal["air-traffic", "f3411", "geojson"] = "air-traffic"
     """Format of the messages, which the sensors must have in their `report`."""
     token: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,64}$")] | None = None
     """Which bearer token to send: NAME is that in the environment variable

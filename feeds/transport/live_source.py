@@ -133,9 +133,7 @@ def listener_of(settings: TelemetrySource) -> Listener:
 
         return MavlinkReports(settings.template, settings.altitude)
     if KINDS[settings.address.kind].is_traffic:
-        return AircraftReports(
-            settings.address.kind, settings.template, settings.qnh_hpa, settings.edition
-        )
+        return AircraftReports(settings.address.kind, settings.template, settings.qnh_hpa)
     if settings.address.transport == "http":
         return NetworkRemoteIdReports(settings.template)
     return RemoteIdReports(settings.template)

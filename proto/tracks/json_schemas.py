@@ -90,19 +90,6 @@ _OBSERVATION = _object(
         last=TRUTH,
     ),
 )
-_LOGGING = _object(
-    altitude_system=_one_of("WGS84"),
-    logging_start_dtg=TEXT,
-    flight_logging_keys=_list(TEXT),
-    flight_logging_items=_list(_list(PERHAPS)),
-    events=_list({}),
-)
-_LOG = _object(
-    message_type=_one_of("flight_logging_submission"),
-    file=_object(logging_type=TEXT, filename=TEXT, creation_dtg=TEXT),
-    flight_data=_object(flight_id=TEXT, aircraft=_object(model=TEXT, serial_number=TEXT)),
-    flight_logging=_LOGGING,
-)
 
 JSON_SCHEMAS: Mapping[str, Schema] = {
     "plotfeed.TrackFeatures": _object(type=_one_of("FeatureCollection"), features=_list(_FEATURE)),
@@ -110,9 +97,6 @@ JSON_SCHEMAS: Mapping[str, Schema] = {
     "plotfeed.F3411Flights": _object(
         timestamp=_TIME,
         flights=_list(_object(id=TEXT, aircraft_type=TEXT, simulated=TRUTH, current_state=_STATE)),
-    ),
-    "plotfeed.GutmaLog": _object(
-        exchange=_object(exchange_type=_one_of("flight_logging"), message=_LOG)
     ),
     "foxglove.GeoJSON": _object(geojson=TEXT),
     "foxglove.LocationFix": _object(

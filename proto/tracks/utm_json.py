@@ -1,4 +1,4 @@
-"""Tracks as UTM systems take them in JSON: Flight Blender, ASTM F3411, and a log like GUTMA's."""
+"""Tracks as UTM systems take them in JSON: Flight Blender and ASTM F3411."""
 
 from __future__ import annotations
 
@@ -95,39 +95,6 @@ def _flight(told: Told, origin: TrackOrigin) -> dict[str, Any]:
             ),
         },
     }
-
-
-def gutma_logs(tracks: ToldTracks, origin: TrackOrigin) -> list[bytes]:
-    """A flight log with one position for each track, by the names that GUTMA's format has.
-
-    The protocol's own schema was not at hand: these are the keys that its readers look for.
-    """
-    return [_log(told, origin) for told in one_by_one(tracks)]
-
-
-def _log(told: Told, origin: TrackOrigin) -> bytes:
-    time, name = iso_utc_ms(told["t_utc_ns"]), origin.name_of(told["track"])
-    row = {
-        "timestamp": 0.0,
-        "gps_lon": round(told["longitude_deg"], 8),
-        "gps_lat": round(told["latitude_deg"], 8),
-        "gps_altitude": None if told["height_m"] is None else round(told["height_m"], 2),
-        "speed": round(told["speed_m_s"], 2),
-        "heading": round(told["course_deg"], 2),
-    }
-    message = {
-        "message_type": "flight_logging_submission",
-        "file": {"logging_type": "GUTMA_DX_JSON", "filename": name, "creation_dtg": time},
-        "flight_data": {"flight_id": name, "aircraft": {"model": "unknown", "serial_number": name}},
-        "flight_logging": {
-            "altitude_system": "WGS84",
-            "logging_start_dtg": time,
-            "flight_logging_keys": list(row),
-            "flight_logging_items": [list(row.values())],
-            "events": [],
-        },
-    }
-    return _json({"exchange": {"exchange_type": "flight_logging", "message": message}})
 
 
 def _bound(classes: Mapping[str, float], of_sigma: float, sigma: float | None) -> str:

@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 
 from fuzz.targets import CONTENT_TYPES, NS_2026
-from support.dji_flights import part_of_a_flight
 from support.scene_files import DRONE, radar, scene_text
 
 from plotfeed.feeds.messages.message import Message
@@ -136,7 +135,7 @@ OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
     "control": lambda: (json.dumps(command).encode() for command in COMMANDS),
     "page": _page,
     "scene": lambda: [scene_text(port=1883, drones=DRONE).encode()],
-    "live-remote-id": lambda: [AIRBORNE, b"\x19aa:bb " + AIRBORNE[1:].hex().encode() + b"\n"],
+    "live-remote-id": lambda: [AIRBORNE],
     "live-mavlink": _mavlink,
     "live-sbs1": lambda: [b"\x10" + SBS_1],
     "live-beast": lambda: [b"\x10" + BEAST],
@@ -150,7 +149,6 @@ OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
         b'}, "position": {"lat": 40, "lng": 3, "alt": 90, "accuracy_h": "HA3m"}, "speed": 3}}]}'
     ],
     "flight-srt": lambda: [SRT.encode()],
-    "flight-dji": lambda: [part_of_a_flight(version) for version in (5, 8, 12)],
     "flight-ulg": lambda: [(GOLDEN / "flights" / "part.ulg").read_bytes()],
     "flight-gpx": lambda: [GPX.encode()],
     "flight-csv": lambda: [TABLE.encode()],

@@ -19,7 +19,6 @@ from plotfeed.feeds.score.track_decoding import tracks_in
 from plotfeed.feeds.telemetry import decode_reports
 from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions, Reader
-from plotfeed.feeds.telemetry.flights.dji_record import read_dji_record
 from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.live.network_remote_id import NetworkRemoteIdReports
@@ -190,7 +189,6 @@ TARGETS: Mapping[str, Target] = {
     **{f"recording-{form}": recording(form) for form, f in FORMATS.items() if f.reader},
     **{f"live-{kind}": live(kind) for kind in LIVE},
     **{f"flight-{suffix[1:]}": flight(reader) for suffix, reader in BY_SUFFIX.items()},
-    "flight-dji": flight(read_dji_record),
 }
 
 

@@ -6,7 +6,7 @@ The path is known at every instant, unlike that of a recorded flight: `place_m` 
 say where the drone is from where it took off. Layouts are those of real logs: subtitles of a
 Matrice 300, a table with columns of its own, and DataFlash records of ArduPilot 4 with the formats
 before them, fixes that are none in the beginning, and one that is logged twice. A part of it as
-Airdata, Litchi, PhantomHelp, older DJI models and DJI's apps, PX4, KML and NMEA have it.
+Airdata, Litchi, PhantomHelp, older DJI models, PX4, KML and NMEA have it.
 """
 
 from __future__ import annotations
@@ -344,31 +344,12 @@ def nmea() -> str:
     return "\r\n".join(lines) + "\r\n"
 
 
-WITHOUT_SATELLITES = 5
-
-
-def dji_rows(part_s: tuple[int, int] = PART_S) -> list[tuple[float, ...]]:
-    """What a flight record of DJI's has, five times a second, the first ones without a fix."""
-    rows = []
-    for fifths in range((part_s[1] - part_s[0]) * 5):
-        t_s = part_s[0] + fifths / 5
-        utc_ms = round((START + timedelta(seconds=t_s)).timestamp() * 1000)
-        satellites = 14 if fifths >= WITHOUT_SATELLITES else 2
-        rows.append((utc_ms, *geodetic(t_s), *velocity_m_s(t_s), fifths / 5, satellites))
-    return rows
-
-
 def write(folder: Path) -> None:
     """All of them."""
-    from dji_records import Flown, dji_record  # beside this script
-
     (folder / "eight.srt").write_text(subtitles())
     (folder / "eight.csv").write_text(table())
     (folder / "eight.bin").write_bytes(dataflash())
     (folder / "part.ulg").write_bytes(ulog())
-    for version in (5, 8):
-        record = dji_record(version, [Flown(*row) for row in dji_rows()])
-        (folder / f"record_{version}.txt").write_bytes(record)
     for name, text in (
         ("airdata.csv", airdata()),
         ("litchi.csv", litchi()),

@@ -14,7 +14,6 @@ from plotfeed.feeds.telemetry.flights.autopilot_logs import (
     read_dataflash,
     read_tlog,
 )
-from plotfeed.feeds.telemetry.flights.dji_record import read_dji_record, record_version
 from plotfeed.feeds.telemetry.flights.flight import (
     MAX_OCTETS,
     Flight,
@@ -30,6 +29,7 @@ from plotfeed.feeds.telemetry.flights.table import read_table
 from plotfeed.feeds.telemetry.flights.ulog import ULOG_START, read_ulog
 from plotfeed.proto.errors import PlotfeedError
 
+EXPORTERS = "Airdata, PhantomHelp or Flight Reader"
 Reader = Callable[[bytes, FlightOptions, Log], None]
 
 
@@ -100,8 +100,11 @@ def _reader(path: Path, data: bytes) -> Reader:
         kind = ".kml" if b"<kml" in start else ".gpx"
     elif LOOKS_LIKE.match(start):
         kind = ".nmea"
-    elif record_version(data) is not None:
-        return read_dji_record
+    elif version := _dji_version(data):
+        raise PlotfeedError(
+            f"a flight record of a DJI app, version {version}, which plotfeed does not read: "
+            f"have {EXPORTERS} make a CSV of it, and give that"
+        )
     elif b"-->" in start:
         kind = ".srt"
     elif kind not in BY_SUFFIX and looks_like_tlog(data):
@@ -109,6 +112,18 @@ def _reader(path: Path, data: bytes) -> Reader:
     if kind in BY_SUFFIX:
         return BY_SUFFIX[kind]
     raise PlotfeedError(f"unknown kind of file; expected one of {' '.join(BY_SUFFIX)}")
+
+
+def _dji_version(data: bytes) -> int:
+    """The version of a binary flight record of a DJI app; 0 for anything else.
+
+    It begins with where its details are, 8 octets little-endian, their length, 2, and the version;
+    an encrypted one, from version 13 on, may leave that place 0.
+    """
+    details, version = int.from_bytes(data[:8], "little"), data[10] if len(data) > 10 else 0
+    if not (0 < version < 32 and 0 in data[:8]):
+        return 0
+    return version if 12 < details <= len(data) or (details == 0 and version >= 13) else 0
 
 
 __all__ = ["Flight", "FlightOptions", "GpsOrder", "read", "smoothed"]

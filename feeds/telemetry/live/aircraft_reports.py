@@ -17,9 +17,7 @@ from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.decode_021 import (
-    NEWEST,
     AircraftReport,
-    Edition021,
     read_021,
 )
 from plotfeed.proto.errors import DecodeError
@@ -77,19 +75,12 @@ class _Heights:
 class AircraftReports:
     """Hears one of three protocols, of several receivers; an aircraft is one, whoever heard it."""
 
-    def __init__(
-        self,
-        kind: str,
-        template: str,
-        qnh_hpa: float | None = None,
-        edition: Edition021 = NEWEST,
-    ) -> None:
-        """`kind` is sbs1, beast or asterix-021, of that edition; names have {icao} and {callsign}.
+    def __init__(self, kind: str, template: str, qnh_hpa: float | None = None) -> None:
+        """`kind` is sbs1, beast or asterix-021; names have {icao} and {callsign}.
 
         `qnh_hpa` is the pressure at sea level, by which altitudes of pressure become such above it.
         """
         self._kind, self._template, self._heights = kind, template, _Heights(qnh_hpa)
-        self._edition: Edition021 = edition
         self._aircraft: dict[str, _Aircraft] = {}
         self._lines: dict[str, bytes] = {}
         self._frames: dict[str, BeastSplitter] = {}
@@ -202,13 +193,11 @@ class AircraftReports:
             end += octets
         rest = buffer[end:]
         try:
-            reports = read_021(buffer[:end], self._edition)
+            reports = read_021(buffer[:end])
         except DecodeError as error:
             reports = []
-            yield HeardReport(
-                "",
-                Refused(Reason.UNDECODABLE, f"no ASTERIX 021 of edition {self._edition}: {error}"),
-            )
+            detail = f"no ASTERIX 021 of editions 2.1 to 2.7: {error}"
+            yield HeardReport("", Refused(Reason.UNDECODABLE, detail))
         if rest[:1] == b"\x15" and len(self._lines) < MAX_PEERS and rest[1:3] != b"\0\0":
             self._lines[peer] = rest
         elif rest:

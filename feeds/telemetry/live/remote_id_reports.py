@@ -9,13 +9,7 @@ from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.open_drone_id import (
-    MESSAGE_OCTETS,
-    PACK,
-    OdidIdentity,
-    OdidLocation,
-    messages_in,
-)
+from plotfeed.proto.open_drone_id import OdidIdentity, OdidLocation, messages_in
 from plotfeed.proto.utc import NS
 
 HOUR_NS = 3600 * NS
@@ -23,8 +17,6 @@ OFF_NS = 60 * NS
 """A position that would be older, or as far ahead, is of a clock that is off: it is of now."""
 MAX_TRANSMITTERS = 1000
 """Whose identities are remembered; the one that was heard first gives way."""
-MAX_LINE = 4096
-PACK_SIZE = bytes([MESSAGE_OCTETS])
 
 
 def report_of(location: OdidLocation, now_utc_ns: int) -> PositionReport:
@@ -69,46 +61,19 @@ def _or_none(value: float) -> float | None:
 
 
 class RemoteIdReports:
-    """Hears Open Drone ID messages and packs, each peer a receiver.
-
-    What comes is a message, a pack, or lines of either in hexadecimal, each with the address of its
-    transmitter before it if it has several: `60:60:1f:00:00:01 1222…`.
-    """
+    """Hears Open Drone ID messages and packs; each peer is a transmitter."""
 
     def __init__(self, template: str) -> None:
         """`template` is that of names, in which {id} is the identity, else the transmitter."""
         self._template = template
         self._identities: dict[str, str] = {}
-        self._lines: dict[str, bytes] = {}
 
     def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
-        """The reports in a datagram or in lines."""
-        if not self._lines.get(peer) and is_message(data):
-            yield from self.said(peer, data, now_utc_ns)
-            return
-        *lines, rest = (self._lines.pop(peer, b"") + data).split(b"\n")
-        if len(rest) <= MAX_LINE:
-            self._lines[peer] = rest
-        else:
-            yield HeardReport(
-                "", Refused(Reason.OVERSIZED, f"a line of more than {MAX_LINE} octets")
-            )
-        for line in lines:
-            *whose, octets = line.split() or [b""]
-            try:
-                message = bytes.fromhex(octets.decode())
-            except ValueError:
-                text = ascii(line[:80].decode("latin-1"))
-                detail = f"a line {text}; expected octets in hexadecimal"
-                yield HeardReport("", Refused(Reason.UNDECODABLE, detail))
-                continue
-            if message:
-                of = whose[-1].decode("latin-1") if whose else peer
-                yield from self.said(of, message, now_utc_ns)
+        """The reports in a datagram."""
+        yield from self.said(peer, data, now_utc_ns)
 
     def forget(self, peer: str) -> None:
-        """Drop the beginning of a line."""
-        self._lines.pop(peer, None)
+        """Nothing: a datagram is whole."""
 
     def notes(self) -> list[str]:
         """Nothing."""
@@ -145,10 +110,3 @@ class RemoteIdReports:
             return HeardReport.checked(name, report_of(location, now_utc_ns))
         except Refused as refused:
             return HeardReport(name, refused)
-
-
-def is_message(data: bytes) -> bool:
-    """Whether octets look like a message or a pack, and not like digits that write one."""
-    if not data.strip(b"0123456789abcdefABCDEF:-_ \r\n"):
-        return False
-    return len(data) == MESSAGE_OCTETS or (data[0] >> 4 == PACK and data[1:2] == PACK_SIZE)

@@ -12,7 +12,10 @@ from support.scene_files import radar, scene_file, scene_text
 from support.vehicles import sending_vehicle
 
 pytest.importorskip("pymavlink")
-AIRBORNE = "12222364fe595e1c18b3ddc6fd600dc30d48084b33aaffff00"
+AIRBORNE = "".join(
+    f"MSG,3,1,1,{icao},1,,,,,,1000,,,40.45,{longitude},,,,,,0\n"
+    for icao, longitude in (("484412", "-3.72"), ("485020", "-3.74"))
+)
 """Of now, whenever that is."""
 
 
@@ -23,17 +26,15 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
         broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT 5')}")
         with sending_vehicle(port):
             done = plotfeed("inject", f"mavlink:udp://:{port}", *broker, "--duration", "4")
-        identity = "0212" + b"1581F4XF".ljust(20, b"\0").hex() + "000000"
-        lines = f"aa:bb {identity}\naa:bb {AIRBORNE}\nnonsense\ncc:dd {AIRBORNE}\n"
-        to_the_end = plotfeed("inject", "remote-id:-", *broker, stdin=lines)
+        to_the_end = plotfeed("inject", "sbs1:-", *broker, stdin=f"nonsense\n{AIRBORNE}")
     assert done.returncode == 0, done.stderr
     assert f"listens to mavlink:udpin:127.0.0.1:{port}, drones are mav-{{system}}" in done.stdout
     assert "drones: mav-1" in done.stdout
     assert "undelivered 0" in done.stdout
     assert "refused" not in done.stderr
     assert to_the_end.returncode == 0, to_the_end.stderr
-    assert "drones: 1581F4XF, cc:dd" in to_the_end.stdout
-    assert "not taken: undecodable 1: a line 'nonsense'; expected octets" in to_the_end.stderr
+    assert "drones: 484412, 485020" in to_the_end.stdout
+    assert "not taken: undecodable 1: a line 'nonsense'; expected SBS-1" in to_the_end.stderr
 
 
 @pytest.mark.parametrize(
@@ -42,8 +43,10 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
         (("mavlink:pigeon:1",), "expected one of"),
         (("mavlink:udp::14550", "--drone", "{serial}"), "--drone: {serial} is not known"),
         (("mavlink:udp::14550", "--speed", "2"), "are for files"),
-        (("asterix-021:udp::8600", "--edition", "1.0"), "--edition: input should be '0.23',"),
-        (("mavlink:udp::14550", "--edition", "0.26"), "edition: only for asterix-021"),
+        (
+            ("remote-id:-",),
+            "expected one of http, https, mcast, udp, udpin, udpout",
+        ),
         (("mavlink:udp::14550", "--interface", "lo"), "--interface: only for a multicast group"),
         (("nothing.srt",), "cannot be read: No such file"),
     ],

@@ -49,7 +49,6 @@ def told_in(message: Message) -> Iterator[tuple[str, int]]:
             "geojson": lambda: [each["id"] for each in found["features"]],
             "air-traffic": lambda: [each["icao_address"] for each in found["observations"]],
             "f3411": lambda: [each["id"] for each in found["flights"]],
-            "gutma": lambda: [found["exchange"]["message"]["file"]["filename"]],
             "foxglove-geojson": lambda: [
                 each["id"] for each in json.loads(found["geojson"])["features"]
             ],

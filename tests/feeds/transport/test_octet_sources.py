@@ -266,7 +266,7 @@ async def test_a_serial_port_that_is_unplugged_is_opened_again(
         ("mavlink:/dev/null", "expected a serial port"),
         ("mavlink:/nowhere/tty", "No such file"),
         ("mavlink:/dev/null,12345", "12345 baud is no usual rate"),
-        ("remote-id:file:/nowhere", "no file that can be read"),
+        ("sbs1:file:/nowhere", "no file that can be read"),
     ],
 )
 async def test_what_cannot_be_opened_says_why(url: str, why: str) -> None:
@@ -280,7 +280,7 @@ async def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "hex"
     path.write_bytes(bytes(range(256)) * 1000)
     taker = Taker()
-    source = octets_of(SourceAddress.parse(f"remote-id:file:{path}"), taker)
+    source = octets_of(SourceAddress.parse(f"sbs1:file:{path}"), taker)
     await source.open()
     await source.run()
     source.close()
@@ -302,7 +302,7 @@ async def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
         ("mavlink:tcpin::5760", "mavlink:tcpin:127.0.0.1:5760"),
         ("mavlink:/dev/ttyACM0", "mavlink:/dev/ttyACM0,57600"),
         ("mavlink:serial:///dev/ttyUSB0:115200", "mavlink:/dev/ttyUSB0,115200"),
-        ("remote-id:-", "remote-id:-"),
+        ("sbs1:-", "sbs1:-"),
     ],
 )
 def test_addresses_are_understood_as_users_write_them(text: str, shown: str) -> None:
@@ -316,6 +316,7 @@ def test_addresses_are_understood_as_users_write_them(text: str, shown: str) -> 
         "", "mavlink", "mavlink:", "mavlink:udp", "mavlink:udp:", "mavlink:udp:host:1x", "x:udp::1",
         "mavlink:udpin:name:1", "mavlink:tcp::5760", "mavlink:udp:1.2.3.4:0", "mavlink:file:",
         "mavlink:/dev/tty,x", "mavlink:/dev/tty,0", "mavlink:http://a", "mavlink:udp:1.2.3.4:99999",
+        "remote-id:-", "remote-id:/dev/ttyUSB0",
     ],
 )  # fmt: skip
 def test_what_is_no_address_is_an_error(text: str) -> None:

@@ -20,7 +20,7 @@ from plotfeed.proto.tracks.geojson import LiveFeatures, feature_collection, loca
 from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
 from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
 from plotfeed.proto.tracks.track_batch import track_batch
-from plotfeed.proto.tracks.utm_json import air_traffic, f3411_flights, gutma_logs
+from plotfeed.proto.tracks.utm_json import air_traffic, f3411_flights
 from plotfeed.proto.utc import utc_ns
 
 names = st.text(
@@ -173,16 +173,3 @@ def test_f3411_says_what_is_not_known_in_its_words_and_bounds_errors(tracks: Tol
         assert radius_m <= bound_m
         less = [m for m in BOUNDS_M.values() if m < bound_m]
         assert radius_m > max(less, default=0.0)
-
-
-@settings(max_examples=30)
-@given(any_tracks())
-def test_logs_like_gutmas_have_a_value_for_each_key(tracks: ToldTracks) -> None:
-    for i, octets in enumerate(gutma_logs(tracks, RADAR)):
-        message = in_json("plotfeed.GutmaLog", octets)["exchange"]["message"]
-        logging = message["flight_logging"]
-        (item,) = logging["flight_logging_items"]
-        row = dict(zip(logging["flight_logging_keys"], item, strict=True))
-        assert row["gps_lat"] == pytest.approx(tracks.latitude_deg[i], abs=1e-8)
-        assert (row["gps_altitude"] is None) == np.isnan(tracks.height_m[i])
-        assert utc_ns(logging["logging_start_dtg"]) == T_NS // 1_000_000 * 1_000_000

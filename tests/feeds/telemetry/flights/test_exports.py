@@ -39,8 +39,6 @@ CASES = {
     "part.ulg": ({}, WHOLE * 5 - 15, 3.0, SEA, (1e-5, 1e-9, 1e-4)),
     "part.kml": ({}, WHOLE - 1, 0.0, SEA, (1e-9, 1e-8, 0.0051)),
     "part.nmea": ({}, WHOLE * 5 - 2, 0.4, SEA, (1e-9, 1e-7, 0.0051)),
-    "record_5.txt": ({}, WHOLE * 5 - 5, 1.0, ABOVE, (1e-9, 1e-9, 0.051)),
-    "record_8.txt": ({}, WHOLE * 5 - 5, 1.0, ABOVE, (1e-9, 1e-9, 0.051)),
 }
 
 
@@ -62,6 +60,17 @@ def test_each_layout_gives_the_path_that_was_flown(name: str) -> None:
         height_m = up_m + (GROUND_MSL_M if above is SEA else 0.0)
         assert report.altitude_m == pytest.approx(height_m, abs=metres)
         assert report.altitude_reference is above
+
+
+@pytest.mark.parametrize(("version", "details"), [(1, 4000), (8, 500), (14, 4000), (14, 0)])
+def test_a_binary_record_of_a_dji_app_is_refused_with_what_reads_it(
+    version: int, details: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "DJIFlightRecord.txt"
+    head = details.to_bytes(8, "little") + b"\x10\x01" + bytes([version, 0])
+    path.write_bytes(head + bytes(range(256)) * 20)
+    with pytest.raises(PlotfeedError, match=rf"version {version}, which plotfeed .*Airdata"):
+        read(path)
 
 
 def test_a_film_without_heights_flies_at_the_one_that_is_given() -> None:
