@@ -3,7 +3,6 @@
 import { Address } from "./address.js";
 import { showCard, showLegend } from "./card.js";
 import { Cards } from "./cards.js";
-import { Clip } from "./clip.js";
 import { readColours, setTheme, startTheme } from "./colours.js";
 import { showConnections } from "./connect.js";
 import { Display } from "./display.js";
@@ -50,7 +49,6 @@ const pointer = new Pointer(display, () => sensors.chosen);
 const tables = new Tables(display);
 const trails = new Trails(display, picture);
 const heights = new Heights();
-const clip = new Clip(() => `${picture.news.scene?.name ?? "plotfeed"}-${new Date(display.picture.nowMs(performance.now())).toISOString().slice(0, 19).replaceAll(":", "")}`);
 const address = new Address(display, sensors, trails);
 let generation = null;
 const UPDATES_PER_S = 10;
@@ -216,7 +214,6 @@ const KEYS = {
   r: ["measures between two places", () => pointer.rule()],
   b: ["opens or closes the table", () => cards.show("table", !cards.isOpen("table"))],
   h: ["opens or closes the heights", () => cards.show("heights", !cards.isOpen("heights"))],
-  c: ["begins or saves a clip", () => clip.toggle()],
   Escape: ["ends a selection, or the ruler", () => (pointer.ruling ? pointer.rule(false) : display.select(null))],
   "?": ["opens or closes this help", () => cards.show("help", !cards.isOpen("help"))],
 }; // what the help says of each, and what it does
@@ -255,4 +252,4 @@ showTheme();
 setTruth(false);
 session.showTotals();
 feed.start();
-globalThis.plotfeed = { picture, display, feed, reader, past, trails, clip }; // for tests, and for the curious
+globalThis.plotfeed = { picture, display, feed, reader, past, trails }; // for tests, and for the curious

@@ -1,4 +1,4 @@
-"""What there is beside the picture: hover card, table, ruler, trails, heights, keys, clip."""
+"""What there is beside the picture: hover card, table, ruler, trails, heights, keys."""
 
 from __future__ import annotations
 
@@ -203,23 +203,6 @@ def test_heights_are_shown_against_the_range_of_the_chosen_sensor(page: Page) ->
         page,
         "document.getElementById('heights-text').textContent.startsWith('microphones: 0 plots')",
     )
-
-
-@pytest.mark.usefixtures("goes_on")
-def test_a_clip_of_what_is_seen_is_a_file(page: Page) -> None:
-    clip = page.get_by_role("button", name="Clip")
-    if clip.is_disabled():
-        pytest.skip("this Chromium records no clips")
-    clip.click()
-    page.get_by_role("button", name="Save clip").wait_for()
-    until(page, "plotfeed.clip.octets > 1000")
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save clip").click()
-    assert download.value.suggested_filename.startswith("road-")
-    octets = download.value.path().read_bytes()
-    assert octets.startswith(b"\x1a\x45\xdf\xa3")  # EBML, as WebM begins
-    assert len(octets) > 1000
-    page.get_by_role("button", name="Clip", exact=True).wait_for()
 
 
 @pytest.mark.usefixtures("goes_on")
