@@ -12,12 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import START_NS, fly, held, radar, scene
+from support.road import NS, START_NS, fly, held, radar, scene
 from support.significance import assert_standard_normal, assert_sum
 
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.sensing import simulation
+from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
+from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.sensors.electronic_radar import (
     CONFIRMATION,
@@ -195,3 +198,25 @@ def test_check_warns_of_more_tracks_than_there_is_time_for() -> None:
     crowded = made(1, {"max_tracks": 200})
     told = " ".join(crowded.sensor[0].warnings(crowded.scene.site))
     assert "they would take 2 of all dwells" in told
+
+
+def test_looks_lie_where_the_beams_of_their_period_are_said_to_have_pointed() -> None:
+    there_is = made(12)
+    trajectories = trajectories_of(there_is)
+    launch(there_is, trajectories, START_NS)
+    sensors = EmulatedSensors(there_is, trajectories)
+    sensors.start(START_NS)
+    width_deg = there_is.sensor[0].azimuth_beamwidth_deg
+    looks = searched = revisited = 0
+    for period in range(1, 40):
+        for seen in sensors.seen(START_NS + period * NS // 10 + 1):
+            pointed = sensors.pointed(0)
+            assert isinstance(pointed, PointedBeams)
+            every_deg = np.concatenate([pointed.search_deg, pointed.tracks_deg])
+            off_deg = wrap_180(seen.looks.azimuth_deg[:, None] - every_deg)
+            assert (np.abs(off_deg).min(axis=1) < 1.2 * width_deg).all()
+            assert pointed.width_deg == width_deg
+            looks += len(seen.looks)
+            searched += len(pointed.search_deg)
+            revisited += len(pointed.tracks_deg)
+    assert min(looks, searched, revisited) > 50

@@ -96,7 +96,7 @@ export class Sensors {
     this.showPointing();
     if (!sensor) return;
     const now = this.#inForce(sensor), link = now.link ?? {}, loss = askedLoss(link.loss);
-    if (!this.#asking) for (const radio of document.querySelectorAll("input[name=state]")) radio.checked = radio.value === this.#stateOf(sensor);
+    if (!this.#asking) for (const radio of document.querySelectorAll("input[name=state]")) radio.checked = radio.value === this.#choiceOf(sensor);
     const pfa = now.pfa ?? sensor.pfa;
     byId("pfa").disabled = sensor.pfa == null;
     this.#show("pfa", pfa == null ? "" : power(pfa), pfa == null ? "has none" : power(pfa));
@@ -134,10 +134,16 @@ export class Sensors {
     return worse("pfa") || worse("loss_db") ? "degraded" : "on";
   }
 
+  /** Which of the three states that can be chosen it has; none where it is worse by something else. */
+  #choiceOf(sensor) {
+    const now = { ...sensor, ...this.#inForce(sensor) };
+    if (now.enabled === false) return "off";
+    const like = (degraded) => Object.entries(worsened(sensor, degraded)).every(([key, value]) => Math.abs(now[key] - value) <= 1e-6 * Math.abs(value));
+    return like(false) ? "on" : like(true) ? "degraded" : "";
+  }
+
   #setState(state) {
-    const sensor = this.#sensor(), degraded = state === "degraded", set = { enabled: state !== "off" };
-    if (state !== "off" && sensor.pfa != null) set.pfa = degraded ? Math.min(+(sensor.pfa * DEGRADED_PFA).toPrecision(9), 0.1) : sensor.pfa;
-    if (state !== "off" && sensor.loss_db != null) set.loss_db = degraded ? sensor.loss_db + DEGRADED_LOSS_DB : sensor.loss_db;
+    const set = { enabled: state !== "off", ...(state === "off" ? {} : worsened(this.#sensor(), state === "degraded")) };
     this.#send({ sensor: this.chosen, set });
   }
 
@@ -183,6 +189,14 @@ export class Sensors {
     answer.textContent = words;
     answer.toggleAttribute("data-failed", failed);
   }
+}
+
+/** The keys of a sensor that is degraded, or as in the scene. */
+function worsened({ pfa, loss_db: loss }, degraded) {
+  const keys = {};
+  if (pfa != null) keys.pfa = degraded ? Math.min(+(pfa * DEGRADED_PFA).toPrecision(9), 0.1) : pfa;
+  if (loss != null) keys.loss_db = degraded ? loss + DEGRADED_LOSS_DB : loss;
+  return keys;
 }
 
 /** The keys of a link's loss, for a percentage and a mean burst; each message by itself where that loses them in bursts as long. */

@@ -6,7 +6,7 @@ export const TRACK_KEPT_MS = 60_000; // after its last report; it fades until th
 const LATE = 2.5; // times as long as its tracker usually takes
 const LEAST_MS = 2000;
 const MOST_MS = 20_000;
-const FAINTEST = 0.2;
+const FAINTEST = 0.35;
 
 let usualMs = 0; // from one report of a track to the next, of all tracks: for those that have had only one
 

@@ -30,6 +30,7 @@ from plotfeed.feeds.page.audience import (
 )
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.updates import SectionKind
+from plotfeed.feeds.session.change_control import told
 from plotfeed.proto.errors import PlotfeedError
 
 TRUE_KINDS = {
@@ -213,6 +214,11 @@ def test_the_log_is_short_and_names_and_deeds_are_plain_words() -> None:
     loss = {"link": {"loss": {"kind": "random", "probability": 0.02}, "latency_ms": 5}}
     assert words_of({"sensor": "radar", "set": loss}) == (
         "radar: link loss kind random, link loss probability 0.02, link latency_ms 5"
+    )
+    ten_times = {"sensor": "tower", "set": {"pfa": 1.9999999999999998e-5}}
+    assert words_of(ten_times) == "tower: pfa 2e-05"
+    assert told({"pfa": 1.9999999999999998e-5, "link": {"latency_ms": 250}}) == (
+        "pfa 2e-05, link.latency_ms 250"
     )
     assert words_of({"session": {"scene": "coast"}}) == "session: scene coast"
     assert words_of({"story": "jamming", "reset": True}) == "story jamming, reset"

@@ -43,6 +43,22 @@ def test_what_is_filled_in_is_asked_of_the_sensor_and_then_in_force(
         stage.commands.clear()
 
 
+def test_figures_are_told_by_as_many_digits_as_people_read(page: Page, served: Served) -> None:
+    view = served.server._view
+    served.call(lambda: view.settings("radar", {"pfa": 1.9999999999999998e-5, "link": None}))
+    page.locator("#pfa-now").get_by_text("2e-5", exact=True).wait_for()
+
+
+def test_no_state_is_chosen_of_a_sensor_that_is_worse_than_degraded(
+    page: Page, served: Served
+) -> None:
+    view = served.server._view
+    page.get_by_role("radio", name="On", exact=True, checked=True).wait_for()
+    served.call(lambda: view.settings("radar", {"loss_db": 90.0}))
+    page.locator("#sensors").get_by_text("degraded").wait_for()
+    assert page.locator("input[name=state]:checked").count() == 0
+
+
 def test_what_is_filled_in_while_an_answer_is_on_its_way_is_kept(
     page: Page, stage: MadeUpSession
 ) -> None:

@@ -17,6 +17,7 @@ from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.run_with_page import PageObserver, alongside, receiving_tracks
+from plotfeed.feeds.page.scene_outline import cover_of
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
@@ -341,3 +342,71 @@ async def test_what_a_page_has_changed_changes_again_when_the_record_is_run_agai
 
 def has_sent(show: Show, count: int) -> bool:
     return len(show.messages) >= count
+
+
+LENS = {
+    "id": "camera",
+    "type": "camera",
+    "scan": road.staring(0.1),
+    "range_max_m": 3000.0,
+    "horizontal_fov_deg": 20.0,
+    "pixels_across": 1920,
+    "pixels_down": 1080,
+    "mount": {"pan_rate_deg_s": 60.0},
+    "event": [{"from_s": 1.0, "set": {"mount": {"look_at": {"azimuth_deg": 120.0}}}}],
+}
+
+
+@pytest.mark.asyncio
+async def test_the_page_is_told_where_a_mount_points_while_it_turns_and_what_a_beam_looks_at() -> (
+    None
+):
+    steered = road.radar(
+        id="steered",
+        azimuth_min_deg=-60.0,
+        azimuth_max_deg=60.0,
+        elevation_min_deg=-5.0,
+        elevation_max_deg=40.0,
+        integration_s=0.01,
+        report=["asterix-015", "plots"],
+        scan={"kind": "electronic", "period_s": 0.5, "dwell_s": 0.01},
+    )
+    show = Show(WallClock(road.START_NS), road.scene([LENS, steered], [DRONE], seed=3))
+
+    def lens(news: dict[str, Any]) -> dict[str, Any]:
+        found: dict[str, Any] = news.get("pointing", {}).get("camera", {})
+        return found
+
+    async def act(show: Show) -> None:
+        await show.until(lambda: lens(show.news).get("pan_deg") == 120.0)
+        await show.until(lambda: lens(show.news)["sees"])
+
+    await show.play(act=act)
+    told = [lens(frame.news) for frame in show.frames if lens(frame.news)]
+    assert (told[0]["pan_deg"], told[0]["from_deg"], told[0]["cued_by"]) == (0.0, -10.0, "")
+    turning = [at for at in told if 5.0 < at["pan_deg"] < 115.0]
+    assert turning
+    assert {(at["aim_deg"], at["sees"], at["span_deg"]) for at in turning} == {(120.0, False, 20.0)}
+    assert (told[-1]["from_deg"], told[-1]["cued_by"]) == (110.0, "look_at")
+    assert show.news["covers"]["camera"]["turns"]
+    beams = show.news["pointing"]["steered"]
+    assert beams["search_deg"]
+    assert all(-60.0 <= azimuth <= 60.0 for azimuth in beams["search_deg"] + beams["tracks_deg"])
+    assert beams["width_deg"] == show.news["settings"]["steered"]["azimuth_beamwidth_deg"]
+
+
+def test_the_cover_of_a_sensor_is_that_of_its_keys_as_they_are_now() -> None:
+    lens = {key: value for key, value in LENS.items() if key not in {"mount", "event"}}
+    for keys, low_deg, span_deg in (
+        (lens | {"pan_deg": 60.0}, 50.0, 20.0),
+        (road.radar(azimuth_min_deg=10.0, azimuth_max_deg=50.0, scan=road.staring()), 10.0, 40.0),
+        (road.radar(), -180.0, 360.0),
+    ):
+        (sensor,) = road.scene([keys], seed=1).sensor
+        cover = cover_of(sensor, SCENE.scene.site)
+        assert (cover["azimuth_min_deg"], cover["azimuth_span_deg"]) == (low_deg, span_deg)
+    place = {"east_m": 900.0, "north_m": -300.0, "above_site_m": 40.0}
+    how = {"eirp_w": 10.0, "frequency_hz": 9.4e9, "bandwidth_hz": 4e7}
+    (sensor,) = road.scene([road.radar(jamming={"east": place | how})], seed=1).sensor
+    (jammer,) = cover_of(sensor, SCENE.scene.site)["jammers"]
+    assert jammer == {"id": "east", "east_m": 900.0, "north_m": -300.0}

@@ -272,6 +272,8 @@ def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None
         "late_p99_us": 100.0,
     }
     assert "seconds" not in read_frame(view.update(SECTOR.end_ns, 1.9).public).news
+    (quiet,) = read_frame(view.update(SECTOR.end_ns, 2.0).public).news["seconds"]
+    assert (quiet["late_p50_us"], quiet["late_p99_us"]) == (None, None)  # nothing left
 
 
 def test_a_drone_that_went_is_shown_where_it_was_for_a_while() -> None:

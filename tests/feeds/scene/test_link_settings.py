@@ -72,6 +72,8 @@ def problem(keys: dict[str, Any]) -> str:
         ({"loss": FOUR | {"p14": 0.99}}, "loss.p14: with p13, at most 1"),
         ({"loss": FOUR | {"p31": 0.5, "p32": 0.6}}, "loss.p32: with p31, at most 1"),
         ({"loss": FOUR | {"p13": 1.0}}, "loss.p31: must be above 0, or a burst never ends"),
+        ({"latency_ms": 1e9}, "latency_ms: input should be less than or equal to 600000"),
+        ({"jitter_ms": 600_001.0}, "jitter_ms: input should be less than or equal to 600000"),
         ({"loss": FOUR | {"p23": 0.0}}, "loss.p23: must be above 0, or a burst never ends"),
     ],
 )

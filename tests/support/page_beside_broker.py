@@ -1,0 +1,240 @@
+"""What a page says beside what its broker carries in the same time, and where they differ."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from support.mqtt_client import Client, Heard
+
+from plotfeed.feeds.page.tracker_tracks import decode_tracks
+from plotfeed.feeds.page.updates import TrackFlag
+from plotfeed.feeds.scene.fields import site_frame
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.proto import plotfeed_pb2 as pb
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+LAG_S = 2.0
+"""At both ends of the time, in which nothing is expected to have come already."""
+BEHIND_S = 20.0
+"""A page on a busy machine may show so late what has come; how late it was is told."""
+KEPT_S = 60.0
+"""A track that is silent for longer is gone."""
+LISTEN = """() => {
+  const { feed, reader } = plotfeed, take = feed.onFrame;
+  globalThis.said = { plots: [], pointing: [] };
+  feed.onFrame = (buffer) => {
+    take(buffer);
+    const frame = reader.read(buffer), { news } = plotfeed.picture;
+    for (const { kind, rows, columns } of frame.sections) {
+      if (kind !== 2) continue;
+      const { sensors } = news.scene, { sensor, t_utc_ms: times } = columns;
+      for (let i = 0; i < rows; i++) said.plots.push([sensors[sensor[i]].id, times[i]]);
+    }
+    const pans = Object.entries(news.pointing).map(([id, at]) => [id, at.pan_deg]);
+    said.pointing.push([frame.nowMs, pans]);
+  };
+}"""
+SAMPLE = """() => {
+  const { picture, display } = plotfeed, now = picture.nowMs(performance.now());
+  const text = (id) => document.getElementById(id).innerText;
+  const rows = [...document.querySelectorAll("#sensors tr")];
+  return {
+    now_ms: now,
+    tracks: [...picture.tracks.values()].map((t) => [t.id, t.t_utc_ms, t.flags]),
+    labels: display.words.map((w) => w[4]).filter((w) => /^T[0-9]/.test(w)),
+    states: Object.fromEntries(rows.map((r) => [r.querySelector("button").innerText.split(" · ")[0],
+      r.cells[3].innerText])),
+    score: text("score-text"),
+    feed: text("score-feed"),
+    late: text("late-text"),
+    covers: Object.fromEntries(picture.news.scene.sensors.map((s) =>
+      [s.id, s.turns ? null : [s.azimuth_min_deg, s.azimuth_span_deg, s.range_max_m]])),
+  };
+}"""
+
+
+class Beside:
+    """A page that shows a session, and a client of its broker that hears all."""
+
+    def __init__(self, page: Page, client: Client, scene: Scene) -> None:
+        """From now on both are taken down; the scene's is the broker's prefix."""
+        self.page, self.client, self.scene = page, client, scene
+        self.samples: list[tuple[float, dict[str, Any]]] = []
+        """When the page was asked, by the monotonic clock, and what it said."""
+        page.evaluate(LISTEN)
+        self.began_s = time.monotonic()
+
+    def sample(self) -> dict[str, Any]:
+        """Ask the page what it shows now."""
+        said: dict[str, Any] = self.page.evaluate(SAMPLE)
+        self.samples.append((time.monotonic(), said))
+        return said
+
+    def differences(self) -> dict[str, Any]:
+        """What was compared by number, and in words all that the page said otherwise."""
+        ended_s = time.monotonic()
+        self.page.wait_for_timeout(1000 * LAG_S)  # what has come is shown by then
+        said = self.page.evaluate("said")
+        heard = list(self.client.heard)
+        found = [
+            *self._plots(said["plots"], heard, ended_s),
+            *self._tracks(heard),
+            *self._covers(heard),
+            *self._pointing(said["pointing"], heard),
+            *self._states(heard),
+        ]
+        return {
+            "seconds": round(ended_s - self.began_s, 1),
+            "plots_shown": len(said["plots"]),
+            "messages_heard": sum(message.at_s >= self.began_s for message in heard),
+            "samples": len(self.samples),
+            "tracks_compared": sum(len(told["tracks"]) for _, told in self.samples),
+            "most_behind_s": self._most_behind_s(heard),
+            "differences": found,
+        }
+
+    def _plots(
+        self, shown: list[tuple[str, float]], heard: list[Heard], ended_s: float
+    ) -> Iterator[str]:
+        """Plots on the page that did not leave, and those that left and are not on it."""
+        page, told = Counter(map(tuple, shown)), Counter[tuple[str, float]]()
+        in_time = Counter[tuple[str, float]]()
+        topics = {sensor.id: set(self._plot_topics(sensor.id)) for sensor in self.scene.sensor}
+        for message in heard:
+            if message.topic != f"{self.scene.mqtt.prefix}/truth":
+                continue
+            entry = pb.Ledger.FromString(message.payload)
+            if not any(m.delivered and m.topic in topics[entry.sensor] for m in entry.messages):
+                continue
+            plots = Counter((entry.sensor, p.time_utc_ns / 1e6) for p in entry.plots)
+            told += plots
+            if self.began_s + LAG_S < message.at_s < ended_s - LAG_S:
+                in_time += plots
+        first_ms = min((at_ms for _, at_ms in in_time), default=0.0)
+        for key in (page - told).elements():
+            if key[1] > first_ms:  # the client came later than those that are older
+                yield f"plot of {key[0]} at {key[1]} ms is shown, and never left"
+        for key in (in_time - page).elements():
+            yield f"plot of {key[0]} at {key[1]} ms has left, and is not shown"
+
+    def _plot_topics(self, sensor: str) -> Iterator[str]:
+        for end in ("plots", "asterix/048", "asterix/015", "asterix/205"):
+            yield f"{self.scene.mqtt.prefix}/{sensor}/{end}"
+
+    def _tracks(self, heard: list[Heard]) -> Iterator[str]:
+        """Tracks of which a sample says otherwise than the tracker did, or nothing."""
+        told = self._tracks_told(heard)
+        for asked_s, sample in self.samples:
+            yield from _tracks_of_sample(told, asked_s, self.began_s, sample)
+
+    def _tracks_told(self, heard: list[Heard]) -> dict[int, list[tuple[float, int, float]]]:
+        """When what was told of each track: flags, and as of which time, milliseconds."""
+        told: dict[int, list[tuple[float, int, float]]] = defaultdict(list)
+        site = site_frame(self.scene.scene.site)
+        near_ns = int(1e6 * self.samples[0][1]["now_ms"])
+        for message in heard:
+            if message.topic == self.scene.page.tracks_topic:
+                news = decode_tracks(message.payload, near_ns, site)
+                columns = (news.track.tolist(), news.t_utc_ns.tolist(), news.flags.tolist())
+                for track, t_ns, flags in zip(*columns, strict=True):
+                    told[track].append((message.at_s, flags, t_ns / 1e6))
+        return told
+
+    def _most_behind_s(self, heard: list[Heard]) -> float:
+        """How long the next report of a track had been there at most that was not shown yet."""
+        told, most_s = self._tracks_told(heard), 0.0
+        for asked_s, sample in self.samples:
+            for track, t_ms, _ in sample["tracks"]:
+                later = [at_s for at_s, _, when_ms in told[track] if when_ms > t_ms + 1]
+                most_s = max(most_s, asked_s - min(later, default=asked_s))
+        return round(most_s, 2)
+
+    def _covers(self, heard: list[Heard]) -> Iterator[str]:
+        """Covers that are not those of the sensors' descriptions on the broker."""
+        shown = self.samples[-1][1]["covers"]
+        for message in heard:
+            if not message.topic.endswith("/description"):
+                continue
+            told = json.loads(message.payload)
+            low = told.get("azimuth_min_deg", -180.0)
+            span = told.get("azimuth_max_deg", 180.0) - low
+            cover = shown.get(told["sensor"])
+            if cover is not None and cover != [low, span, told["range_max_m"]]:
+                yield f"{told['sensor']} is drawn with cover {cover}, and has {[low, span]}"
+
+    def _pointing(self, shown: list[Any], heard: list[Heard]) -> Iterator[str]:
+        """Mounts that the page did not draw where their statuses say that they pointed."""
+        paths: dict[str, list[tuple[float, float]]] = defaultdict(list)
+        for now_ms, pointing in shown:
+            for sensor, pan_deg in pointing:
+                paths[sensor].append((now_ms, pan_deg))
+        for message in heard:
+            if not message.topic.endswith("/status") or message.at_s < self.began_s + LAG_S:
+                continue
+            status = json.loads(message.payload)
+            mount, path = status.get("mount"), paths.get(status["sensor"])
+            if mount is None:
+                continue
+            at_ms = pb.SensorStatus()
+            at_ms.time_utc.FromJsonString(status["time_utc"])
+            now_ms = at_ms.time_utc.ToNanoseconds() / 1e6
+            near = [pan for t_ms, pan in path or () if abs(t_ms - now_ms) < 1000]
+            pan_deg = mount.get("pan_deg", 0.0)
+            if not any(abs((pan - pan_deg + 180) % 360 - 180) < 5.0 for pan in near):
+                drawn = sorted(set(near))
+                yield f"{status['sensor']} pointed to {pan_deg}, and was drawn at {drawn}"
+
+    def _states(self, heard: list[Heard]) -> Iterator[str]:
+        """Sensors whose state the page told otherwise than their settings on the broker."""
+        for asked_s, sample in self.samples:
+            for sensor, state in sample["states"].items():
+                topic = f"{self.scene.mqtt.prefix}/{sensor}/settings"
+                told = [m for m in heard if m.topic == topic and m.at_s <= asked_s]
+                if not told or asked_s - told[-1].at_s < BEHIND_S:
+                    continue
+                keys = json.loads(told[-1].payload)["in_force"]
+                link_down = bool((keys.get("link") or {}).get("down"))
+                is_off = keys.get("enabled") is False
+                if (state == "link down", state == "off") != (link_down and not is_off, is_off):
+                    yield f"{sensor} is {state!r} on the page: {json.dumps(keys)[:80]}"
+
+
+def _tracks_of_sample(
+    told: dict[int, list[tuple[float, int, float]]],
+    asked_s: float,
+    began_s: float,
+    sample: dict[str, Any],
+) -> Iterator[str]:
+    """Compare the tracks of a sample with what had come of them by then."""
+    now_ms = sample["now_ms"]
+    shown = {track: (t_ms, flags) for track, t_ms, flags in sample["tracks"]}
+    aged = {label.split()[0]: label for label in sample["labels"] if " " in label}
+    plain = {label for label in sample["labels"] if " " not in label}
+    for track in sorted(shown.keys() | told.keys()):
+        came = [each for each in told[track] if each[0] <= asked_s]
+        may_be = {
+            (round(t_ms), flags)
+            for i, (_, flags, t_ms) in enumerate(came)
+            if i + 1 == len(came) or came[i + 1][0] > asked_s - BEHIND_S
+        }
+        if track in shown:
+            t_ms, flags = shown[track]
+            if came and (round(t_ms), flags) not in may_be:
+                yield f"T{track} is shown as of {t_ms:.0f} with {flags}; it was told {may_be}"
+            age_s = (now_ms - t_ms) / 1e3
+            if age_s > KEPT_S + LAG_S:
+                yield f"T{track} is still shown, {age_s:.0f} s after its last report"
+            if age_s > 20.0 + LAG_S and f"T{track}" in plain:
+                yield f"T{track} is {age_s:.0f} s old, and is drawn as if it were told of"
+            if age_s < 1.0 and f"T{track}" in aged:
+                yield f"T{track} is {age_s:.1f} s old, and is drawn as {aged[f'T{track}']}"
+        elif came and came[-1][0] > began_s and asked_s - came[-1][0] > BEHIND_S:
+            _, flags, t_ms = came[-1]
+            if not flags & TrackFlag.ENDED and now_ms - t_ms < 1e3 * (KEPT_S - LAG_S):
+                yield f"T{track} was told of {(now_ms - t_ms) / 1e3:.0f} s ago, and is not shown"
