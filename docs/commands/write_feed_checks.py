@@ -1,29 +1,53 @@
-"""Writes the table of docs/feed-checks.md: how often each planted fault is seen, and has its name.
+"""Writes the tables of docs/feed-checks.md: which faults are named, and what right feeds fail.
 
-python docs/commands/write_feed_checks.py
+python docs/commands/write_feed_checks.py [faults] [scenes]
 
-The radars of examples/scenes/feed-faults.toml, a hundred of each with draws of their own, in
-simulated time; a minute and a half of processor time.
+Faults: the radars of examples/scenes/feed-faults.toml, a hundred of each with draws of their own,
+in simulated time; a minute and a half of processor time. Scenes: every scene that comes with
+plotfeed or is an example, each a session of a minute with 20 seeds, judged from its recording and
+by the score that runs beside it; six minutes of processor time.
 """
 
 from __future__ import annotations
 
+import asyncio
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from pages import between, table
+from scipy.stats import binom
 
+import plotfeed.feeds.scene.examples
+from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.report.spreads import share_interval
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.score.feed_checks import FALSE_RATE, simulated_feed
+from plotfeed.feeds.score.feed_checks import FALSE_RATE, check_feed, simulated_feed
 from plotfeed.feeds.score.feed_residuals import feed_checks
+from plotfeed.feeds.score.live_score import LiveScore
 from plotfeed.feeds.sensing.simulation import simulate
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.scoring.residuals import judged_wrong
+from plotfeed.proto.utc import NS
 
 DOCS = Path(__file__).parents[1]
-SCENE = DOCS.parent / "examples" / "scenes" / "feed-faults.toml"
-START_UTC_NS = 1_767_268_800 * 10**9
+PAGE = DOCS / "feed-checks.md"
+EXAMPLES = DOCS.parent / "examples" / "scenes"
+SCENE = EXAMPLES / "feed-faults.toml"
+SCENES = sorted(
+    [*Path(plotfeed.feeds.scene.examples.__file__).parent.glob("*.toml"), *EXAMPLES.glob("*.toml")],
+    key=lambda path: path.stem,
+)
+START_UTC_NS = 1_767_268_800 * NS
 SEEDS, CLEAN = 100, 1000
 SECONDS = (15.0, 30.0, 60.0)
+SCENE_SEEDS, SCENE_S = 20, 60.0
 TITLES = {
     "askew": ("azimuth 2° off", {"azimuth"}),
     "late": ("stamped 1 s late", {"time"}),
@@ -31,6 +55,75 @@ TITLES = {
     "cluttered": ("false alarms × 4", {"false alarms"}),
     "lying": ("errors × 2.5", {"range spread", "azimuth spread", "elevation spread"}),
 }
+PLANTED: Mapping[str, Mapping[str, set[str]]] = {
+    "airport": {"south": {"azimuth", "time"}},
+    "feed-faults": {sensor: names for sensor, (_, names) in TITLES.items()},
+}
+"""The sensors of scenes that are not as they claim, and the checks that say so."""
+
+
+class _EverySecond(Observer):
+    """Asks for the live score at each second of a session, and keeps what it ever calls wrong."""
+
+    def __init__(self, live: LiveScore) -> None:
+        self.wrong: set[tuple[str, str]] = set()
+        self._live, self._next_ns = live, START_UTC_NS + NS
+
+    def before_due(self, due_utc_ns: int) -> None:
+        """What is due at that time is done next."""
+        while due_utc_ns > self._next_ns:
+            found = self._live.score(self._next_ns)
+            for each in found["feed"] if found else ():
+                if each["wrong"]:
+                    self.wrong.add((each["sensor"], each["check"]))
+            self._next_ns += NS
+
+
+class SceneVerdicts(NamedTuple):
+    """What is called wrong of a session, (sensor, check): in its recording, and ever live."""
+
+    recorded: set[tuple[str, str]]
+    live: set[tuple[str, str]]
+
+
+def scene_verdicts(path: Path, seed: int, seconds: float) -> SceneVerdicts:
+    """The verdicts on a session of a scene with that seed, in simulated time without a broker."""
+    scene = load(path)
+    general = scene.scene.model_copy(update={"seed": seed})
+    scene = scene.model_copy(update={"scene": general, "http": (), "udp": ()})
+    live = LiveScore()
+    every = _EverySecond(live)
+    with tempfile.TemporaryDirectory() as folder:
+        record = Path(folder) / "run.mcap"
+
+        async def session() -> None:
+            with Recorder(record, attachments=attachments_of(scene, START_UTC_NS)) as recorder:
+                recording = SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)
+                await run(
+                    scene,
+                    clock=InstantClock(START_UTC_NS),
+                    broker="none",
+                    duration_s=seconds,
+                    observers=[recording, live, every],
+                )
+
+        asyncio.run(session())
+        recorded = {(each.sensor, each.check.name) for each in check_feed(record).wrong}
+    return SceneVerdicts(recorded, every.wrong)
+
+
+def of_right_feeds(scene: str, wrong: Iterable[tuple[str, str]]) -> set[str]:
+    """What is called wrong of the sensors that are as they claim."""
+    planted = PLANTED.get(scene, {})
+    return {f"{sensor}: {check}" for sensor, check in wrong if sensor not in planted}
+
+
+def names_all(scene: str, wrong: set[tuple[str, str]]) -> bool:
+    """Whether each sensor that is not as it claims has its fault named."""
+    return all(
+        {check for sensor, check in wrong if sensor == each} & names
+        for each, names in PLANTED.get(scene, {}).items()
+    )
 
 
 def called_wrong(scene: Scene, name: str, copies: int, seconds: float) -> list[set[str]]:
@@ -46,8 +139,8 @@ def called_wrong(scene: Scene, name: str, copies: int, seconds: float) -> list[s
     return found
 
 
-def main() -> None:
-    """Count, and write."""
+def write_faults() -> None:
+    """Count how often each planted fault is named, and write the table."""
     scene, rows = load(SCENE), []
     for name, (title, names) in TITLES.items():
         cells = []
@@ -66,7 +159,50 @@ def main() -> None:
         print("clean", seconds, clean[-1], flush=True)
     rows.append(("none", "none", *clean))
     head = ("fault", "named", *(f">{seconds:g} s" for seconds in SECONDS))
-    between(DOCS / "feed-checks.md", "rates", "\n".join(table(head, rows)))
+    between(PAGE, "rates", "\n".join(table(head, rows)))
+
+
+def write_scenes() -> None:
+    """Count the wrong verdicts on every scene, live and recorded, and write the table."""
+    rows, sums = [], {"recorded": 0, "live": 0}
+    for path in SCENES:
+        name, called, cells, named = path.stem, set(), [], []
+        found = [scene_verdicts(path, seed, SCENE_S) for seed in range(1, SCENE_SEEDS + 1)]
+        for way in sums:
+            of_way = [getattr(each, way) for each in found]
+            wrong = [of_right_feeds(name, each) for each in of_way]
+            count = sum(map(bool, wrong))
+            called.update(*wrong)
+            sums[way] += count
+            cells += [count, f"{_as_many(count, SCENE_SEEDS):.2g}"]
+            named.append(str(sum(names_all(name, each) for each in of_way)))
+        told = " and ".join(named) if name in PLANTED else ""
+        rows.append((name, *cells, ", ".join(sorted(called)), told))
+        print(*rows[-1], flush=True)
+    every = SCENE_SEEDS * len(SCENES)
+    total = [f(n) for n in sums.values() for f in (str, lambda n: f"{_as_many(n, every):.2g}")]
+    rows.append((f"all {every} sessions", *total, "", ""))
+    head = ("scene", ">recorded", ">p", ">live", ">p", "called wrong", "planted faults named")
+    made = (
+        f"{SCENE_SEEDS} sessions of {SCENE_S:g} s each, seeds 1 to {SCENE_SEEDS}; "
+        f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, "
+        f"{os.cpu_count()} cores."
+    )
+    between(PAGE, "scenes", "\n".join([*table(head, rows), "", made]))
+
+
+def _as_many(count: int, of: int) -> float:
+    """Probability of as many wrong verdicts or more at the rate that is stated."""
+    return float(binom.sf(count - 1, of, FALSE_RATE))
+
+
+def main() -> None:
+    """Count, and write."""
+    asked = sys.argv[1:] or ["faults", "scenes"]
+    if "faults" in asked:
+        write_faults()
+    if "scenes" in asked:
+        write_scenes()
 
 
 if __name__ == "__main__":

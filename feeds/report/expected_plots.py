@@ -103,15 +103,20 @@ def compared(
     plots: TruePlots,
     measured: MeasuredPlots,
     rounded: Callable[[Expected, float], Expected] = in_steps,
+    *,
+    keeps_ends: bool = False,
 ) -> Comparison:
-    """Plots of drones, (n,), of one category, beside what a sensor was asked for; None: unknown."""
+    """Plots of drones, (n,), of one category, beside what a sensor was asked for; None: unknown.
+
+    `keeps_ends` compares also those that noise may have made no plots, near the ends of range.
+    """
     category = int(measured.category[0]) if len(measured) else 0
     steps = steps_of(category)
     channel = np.where(measured.channel >= 0, measured.channel, 0)
     place, is_whole = _places(asked, echoes, plots, channel)
     sigmas = _sigmas(asked, measured, channel, steps)
     expected = _expected(asked, place, plots, channel, sigmas)
-    left_out = ~is_whole | _near_an_end(asked, place, channel, sigmas)
+    left_out = ~is_whole if keeps_ends else ~is_whole | _near_an_end(asked, place, channel, sigmas)
     values = _values(measured, place, expected, asked)
     found = Comparison({}, {}, {}, int(left_out.sum()), {})
     for name, (column, _) in QUANTITIES.items():
@@ -127,7 +132,7 @@ def compared(
         error = np.where(left_out, np.nan, error)
         found.errors[name], found.expected[name] = error, law
         found.stated[name] = getattr(measured, f"sigma_{column}", np.full(len(error), np.nan))
-        if name not in ("height", "range") or (name == "range" and not _is_flat(asked)):
+        if name != "height" and not (name == "range" and asked is not None and asked.is_bistatic):
             far = 8 * np.sqrt(law.variance) + law.step + TOLERANCES.get(name, 1e-3)
             found.off[name] = int((np.abs(error) > far).sum())
     found.off["time"] = _times_off(asked, plots, measured, category)
@@ -264,10 +269,6 @@ def _expected(
     if asked is not None:
         found["height"] = _height(asked, place, sigmas)
     return found
-
-
-def _is_flat(asked: AskedSensor | None) -> bool:
-    return asked is not None and asked.is_bistatic
 
 
 def _placed_range(

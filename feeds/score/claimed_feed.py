@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from plotfeed.feeds.report.asked_sensors import AskedSensor
+from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.proto.measured_plots import MeasuredPlots
 
@@ -71,3 +72,13 @@ class SensorFeed(NamedTuple):
     """That were seen, parts of one counted as such."""
     why_no_clutter: str = ""
     """Why false alarms are not judged."""
+
+    @property
+    def known(self) -> BelievedSensor | None:
+        """The sensor as its scene first has it; None where none says."""
+        return next((each for each in self.believed if each is not None), None)
+
+    @property
+    def model(self) -> SensorModel | None:
+        """The model of the sensor as its scene first has it; None where none says."""
+        return None if self.known is None else self.known.model

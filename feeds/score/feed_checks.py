@@ -82,8 +82,11 @@ def judged(feeds: Mapping[str, SensorFeed], false_rate: float = FALSE_RATE) -> l
     ]
 
 
-def simulated_feed(scene: Scene, seen: SimulatedSensor) -> SensorFeed:
-    """The feed of a simulated sensor, stamped by its own clock; links and formats are left out."""
+def simulated_feed(scene: Scene, seen: SimulatedSensor, sectors: int = 0) -> SensorFeed:
+    """The feed of a simulated sensor, stamped by its own clock; links and formats are left out.
+
+    `sectors` is of how many it is, empty ones too, where the simulation does not tell.
+    """
     keys, plots, looks = seen.sensor, seen.plots, seen.looks
     asked = AskedSensor(keys, scene.scene.site, Chance(scene.scene.seed, keys.id), None)
     per_scan = keys.scan.sectors
@@ -100,7 +103,6 @@ def simulated_feed(scene: Scene, seen: SimulatedSensor) -> SensorFeed:
     )
     left = left_of_pd(asked)
     pd = np.minimum(looks.pd / left, 1.0) if left > 0 else np.zeros(len(looks))
-    scans = float(numbers[-1] - numbers[0] + 1) / per_scan if len(numbers) else 0.0
     return SensorFeed(
         ClaimedLooks(
             sector=np.searchsorted(numbers, looks.scan * per_scan + looks.sector),
@@ -117,7 +119,7 @@ def simulated_feed(scene: Scene, seen: SimulatedSensor) -> SensorFeed:
         np.searchsorted(numbers, plots.scan * per_scan + plots.sector),
         np.zeros(max(len(numbers), 1), np.int64),
         [BelievedSensor.by(asked)],
-        scans,
+        (sectors or len(seen.sectors)) / per_scan,
     )
 
 
@@ -153,7 +155,7 @@ def as_text(verdict: FeedVerdict) -> list[str]:
 def _cells(each: JudgedCheck) -> tuple[str, ...]:
     check = each.check
     if np.isnan(check.p):
-        return (check.name, "", "", "", "", "", "", f"not testable: {check.why_not}")
+        return (check.name, "", "", "", "", "", "", f"not judged: {check.why_not}")
     return (
         check.name,
         f"{check.claimed:.4g}",

@@ -78,15 +78,13 @@ class FeedGathering:
         self._keys.append(self._number(asked))
         self._scans += 1 / (1 if self._asked is None else self._asked.sectors)
         left = left_of_pd(asked)
-        merged = self._merged(entry.looks, asked)
         for look in entry.looks:
             target = self._targets.setdefault(name_in(look), len(self._targets))
             pd = min(look.pd / left, 1.0) if left > 0 else 0.0
-            counts = left > 0 and (look.pd, look.channel) not in merged
             self._times_ns.append(look.time_utc_ns)
             self._looks.append(
                 (sector, look.channel, target, look.range_m, look.azimuth_deg,
-                 look.elevation_deg, pd, counts)
+                 look.elevation_deg, pd, left > 0)
             )  # fmt: skip
         others = (plot.other for plot in entry.plots)
         self._has_clutter |= any(other.startswith(CLUTTER + OTHER) for other in others)
@@ -128,14 +126,6 @@ class FeedGathering:
             self._kept.append(asked)
             self._believed.append(None if asked is None else BelievedSensor.by(asked))
         return self._number_of[id(asked)]
-
-    @staticmethod
-    def _merged(looks: Sequence[pb.Look], asked: AskedSensor | None) -> set[tuple[float, int]]:
-        """Odds and channels of looks whose echoes merged, and have one outcome."""
-        if asked is None or not asked.merges:
-            return set()
-        odds = [(look.pd, look.channel) for look in looks]
-        return {each for each in odds if odds.count(each) > 1}
 
 
 class RecordedFeeds(NamedTuple):

@@ -223,7 +223,7 @@ class LiveScore(Observer):
                 self._feeds[name] = _FeedSoFar(since_ns=0)
             elif feed.is_news:
                 seen = feed.seen(session.sensor_tasks[name].sensor)
-                self._checked[name] = feed_checks(simulated_feed(session.scene, seen))
+                self._checked[name] = feed_checks(simulated_feed(session.scene, seen, feed.sectors))
 
     def _told_feeds(self) -> Any:
         count = sum(len(checks) for checks in self._checked.values())
@@ -260,6 +260,8 @@ class _FeedSoFar:
         self.is_news = False
         self.began_ns: int | None = None
         """When the first of its sectors was due."""
+        self.sectors = 0
+        """That were taken, empty ones too."""
         self._since_ns = since_ns
         self._looks: list[SimulatedLooks] = []
         self._plots: list[SimulatedPlots] = []
@@ -276,6 +278,7 @@ class _FeedSoFar:
         looks, plots = batch.looks, batch.plots
         self._looks.append(SimulatedLooks.holding(_at(looks, scan, sector)))
         self._plots.append(SimulatedPlots.holding(_at(plots, scan, sector)))
+        self.sectors += 1
         self._count += len(looks) + len(plots)
         self.is_news = True
 

@@ -8,6 +8,7 @@ powers, and lies at the centroid that these weigh.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,7 +117,7 @@ class Merging:
         if self.range_rate_m_s is not None and range_rate_m_s is not None:
             rates = range_rate_m_s / np.array(self.range_rate_m_s)[channel]
             axes.append((rates, self.range_rate_period))
-        first, second, distance = _near_pairs(axes)
+        first, second, distance = near_pairs(axes)
         unresolved = np.mod(uniforms[first] + uniforms[second], 1.0) < np.exp2(-(distance**2))
         unresolved &= np.abs(t_utc_ns[first] - t_utc_ns[second]) <= self.longest_ns
         if not unresolved.any():
@@ -124,7 +125,7 @@ class Merging:
         return _groups(first[unresolved], second[unresolved], powers)
 
 
-def _near_pairs(axes: list[tuple[Floats, float]]) -> tuple[Ints, Ints, Floats]:
+def near_pairs(axes: Sequence[tuple[Floats, float]]) -> tuple[Ints, Ints, Floats]:
     """Pairs of looks that are near each other, once each, and their distances.
 
     Each axis is places along it, (n,), in widths, and the period after which it is the same again.

@@ -6,11 +6,15 @@ about the commonest residual first, then made as wide as the residuals within it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from plotfeed.models.effects.merging import REACH, near_pairs
 from plotfeed.models.plain_tracker import least_sum
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 
@@ -66,7 +70,8 @@ def plot_pairs(found: Candidates, reach: Floats, looks: int) -> PlotPairs:
     usual = _medians(found.sigma)
     reach = np.fmax(reach, 4 * GATE * usual)
     has = np.isfinite(found.error)
-    near = np.flatnonzero(((np.abs(found.error) <= reach) | ~has).all(axis=1) & has.any(axis=1))
+    far = np.abs(found.error) > np.fmax(reach, 4 * GATE * found.sigma)
+    near = np.flatnonzero(~far.any(axis=1) & has.any(axis=1))
     error, sigma, has = found.error[near], found.sigma[near], has[near]
     plot, look = found.plot[near], found.look[near]
     centre, gate = np.zeros(quantities), np.full(quantities, GATE)
@@ -89,6 +94,20 @@ def plot_pairs(found: Candidates, reach: Floats, looks: int) -> PlotPairs:
             break
         gate = wider
     return PlotPairs(near[chosen], centre, gate, false_per_look)
+
+
+def look_groups(axes: Sequence[tuple[Floats, float]]) -> Ints:
+    """A number of each look, (n,), which looks share that plots may not tell from each other.
+
+    Each axis is places along it, (n,), over the distance from which plots do tell, and the period
+    after which it is the same again, or 0.
+    """
+    n = len(axes[0][0])
+    if n < 2:
+        return np.zeros(n, np.int64)
+    first, second, _ = near_pairs([(place * REACH, period * REACH) for place, period in axes])
+    links: Any = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1], np.int64)
 
 
 def _medians(sigma: Floats) -> Floats:

@@ -119,7 +119,7 @@ def error_checks(
     """
     there = [k for k in range(len(quantities)) if np.isfinite(residuals.error[:, k]).any()]
     if len(residuals) < FEWEST or not there:
-        few = f"{len(residuals)} plots of targets; {FEWEST} are needed"
+        few = f"{len(residuals)} plots of targets that it tells apart; {FEWEST} are needed"
         return [
             *(not_judged(q.name, q.unit, 0.0, few, len(residuals)) for q in quantities),
             not_judged("time", "s", 0.0, few, len(residuals)),
@@ -272,7 +272,7 @@ def detection_check(looks: LookOdds, false_per_look: float) -> ResidualCheck:
     """How often targets had a plot, beside the sum of the probabilities that are claimed."""
     n = len(looks)
     if not n:
-        return not_judged("Pd", "", math.nan, "no target was looked at")
+        return not_judged("Pd", "", math.nan, "no target was looked at that it tells apart")
     claimed = float(looks.pd.mean())
     p = 1 - (1 - np.clip(looks.pd, 0.0, 1.0)) * (1 - min(false_per_look, 1.0))
     hits, variance = int(looks.hit.sum()), float((p * (1 - p)).sum())

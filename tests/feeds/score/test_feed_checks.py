@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from scipy import stats
@@ -98,6 +99,23 @@ def test_every_kind_is_judged_as_far_as_it_measures(kind: str) -> None:
         "microphones": {"azimuth", "elevation"},
     }.get(kind, {"azimuth", "range", "elevation"})
     assert {name.removesuffix(" spread") for name in checks if name.endswith(" spread")} == of_kind
+
+
+@pytest.mark.parametrize(
+    "layout", [{"shape": "line", "spacing_m": 0.5}, {"shape": "circle", "spacing_m": 0.5}]
+)
+def test_a_sensor_that_errs_otherwise_than_it_states_is_not_judged(layout: dict[str, Any]) -> None:
+    """Half of the plots of a line of microphones are on its wrong side, and that is right."""
+    sensor = SENSORS["microphones"] | {"layout": layout, "microphones": 8}
+    del sensor["elevation_beamwidth_deg"]
+    made = scene([sensor], drones("microphones"), seed=22)
+    seen = simulate(made, 5.0, start_utc_ns=1_700_000_000 * 10**9)["radar"]
+    assert len(seen.plots)
+    checks = feed_checks(simulated_feed(made, seen))
+    assert {math.isnan(check.p) for check in checks} == {True}
+    assert {check.why_not for check in checks} == {
+        "its plots do not err by the spread that they state"
+    }
 
 
 def simulated(kind: str, *, hovering: bool, **keys: object) -> dict[str, ResidualCheck]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plotfeed.models.scoring.plot_pairs import Candidates, plot_pairs
+from plotfeed.models.scoring.plot_pairs import Candidates, look_groups, plot_pairs
 
 REACH = np.array([8.0, 500.0])
 
@@ -73,3 +73,25 @@ def test_no_plot_and_no_look_is_taken_twice() -> None:
     )
     pairs = plot_pairs(both, REACH, 2)
     assert pairs.chosen.tolist() == [0, 3]
+
+
+def test_plots_of_a_coarse_channel_are_looked_for_as_far_as_their_own_errors_go() -> None:
+    """Errors of 300 m beside many of 5 m, of which the usual one is."""
+    rng = np.random.default_rng(5)
+    sigma = np.repeat([[0.1, 5.0], [0.1, 300.0]], [300, 100], axis=0)
+    found = Candidates(
+        plot=np.arange(400),
+        look=np.arange(400),
+        error=sigma * rng.standard_normal((400, 2)),
+        sigma=sigma,
+    )
+    assert len(plot_pairs(found, REACH, 400).chosen) == 400
+
+
+def test_looks_form_groups_within_the_widths_that_plots_do_not_tell_apart() -> None:
+    azimuth_deg = np.array([359.9, 0.3, 1.0, 90.0, 0.2])
+    range_m = np.array([100.0, 103.0, 106.0, 100.0, 500.0])
+    group = look_groups([(azimuth_deg / 1.0, 360.0), (range_m / 10.0, 0.0)])
+    assert group[0] == group[1] == group[2]  # over north, the ends by what is between
+    assert len({*group.tolist()}) == 3
+    assert look_groups([(np.zeros(1), 0.0)]).tolist() == [0]
