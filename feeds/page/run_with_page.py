@@ -27,7 +27,7 @@ from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.score.live_score import LiveScore
-from plotfeed.feeds.score.live_scoring import scored_by, scoring
+from plotfeed.feeds.score.live_scoring import is_scored, scoring
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over
@@ -237,7 +237,7 @@ async def run_with_page(
                             stop=switch.ending,
                             observers=[
                                 *observers,
-                                *scored_by(switch.scene, live),
+                                *([live] if is_scored(switch.scene) else []),
                                 observer,
                                 switch,
                             ],

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 from plotfeed.feeds.report.asked_sensors import AskedSensor
@@ -17,18 +16,13 @@ from plotfeed.proto.measured_plots import MeasuredPlots
 
 
 class BelievedSensor(AskedSensor):
-    """A sensor as it takes itself to be; errors are those that plots state."""
+    """A sensor as it takes itself to be."""
 
     @classmethod
     def by(cls, asked: AskedSensor) -> BelievedSensor:
         """What a sensor that was asked for takes itself to be."""
         right = asked.keys.model_copy(update={"bias": None, "drift": None, "degradation": None})
         return cls(right, asked.site, asked.chance, asked.sea_level)
-
-    @cached_property
-    def error_factor(self) -> float:
-        """Errors over the stated ones."""
-        return 1.0
 
 
 def left_of_pd(asked: AskedSensor | None) -> float:

@@ -71,12 +71,7 @@ def feed_checks(feed: SensorFeed) -> list[ResidualCheck]:
         FalseInGates(false_hits, found.gate),
         "its times are those of sending" if _tells_sending(feed.plots) else "",
     )
-    odds = LookOdds(
-        target=feed.looks.target,
-        t_s=feed.looks.t_utc_ns / NS,
-        pd=feed.looks.pd,
-        hit=hit,
-    ).rows(judged & ~_of_any(group, ~feed.looks.counts))
+    odds = _odds(feed, hit).rows(judged & ~_of_any(group, ~feed.looks.counts))
     checks.append(detection_check(odds, found.false_per_look))
     left = np.setdiff1d(np.arange(len(feed.plots)), np.append(plot, plots_of_blurred))
     checks.append(_clutter(feed, len(left), false_hits))
@@ -96,8 +91,7 @@ def _told_apart(feed: SensorFeed, pairs: ComparedPlots) -> tuple[Ints, Bools, In
 
     What is measured of a group is its sum, whichever plot is whose; of echoes that merge, nothing.
     """
-    looks, model, candidates = feed.looks, feed.model, pairs.candidates
-    merging: Merging | None = getattr(getattr(model, "radar", model), "merging", None)
+    looks, candidates, merging = feed.looks, pairs.candidates, _merging(feed)
     width = CONFUSED * np.nanquantile(candidates.sigma, 0.9, axis=0)
     if merging is not None:
         cells = {
@@ -108,7 +102,7 @@ def _told_apart(feed: SensorFeed, pairs: ComparedPlots) -> tuple[Ints, Bools, In
         }
         width = np.fmax(width, [MERGED * (cells[name] or 0.0) for name in pairs.names])
     place_m = aer_to_enu(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
-    values = place_values(model, pairs.names, place_m, looks.channel) / width
+    values = place_values(feed.model, pairs.names, place_m, looks.channel) / width
     since_ns = looks.t_utc_ns - looks.t_utc_ns.min(initial=0)
     scan = looks.sector if feed.known is None else since_ns / (feed.known.keys.scan.period_ns / 2)
     axes = [(scan.astype(np.float64), 0.0), (looks.channel.astype(np.float64), 0.0)]
@@ -129,39 +123,41 @@ def _of_any(group: Ints, of: Bools) -> Bools:
 
 def _means(rows: Residuals, group: Ints) -> Residuals:
     """Means of whole groups, (m,): they do not depend on which plot is taken for whose."""
-    _, first, of, count = np.unique(
-        group, return_index=True, return_inverse=True, return_counts=True
-    )
+    rows, group = rows.rows(np.argsort(group, kind="stable")), np.sort(group)
+    first = np.flatnonzero(np.diff(group, prepend=-1))
     if len(first) == len(group):
         return rows
-
-    def sums(values: Floats) -> Floats:
-        found = np.zeros((len(first), values.shape[1]))
-        np.add.at(found, of, values)
-        return found
-
-    variance, n = sums(rows.sigma**2), count[:, None]
-    return Residuals(
-        target=rows.target[first],
-        t_s=rows.t_s[first],
-        error=sums(rows.error) / n,
+    n = np.diff(first, append=len(group))[:, None]
+    variance = np.add.reduceat(rows.sigma**2, first)
+    excess = np.add.reduceat((rows.kurtosis - 3) * rows.sigma**4, first)
+    return rows.rows(first).but(
+        error=np.add.reduceat(rows.error, first) / n,
         sigma=np.sqrt(variance) / n,
-        rate=sums(rows.rate) / n,
-        kurtosis=3 + sums((rows.kurtosis - 3) * rows.sigma**4) / variance**2,
+        rate=np.add.reduceat(rows.rate, first) / n,
+        kurtosis=3 + excess / variance**2,
     )
 
 
 def _nothing_measured(feed: SensorFeed) -> list[ResidualCheck]:
     if not len(feed.plots):
-        looks = feed.looks.rows(feed.looks.counts)
-        missed = np.zeros(len(looks), np.bool_)
-        odds = LookOdds(target=looks.target, t_s=looks.t_utc_ns / NS, pd=looks.pd, hit=missed)
-        errors = _none_judged("no plots came")[:-2]
-        return [*errors, detection_check(odds, 0.0), _clutter(feed, 0, 0.0)]
+        odds = _odds(feed, np.zeros(len(feed.looks), np.bool_)).rows(feed.looks.counts)
+        *errors, pd, _ = _none_judged("no plots came")
+        if _merging(feed) is None:  # else several looks have one outcome
+            pd = detection_check(odds, 0.0)
+        return [*errors, pd, _clutter(feed, 0, 0.0)]
     is_told = np.isfinite(feed.plots.azimuth_deg).any() or np.isfinite(feed.plots.range_m).any()
     return _none_judged(
         "no plots near targets" if is_told else "it tells neither directions nor ranges"
     )
+
+
+def _odds(feed: SensorFeed, hit: Bools) -> LookOdds:
+    looks = feed.looks
+    return LookOdds(target=looks.target, t_s=looks.t_utc_ns / NS, pd=looks.pd, hit=hit)
+
+
+def _merging(feed: SensorFeed) -> Merging | None:
+    return getattr(getattr(feed.model, "radar", feed.model), "merging", None)
 
 
 def _none_judged(why: str) -> list[ResidualCheck]:

@@ -244,12 +244,8 @@ class LiveScore(Observer):
 
 def _means(window: Sequence[Mapping[str, float]] | deque[dict[str, float]]) -> dict[str, float]:
     """Means of figures over the seconds at which they are there."""
-    found = {}
-    for name in window[0]:
-        values = np.array([each[name] for each in window])
-        there = values[np.isfinite(values)]
-        found[name] = float(there.mean()) if len(there) else np.nan
-    return found
+    there = {name: [s[name] for s in window if np.isfinite(s[name])] for name in window[0]}
+    return {name: float(np.mean(each)) if each else np.nan for name, each in there.items()}
 
 
 class _FeedSoFar:

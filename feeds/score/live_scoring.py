@@ -31,11 +31,6 @@ def is_scored(scene: Scene) -> bool:
     return scene.page.tracks_topic is not None
 
 
-def scored_by(scene: Scene, live: LiveScore) -> list[Observer]:
-    """Who follows a session to score it; nobody where there is no tracker to hear."""
-    return [live] if is_scored(scene) else []
-
-
 @contextlib.asynccontextmanager
 async def scoring(
     scene: Scene,
