@@ -16,7 +16,7 @@ PIP := $(BIN)/python $(INSTALL) --requirement requirements
 OURSELVES := --quiet --no-deps --no-build-isolation --editable .
 has = $(shell command -v $(1))
 # Looked for at every call, so that what comes after the set-up is noticed.
-TOOLS := $(if $(call has,c++),.venv-asterix-decoder/.ready) $(if $(call has,npm),.node/.ready)
+TOOLS := $(if $(call has,c++),.venv-asterix-decoder/.ready) $(if $(and $(call has,npm),$(call has,node)),.node/.ready)
 # What reads, computes, encodes and sends by means of others' packages.
 LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/feeds/formats \
   tests/feeds/accuracy_chart/test_chart.py tests/feeds/sensing/test_sensors_together.py
@@ -24,14 +24,17 @@ LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/f
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-lowest lint audit bench fuzz mutations soak proto pages pictures docs lock clean
+.PHONY: demo test environments test-lowest lint audit bench fuzz mutations soak proto pages pictures docs lock clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
-# In that many processes, a file in one of them; with ARGS, one run of what they name.
-test: .venv/.ready-test .venv-docs/.ready .venv-tables/.ready .venv-utm/.ready $(TOOLS)
-	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
+# In that many processes, a file in one of them; with ARGS, one run of what they name; REPORT is a file for JUnit's XML.
+test: .venv/.ready-test environments
+	$(BIN)/python -m pytest $(REPORT:%=--junitxml=%) $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
+
+# Of others' packages that tests drive, each apart.
+environments: .venv-docs/.ready .venv-tables/.ready .venv-utm/.ready $(TOOLS)
 
 # With the lowest versions that pyproject.toml allows; what skips for want of tools runs in `test`.
 test-lowest: .venv-lowest/.ready
@@ -71,8 +74,8 @@ audit: .venv-audit/.ready
 # Built by what .venv has, into an environment of its own: it imports under the name of libasterix.
 .venv-asterix-decoder/.ready: requirements/test-asterix.txt .venv/.ready-test
 	test -x .venv-asterix-decoder/bin/python || $(PYTHON) -m venv --without-pip .venv-asterix-decoder
-	$(PIP)/test-asterix.txt --no-build-isolation --ignore-installed --prefix .venv-asterix-decoder
-	touch $@
+	if $(PIP)/test-asterix.txt --no-build-isolation --ignore-installed --prefix $(@D); then touch $@; else \
+	rm -rf $(@D); echo 'asterix-decoder was not built: tests with it will be skipped'; fi
 
 .node/.ready: Makefile
 	npm install --silent --no-audit --no-fund --ignore-scripts --prefix .node axe-core@$(AXE) $(ASYNCAPI) $(CLIENT) || \

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import queue
 import re
-import shutil
 import subprocess
 import sys
 import threading
@@ -18,6 +17,7 @@ import pytest
 from support.brokers import free_port
 from support.command import Running, plotfeed_here, running
 from support.mqtt_client import Heard, listening
+from support.tools import NODE_MODULES, needed, node_module
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.page.tracker_tracks import decode_tracks, east_north_m
@@ -25,7 +25,6 @@ from plotfeed.feeds.scene.scene import load
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-NODE_MODULES = EXAMPLES.parent / ".node" / "node_modules"
 SCENES = sorted((EXAMPLES / "scenes").glob("*.toml"))
 LINE = re.compile(r"\d\d:\d\d:\d\d\.\d+ (\S+) +(-?\d+\.\d{6}) (-?\d+\.\d{6}) (-?\d+) m")
 UDP = "127.0.0.1:8600"
@@ -92,10 +91,8 @@ def test_a_client_puts_plots_where_the_drone_flies(
     session, udp = radar_and_port
     mqtt, program = str(session.port("MQTT 3.1.1")), str(EXAMPLES / client)
     if client == "plots.mjs":
-        node = shutil.which("node")
-        if node is None or not (NODE_MODULES / "mqtt").exists():
-            pytest.skip("MQTT.js is not installed: npm was not there")
-        command = [node, program, f"mqtt://127.0.0.1:{mqtt}"]
+        node_module("mqtt")
+        command = [needed("node"), program, f"mqtt://127.0.0.1:{mqtt}"]
     else:
         first = [str(udp)] if client == "plots_udp.py" else []
         command = [sys.executable, program, *first, "127.0.0.1", mqtt]

@@ -13,7 +13,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -38,6 +37,7 @@ from support.mqtt_client import listening  # noqa: E402
 from support.nanosleep import nanosleep_late_us  # noqa: E402
 from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
 from support.scene_files import toml_of  # noqa: E402
+from support.tools import place_of  # noqa: E402
 
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
@@ -90,7 +90,7 @@ def radars(number: int) -> list[dict[str, Any]]:
 def a_broker(folder: Path) -> Iterator[tuple[str, int]]:
     """Mosquitto where it is installed, else rumqttd."""
     port = free_port()
-    if shutil.which("mosquitto") or Path("/usr/sbin/mosquitto").exists():
+    if place_of("mosquitto"):
         with mosquitto(folder, port):
             yield "mosquitto", port
     else:

@@ -17,7 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from aims import aim, spread
 from support import made_up_session, road
-from support.chromium import OPTIONS, program
+from support.chromium import OPTIONS
+from support.tools import place_of
 
 from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.server import PageServer, serving
@@ -119,7 +120,7 @@ def measured(drones: int) -> dict[str, float]:
     ):
         assert process.stdout
         url = process.stdout.readline().strip()
-        path = program()
+        path = place_of("chromium")
         assert path, "no Chromium is installed"
         browser = playwright.chromium.launch(executable_path=path, args=list(OPTIONS))
         page = browser.new_page(viewport=WINDOW)
@@ -277,7 +278,7 @@ if __name__ == "__main__":
         asyncio.run(serve(int(sys.argv[3]), with_page=sys.argv[2] == "page"))
     elif sys.argv[1:2] == ["--watch"]:
         asyncio.run(watch(sys.argv[2]))
-    elif program() is None:
+    elif place_of("chromium") is None:
         print("Not measured: no Chromium is installed.")
     else:
         main()

@@ -15,7 +15,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import shutil
 import socket
 import statistics
 import struct
@@ -250,7 +249,9 @@ def by_c(path: Path, port: int) -> None:
 
 def players() -> dict[str, Callable[..., Any]]:
     """Who replays, in turns; C where there is a compiler."""
-    by_compiler = {IN_C: by_c} if shutil.which("cc") else {}
+    from support.tools import place_of
+
+    by_compiler = {IN_C: by_c} if place_of("cc") else {}
     return {"plotfeed": by_plotfeed, **by_compiler, "ast-tool-py": by_ast_tool}
 
 

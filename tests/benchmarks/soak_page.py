@@ -18,7 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "commands"))
 from bench_page import WINDOW, child
 from pages import between
 from playwright.sync_api import CDPSession, Page, sync_playwright
-from support.chromium import OPTIONS, program
+from support.chromium import OPTIONS
+from support.tools import place_of
 
 from plotfeed.feeds.accuracy_chart.chart_command import processor
 
@@ -61,7 +62,9 @@ def main() -> None:
     with child(DRONES, with_page=True) as process, sync_playwright() as playwright:
         assert process.stdout
         url = process.stdout.readline().strip()
-        browser = playwright.chromium.launch(executable_path=program(), args=list(OPTIONS))
+        browser = playwright.chromium.launch(
+            executable_path=place_of("chromium"), args=list(OPTIONS)
+        )
         pages = [browser.new_page(viewport=WINDOW, reduced_motion="reduce") for _ in range(2)]
         for page in pages:
             page.goto(url)

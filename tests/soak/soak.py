@@ -19,7 +19,6 @@ import json
 import math
 import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -44,6 +43,7 @@ from support.brokers import free_port, mosquitto, rumqttd, wait_until_listening
 from support.command import PLOTFEED
 from support.mqtt_client import Client
 from support.nanosleep import Nanosleep
+from support.tools import place_of
 
 DOCS = Path(__file__).parents[2] / "docs"
 SAMPLE_EVERY_S = 5.0
@@ -58,8 +58,7 @@ class Broker:
     def __init__(self, folder: Path) -> None:
         self.port = free_port()
         self.is_up = False
-        search = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin"])
-        self.name = "mosquitto" if shutil.which("mosquitto", path=search) else "iotcore"
+        self.name = "mosquitto" if place_of("mosquitto") else "iotcore"
         self._folder = folder
         self._running: Any = None
         self._process: subprocess.Popen[bytes]

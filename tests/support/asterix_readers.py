@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pytest
+from support.tools import ROOT, skip
 
 # Its errors are silent: a record that it cannot read is one without items.
 _DECODER = """
@@ -69,14 +69,14 @@ def _values(item: Any) -> Iterator[Any]:
 
 ENVIRONMENT = "PLOTFEED_ASTERIX_DECODER"
 """Says which Python has it, instead of that of `.venv-asterix-decoder`."""
-OWN = Path(__file__).parents[2] / ".venv-asterix-decoder" / "bin" / "python"
+OWN = ROOT / ".venv-asterix-decoder" / "bin" / "python"
 
 
 def asterix_decoder() -> Path:
     """The Python that has it, without libasterix, which imports by the same name; may skip."""
     python = Path(os.environ.get(ENVIRONMENT, OWN))
     if not python.exists():
-        pytest.skip("asterix-decoder is not installed: it needs a C++ compiler")
+        skip("asterix-decoder", "c++")
     return python
 
 

@@ -8,7 +8,6 @@ import hashlib
 import json
 import os
 import random
-import shutil
 import socket
 import subprocess
 import sys
@@ -17,7 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
-import pytest
+from support.tools import needed
 from support.waiting import PATIENCE_S, wait_until
 
 TOGETHER = 3
@@ -68,10 +67,7 @@ def mosquitto(
     """
     if settings is None:
         settings = f"listener {port} 127.0.0.1\nallow_anonymous true\n"
-    search = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/local/sbin"])
-    program = shutil.which("mosquitto", path=search)
-    if program is None:
-        pytest.skip("mosquitto is not installed")
+    program = needed("mosquitto")
     config = folder / f"mosquitto-{port}.conf"
     user = "user root\n" if os.geteuid() == 0 else ""  # else it may not read what we wrote
     each = "per_listener_settings true\nset_tcp_nodelay true\n" if per_listener else ""

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urljoin
 
 import pytest
+from support.tools import needed, node_module
 from support.waiting import PATIENCE_S, wait_until
 
 if TYPE_CHECKING:
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
         ViewportSize,
     )
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OPTIONS = (
     "--no-sandbox",
     "--disable-gpu",
@@ -55,22 +52,12 @@ UNTIL = """async ([argument, patienceMs]) => {
 _left: dict[Browser, Page] = {}
 """A page of each browser that nobody looks at."""
 THEME = "document.documentElement.dataset.theme"
-AXE = Path(__file__).parents[2] / ".node" / "node_modules" / "axe-core" / "axe.min.js"
-
-
-def program() -> str | None:
-    """Where the browser is; PLOTFEED_CHROMIUM may say."""
-    given = os.environ.get("PLOTFEED_CHROMIUM")
-    found = (shutil.which(name) for name in ((given,) if given else NAMES))
-    return next((path for path in found if path), None)
 
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """A browser in a folder of its own; skips the test where there is none to drive."""
-    path = program()
-    if path is None:
-        pytest.skip("no Chromium is installed")
+    path = needed("chromium")
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=[*OPTIONS, *IN_ONE_PROCESS])
@@ -203,10 +190,9 @@ def broken_rules(page: Page) -> list[tuple[str, str, str]]:
 
     In both themes those of colours, which are all that a theme changes.
     """
-    if not AXE.exists():
-        pytest.skip("axe-core is not installed: npm was not there")
+    axe = node_module("axe-core") / "axe.min.js"
     # Evaluated and not added as a script, which the page's own policy would refuse.
-    page.evaluate(AXE.read_text())
+    page.evaluate(axe.read_text())
     found = page.evaluate("axe.run()")["violations"]
     before = page.evaluate(THEME)
     page.locator("#theme").click()

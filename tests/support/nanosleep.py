@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import tempfile
 from functools import cache
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from support.tools import place_of
 
 SOURCE = r"""
 #include <stdio.h>
@@ -39,7 +39,7 @@ int main(int n_arguments, char **arguments) {
 @cache
 def compiled(source: str, name: str) -> Path | None:
     """A program of that C source, for as long as this process lives; None without a compiler."""
-    compiler = shutil.which("cc")
+    compiler = place_of("cc")
     if compiler is None:
         return None
     folder = Path(tempfile.mkdtemp(prefix="plotfeed-c-"))

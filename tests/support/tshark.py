@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-
-def program(name: str) -> str:
-    """The path of one of Wireshark's programs; skips the test where it is not installed."""
-    found = shutil.which(name)
-    if found is None:
-        pytest.skip(f"{name} is not installed")
-    return found
+from support.tools import needed
 
 
 def tshark_fields(path: Path, *fields: str) -> list[list[str]]:
@@ -24,7 +15,7 @@ def tshark_fields(path: Path, *fields: str) -> list[list[str]]:
     wanted = [word for field in fields for word in ("-e", field)]
     checks = [word for kind in ("udp", "ip") for word in ("-o", f"{kind}.check_checksum:TRUE")]
     done = subprocess.run(
-        [program("tshark"), "-n", "-r", str(path), *checks, "-T", "fields", *wanted],
+        [needed("tshark"), "-n", "-r", str(path), *checks, "-T", "fields", *wanted],
         capture_output=True,
         text=True,
         check=True,
@@ -35,7 +26,7 @@ def tshark_fields(path: Path, *fields: str) -> list[list[str]]:
 
 def tshark_layers(path: Path) -> list[tuple[str, Any]]:
     """Every layer of every packet: its name, and the names and values of its tree, as pairs."""
-    command = [program("tshark"), "-n", "-r", str(path), "-T", "json"]
+    command = [needed("tshark"), "-n", "-r", str(path), "-T", "json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     packets = json.loads(done.stdout, object_pairs_hook=list)
     return [layer for packet in packets for layer in dict(dict(packet)["_source"])["layers"]]

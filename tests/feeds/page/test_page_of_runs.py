@@ -28,6 +28,7 @@ from support.live_page import (
     sectors_within,
     told,
 )
+from support.tools import needed
 
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.fields import frame_at, site_frame
@@ -81,10 +82,9 @@ def test_what_is_copied_from_the_page_receives_the_sensors_messages(
         line = page.locator("pre", has_text="mosquitto_sub").get_by_text(
             f"-p {run.process.port(protocol)}"
         )
-        words = shlex.split(line.inner_text())
-        done = subprocess.run(
-            [*words, "-C", "2"], capture_output=True, text=True, timeout=60, check=True
-        )
+        command, *words = shlex.split(line.inner_text())
+        words = [needed(command), *words, "-C", "2"]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=True)
         assert done.stdout.startswith("plotfeed/radar/")
         assert len(done.stdout.splitlines()) == 2
     for title in ("Python, paho", "Python, aiomqtt"):

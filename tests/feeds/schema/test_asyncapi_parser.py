@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import shutil
 import subprocess
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -13,20 +12,17 @@ from typing import Any
 import jsonschema
 import pytest
 from google.protobuf.json_format import ParseDict
+from support.tools import NODE_MODULES, ROOT, needed, node_module
 
 from plotfeed.feeds.schema.asyncapi import document
 from plotfeed.feeds.schema.flows import OURS, flows
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 
-ROOT = Path(__file__).parents[3]
-NODE_MODULES = ROOT / ".node" / "node_modules"
-
 
 def problems_of(api: dict[str, Any], folder: Path) -> dict[str, Any]:
-    node = shutil.which("node")
-    if node is None or not (NODE_MODULES / "@asyncapi" / "parser").exists():
-        pytest.skip("AsyncAPI's parser is not installed: npm was not there")
+    node = needed("node")
+    node_module("@asyncapi/parser")
     path = folder / "asyncapi.json"
     path.write_text(json.dumps(api))
     script = ROOT / "tests" / "support" / "asyncapi_problems.mjs"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 import struct
 import subprocess
 from pathlib import Path
 
 import pytest
 from support.scene_files import radar
+from support.tools import needed
 from support.udp_receiver import destination, place, receiver, scene_with, simulated
 
 from plotfeed.proto.asterix.codec.decode import decode_lenient
@@ -32,9 +32,7 @@ def captured(datagrams: list[bytes]) -> bytes:
 
 def dissected(folder: Path, datagrams: list[bytes], *fields: str) -> list[list[str]]:
     """The fields of each packet, those that occur more than once joined by commas."""
-    program = shutil.which("tshark")
-    if program is None:
-        pytest.skip("tshark is not installed")
+    program = needed("tshark")
     path = folder / "run.pcap"
     path.write_bytes(captured(datagrams))
     wanted = [word for field in fields for word in ("-e", field)]

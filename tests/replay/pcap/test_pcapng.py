@@ -18,7 +18,7 @@ from support.recordings import (
     read,
     written,
 )
-from support.tshark import program
+from support.tools import needed
 
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 from plotfeed.replay.pcap.link_layers import ETHERNET, frame
@@ -169,7 +169,7 @@ def converted(folder: Path, data: bytes) -> bytes:
     """By Wireshark's own program."""
     one, other = folder / "one.pcap", folder / "other.pcapng"
     one.write_bytes(data)
-    subprocess.run([program("editcap"), "-F", "pcapng", one, other], check=True, timeout=60)
+    subprocess.run([needed("editcap"), "-F", "pcapng", one, other], check=True, timeout=60)
     return other.read_bytes()
 
 
