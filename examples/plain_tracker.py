@@ -25,8 +25,8 @@ from plotfeed.models.state import Plots
 from plotfeed.models.track_lives import TrackRule
 from plotfeed.models.tracks import TrackStates
 from plotfeed.proto.asterix.cat062 import TrackEncoder062, Tracks
-from plotfeed.proto.batch import batch_in, plots_of_batch
 from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.plot_messages import batch_in, plots_of_batch
 
 NS = 1_000_000_000
 ACCELERATION_M_S2 = 3.0

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
-from plotfeed.proto.batch import plots_in_batch
 from plotfeed.proto.content_types import PLOT_BATCH
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
 from plotfeed.proto.message_kinds import kind_of
+from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
 from plotfeed.replay.recorded import Recorded, RecordingWriter

@@ -41,7 +41,7 @@ def _of_category(category: int, message: Recorded) -> MeasuredPlots | None:
 
 @dataclass(slots=True)
 class PlotsOnce:
-    """Of each sensor the format that says most of its plots, among those that a recording holds."""
+    """The plots of a recording, of each sensor in the format that says most of them."""
 
     _formats: dict[Source, int] = field(default_factory=dict)
     """Of each sensor, the category that it is taken from; 0 for PlotBatch."""
@@ -63,7 +63,7 @@ class PlotsOnce:
                 self._formats[source] = min(known, category, key=FORMATS.index)
 
     def select(self, message: Recorded) -> MeasuredPlots | str | None:
-        """Those plots of a message that no better format of the recording has too."""
+        """The plots of a message that no better format of the recording has too."""
         found = plots_in(message)
         if found is None:
             return None

@@ -33,7 +33,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.decode_plots import PLOT_ITEMS, plots_in_asterix
-from plotfeed.proto.batch import plots_in_batch
+from plotfeed.proto.plot_messages import plots_in_batch
 
 FORMATS: dict[str, Format] = {
     row.name: row

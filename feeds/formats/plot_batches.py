@@ -7,7 +7,7 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.proto.batch import plot_batches
+from plotfeed.proto.plot_messages import plot_batches
 
 PLOTS = REPORT_FORMATS["plots"]
 

@@ -25,9 +25,9 @@ from plotfeed.models.clutter import CLUTTER
 from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Floats, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.batch import batch_in, plots_in_batch, plots_of_batch
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
+from plotfeed.proto.plot_messages import batch_in, plots_in_batch, plots_of_batch
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.plots_csv import plots_in

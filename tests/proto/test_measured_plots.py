@@ -14,9 +14,9 @@ from plotfeed.models.state import NS, Plots
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
 from plotfeed.proto.asterix.cat048 import PlotEncoder048
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in, plots_in_asterix
-from plotfeed.proto.batch import plot_batch, plots_in_batch
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
+from plotfeed.proto.plot_messages import plot_batch, plots_in_batch
 from plotfeed.proto.utc import DAY_NS
 
 T_NS = 1_767_268_800 * NS

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.batch import MANY, plot_batches
+from plotfeed.proto.plot_messages import MANY, plot_batches
 from plotfeed.proto.units import decibels
 from plotfeed.proto.varint import varint
 

@@ -16,7 +16,7 @@ from support.recordings import plots
 
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.batch import plot_batch
+from plotfeed.proto.plot_messages import plot_batch
 from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.parquet_tables import FIELDS
 from plotfeed.replay.recorded import Recorded, TableName
