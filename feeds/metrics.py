@@ -1,17 +1,24 @@
-"""Prometheus metrics of a session or a fleet, on a loopback port: plotfeed[metrics]."""
+"""Prometheus metrics of a session or a fleet, over HTTP: plotfeed[metrics]."""
 
 from __future__ import annotations
 
 import contextlib
+import hmac
+import logging
+import os
+import socket
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from socketserver import ThreadingMixIn
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
+from urllib.parse import parse_qs
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
+from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.session.observer import Observer, RunningSession
-from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
+from plotfeed.feeds.transport.local_hosts import ServedAddress, drawn_token, fixed_token
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
@@ -19,6 +26,10 @@ if TYPE_CHECKING:
     from plotfeed.feeds.fleet.coordinator import Coordinator
     from plotfeed.feeds.fleet.fleet_parts import PartHeld
 
+log = logging.getLogger(__name__)
+
+TOKEN_VARIABLE = "PLOTFEED_METRICS_TOKEN"  # noqa: S105 - its name  # nosec B105
+PATH = "/metrics"
 COUNTERS = {
     "looks": "Looks at drones within cover",
     "plots": "Plots reported, false alarms among them",
@@ -44,6 +55,14 @@ COUNTERS = {
     "sapient_rejected": "SAPIENT tasks rejected",
 }
 """Of the session, by the name in its totals."""
+
+
+@dataclass(frozen=True, slots=True)
+class MetricsAddress(ServedAddress):
+    """Host and port at which metrics are served."""
+
+    option: ClassVar[str] = "--metrics"
+    port: int = 9464
 
 
 class MetricsError(PlotfeedError):
@@ -164,14 +183,21 @@ Application = Callable[..., Iterable[bytes]]
 """Of WSGI, PEP 3333."""
 
 
-def _for_this_machine(application: Application) -> Application:
-    """Answer nobody who asked for another host: a web site whose name stands for loopback."""
+def _for_who_may_ask(
+    application: Application, address: MetricsAddress, token: str | None
+) -> Application:
+    """Answer nobody who asked for another host, as by DNS rebinding, or who lacks the token."""
 
     def answer(environ: dict[str, Any], start_response: Callable[..., Any]) -> Iterable[bytes]:
-        if name_in_host(environ.get("HTTP_HOST", "")) in LOOPBACK_NAMES:
-            return application(environ, start_response)
-        start_response("403 Forbidden", [("Content-Type", "text/plain")])
-        return [b"This is not the host that was asked for.\n"]
+        if not address.host_is_ours(environ.get("HTTP_HOST", "")):
+            start_response("403 Forbidden", [("Content-Type", "text/plain")])
+            return [b"This is not the host that was asked for.\n"]
+        given = environ.get("HTTP_AUTHORIZATION", "").removeprefix("Bearer ")
+        given = parse_qs(environ.get("QUERY_STRING", "")).get("token", [given])[0]
+        if token is not None and not hmac.compare_digest(given.encode(), token.encode()):
+            start_response("401 Unauthorized", [("WWW-Authenticate", "Bearer")])
+            return [b"These metrics need the token that plotfeed has told.\n"]
+        return application(environ, start_response)
 
     return answer
 
@@ -180,17 +206,25 @@ class _Server(ThreadingMixIn, WSGIServer):
     daemon_threads = True
 
 
+class _ServerV6(_Server):
+    address_family = socket.AF_INET6
+
+
 class _Quiet(WSGIRequestHandler):
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name
         """Say nothing of requests."""
 
 
 @contextlib.contextmanager
-def served(port: int, of: FleetCollector | None = None) -> Iterator[Observer]:
-    """Serve metrics on http://127.0.0.1:port/metrics meanwhile; raises `MetricsError`.
+def served(address: MetricsAddress, of: FleetCollector | None = None) -> Iterator[Observer]:
+    """Serve metrics at /metrics there meanwhile; raises `PlotfeedError`.
 
-    They are those of the session that is observed, or of a fleet.
+    They are those of the session that is observed, or of a fleet. Beyond loopback they need the
+    token of the environment, or else a drawn one, which is logged with the URL.
     """
+    token = fixed_token(os.environ, TOKEN_VARIABLE)
+    if token is None and not address.is_loopback:
+        token = drawn_token()
     try:
         from prometheus_client import CollectorRegistry, make_wsgi_app
     except ImportError:
@@ -200,11 +234,15 @@ def served(port: int, of: FleetCollector | None = None) -> Iterator[Observer]:
     registry = CollectorRegistry(auto_describe=False)
     collector = SessionCollector()
     registry.register(collector if of is None else of)
-    application = _for_this_machine(make_wsgi_app(registry))
+    application = _for_who_may_ask(make_wsgi_app(registry), address, token)
+    kind = _ServerV6 if ":" in address.host else _Server
     try:
-        server = make_server(LOOPBACK, port, application, _Server, _Quiet)
+        server = make_server(address.host, address.port, application, kind, _Quiet)
     except OSError as error:
-        raise MetricsError(f"metrics: port {port} on {LOOPBACK}: {error.strerror}") from None
+        where = f"{MetricsAddress.option} {bracketed(address.host)}:{address.port}"
+        raise MetricsError(f"{where}: {error.strerror or error}") from None
+    if token is not None or not address.port:
+        log.info("metrics are at %s", replace(address, port=server.server_port).url(PATH, token))
     thread = threading.Thread(target=server.serve_forever, name="metrics", daemon=True)
     thread.start()
     try:

@@ -91,9 +91,9 @@ CELLS = ("4", "5", "6", "7", "8", "9")
 )
 @click.option(
     "--metrics",
-    type=click.IntRange(1, 65535),
-    metavar="PORT",
-    help="Serve Prometheus metrics of the fleet on this port of loopback.",
+    metavar="[HOST:]PORT",
+    help="Serve Prometheus metrics of the fleet there: to this machine alone, or where HOST says, "
+    "with a token.",
 )
 @click.option(
     "--page",

@@ -20,7 +20,7 @@ from plotfeed.feeds.fleet.cells import USUAL_RESOLUTION
 from plotfeed.feeds.fleet.coordinator import Coordinator
 from plotfeed.feeds.fleet.fleet_link import CONTROL, FleetLink, asked_workers, health
 from plotfeed.feeds.fleet.fleet_parts import FleetSettings
-from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows
+from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows, told_in
 from plotfeed.feeds.fleet.ray_workers import starter
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.page_access import PageAddress, fixed_tokens
@@ -48,7 +48,7 @@ class NoFleetError(PlotfeedError):
 
 
 def run_fleet(
-    scene: Scene, ray_address: str | None, metrics: int | None, page: str | None, **asked: Any
+    scene: Scene, ray_address: str | None, metrics: str | None, page: str | None, **asked: Any
 ) -> int:
     """Run a scene over many workers until it ends or is stopped; the exit code."""
     as_json, speed, cells = asked.pop("as_json"), asked.pop("speed"), asked.pop("cells")
@@ -68,10 +68,10 @@ def run_fleet(
     with connected(ray_address, settings.workers) as ray, contextlib.ExitStack() as served:
         fleet = Coordinator(scene, settings, starter(ray))
         if metrics is not None:
-            from plotfeed.feeds.metrics import FleetCollector
+            from plotfeed.feeds.metrics import FleetCollector, MetricsAddress
             from plotfeed.feeds.metrics import served as serve
 
-            served.enter_context(serve(metrics, FleetCollector(fleet)))
+            served.enter_context(serve(MetricsAddress.parse(metrics), FleetCollector(fleet)))
         code = asyncio.run(_run(fleet, page, quiet=as_json))
     if as_json:
         say(json.dumps({**health(fleet, "ENDED"), "counts": fleet.counts}))
@@ -166,9 +166,14 @@ async def _heard(scene: Scene, broker: str | None) -> tuple[dict[str, Any], dict
     are_all_there = asyncio.Event()
 
     def take(topic: str, payload: bytes, _content_type: str | None) -> None:
-        with contextlib.suppress(ValueError, RecursionError):
-            if isinstance(told := json.loads(payload), dict):
-                heard[topic.removeprefix(f"{root}/")] = told
+        name = topic.removeprefix(f"{root}/")
+        if topic == f"{scene.mqtt.prefix}/{CONTROL}":
+            return
+        try:
+            heard[name] = told_in(payload, of_part=topic != root)
+        except PlotfeedError as error:
+            say(f"plotfeed: {topic} is left out, nothing that a fleet says: {error}", err=True)
+            heard[name] = {}
         if _all_there(heard, root):
             are_all_there.set()
 
@@ -179,7 +184,7 @@ async def _heard(scene: Scene, broker: str | None) -> tuple[dict[str, Any], dict
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(HEARD_S):
                 await are_all_there.wait()
-    if root not in heard:
+    if not heard.get(root):
         raise NoFleetError(f"no fleet says on {root} that it runs")
     told = heard[root]
     names = [each["part"] for each in told.get("parts", [])]

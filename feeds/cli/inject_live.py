@@ -99,19 +99,20 @@ class _Relay:
     async def run(self, duration_s: float | None) -> int:
         """Listen until the end of the source or of the time, or until stopped."""
         stop = asyncio.Event()
-        with stopped_by_signals(stop.set) as signals, contextlib.ExitStack() as opened:
+        async with contextlib.AsyncExitStack() as opened:
             opened.callback(self._clock.close)
             opened.callback(self._source.close)
             await self._source.open()
-            async with self._link.connected(CONNECT_S):
-                await self._answers.begin()
-                if self._answers.scene is None:
-                    prefix = self._settings.prefix
-                    say(f"plotfeed: no session says on {prefix}/session that it runs", err=True)
-                say(f"listens to {self._source.name}, drones are {self._template}; stop: Ctrl-C")
-                await self._listen(duration_s, stop)
-                await self._link.drain()
-                await self._answers.end()
+            await opened.enter_async_context(self._link.connected(CONNECT_S))
+            signals = opened.enter_context(stopped_by_signals(stop.set))
+            await self._answers.begin()
+            if self._answers.scene is None:
+                prefix = self._settings.prefix
+                say(f"plotfeed: no session says on {prefix}/session that it runs", err=True)
+            say(f"listens to {self._source.name}, drones are {self._template}; stop: Ctrl-C")
+            await self._listen(duration_s, stop)
+            await self._link.drain()
+            await self._answers.end()
         self._conclude()
         if signal.SIGINT in signals:
             return INTERRUPTED

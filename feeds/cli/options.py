@@ -67,6 +67,9 @@ def stage_option(help_text: str) -> Decorator:
     )
 
 
+wait_option = click.option(
+    "--wait", is_flag=True, help="Wait for a broker that is not up yet, with a line, until it is."
+)
 part_options = together(
     click.option(
         "--start",
@@ -86,6 +89,7 @@ session_options = together(
         help="Connect to the broker at mqtt://HOST:PORT or mqtts://HOST:PORT, or to none by "
         "'none'; without it the scene's broker is used, else an embedded one.",
     ),
+    wait_option,
     click.option(
         "--udp",
         multiple=True,
@@ -142,9 +146,9 @@ session_options = together(
     force_option("Replace the files of --record and --write where they are there already."),
     click.option(
         "--metrics",
-        type=click.IntRange(1, 65535),
-        metavar="PORT",
-        help="Serve Prometheus metrics on this port of loopback.",
+        metavar="[HOST:]PORT",
+        help="Serve Prometheus metrics there: to this machine alone, or where HOST says, with a "
+        "token.",
     ),
     click.option(
         "--page",
@@ -189,6 +193,7 @@ access_options = together(
         show_default=True,
         help="Speak this version of MQTT; any tries 5 first, and then 3.1.1.",
     ),
+    wait_option,
 )
 """How to get into a broker; user and password come from the environment or a file."""
 flight_options = together(
@@ -279,7 +284,8 @@ def take_access(options: dict[str, Any]) -> dict[str, Any]:
         certificate_file=options.pop("client_certificate"),
         key_file=options.pop("client_key"),
     ).with_credentials(options.pop("credentials"))
-    return {"access": access, "versions": VERSIONS[options.pop("mqtt_version")]}
+    versions = VERSIONS[options.pop("mqtt_version")]
+    return {"access": access, "versions": versions, "waits": options.pop("wait")}
 
 
 def take_flight_options(options: dict[str, Any]) -> FlightOptions:

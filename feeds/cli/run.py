@@ -32,7 +32,7 @@ from plotfeed.feeds.console.process import (
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.lateness import lateness_us
-from plotfeed.feeds.metrics import served
+from plotfeed.feeds.metrics import MetricsAddress, served
 from plotfeed.feeds.recording.recorder import (
     RawFile,
     Recorder,
@@ -71,6 +71,8 @@ class RunSettings:
     """What the options of `run` and `demo` ask for, beside the scene."""
 
     broker: str | None
+    wait: bool
+    """Whether to wait for a broker that is not up yet."""
     udp: tuple[str, ...]
     """Where ASTERIX goes instead of where the scene says."""
     middleware: str | None
@@ -85,7 +87,8 @@ class RunSettings:
     write: Path | None
     record: Path | None
     force: bool
-    metrics: int | None
+    metrics: str | None
+    """Where to serve metrics."""
     page: str | None
     """Where to serve the page."""
     as_json: bool
@@ -129,7 +132,8 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
         if settings.telemetry:
             observers.append(RecordedTelemetry(settings.telemetry))
         if settings.metrics is not None:
-            observers.append(files.enter_context(served(settings.metrics)))
+            address = MetricsAddress.parse(settings.metrics)
+            observers.append(files.enter_context(served(address)))
         run_session: RunSession = partial(
             partial(_run_with_page, settings) if serves_page else _runner(scene, settings),
             scene=scene,

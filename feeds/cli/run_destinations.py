@@ -44,6 +44,10 @@ class NamedDestinations(Protocol):
         """URL, or none."""
 
     @property
+    def wait(self) -> bool:
+        """Whether to wait for a broker that is not up yet."""
+
+    @property
     def udp(self) -> tuple[str, ...]:
         """Addresses for ASTERIX."""
 
@@ -66,7 +70,7 @@ class NamedDestinations(Protocol):
 
 def named_outgoing(scene: Scene, settings: NamedDestinations) -> Outgoing:
     """Destinations of the scene, or those that the command line names instead."""
-    to = scene.outgoing
+    to = replace(scene.outgoing, waits=settings.wait)
     if settings.middleware is not None:
         try:
             split_address(settings.middleware)

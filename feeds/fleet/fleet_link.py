@@ -14,6 +14,7 @@ from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.fleet.cells import cell_of
 from plotfeed.feeds.fleet.coordinator import Coordinator
 from plotfeed.feeds.fleet.fleet_parts import Gap
+from plotfeed.feeds.fleet.fleet_status import told_in
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.session_part import CELL, ENDED, FLEET, RUNNING
@@ -95,10 +96,9 @@ class FleetLink:
     def _note(self, name: str, payload: bytes) -> None:
         """Keep what a worker says of one of the parts that there are."""
         names = {part.name for part in self.fleet.parts}
-        with contextlib.suppress(ValueError, RecursionError):
-            told = json.loads(payload)
-            if name in names and isinstance(told, dict):
-                self.statuses[name] = told
+        with contextlib.suppress(PlotfeedError):
+            if name in names:
+                self.statuses[name] = told_in(payload, of_part=True)
         for gone in self.statuses.keys() - names:
             del self.statuses[gone]
 

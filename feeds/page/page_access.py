@@ -3,62 +3,32 @@
 from __future__ import annotations
 
 import hmac
-import ipaddress
-import re
-import secrets
 import socket
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 from plotfeed.feeds.console.posix import listen_again
 from plotfeed.feeds.page.audience import Role
-from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
+from plotfeed.feeds.transport.local_hosts import ServedAddress, drawn_token, fixed_token
 from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_PORT = 8590
-TOKEN_OCTETS = 18
 TOKEN_VARIABLE = "PLOTFEED_PAGE_TOKEN"  # noqa: S105 - its name  # nosec B105
 AUDIENCE_VARIABLE = "PLOTFEED_AUDIENCE_TOKEN"
 """The same for the audience's address."""
 AUDIENCE_PATH = "/audience"
 """Below it is what the audience may ask for; its own page is there with a slash."""
 PRESENTERS_PATHS = frozenset({"/", "/feed"})
-FIXED_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
 
 @dataclass(frozen=True, slots=True)
-class PageAddress:
+class PageAddress(ServedAddress):
     """Host and port at which the page is served."""
 
-    host: str = LOOPBACK
+    option: ClassVar[str] = "--page"
     port: int = DEFAULT_PORT
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Read HOST:PORT, [V6]:PORT, or a port alone on loopback; raises `PlotfeedError`."""
-        host, _, port = text.rpartition(":")
-        if host.startswith("[") and host.endswith("]"):
-            host = host[1:-1]
-        elif ":" in host:
-            host = ""
-            port = ""
-        if not (port.isascii() and port.isdigit() and len(port) <= 5 and int(port) < 65536):
-            raise PlotfeedError(
-                f"--page: expected HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}, not {text!r}"
-            )
-        return cls(host or LOOPBACK, int(port))
-
-    @property
-    def is_loopback(self) -> bool:
-        """Says whether only this machine can get there."""
-        if self.host in LOOPBACK_NAMES:
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
 
 
 class Tokens(NamedTuple):
@@ -74,12 +44,7 @@ def fixed_tokens(environment: Mapping[str, str]) -> Tokens:
     Raises `PlotfeedError`, without the token, where one is too short or would not fit in a link,
     or where both are the same.
     """
-    tokens = Tokens(environment.get(TOKEN_VARIABLE), environment.get(AUDIENCE_VARIABLE))
-    for variable, token in zip((TOKEN_VARIABLE, AUDIENCE_VARIABLE), tokens, strict=True):
-        if token is not None and not FIXED_TOKEN.fullmatch(token):
-            raise PlotfeedError(
-                f"{variable}: expected 16 to 128 letters, digits, - and _, not what it holds"
-            )
+    tokens = Tokens(*(fixed_token(environment, v) for v in (TOKEN_VARIABLE, AUDIENCE_VARIABLE)))
     if tokens.presenter is not None and tokens.presenter == tokens.audience:
         raise PlotfeedError(f"{AUDIENCE_VARIABLE}: expected another token than {TOKEN_VARIABLE}")
     return tokens
@@ -94,8 +59,8 @@ class PageAccess:
         self.tokens = Tokens()
         if not address.is_loopback or any(fixed):
             self.tokens = Tokens(
-                fixed.presenter or secrets.token_urlsafe(TOKEN_OCTETS),
-                fixed.audience or secrets.token_urlsafe(TOKEN_OCTETS),
+                fixed.presenter or drawn_token(),
+                fixed.audience or drawn_token(),
             )
 
     def cookie(self, role: Role) -> str:
@@ -105,14 +70,7 @@ class PageAccess:
 
     def host_is_ours(self, headers: Mapping[str, str]) -> bool:
         """Says whether a request was made to a name of this machine."""
-        name = name_in_host(headers.get("host", ""))
-        if self._address.is_loopback:
-            return name in LOOPBACK_NAMES or name == self._address.host.lower()
-        return (
-            name in LOOPBACK_NAMES
-            or name in {self._address.host.lower(), socket.gethostname().lower()}
-            or _is_address(name)
-        )
+        return self._address.host_is_ours(headers.get("host", ""))
 
     def origin_is_ours(self, headers: Mapping[str, str]) -> bool:
         """Says whether a script that asks comes from this very page."""
@@ -142,14 +100,6 @@ class PageAccess:
             morsel = found.get(self.cookie(role))
             if morsel is not None and self.role_with(morsel.value) is role:
                 yield role
-
-
-def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
 
 
 ABORT_MS = 10_000

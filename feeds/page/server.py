@@ -5,12 +5,10 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING
 
-from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.page.page_access import (
     AUDIENCE_PATH,
     PageAccess,
@@ -55,25 +53,18 @@ class PageServer:
     @property
     def url(self) -> str:
         """The presenter's address, with the token if one is needed."""
-        return self._url("/", self._access.tokens.presenter)
+        return self._address.url("/", self._access.tokens.presenter)
 
     @property
     def audience_url(self) -> str:
         """The audience's address, with the token if one is needed."""
-        return self._url(f"{AUDIENCE_PATH}/", self._access.tokens.audience)
+        return self._address.url(f"{AUDIENCE_PATH}/", self._access.tokens.audience)
 
     @property
     def urls(self) -> dict[str, str]:
         """What to tell people: the audience's address where it needs a token of its own."""
         told = {"page": self.url}
         return told | ({"audience": self.audience_url} if self._access.tokens.audience else {})
-
-    def _url(self, path: str, token: str | None) -> str:
-        host = self._address.host
-        if host in {"0.0.0.0", "::"}:  # noqa: S104 - only printed  # nosec B104
-            host = socket.gethostname()
-        asked = f"?token={token}" if token else ""
-        return f"http://{bracketed(host)}:{self._address.port}{path}{asked}"
 
     def close(self) -> None:
         """Give up the address, if it was never served."""

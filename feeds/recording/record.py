@@ -107,8 +107,8 @@ class _Recording:
         """The exit code."""
         began_s = time.monotonic()
         try:
+            await self._source.open(self._receive)
             with stopped_by_signals(self._stop.set) as signals:
-                await self._source.open(self._receive)
                 recorder = self._recorder = Recorder(self._target, force=self._settings.force)
                 try:
                     await self._work(recorder)

@@ -35,6 +35,8 @@ class Outgoing:
 
     broker: str | None = None
     """URL; None is the embedded broker."""
+    waits: bool = False
+    """Whether a broker that is not up yet is waited for."""
     port: int | None = None
     """Of the embedded broker, if it must be that one."""
     embedded: EmbeddedBrokerKeys = field(default_factory=EmbeddedBrokerKeys)

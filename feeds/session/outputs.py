@@ -87,7 +87,8 @@ def broker_address(scene: Scene, url: str) -> BrokerAddress:
     access = BrokerAccess(
         ca_file=to.ca_file, certificate_file=to.certificate_file, key_file=to.key_file
     ).with_credentials(to.credentials_file)
-    return BrokerAddress.parse(url, versions=VERSIONS[scene.mqtt.version], access=access)
+    versions = VERSIONS[scene.mqtt.version]
+    return BrokerAddress.parse(url, versions=versions, access=access, waits=to.waits)
 
 
 TrackTransport = TakTransport | HttpTransport | WebSocketTransport | RemoteIdTransport

@@ -139,6 +139,8 @@ class BrokerAddress:
     access: BrokerAccess = NO_ACCESS
     ends_with_us: bool = False
     """Whether it is the embedded one: nobody is left to be told when its session dies."""
+    waits: bool = False
+    """Whether it is waited for until it is up."""
 
     @property
     def destination(self) -> str:
@@ -153,6 +155,7 @@ class BrokerAddress:
         *,
         versions: tuple[int, ...] = VERSIONS["any"],
         access: BrokerAccess | None = None,
+        waits: bool = False,
     ) -> BrokerAddress:
         """Read mqtt://HOST[:PORT], or mqtts:// for TLS; raises `AddressError`."""
         try:
@@ -173,7 +176,8 @@ class BrokerAddress:
             raise AddressError(
                 f"broker {url!r}: a CA, certificate or key is given, and they need mqtts://"
             )
-        return cls(parts.hostname, port or DEFAULT_PORTS[parts.scheme], versions, tls, access)
+        port = port or DEFAULT_PORTS[parts.scheme]
+        return cls(parts.hostname, port, versions, tls, access, waits=waits)
 
     def __str__(self) -> str:
         return f"{'mqtts' if self.tls else 'mqtt'}://{bracketed(self.host)}:{self.port}"

@@ -23,6 +23,8 @@ from plotfeed.feeds.transport.patience import backoff_s, wait_while
 log = logging.getLogger(__name__)
 
 CONNECT_TIMEOUT_S = 3.0
+AT_FIRST_S = 0.5
+"""A broker that is not up by then is waited for with a line."""
 OTHER_VERSION_AFTER_S = 1.0
 """A broker that does not know a version may just not answer."""
 STABLE_S = 5.0
@@ -95,13 +97,17 @@ class MqttTransport:
             await asyncio.gather(running, return_exceptions=True)
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
-        """Return once there has been a connection.
+        """Return once there has been a connection, however long that takes if the address waits.
 
         Raises `MqttError` if there is none in that time, or the broker refuses for good.
         """
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout(AT_FIRST_S if self.address.waits else timeout_s):
                 await self._settled.wait()
+        if self.address.waits and not self._settled.is_set():
+            why = self.last_error or no_answer()
+            log.info("waits for the MQTT broker %s (%s); stop: Ctrl-C", self.address, why)
+            await self._settled.wait()
         if not self.connections:
             raise MqttError(f"MQTT broker {self.address}: {self.last_error or no_answer()}")
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 from prometheus_client import Metric
@@ -20,7 +21,7 @@ from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.lateness import lateness_us
-from plotfeed.feeds.metrics import COUNTERS, MetricsError, served
+from plotfeed.feeds.metrics import COUNTERS, TOKEN_VARIABLE, MetricsAddress, MetricsError, served
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import Session, run
@@ -83,7 +84,7 @@ async def held(folder: Path) -> Held:
     port, stop, begun, known = free_port(), asyncio.Event(), Begun(), list[SessionCounters]()
 
     async def work() -> None:
-        with served(port) as collector:
+        with served(MetricsAddress(port=port)) as collector:
             await run(
                 scene,
                 clock=clock,
@@ -153,12 +154,12 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
         done = plotfeed_here("run", scene, "--broker", "none", "--duration", 1, "--metrics", port)
     assert done.returncode == 1
     assert done.stdout == ""
-    assert done.stderr == f"plotfeed: metrics: port {port} on 127.0.0.1: Address already in use\n"
+    assert done.stderr == f"plotfeed: --metrics 127.0.0.1:{port}: Address already in use\n"
 
 
 def test_without_the_library_that_serves_them_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
-    with pytest.raises(MetricsError) as caught, served(free_port()):
+    with pytest.raises(MetricsError) as caught, served(MetricsAddress()):
         pass
     expected = "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
     assert (str(caught.value), caught.value.exit_code) == (expected, 1)
@@ -174,16 +175,50 @@ async def test_metrics_are_served_on_loopback_alone(tmp_path: Path) -> None:
 def test_metrics_are_for_who_asks_for_this_machine() -> None:
     """A web site whose name stands for loopback (DNS rebinding) has its browser name that site."""
     port = free_port()
-    with served(port):
+    with served(MetricsAddress(port=port)):
         for host in ("127.0.0.1", f"localhost:{port}", f"[::1]:{port}"):
             assert answer_to(port, host) == 200
         for host in ("evil.example", f"evil.example:{port}", "127.0.0.1.evil.example", ""):
             assert answer_to(port, host) == 403
 
 
-def answer_to(port: int, host: str) -> int:
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])  # noqa: S104
+@pytest.mark.parametrize("fixed", ["", "a-token-of-16-letters"])
+def test_metrics_beyond_this_machine_need_the_token_that_is_told(
+    host: str, fixed: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    if fixed:
+        monkeypatch.setenv(TOKEN_VARIABLE, fixed)
+    with served(MetricsAddress(host, 0)):
+        (line,) = caplog.messages
+        url = urlsplit(line.rpartition(" ")[2])
+        assert line.startswith("metrics are at http://")
+        ((_, token),) = parse_qsl(url.query)
+        port, path = url.port or 0, url.path
+        assert path == "/metrics"
+        assert token == fixed or (not fixed and len(token) >= 16)
+        assert answer_to(port, "127.0.0.1", f"{path}?token={token}") == 200
+        assert answer_to(port, "127.0.0.1", path, Authorization=f"Bearer {token}") == 200
+        assert answer_to(port, "192.0.2.1", f"{path}?token={token}") == 200
+        for wrong in ("", "x", f"{token}x", "%C3%A9"):
+            assert answer_to(port, "127.0.0.1", f"{path}?token={wrong}") == 401
+        assert answer_to(port, "127.0.0.1", path, Authorization=f"Bearer x{token}") == 401
+        assert answer_to(port, "evil.example", f"{path}?token={token}") == 403
+
+
+def test_a_place_for_metrics_that_is_none_is_one_line(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=radar(), port=1883))
+    for text in ("70000", "::1:9464", "host:", "x"):
+        done = plotfeed_here("run", scene, "--broker", "none", "--metrics", text)
+        expected = "expected HOST:PORT, such as 127.0.0.1:9464, not"
+        assert done.stderr == f"plotfeed: --metrics: {expected} {text!r}\n"
+        assert done.returncode == 2
+
+
+def answer_to(port: int, host: str, path: str = "/metrics", **headers: str) -> int:
     asking = HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
-    asking.request("GET", "/metrics", headers={"Host": host})
+    asking.request("GET", path, headers={"Host": host, **headers})
     try:
         return asking.getresponse().status
     finally:
