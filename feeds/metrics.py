@@ -46,6 +46,8 @@ COUNTERS = {
     "forgotten": "Drones forgotten, since nothing came of them for long",
     "flooded": "Messages refused because too many of their topic waited",
     "late": "Telemetry messages refused because they were taken in too late",
+    "heard_back": "Samples of what was published that a broker passed on to the session itself",
+    "not_heard_back": "Samples of what was published that it did not pass on",
     "controls": "Changes made by control",
     "sapient_connections": "Connections of sensors to the SAPIENT middleware, so far",
     "sapient_stalls": "Connections given up because the SAPIENT middleware no longer read",

@@ -266,6 +266,8 @@ def _line(totals: SessionCounters) -> str:
         f"on the way at the end {totals.ended}": totals.ended,
         f"undelivered {totals.undelivered}": totals.undelivered,
         **{f"not to {to} {count}": count for to, count in totals.undelivered_to.items()},
+        f"not heard back {totals.not_heard_back} of "
+        f"{totals.not_heard_back + totals.heard_back} samples": totals.not_heard_back,
         f"missed scans {totals.missed_scans}": totals.missed_scans,
         f"other sessions on the prefix {totals.other_sessions}": totals.other_sessions,
     }

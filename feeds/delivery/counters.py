@@ -68,6 +68,10 @@ class SessionCounters:
     """Accepted, wherever they came from."""
     sapient_rejected: int = 0
     """Tasks that were not."""
+    heard_back: int = 0
+    """Samples of what was published that a broker passed on to the session itself."""
+    not_heard_back: int = 0
+    """Samples that it did not pass on, although it answers: perhaps its access list is against."""
     lateness_ns: LastLateness = field(default_factory=LastLateness)
     speed: float | None = None
     """Times real time at which its clock is to run; None for as fast as it can."""
@@ -80,6 +84,11 @@ class SessionCounters:
         self.looks += looks
         self.plots += plots
         self.false_alarms += false_alarms
+
+    def echoed(self, came: bool) -> None:
+        """Count a sample of what was published, which has come back or not."""
+        self.heard_back += came
+        self.not_heard_back += not came
 
     def sent(self, lateness_ns: Sequence[int]) -> None:
         """Count messages that were sent, so late each."""

@@ -177,6 +177,7 @@ class Outputs:
             "on_message": on_message,
             "on_connect": self._announce_again,
             "queue": self._scene.mqtt.queue,
+            "on_echo": None if to.ends_with_us else self._context.totals.echoed,
         }
         part = self._part
         if part is None or part.lease is None or not part.client_id:

@@ -17,6 +17,7 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, OnMessage
 from plotfeed.feeds.transport.mqtt.no_connection import MqttError, no_answer
+from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
 from plotfeed.feeds.transport.patience import backoff_s, wait_while
 
@@ -52,7 +53,9 @@ class MqttTransport:
         on_received: OnReceived | None = None,
         on_connect: Callable[[MqttTransport], None] | None = None,
         queue: MqttQueueKeys | None = None,
+        on_echo: Callable[[bool], object] | None = None,
     ) -> None:
+        """`on_echo` is told of samples of what is published whether they come back."""
         if address.tls:
             address.access.tls_context()  # files that cannot be used are an error at once
         self.address = address
@@ -66,6 +69,7 @@ class MqttTransport:
         self._on_message = on_message
         self._on_received = on_received
         self._on_connect = on_connect
+        self._echo = None if on_echo is None else OwnEcho(address, subscribe, on_echo)
         self._versions = address.versions
         self._settled = asyncio.Event()
         """There has been a connection, or it is known that there will be none."""
@@ -105,8 +109,8 @@ class MqttTransport:
             async with asyncio.timeout(AT_FIRST_S if self.address.waits else timeout_s):
                 await self._settled.wait()
         if self.address.waits and not self._settled.is_set():
-            why = self.last_error or no_answer()
-            log.info("waits for the MQTT broker %s (%s); stop: Ctrl-C", self.address, why)
+            found = self.last_error or no_answer()
+            log.info("waits for the MQTT broker %s (%s); stop: Ctrl-C", self.address, found)
             await self._settled.wait()
         if not self.connections:
             raise MqttError(f"MQTT broker {self.address}: {self.last_error or no_answer()}")
@@ -119,11 +123,18 @@ class MqttTransport:
                 try:
                     connection = await self._connect()
                 except MqttError as error:
-                    self._failed(error)
+                    if self.connections and str(error) != self.last_error:
+                        log.warning("%s: no connection to %s (%s)", self.name, self.address, error)
+                    self.last_error = str(error)  # of the first attempts whoever waits is told
+                    if error.final:
+                        self._settled.set()
                 else:
                     began_s = loop.time()
                     await self._watch(connection)
-                    log.warning("%s: %s", self.name, self._loss(connection))
+                    lost = connection.unacknowledged
+                    why = f" ({connection.good_bye})" if connection.good_bye else ""
+                    why += f"; {lost} unacknowledged messages will be sent again" if lost else ""
+                    log.warning("%s: lost the connection to %s%s", self.name, self.address, why)
                     self._send_by(None)
                     connection.abort()
                     if loop.time() - began_s > STABLE_S:
@@ -242,11 +253,14 @@ class MqttTransport:
         """Drop what has waited too long."""
         for queue in self._queues:
             queue.expire()
-        self._tell_of_room()
+        if not self.is_full:
+            self._room.set()
 
     def _send_by(self, connection: MqttConnection | None) -> None:
         """Send by this one, or by none; what another had not delivered waits for it."""
         lost, self._connection = self._connection, connection
+        if self._echo is not None:
+            self._echo.begin(connection)
         if lost is not None:
             self._queues[1].put_back(lost.give_up())
         self._has_room_again()
@@ -272,7 +286,8 @@ class MqttTransport:
                 more = True
         if more:
             self._has_room_again()
-        self._tell_of_room()
+        if not self.is_full:
+            self._room.set()
 
     def _send(
         self, connection: MqttConnection, delivery: Delivery, sent_before: bool = False
@@ -285,10 +300,6 @@ class MqttTransport:
             connection.send_until_acknowledged(delivery)
         else:
             connection.send(delivery)
-
-    def _tell_of_room(self) -> None:
-        if not self.is_full:
-            self._room.set()
 
     async def _watch(self, connection: MqttConnection) -> None:
         """Return when it is lost; end it when its socket takes nothing any more."""
@@ -311,6 +322,7 @@ class MqttTransport:
                 on_room=self._has_room_again,
                 on_message=self._on_message,
                 on_received=self._on_received,
+                echo=self._echo,
             )
             last = version == self._versions[-1]
             try:
@@ -336,17 +348,3 @@ class MqttTransport:
         self._send_by(connection)
         if self._on_connect is not None:
             self._on_connect(self)
-
-    def _failed(self, error: MqttError) -> None:
-        if self.connections and str(error) != self.last_error:  # before, whoever waits is told
-            log.warning("%s: no connection to %s (%s)", self.name, self.address, error)
-        self.last_error = str(error)
-        if error.final:
-            self._settled.set()
-
-    def _loss(self, connection: MqttConnection) -> str:
-        """What there is to say of a connection that is lost."""
-        why = f" ({connection.good_bye})" if connection.good_bye else ""
-        lost = connection.unacknowledged
-        unheard = f"; {lost} unacknowledged messages will be sent again" if lost else ""
-        return f"lost the connection to {self.address}{why}{unheard}"

@@ -26,6 +26,7 @@ from plotfeed.feeds.transport.mqtt.no_connection import (
     no_answer,
     speaks_tls,
 )
+from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
 from plotfeed.feeds.transport.mqtt.publish_packet import pack, publish_packet
 from plotfeed.feeds.transport.mqtt.qos1_window import Qos1Window
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SocketBuffer
@@ -61,6 +62,7 @@ class MqttConnection:
         on_room: Callable[[], None],
         on_message: OnMessage | None = None,
         on_received: OnReceived | None = None,
+        echo: OwnEcho | None = None,
     ) -> None:
         """`on_room` is called whenever there may be room again."""
         self.lost = asyncio.Event()
@@ -70,6 +72,7 @@ class MqttConnection:
         self._address = address
         self._on_message = on_message
         self._on_received = on_received
+        self._echo = echo
         self._counts = counts
         self._on_room = on_room
         self._window = Qos1Window(counts, on_room)
@@ -113,9 +116,16 @@ class MqttConnection:
 
     def subscribe(self, topic_filter: str) -> None:
         """Have what comes there."""
+        if self.lost.is_set():
+            return
         as_published = self._on_received is not None and self.version >= 5
         number = self._client.subscribe(topic_filter, as_published=as_published)
         self._subscriptions[number] = topic_filter
+
+    def unsubscribe(self, topic: str) -> None:
+        """Have what comes on that topic no more."""
+        if not self.lost.is_set():
+            self._client.unsubscribe(topic)
 
     def has_room(self, qos: int) -> bool:
         """Whether a message of that QoS may be sent now."""
@@ -147,6 +157,8 @@ class MqttConnection:
         ]
         octets = b"".join(packets)
         self._client.write(octets)
+        if self._echo is not None and self._echo.wants:
+            self._echo.published(messages)
         if self._buffer.given(len(octets)):
             return True
         left = len(octets)
@@ -172,6 +184,8 @@ class MqttConnection:
             asyncio.get_running_loop().call_soon(self._write_packets)
         packet = publish_packet(delivery.message, self.version, number=number)
         self._packets.append(packet)
+        if self._echo is not None and self._echo.wants:
+            self._echo.published([delivery.message])
         self._packed_octets += len(packet)
         if self._packed_octets > TOGETHER_OCTETS:
             self._write_packets()
@@ -275,17 +289,24 @@ class MqttConnection:
     def _subscribed(self, number: int, granted: Sequence[int]) -> None:
         topic_filter = self._subscriptions.pop(number, "")
         for code in granted:
+            refusal = None
             if code >= REFUSED:
+                refusal = "refused" if code == REFUSED else reason_name(code)
+            if self._echo is not None and topic_filter == self._echo.topic:
+                self._echo.answered(refusal)
+            elif refusal is not None:
                 log.warning(
                     "%s does not grant the subscription to %s (%s): what comes there is not heard",
                     self._address,
                     topic_filter,
-                    "refused" if code == REFUSED else reason_name(code),
+                    refusal,
                 )
 
     def _received(
         self, topic: str, payload: bytes, qos: int, retain: bool, properties: Mapping[str, Any]
     ) -> None:
+        if self._echo is not None and self._echo.heard(topic, payload):
+            return
         content_type = properties["content_type"][0] if "content_type" in properties else None
         if self._on_message is not None:
             self._on_message(topic, payload, content_type)

@@ -118,6 +118,10 @@ class GmqttClient:
         number: int = self._client.subscribe(topic_filter, qos=1, retain_as_published=as_published)
         return number
 
+    def unsubscribe(self, topic: str) -> None:
+        """Have what comes on that topic no more."""
+        self._client.unsubscribe(topic)
+
     def write(self, octets: bytes) -> None:
         """Send packets that are packed."""
         self._client._connection.send_package(octets)
