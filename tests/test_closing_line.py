@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from support.closing_line import closing_line
+from support.tools import ROOT
 
 CASES = """
 import os, pytest
@@ -59,3 +62,48 @@ def test_the_last_line_names_what_passed_only_alone_and_what_failed(tmp_path: Pa
         "test_cases.py::test_that_tidies_up_alone, test_cases.py::test_that_wants_the_machine[a.b]"
         "; 1 failed: test_cases.py::test_that_fails"
     )
+
+
+MAKE = """#!/bin/bash
+for word in "$@"; do case $word in REPORT=*) report=${word#REPORT=} ;; esac; done
+[ -n "$report" ] || exit 0
+case "$*" in *last-failed*) code=$AGAIN ;; *) code=2 ;; esac
+[ "$code" = 0 ] || what="<failure/>"
+cat >"$report" <<END
+<suite>
+<testcase classname="tests.test_a" name="test_a"/>
+<testcase classname="tests.test_a" name="test_b">$what</testcase>
+</suite>
+END
+exit "$code"
+"""
+
+
+@pytest.mark.parametrize(
+    ("again", "code", "says"),
+    [
+        ("0", 0, "1 passed, 1 failed beside others and passed alone: tests/test_a.py::test_b"),
+        ("2", 1, "1 passed, 0 failed beside others and passed alone; 1 failed: "),
+    ],
+)
+def test_ci_ends_with_that_line_and_fails_by_what_failed_twice(
+    tmp_path: Path, again: str, code: int, says: str
+) -> None:
+    for name in (".ci/run", "tests/support/tools.py", "tests/support/closing_line.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name, text in (("make", MAKE), ("id", "#!/bin/sh\necho 1000\n")):  # nobody who installs
+        (programs / name).write_text(text)
+        (programs / name).chmod(0o755)
+    path = os.pathsep.join([str(programs), os.environ["PATH"]])
+    done = subprocess.run(
+        ["/bin/bash", tmp_path / ".ci" / "run"],
+        env=os.environ | {"PATH": path, "AGAIN": again},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (code, "")
+    assert done.stdout.splitlines()[-1].startswith(says)
