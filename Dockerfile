@@ -12,6 +12,7 @@ COPY feeds feeds
 COPY models models
 COPY proto proto
 COPY replay replay
+COPY face face
 RUN pip install --no-deps --no-build-isolation .
 RUN pip uninstall --yes setuptools pip
 

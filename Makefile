@@ -44,12 +44,12 @@ lint: .venv/.ready-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/lint-imports
+	PYTHONPATH=.typing $(BIN)/lint-imports
 	$(BIN)/python tests/support/stale_proto.py
 
 # What in the code looks unsafe, and which packages have known holes.
 audit: .venv-audit/.ready
-	.venv-audit/bin/bandit --quiet --recursive feeds models proto replay
+	.venv-audit/bin/bandit --quiet --recursive face feeds models proto replay
 	.venv-audit/bin/python requirements/known_holes.py
 
 .venv/.ready: $(SOURCES)
@@ -63,7 +63,8 @@ audit: .venv-audit/.ready
 
 .venv/.ready-test: .venv/.ready
 	mkdir -p .typing/plotfeed
-	for room in feeds models proto replay; do ln -sfn ../../$$room .typing/plotfeed/$$room; done
+	for room in feeds models proto replay face/__init__.py face/py.typed; do \
+	ln -sfn ../../$$room .typing/plotfeed/$${room##*/}; done
 	if test -d .venv/lib/python3*/site-packages/asterix_decoder-*; then \
 	$(BIN)/python -m pip uninstall --quiet --yes asterix-decoder libasterix; fi  # as once: both or none
 	$(PIP)/test.txt

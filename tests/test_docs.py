@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from support.doc_commands import COMMANDS, DOCS, doc_command
 
+from plotfeed.feeds.engine.simulation import SimulatedPlots
 from plotfeed.feeds.schema import text_of
-from plotfeed.feeds.sensing.simulation import SimulatedPlots
 
 ROOT = DOCS.parent
 PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("*.md"), *(ROOT / "examples").glob("*.md")])
@@ -117,6 +117,9 @@ def test_the_schema_beside_the_scenes_is_that_of_the_code() -> None:
 async def test_the_examples_in_python_do_what_their_page_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    for code in re.findall(r"```python\n(.*?)```", (DOCS / "engine.md").read_text(), re.DOTALL):
+        exec(compile(code, "docs/engine.md", "exec"), {})  # noqa: S102 - our own page
+    assert "plotfeed/active/asterix/048" in capsys.readouterr().out
     page = (DOCS / "python.md").read_text()
     names: dict[str, Any] = {}
     for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL):

@@ -14,7 +14,7 @@ from matplotlib import patheffects
 from matplotlib.colors import LinearSegmentedColormap
 from section_4 import START_UTC_NS, scene_with, simulated
 
-from plotfeed.feeds.sensing.simulation import SimulatedSensor
+from plotfeed.feeds.engine.simulation import SimulatedSensor
 
 mpl.use("agg")
 from matplotlib import pyplot as plt

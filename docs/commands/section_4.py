@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.feeds import simulate
+from plotfeed import simulate
 from plotfeed.feeds.cli.check import curves
+from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation
 from plotfeed.feeds.scene.scene import example, from_tree
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, Simulation
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.sensors.sensor_model import Prediction
 

@@ -23,13 +23,13 @@ from pages import between, table
 from scipy.stats import binom
 
 import plotfeed.feeds.scene.examples
+from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.report.spreads import share_interval
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.score.feed_checks import FALSE_RATE, check_feed, simulated_feed
 from plotfeed.feeds.score.feed_residuals import feed_checks
 from plotfeed.feeds.score.live_score import LiveScore
-from plotfeed.feeds.sensing.simulation import simulate
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock

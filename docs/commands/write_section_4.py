@@ -22,9 +22,9 @@ from section_4 import (
     one_flight,
 )
 
+from plotfeed.feeds.engine.simulation import SimulatedSensor
 from plotfeed.feeds.report.spreads import share_interval
 from plotfeed.feeds.scene.scene import example
-from plotfeed.feeds.sensing.simulation import SimulatedSensor
 
 PAGE = Path(__file__).parents[1] / "section-4.md"
 DRONES, SCANS, FLIGHTS = 25, 400, 400

@@ -52,7 +52,13 @@ class LedgerWriter:
                 ("sector", str(index)),
             )
             payload = ledger(
-                sensor, scan, index, truth=truth, sent=messages, link=link, claims=batch.claims
+                sensor,
+                scan,
+                index,
+                truth=truth,
+                sent=messages,
+                link=link,
+                claims=batch.claims or b"",
             )
             found.append(
                 Message(

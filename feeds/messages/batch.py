@@ -49,8 +49,8 @@ class Batch:
     """Ids of drones when the sectors were worked out, by the index in the columns `drone`."""
     messages: Sequence[Sequence[Message]] = ()
     """Messages of each sector, due at its end, in the order in which they leave."""
-    claims: bytes = b""
-    """What drones said of themselves, as octets of the ledger's entry."""
+    claims: bytes | None = None
+    """What drones said of themselves, as octets of the ledger's entry; None of a sensor's batch."""
     clock_ahead_ns: int = 0
     """By how much the times of sectors and plots are ahead of UTC; those of looks never are."""
     truth_at: Callable[[int, Ints], TruthState] = _no_truth
@@ -67,18 +67,19 @@ class Batch:
         plots: Plots = NO_PLOTS,
         looks: Looks = NO_LOOKS,
         *,
-        sensor: str = "",
+        sensor: int = 0,
+        sensors: Sequence[str] = (),
         messages: Sequence[Message] = (),
-        claims: bytes = b"",
+        claims: bytes | None = None,
     ) -> Self:
-        """What came of one sector of one sensor."""
+        """What came of one sector of the sensor at that place among `sensors`."""
         return cls(
-            sectors=Sectors.of([sector]),
+            sectors=Sectors.of([sector], sensor),
             plots=plots,
             plots_by=np.array([0, len(plots)], np.int64),
             looks=looks,
             looks_by=np.array([0, len(looks)], np.int64),
-            sensors=[sensor],
+            sensors=sensors,
             messages=[messages],
             claims=claims,
         )

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
+from plotfeed.feeds.engine.change_control import told
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.changes import Command
-from plotfeed.feeds.session.change_control import told
 from plotfeed.feeds.session.observer import RunningSession
 
 MAX_MARKS = 100

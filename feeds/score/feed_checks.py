@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.engine.simulation import SimulatedSensor
 from plotfeed.feeds.report.asked_sensors import AskedSensor
 from plotfeed.feeds.report.text_tables import table
 from plotfeed.feeds.scene.scene import Scene
@@ -21,7 +22,6 @@ from plotfeed.feeds.score.claimed_feed import (
 )
 from plotfeed.feeds.score.feed_reading import recorded_feeds
 from plotfeed.feeds.score.feed_residuals import feed_checks
-from plotfeed.feeds.sensing.simulation import SimulatedSensor
 from plotfeed.models.chance import Chance
 from plotfeed.models.scoring.residuals import ResidualCheck, judged_wrong
 from plotfeed.proto.measured_plots import MeasuredPlots

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.engine.simulation import SimulatedLooks, SimulatedPlots, SimulatedSensor
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import site_frame
@@ -24,7 +25,6 @@ from plotfeed.feeds.score.score_settings import ScoreSettings
 from plotfeed.feeds.score.track_decoding import tracks_in
 from plotfeed.feeds.score.track_table import ToldTrack
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
-from plotfeed.feeds.sensing.simulation import SimulatedLooks, SimulatedPlots, SimulatedSensor
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.scoring.residuals import ResidualCheck, always_valid

@@ -8,6 +8,7 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any
 
+from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.formats import inboxes_of
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
@@ -21,15 +22,13 @@ from plotfeed.feeds.scene.changes import (
     parsed,
 )
 from plotfeed.feeds.scene.report_formats import CUE_TOPIC
-from plotfeed.feeds.scene.sensors.mount_keys import CueError, mount_of
+from plotfeed.feeds.scene.sensors.mount_keys import CueError
 from plotfeed.feeds.session.observer import Input, SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.feeds.session.session_part import SharedInputs, plain_topic
 from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
-from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.models.truth import Trajectories
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS
 
@@ -47,7 +46,7 @@ class SessionInputs:
     def __init__(
         self,
         context: SessionContext,
-        trajectories: Trajectories,
+        engine: Engine,
         sensor_tasks: Mapping[str, SensorTask],
         publish: Callable[[Message], None],
         obey: Callable[[Command, int], dict[str, Any]],
@@ -63,21 +62,17 @@ class SessionInputs:
         self._own_filters = None if shared is None else shared.telemetry
         self._reports = FairQueue()
         self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
-        self._telemetry = TelemetryReceiver(
-            context.scene, trajectories, welcome=self._reports.know, part_with=self._reports.forget
+        self._engine, self._telemetry = engine, engine.telemetry
+        self._telemetry.welcome, self._telemetry.part_with = (
+            self._reports.know,
+            self._reports.forget,
         )
         prefix = context.scene.mqtt.prefix
         self._control_topic = f"{prefix}/control"
         self._commands.know(self._control_topic)  # whatever sensors are asked meanwhile
         self._inboxes = inboxes_of(context.scene)
-        self._cued = {
-            f"{prefix}/{sensor.id}/{CUE_TOPIC}": sensor.id
-            for sensor in context.scene.sensor
-            if mount_of(sensor) is not None
-        }
-        every = [*self._inboxes, *self._cued]
+        every = [*self._inboxes, *engine.cue_topics]
         self._inbox_ends = tuple(sorted({_end_of(prefix, topic) for topic in every}))
-        self._trajectories = trajectories
         self._clock = context.clock
         self._totals = context.totals
         self._received = [o.received for o in context.observers if cares(o, "received")]
@@ -191,7 +186,8 @@ class SessionInputs:
                         told = told or command.sensor in self._sensor_tasks
                         self._obey(command, as_of_ns)
                     elif topic.endswith(f"/{CUE_TOPIC}"):
-                        self._cue(topic, payload, as_of_ns)
+                        self._engine.cue(topic, payload, as_of_ns)
+                        self._totals.controls += 1
                     else:
                         self._ask(topic, payload, as_of_ns)
                 except (ControlError, ChangeError, CueError) as error:
@@ -202,24 +198,12 @@ class SessionInputs:
 
     def _ask(self, topic: str, payload: bytes, as_of_ns: int) -> None:
         """Have a sensor answer what is asked of it in the words of a format."""
-        task = self._task_of(topic, self._inboxes, "that takes this")
-        check_octets(payload)
-        task.asked(payload, as_of_ns)
-
-    def _cue(self, topic: str, payload: bytes, as_of_ns: int) -> None:
-        """Have a sensor's mount look somewhere."""
-        task = self._task_of(topic, self._cued, "that a mount turns")
-        check_octets(payload)
-        task.cue(payload, as_of_ns)
-        self._totals.controls += 1
-
-    def _task_of(self, topic: str, sensors: Mapping[str, str], which: str) -> SensorTask:
-        """The sensor to which a topic belongs; raises `ControlError` if there is no such."""
-        sensor = sensors.get(topic)
+        sensor = self._inboxes.get(topic)
         if sensor is None:
-            known = ", ".join(sensors.values())
-            raise ControlError(f"there is no sensor {which}; expected one of {known}")
-        return self._sensor_tasks[sensor]
+            known = ", ".join(self._inboxes.values())
+            raise ControlError(f"there is no sensor that takes this; expected one of {known}")
+        check_octets(payload)
+        self._sensor_tasks[sensor].asked(payload, as_of_ns)
 
     def _refuse_dropped(self, as_of_ns: int) -> None:
         """Count what could not even wait to be taken in, and tell of it by topic."""
@@ -279,7 +263,7 @@ class SessionInputs:
             self._publish(refusal)
 
     def _count_drones(self) -> None:
-        self._totals.drones = len(self._trajectories)
+        self._totals.drones = len(self._engine.trajectories)
         self._totals.forgotten = self._telemetry.forgotten
 
     def _count(self) -> None:

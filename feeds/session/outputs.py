@@ -23,7 +23,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.track_output_keys import TrackDestination
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_description import status_of
-from plotfeed.feeds.session.sensor_task import status_message
+from plotfeed.feeds.session.sensor_task import CooperativeTask, json_of, status_message
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 from plotfeed.feeds.transport.http_post import HttpTransport
@@ -245,9 +245,14 @@ class Outputs:
             on_task=self._on_message and partial(self._on_message, announcer.inbox),
         )
 
-    def of_cooperative_drones(self, link: LinkSettings | None) -> Outbox:
-        """Drones that report themselves go over the session's own connections."""
-        return self._outbox(COOPERATIVE, self.brokers, link)
+    def of_cooperative_drones(self) -> CooperativeTask | None:
+        """Drones that report themselves go over the session's own connections; None without any."""
+        keys = self._scene.cooperative
+        if keys is None:
+            return None
+        return CooperativeTask(
+            self._outbox(COOPERATIVE, self.brokers, keys.link), json_of(keys.link)
+        )
 
     async def drain(self, timeout_s: float) -> None:
         """Wait until the sockets have taken everything, or the time is up."""

@@ -6,26 +6,23 @@ Status, settings and description of a sensor are retained for whoever comes late
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from plotfeed.feeds.delivery.lateness import lateness_us
-from plotfeed.feeds.delivery.outbox import Departure, Outbox
+from plotfeed.feeds.delivery.outbox import Outbox
+from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.formats import Announcer
-from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, retained_message
-from plotfeed.feeds.scene.changes import Layers, instants_ns, joined, with_change
-from plotfeed.feeds.scene.claim_keys import COOPERATIVE
+from plotfeed.feeds.scene.changes import Layers, instants_ns, joined
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.mount_keys import cue_of
-from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors, MissedScans
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_description import mount_status, status_of
 from plotfeed.feeds.telemetry.receiver import to_json
-from plotfeed.models.beam import Sector
 from plotfeed.models.cueing import CuedState
 from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -41,21 +38,19 @@ class SensorTask:
 
     def __init__(
         self,
-        sensors: EmulatedSensors,
+        engine: Engine,
         i: int,
         outbox: Outbox,
         context: SessionContext,
         announcer: Announcer | None = None,
     ) -> None:
-        """Sensor `i` of those."""
+        """Sensor `i` of the engine's."""
         self.outbox = outbox
-        self.sensor = sensors.sensors[i]
+        self.sensor = engine.sensors.sensors[i]
         """As it is now."""
         self.link = json_of(self.sensor.link)
         """Its keys as the ledger tells them."""
-        self._sensors, self._i = sensors, i
-        self.layers: Layers = ()
-        """What is asked of it over its script."""
+        self._engine, self._sensors, self._i = engine, engine.sensors, i
         self._context = context
         self._prefix = context.scene.mqtt.prefix
         self._announcer = announcer
@@ -102,18 +97,8 @@ class SensorTask:
         self._status.missed_scans += missed.scans
         self.outbox.counters.leave_out(missed.first_end_ns, missed.last_end_ns)
 
-    def control(self, changes: Mapping[str, Any] | None, at_utc_ns: int) -> None:
-        """Change those keys from that time on, or with None none any more; raises `ChangeError`."""
-        self.put(() if changes is None else with_change(self.layers, changes), at_utc_ns)
-
-    def check(self, layers: Layers, at_utc_ns: int) -> None:
-        """Raise `ChangeError` if it cannot have all that over its script then."""
-        self._sensors.as_of(self._i, joined(layers), at_utc_ns)
-
-    def put(self, layers: Layers, at_utc_ns: int) -> None:
-        """Have that asked of it over its script from then on; raises `ChangeError`."""
-        self._sensors.control(self._i, joined(layers), at_utc_ns)
-        self.layers = layers
+    def follow(self, at_utc_ns: int) -> None:
+        """Be as script and control have it then, and say so; something was asked of it."""
         before = self._description
         self._follow_script(at_utc_ns)
         self._tell_change(before)
@@ -135,19 +120,20 @@ class SensorTask:
         node = self.outbox.counters.sapient
         if self._announcer is None or node is None:
             return
-        change = partial(self.control, at_utc_ns=as_of_ns)
-        reply = self._announcer.answer(payload, as_of_ns, change)
+        reply = self._announcer.answer(payload, as_of_ns, partial(self._control, as_of_ns))
         node.count("tasks" if reply.accepted else "rejected")
         self.outbox.send_past_link(*reply.messages)
 
-    def cue(self, payload: bytes, as_of_ns: int) -> None:
-        """Look where somebody asks; raises `CueError`."""
-        position_enu_m = self.sensor.position_enu_m
-        self._sensors.cueing.cue(self._i, cue_of(payload), position_enu_m, as_of_ns)
+    def _control(self, at_utc_ns: int, change: Mapping[str, Any] | None) -> None:
+        """Change those keys from that time on, or with None none any more; raises `ChangeError`."""
+        changes = self._engine.changes
+        changes.control(self.sensor.id, change, at_utc_ns)
+        changes.take_changed()
+        self.follow(at_utc_ns)
 
     def _follow_script(self, at_utc_ns: int) -> None:
         """Be as script and control have it then, however late it is done."""
-        sensor = self._sensors.as_of(self._i, joined(self.layers), at_utc_ns)
+        sensor = self._sensors.as_of(self._i, joined(self._layers), at_utc_ns)
         if sensor == self.sensor:
             return
         if sensor.link != self.sensor.link:
@@ -181,10 +167,14 @@ class SensorTask:
         self._context.schedule.put(due_utc_ns, announce)
 
     @property
+    def _layers(self) -> Layers:
+        return self._engine.changes.layers[self.sensor.id]
+
+    @property
     def settings(self) -> Message:
         """The sensor's keys as they are now, as whoever comes later is told."""
         now_ns = self._context.clock.now_ns()
-        return settings_message(self._prefix, self.sensor, joined(self.layers), now_ns)
+        return settings_message(self._prefix, self.sensor, joined(self._layers), now_ns)
 
     @property
     def description(self) -> Message:
@@ -233,49 +223,13 @@ class SensorTask:
         self.outbox.send_past_link(status_message(self._prefix, status, now_ns))
 
 
+@dataclass(frozen=True, slots=True)
 class CooperativeTask:
-    """What the cooperative drones say, when it is due, and their way out."""
+    """The way out of what the cooperative drones say."""
 
-    def __init__(
-        self,
-        drones: CooperativeDrones,
-        outbox: Outbox,
-        context: SessionContext,
-        link: LinkSettings | None,
-    ) -> None:
-        self.outbox = outbox
-        self._drones = drones
-        self._context = context
-        self._link = json_of(link)
-        self._number = 0
-        """Of the period at whose end they speak next."""
-
-    def start(self, start_utc_ns: int, joined_utc_ns: int) -> None:
-        """Begin with the first period that ends after `joined_utc_ns`; they flew before."""
-        self._drones.start(start_utc_ns)
-        self._number = joined_utc_ns // self._drones.period_ns + 1
-
-    @property
-    def next_due_ns(self) -> int:
-        """When they say something next."""
-        return self._number * self._drones.period_ns
-
-    def said_before(self, t_utc_ns: int, now_ns: int) -> Iterator[tuple[int, Departure]]:
-        """What they say next and before that time, and when each is due.
-
-        What was missed by a period or more is not said any more.
-        """
-        period_ns = self._drones.period_ns
-        self._number = max(self._number, now_ns // period_ns)
-        while (due_ns := self.next_due_ns) < t_utc_ns:
-            messages, truths = self._drones.said(self._number)
-            sector = Sector(self._number, 0, due_ns - period_ns, due_ns, 0.0, 360.0)
-            claims = pb.Ledger(claims=truths).SerializeToString()
-            batch = Batch.of_one(sector, sensor=COOPERATIVE, messages=messages, claims=claims)
-            keep_ledger = self._context.keep_ledger
-            keep = None if keep_ledger is None else partial(keep_ledger, batch, 0, self._link)
-            yield due_ns, (self.outbox, messages, keep)
-            self._number += 1
+    outbox: Outbox
+    link: str
+    """Its keys as the ledger tells them."""
 
 
 def json_of(link: LinkSettings | None) -> str:

@@ -11,15 +11,12 @@ from typing import Any
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.delivery import Settled, records
 from plotfeed.feeds.delivery.ledger_writer import Kept, LedgerWriter
+from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
-from plotfeed.feeds.session.change_control import ChangeControl
-from plotfeed.feeds.session.drone_control import DroneControl
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.listening import sources_of, taker_of_mapped
 from plotfeed.feeds.session.loop import SessionLoop, first_of
@@ -27,7 +24,7 @@ from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
 from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.sensor_description import SensorDescriber
-from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
+from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.feeds.session.session_part import PartPresence, SessionPart
 from plotfeed.feeds.session.ticks import Ticks
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
@@ -134,14 +131,20 @@ class Session:
         self.clock = clock
         self.totals = totals
         self.start_ns = clock.now_ns() if part is None else part.began_utc_ns
-        self.trajectories = trajectories_of(scene)
+        self.engine = Engine(
+            scene,
+            self.start_ns,
+            sensors=None if part is None else part.sensors,
+            claims=part is None or part.leads,
+        )
+        self.trajectories = self.engine.trajectories
+        self.changes = self.engine.changes
         self.sensor_tasks: dict[str, SensorTask] = {}
         self._observers = observers
         ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)
         self._ledger = LedgerWriter(scene.mqtt.prefix)
         self._kept: list[Kept] = []
         """Sectors whose entries are to be made next."""
-        self._drones = launch(scene, self.trajectories, self.start_ns)
         context = SessionContext(
             scene=own,
             clock=clock,
@@ -151,17 +154,12 @@ class Session:
             describer=SensorDescriber(own),
             keep_ledger=self._keep_ledger if ledger_is_wanted else None,
         )
-        cooperative: CooperativeDrones | None = None
-        if own.cooperative is not None:
-            cooperative = CooperativeDrones(scene, own.cooperative, self.trajectories, self._drones)
-        drone_control = DroneControl(self._drones, cooperative)
-        self.changes = ChangeControl(own, self.sensor_tasks, self._drones, drone_control)
         self._inputs = SessionInputs(
             context,
-            self.trajectories,
+            self.engine,
             self.sensor_tasks,
             self._publish,
-            self.changes.obey,
+            self._obey,
             shared=None if part is None else part.inputs_of(scene),
         )
         self._loop = SessionLoop(
@@ -185,16 +183,12 @@ class Session:
         topics += mapped.topics if mapped else []
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
-        sensors = EmulatedSensors(scene, self.trajectories, own.sensor)
+        engine = self.engine
         for i, sensor in enumerate(own.sensor):
             outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
-            self.sensor_tasks[sensor.id] = SensorTask(sensors, i, outbox, context, announcer)
-        self._cooperative: CooperativeTask | None = None
-        if own.cooperative is not None and cooperative is not None:
-            link = own.cooperative.link
-            outbox = self._outputs.of_cooperative_drones(link)
-            self._cooperative = CooperativeTask(cooperative, outbox, context, link)
-        self.ticks = Ticks(context, sensors, self.sensor_tasks, self._inputs, self._cooperative)
+            self.sensor_tasks[sensor.id] = SensorTask(engine, i, outbox, context, announcer)
+        self._cooperative = self._outputs.of_cooperative_drones()
+        self.ticks = Ticks(context, engine, self.sensor_tasks, self._inputs, self._cooperative)
         self._loop.on_input = self.ticks.input_waits
         self._take_mapped = taker_of_mapped(
             mapped, scene, clock, self._loop.queue_input, self._inputs.refuse_later
@@ -247,7 +241,6 @@ class Session:
                     on_ready()
                     start_ns = self.clock.start()
                     if self._part is None:
-                        self._drones.put_off(start_ns - self.start_ns)
                         self.start_ns = self.ticks.joined_ns = start_ns
                     else:
                         await first_of(self.ticks.join(self._part), stop)
@@ -278,6 +271,13 @@ class Session:
                 each.tracked(topic, payload, content_type, self.clock.now_ns())
         elif self._take_mapped is None or not self._take_mapped(topic, payload):
             self._loop.queue_input(topic, payload, content_type)
+
+    def _obey(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
+        """Do what a command asks of sensors, drones or stories, and tell what changed."""
+        in_force = self.changes.obey(command, at_utc_ns)
+        for name in self.changes.take_changed():
+            self.sensor_tasks[name].follow(at_utc_ns)
+        return in_force
 
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)

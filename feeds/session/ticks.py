@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from functools import partial
 from operator import itemgetter
 
 from plotfeed.feeds.delivery.outbox import Departure, prepare_all, send_all
+from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, EmulatedSensors, MissedScans
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
@@ -46,17 +46,21 @@ class Ticks:
     def __init__(
         self,
         context: SessionContext,
-        sensors: EmulatedSensors,
+        engine: Engine,
         tasks: Mapping[str, SensorTask],
         inputs: SessionInputs,
         cooperative: CooperativeTask | None,
     ) -> None:
         self._context = context
         self._clock, self._schedule = context.clock, context.schedule
-        self._sensors = sensors
+        self._engine, self._sensors = engine, engine.sensors
         self._tasks = tasks
         self._of_index = list(tasks.values())
-        self._cooperative = cooperative
+        self._senders: list[SensorTask | CooperativeTask] = [
+            *self._of_index,
+            *([cooperative] if cooperative is not None else []),
+        ]
+        """By the index that batches have for whose sectors they hold."""
         self._inputs = inputs
         self._shares = False
         """Whether others may have these sensors next: then what they remember is what it would be
@@ -89,7 +93,6 @@ class Ticks:
     async def join(self, part: SessionPart) -> None:
         """Work out again what others have sent since the scene began, and note when to go on."""
         self._shares, done_ns = True, part.began_utc_ns
-        self._sensors.start(done_ns)
         while (now_ns := self._clock.now_ns()) - done_ns > CAUGHT_UP_NS:
             await self._catch_up(now_ns)
             done_ns = now_ns
@@ -104,11 +107,10 @@ class Ticks:
         """Work out what ends until the second tick from now, and plan the next tick."""
         from_ns = start_utc_ns
         if self.joined_ns == start_utc_ns:
-            self._sensors.start(start_utc_ns)
+            self._engine.start(start_utc_ns)
         else:
             from_ns = self._clock.now_ns()
-        if self._cooperative is not None:
-            self._cooperative.start(start_utc_ns, self.joined_ns)
+            self._engine.skip_claims(self.joined_ns)
         self._work_out(from_ns // TICK_NS)
 
     def input_waits(self) -> None:
@@ -153,9 +155,11 @@ class Ticks:
         if too_late_ns:  # by steps as long as when it joins: else it would be late for ever
             ticks = max(ticks, min(now_ns // TICK_NS - k, LONGEST_NS // TICK_NS))
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
-        due: dict[int, DueTogether] = defaultdict(DueTogether)
+        due: dict[int, list[tuple[int, Batch, int]]] = defaultdict(list)
         ready: list[Departure] = []
-        for batch in self._sensors.batches(before_ns):
+        if self._engine.cooperative is not None and not self._clock.can_wait:
+            self._engine.skip_claims(now_ns - self._engine.cooperative.period_ns)
+        for batch in self._engine.until(before_ns - 1):
             self._let_sendings_pass((k + 1) * TICK_NS)
             sectors += len(batch)
             of = batch.sectors.sensor.tolist()
@@ -163,17 +167,11 @@ class Ticks:
                 i = of[row]
                 if too_late_ns and not self._in_time(batch, row, due_ns, too_late_ns):
                     continue
-                due[due_ns].sectors.append((i, batch, row))
-                ready.append((self._of_index[i].outbox, batch.messages[row], None))
-        if len(self._tasks) > 1:
+                due[due_ns].append((i, batch, row))
+                ready.append((self._senders[i].outbox, batch.messages[row], None))
+        if len(self._senders) > 1:
             for together in due.values():
-                together.sectors.sort(key=itemgetter(0))
-        if self._cooperative is not None:
-            for due_ns, departure in self._cooperative.said_before(
-                before_ns, 0 if self._clock.can_wait else now_ns
-            ):
-                due[due_ns].others.append(departure)
-                ready.append(departure)
+                together.sort(key=itemgetter(0))
         prepare_all(ready)
         for due_ns, together in due.items():
             self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
@@ -226,10 +224,8 @@ class Ticks:
     def _next_work_ns(self, k: int) -> int:
         """The tick at which there is something to work out, or after tick k at the latest."""
         ends_ns = [k * TICK_NS + LONGEST_NS + TICK_NS]
-        if (end_ns := self._sensors.next_end_ns) is not None:
+        if (end_ns := self._engine.next_end_ns) is not None:
             ends_ns.append(end_ns)
-        if self._cooperative is not None:
-            ends_ns.append(self._cooperative.next_due_ns)
         return (min(ends_ns) // TICK_NS - 1) * TICK_NS
 
     def _ticks_from(self, k: int) -> int:
@@ -240,31 +236,20 @@ class Ticks:
                 ticks = min(ticks, max(comes_ns // TICK_NS - k + 1, 1))
         return ticks
 
-    def _send(self, together: DueTogether) -> None:
-        """Hand over what is due now."""
-        send_all(self._departures(together))
+    def _send(self, sectors: Sequence[tuple[int, Batch, int]]) -> None:
+        """Hand over what is due now, over the links that senders have now."""
+        keep, departures = self._context.keep_ledger, list[Departure]()
+        for i, batch, row in sectors:
+            sender = self._senders[i]
+            on_complete = None if keep is None else partial(keep, batch, row, sender.link)
+            departures.append((sender.outbox, batch.messages[row], on_complete))
+        send_all(departures)
+        reported = [(i, batch, row) for i, batch, row in sectors if batch.claims is None]
         totals = self._context.totals
-        for i, batch, row in together.sectors:
+        for i, batch, row in reported:
             scan, looks, plots, false_alarms = batch.counts[row]
             totals.add(scan, looks, plots, false_alarms)
             self._of_index[i].reported(scan, plots)
         for tell in self._reported:
-            for _, batch, row in together.sectors:
+            for _, batch, row in reported:
                 tell(batch.one(row))
-
-    def _departures(self, together: DueTogether) -> list[Departure]:
-        """All messages, by who sends them, with the links that they have now."""
-        keep, departures = self._context.keep_ledger, list[Departure]()
-        for i, batch, row in together.sectors:
-            task = self._of_index[i]
-            on_complete = None if keep is None else partial(keep, batch, row, task.link)
-            departures.append((task.outbox, batch.messages[row], on_complete))
-        return departures + together.others
-
-
-@dataclass(slots=True)
-class DueTogether:
-    """What is due at one time: sectors, in the order of sensors, and what else there is."""
-
-    sectors: list[tuple[int, Batch, int]] = field(default_factory=list)
-    others: list[Departure] = field(default_factory=list)

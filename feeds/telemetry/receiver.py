@@ -66,7 +66,8 @@ class TelemetryReceiver:
         welcome: Callable[[str], object] = lambda _topic: None,
         part_with: Callable[[str], object] = lambda _topic: None,
     ) -> None:
-        """`welcome` is told topics of drones that become known, `part_with` of those forgotten."""
+        self.welcome, self.part_with = welcome, part_with
+        """Told the topics of drones that become known, and of those that are forgotten."""
         settings = scene.telemetry
         self.taken = 0
         self.conflated = 0
@@ -94,7 +95,6 @@ class TelemetryReceiver:
         self._scripted = frozenset((*scene.fleet.names, *scene.fleet.waiting_names))
         self._echoes = EchoesByClass(scene.target) if scene.target else None
         self._trajectories = trajectories
-        self._welcome, self._part_with = welcome, part_with
         self._published_in_second = (0, 0)
 
     @property
@@ -123,10 +123,15 @@ class TelemetryReceiver:
         self._trajectories.forget(gone)
         for drone in gone:
             if not self._admission.knows(drone):
-                self._part_with(f"{self._prefix}/telemetry/{drone}")
+                self.part_with(f"{self._prefix}/telemetry/{drone}")
 
-    def take_together(self, waited: Waited, now_utc_ns: int) -> list[Message]:
-        """Telemetry messages, topic by topic, as of one time; the refusals to publish."""
+    def take_together(
+        self, waited: Waited, now_utc_ns: int, why: list[Refused] | None = None
+    ) -> list[Message]:
+        """Telemetry messages, topic by topic, as of one time; the refusals to publish.
+
+        To `why` is added why each message is refused, whether that is published or not.
+        """
         refusals: list[Message] = []
         names: list[str] = []
         rows: list[ReportRow] = []
@@ -145,6 +150,8 @@ class TelemetryReceiver:
                     if self._admission.admit(drone, row, now_utc_ns):
                         starts.append(len(rows))
                 except Refused as refused:
+                    if why is not None:
+                        why.append(refused)
                     refusal = self.refuse(topic, refused, now_utc_ns)
                     if refusal is not None:
                         refusals.append(refusal)
@@ -152,7 +159,7 @@ class TelemetryReceiver:
                     rows.append(row)
             if len(rows) > first:
                 if not is_known:
-                    self._welcome(topic)
+                    self.welcome(topic)
                 if len(rows) > first + 1:
                     n = self._unneeded(rows[first:], now_utc_ns)
                     del rows[first : first + n]

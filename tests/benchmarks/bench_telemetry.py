@@ -27,6 +27,7 @@ from support.scene_files import radar, scene_file, scene_text  # noqa: E402
 
 from plotfeed.feeds.delivery.counters import SessionCounters  # noqa: E402
 from plotfeed.feeds.delivery.lateness import lateness_us  # noqa: E402
+from plotfeed.feeds.engine.engine import Engine  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
 from plotfeed.feeds.session.inputs import SessionInputs  # noqa: E402
 from plotfeed.feeds.session.observer import Observer, SessionContext  # noqa: E402
@@ -60,7 +61,7 @@ def report(t_utc_ns: int, number: int, *, with_velocity: bool) -> PositionReport
 
 def inputs_of(scene: Scene) -> tuple[SessionInputs, Trajectories]:
     """What takes telemetry in, with nobody to follow it."""
-    trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
+    engine = Engine(scene, START_NS)
     clock = InstantClock(START_NS)
     context = SessionContext(
         scene=scene,
@@ -71,7 +72,7 @@ def inputs_of(scene: Scene) -> tuple[SessionInputs, Trajectories]:
         keep_ledger=lambda *_: None,
         describer=SensorDescriber(scene),
     )
-    return SessionInputs(context, trajectories, {}, lambda _: None, lambda *_: {}), trajectories
+    return SessionInputs(context, engine, {}, lambda _: None, lambda *_: {}), engine.trajectories
 
 
 Ticks = list[list[tuple[str, bytes]]]

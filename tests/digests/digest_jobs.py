@@ -17,7 +17,7 @@ from digest_items import Item, of_messages
 from digest_listeners import broker, datagrams
 from digest_wrong import damage, wrong_scenes, wrong_uses
 
-from plotfeed.feeds import load, simulate
+from plotfeed import load, simulate
 
 Job = Callable[[Bench], None]
 

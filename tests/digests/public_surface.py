@@ -19,7 +19,7 @@ from typing import Any
 
 import click
 
-from plotfeed import feeds
+import plotfeed
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.schema import text_of
 from plotfeed.proto import plotfeed_pb2
@@ -80,10 +80,10 @@ def _fields() -> Iterator[str]:
 
 
 def _names() -> Iterator[str]:
-    for name in feeds.__all__:
-        value = getattr(feeds, name)
+    for name in plotfeed.__all__:
+        value = getattr(plotfeed, name)
         yield f"name {name}{inspect.signature(value) if inspect.isfunction(value) else ''}"
-    for name, value in vars(feeds.Observer).items():
+    for name, value in vars(plotfeed.Observer).items():
         if inspect.isfunction(value) and not name.startswith("_"):
             yield f"name Observer.{name}{inspect.signature(value)}"
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
-from plotfeed import feeds
-from plotfeed.feeds import Observer, PlotfeedError, Scene, load, run, simulate
+import plotfeed
+from plotfeed import Observer, PlotfeedError, Scene, load, run, simulate
+from plotfeed.feeds.engine.simulation import SimulatedSensor
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.scene import example
-from plotfeed.feeds.sensing.simulation import SimulatedSensor
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.state import FALSE_ALARM, Columns
 
@@ -140,9 +140,10 @@ def test_errors_are_those_of_the_command() -> None:
 
 def test_the_face_loads_nothing_before_it_is_asked() -> None:
     code = (
-        "import sys, plotfeed.feeds as f; assert 'numpy' not in sys.modules; "
-        "assert set(dir(f)) == set(f.__all__); assert all(getattr(f, name) for name in f.__all__)"
+        "import sys, plotfeed as f; assert 'numpy' not in sys.modules; "
+        "assert set(dir(f)) == {*f.__all__, '__version__'}; assert f.__version__ and f.__doc__; "
+        "assert all(getattr(f, name) for name in f.__all__)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
     with pytest.raises(AttributeError, match="nonsense"):
-        _ = feeds.nonsense
+        _ = plotfeed.nonsense

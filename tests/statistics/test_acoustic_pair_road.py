@@ -15,8 +15,8 @@ from scipy.special import expit
 from support.road import START_NS, flown, fly, held, scene, staring, waypoint
 from support.significance import assert_law, assert_sum
 
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import FALSE_ALARM
 

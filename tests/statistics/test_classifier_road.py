@@ -15,8 +15,8 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from support.road import START_NS, Road, fly, held, radar, scene, staring
 from support.significance import assert_standard_normal, assert_sum
 
+from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.feeds.sensing.simulation import simulate
 from plotfeed.proto import plotfeed_pb2 as pb
 
 CLASSIFIER = {

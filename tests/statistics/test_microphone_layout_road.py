@@ -13,8 +13,8 @@ import pytest
 from support.road import START_NS, held, scene, staring
 from support.significance import assert_standard_normal, assert_sum
 
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
 from plotfeed.models.frames import wrap_180
 
 AZIMUTHS_DEG = np.arange(7.0, 360.0, 15.0)

@@ -11,7 +11,7 @@ from support.radar_equations import pd
 from support.road import START_NS, Road, fly, held, radar, rotating, scene
 from support.significance import assert_chance, assert_sum
 
-from plotfeed.feeds.sensing.simulation import Simulation, simulate
+from plotfeed.feeds.engine.simulation import Simulation, simulate
 from plotfeed.models.frames import aer_to_enu
 
 

@@ -14,8 +14,8 @@ import pytest
 from support.road import START_NS, fly, held, scene, staring
 from support.significance import assert_sum
 
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import FALSE_ALARM
 

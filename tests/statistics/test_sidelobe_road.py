@@ -16,8 +16,8 @@ from support.radar_equations import pd
 from support.road import START_NS, fly, held, radar, rotating, scene, staring
 from support.significance import Array, assert_law, assert_standard_normal, assert_sum
 
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
 from plotfeed.models.frames import wrap_180
 
 SCANS, BEAM_DEG, AZIMUTH_DEG, RANGE_M = 150, 2.0, 77.0, 1500.0

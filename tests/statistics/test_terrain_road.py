@@ -13,7 +13,7 @@ from support.radar_equations import LIGHT_M_S, mean_snr, pd
 from support.road import START_NS, held, radar, scene, staring, waypoint
 from support.significance import assert_sum
 
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.models.effects.line_of_sight import knife_edge_loss_db
 from plotfeed.models.frames import aer_to_enu
 

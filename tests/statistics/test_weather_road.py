@@ -13,8 +13,8 @@ from support.radar_equations import LIGHT_M_S, mean_snr, pd
 from support.road import START_NS, held, radar, scene
 from support.significance import assert_sum
 
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
 from plotfeed.models.effects.weather import rain_db_per_km
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto.errors import PlotfeedError

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.score.feed_checks import FALSE_RATE, simulated_feed
 from plotfeed.feeds.score.feed_residuals import feed_checks
-from plotfeed.feeds.sensing.simulation import simulate
 from plotfeed.models.scoring.residuals import judged_wrong
 
 SCENE = Path(__file__).parents[2] / "examples" / "scenes" / "feed-faults.toml"

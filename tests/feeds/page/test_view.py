@@ -46,7 +46,7 @@ def plots(n: int, **columns: Any) -> Plots:
 
 
 def report(found: Plots, sensor: str = "radar", looks: Looks | None = None) -> Batch:
-    return Batch.of_one(SECTOR, found, looks or Looks.none(), sensor=sensor)
+    return Batch.of_one(SECTOR, found, looks or Looks.none(), sensors=[sensor])
 
 
 def sent(topic: str = "plotfeed/radar/plots", **changes: Any) -> pb.Sent:

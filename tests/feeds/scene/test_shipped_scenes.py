@@ -13,10 +13,10 @@ from support.command import plotfeed_here
 from support.road import NS, START_NS, Road, fly
 
 from plotfeed.feeds.cli.check import report
+from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.models.state import FALSE_ALARM, Floats
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode

@@ -16,9 +16,9 @@ from support.ledgers import record_session
 from support.road import flown, scene, waypoint
 from support.significance import assert_chance
 
+from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.score.feed_checks import as_text, check_feed, simulated_feed
 from plotfeed.feeds.score.feed_residuals import feed_checks
-from plotfeed.feeds.sensing.simulation import simulate
 from plotfeed.models.scoring.residuals import ResidualCheck, judged_wrong
 from plotfeed.proto.errors import PlotfeedError
 

@@ -12,11 +12,11 @@ from support.doc_commands import doc_command
 from support.road import held, radar, scene
 from support.significance import assert_chance
 
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys
 from plotfeed.feeds.score.feed_checks import FALSE_RATE, simulated_feed
 from plotfeed.feeds.score.feed_residuals import feed_checks
-from plotfeed.feeds.sensing.simulation import SimulatedSensor, simulate
 from plotfeed.models.scoring.residuals import ResidualCheck, judged_wrong
 from plotfeed.models.sensors.electronic_radar import SEARCH
 

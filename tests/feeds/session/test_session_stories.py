@@ -94,7 +94,7 @@ async def test_a_story_is_told_on_the_wire_and_taken_back_to_what_was_before(
             assert told["controlled"] == {"link": {"latency_ms": 150.0}}
             assert delays_ns(await teller.next_messages()) == {150 * MS}
             assert delays_ns(await teller.next_messages("other")) == {90 * MS}
-            doing = session.session._drones.doing
+            doing = session.session.engine.drones.doing
             assert doing("visitor", session.clock.now_ns()) == "hold"
             told = await teller.say(story="outage")
             assert told["controlled"] == {"link": {"latency_ms": 150.0, "down": True}}

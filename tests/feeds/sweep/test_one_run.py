@@ -10,8 +10,8 @@ import numpy as np
 from support.scene_files import radar, scene_file, scene_text
 from support.significance import assert_sum
 
+from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.sensing.simulation import simulate
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.sweep.levels import levels_of
 from plotfeed.feeds.sweep.one_run import (

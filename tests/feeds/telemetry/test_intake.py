@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.inputs import AT_ONCE, SessionInputs
@@ -75,7 +76,8 @@ class Intake(Observer):
         self.told: list[tuple[str, bytes, int]] = []
         self.errors: list[Message] = []
         self.totals = SessionCounters()
-        self.trajectories = Trajectories(stale_after_s=scene.telemetry.stale_after_s)
+        engine = Engine(scene, NOW)
+        self.trajectories = engine.trajectories
         clock = InstantClock(NOW)
         context = SessionContext(
             scene=scene,
@@ -86,9 +88,7 @@ class Intake(Observer):
             keep_ledger=lambda *_: None,
             describer=SensorDescriber(scene),
         )
-        self.inputs = SessionInputs(
-            context, self.trajectories, {}, self.errors.append, lambda *_: {}
-        )
+        self.inputs = SessionInputs(context, engine, {}, self.errors.append, lambda *_: {})
 
     def received(
         self, topic: str, payload: bytes, _content_type: str | None, t_utc_ns: int

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.road import scene, staring
 
-from plotfeed.feeds import simulate
+from plotfeed import simulate
 from plotfeed.feeds.scene.presets.preset import names
 from plotfeed.feeds.scene.scene import example
 from plotfeed.models.sensors.acoustic import MicrophoneArray

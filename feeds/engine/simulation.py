@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,11 +10,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from plotfeed.feeds.engine.engine import Engine, scene_of
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.scene.scene import Scene, example, load
+from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.models.beam import Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import Columns, Floats, Ints, Looks, Plots
@@ -109,24 +107,19 @@ def simulate(
     sector that ends within the duration. They are what sensors hand to their links: links, formats
     and the clocks of sensors (`bias.time_offset_s`) are not applied, and nothing is sent.
     """
-    if not isinstance(scene, Scene):
-        is_name = isinstance(scene, str) and re.fullmatch(r"[\w-]+", scene)
-        scene = example(str(scene)) if is_name else load(scene)
+    scene = scene_of(scene)
     if seed is not None:
         general = scene.scene.model_copy(update={"seed": seed})
         scene = scene.model_copy(update={"scene": general})
     if start_utc_ns is None:
         start_utc_ns = scene.scene.start_utc_ns or time.time_ns()
-    trajectories = trajectories_of(scene)
-    launch(scene, trajectories, start_utc_ns)
-    emulated = EmulatedSensors(scene, trajectories)
-    emulated.start(start_utc_ns)
+    engine = Engine(scene, start_utc_ns)
     end_utc_ns = start_utc_ns + round(duration_s * NS)
     found = _Found(scene.sensor)
     for before_ns in range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS):
-        found.take(emulated.seen(before_ns))
-    found.take(emulated.seen(end_utc_ns + 1))
-    return Simulation(found.sensors(), trajectories, start_utc_ns)
+        found.take(engine.until(before_ns - 1, messages=False))
+    found.take(engine.until(end_utc_ns, messages=False))
+    return Simulation(found.sensors(), engine.trajectories, start_utc_ns)
 
 
 C = TypeVar("C", bound=Columns)

@@ -11,19 +11,22 @@ from functools import cached_property
 from typing import Any
 
 from plotfeed.feeds.console.printed import in_short
-from plotfeed.feeds.scene.changes import Command, ControlError, Layers
+from plotfeed.feeds.scene.changes import Command, ControlError, Layers, joined, with_change
 from plotfeed.feeds.scene.mission_keys import Resume
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.story_keys import Story, StoryChange, StoryState
+from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
+from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import SceneDrones
-from plotfeed.feeds.session.drone_control import DroneControl
-from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.proto.errors import PlotfeedError
 
 MAX_UNDONE = 100
 """Changes that are remembered to be undone; the oldest are forgotten."""
 MAX_WORDS = 80
 """Letters by which a change is told in a line."""
+MAX_NAMES = 20
+"""Of drones, told where another was expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +42,22 @@ class _Step:
 
 
 class ChangeControl:
-    """The sensors and drones of a session, as commands and stories reach them."""
+    """The sensors and drones of an engine, as commands and stories reach them."""
 
     def __init__(
         self,
         scene: Scene,
-        sensor_tasks: Mapping[str, SensorTask],
+        sensors: EmulatedSensors,
         drones: SceneDrones,
-        drone_control: DroneControl,
+        cooperative: CooperativeDrones | None,
     ) -> None:
-        self._scene = scene
-        self._tasks, self._drones, self._drone_control = sensor_tasks, drones, drone_control
+        """`cooperative` are the drones that say something of themselves, if any do."""
+        self.layers: dict[str, Layers] = {sensor.id: () for sensor in sensors.sensors}
+        """What is asked of sensors over their scripts, by their ids."""
+        self._scene, self._sensors = scene, sensors
+        self._drones, self._cooperative = drones, cooperative
+        self._index = {name: i for i, name in enumerate(self.layers)}
+        self._changed: dict[str, None] = {}
         self._begun: dict[str, int] = {}
         """When stories began that are on, UTC, by their ids."""
         self._steps: deque[_Step] = deque(maxlen=MAX_UNDONE)
@@ -73,28 +81,71 @@ class ChangeControl:
 
         Raises `PlotfeedError`, and nothing has changed.
         """
+        if command.clock is not None:
+            raise ControlError("clock: whoever drives the engine gives it time")
         if command.drone is not None:
-            return self._drone_control.obey(command, at_utc_ns)
+            return self._obey_of_drone(command, at_utc_ns)
         if command.story is not None:
             return self._obey_of_story(command, command.story, at_utc_ns)
         if command.undo:
             return self._undo(at_utc_ns)
-        task = self._task(command.sensor or "")
-        before = task.layers
-        task.control(None if command.reset else command.set, at_utc_ns)
-        name = task.sensor.id
+        name = command.sensor or ""
+        before = self._layers(name)
+        self.control(name, None if command.reset else command.set, at_utc_ns)
         words = "as in the scene" if command.reset else told(command.set or {})
-        self._steps.append(_Step(f"{name}: {words}", {name: (before, task.layers)}))
+        self._steps.append(_Step(f"{name}: {words}", {name: (before, self.layers[name])}))
         self._forget_what_is_over()
-        keys = task.sensor.model_dump(mode="json", exclude_unset=True)
-        return {"sensor": name, **keys}
+        sensor = self._as_of(name, self.layers[name], at_utc_ns)
+        return {"sensor": name, **sensor.model_dump(mode="json", exclude_unset=True)}
 
-    def _task(self, sensor: str) -> SensorTask:
-        task = self._tasks.get(sensor)
-        if task is None:
-            known = ", ".join(self._tasks)
+    def control(self, sensor: str, change: Mapping[str, Any] | None, at_utc_ns: int) -> None:
+        """Change those keys of a sensor from then on, or with None none any more.
+
+        Raises `ChangeError`, and nothing has changed.
+        """
+        layers = self._layers(sensor)
+        self._put_layers(sensor, () if change is None else with_change(layers, change), at_utc_ns)
+
+    def take_changed(self) -> list[str]:
+        """Sensors of which something was asked since this was called last, in that order."""
+        found, self._changed = list(self._changed), {}
+        return found
+
+    def _layers(self, sensor: str) -> Layers:
+        layers = self.layers.get(sensor)
+        if layers is None:
+            known = ", ".join(self.layers)
             raise ControlError(f"sensor: there is no {sensor!r}; expected one of {known}")
-        return task
+        return layers
+
+    def _as_of(self, sensor: str, layers: Layers, at_utc_ns: int) -> Sensor:
+        return self._sensors.as_of(self._index[sensor], joined(layers), at_utc_ns)
+
+    def _put_layers(self, sensor: str, layers: Layers, at_utc_ns: int) -> None:
+        self._sensors.control(self._index[sensor], joined(layers), at_utc_ns)
+        self.layers[sensor] = layers
+        self._changed[sensor] = None
+
+    def _obey_of_drone(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
+        drone = command.drone or ""
+        if drone not in self._drones.names:
+            known = ", ".join(self._drones.names[:MAX_NAMES]) or "none"
+            raise ControlError(f"drone: the scene flies no {drone!r}; expected one of {known}")
+        if command.contingency is not None:
+            try:
+                self._drones.happen(drone, command.contingency, at_utc_ns)
+            except PlotfeedError as error:
+                raise ControlError(f"contingency: {error}") from None
+        else:
+            if self._cooperative is None or drone not in self._cooperative:
+                raise ControlError(f"claim: drone {drone!r} says nothing: it is not [cooperative]")
+            self._cooperative.control(drone, command.claim, at_utc_ns)
+        claim = None if command.claim is None else command.claim.model_dump(exclude_unset=True)
+        return {
+            "drone": drone,
+            "contingency": self._drones.doing(drone, at_utc_ns),
+            **({} if command.contingency is not None else {"claim": claim}),
+        }
 
     def _obey_of_story(self, command: Command, name: str, at_utc_ns: int) -> dict[str, Any]:
         story = self._stories.get(name)
@@ -104,7 +155,7 @@ class ChangeControl:
         is_on = name in self._begun
         if is_on != command.reset:
             raise ControlError(f"story: {name!r} is {'on already' if is_on else 'not on'}")
-        before = {sensor: self._task(sensor).layers for sensor in story.sets}
+        before = {sensor: self._layers(sensor) for sensor in story.sets}
         after = {s: _without(layers, name) for s, layers in before.items()}
         if not is_on:
             after = {s: (*before[s], (name, keys)) for s, keys in story.sets.items()}
@@ -124,7 +175,7 @@ class ChangeControl:
     ) -> None:
         """Have sensors so, and a story begin or end; raises `PlotfeedError` before any change."""
         for sensor, asked in layers.items():
-            self._task(sensor).check(asked, at_utc_ns)
+            self._as_of(sensor, asked, at_utc_ns)
         if story is not None and begins:
             seed = self._scene.scene.seed
             joining = [drone for swarm in story.swarm for drone in swarm.members(seed)]
@@ -133,12 +184,12 @@ class ChangeControl:
             except PlotfeedError as error:
                 raise ControlError(f"story: {error}") from None
         for sensor, asked in layers.items():
-            self._task(sensor).put(asked, at_utc_ns)
+            self._put_layers(sensor, asked, at_utc_ns)
         if story is None:
             return
         for change in story.drone_changes:
             with suppress(PlotfeedError):  # the drone may be gone by now, or on its way again
-                self._drone_control.obey(_asked(change, begins=begins), at_utc_ns)
+                self._obey_of_drone(_asked(change, begins=begins), at_utc_ns)
         if begins:
             self._begun[story.id] = at_utc_ns
             return
@@ -151,7 +202,7 @@ class ChangeControl:
         if not self._steps:
             raise ControlError("undo: nothing was asked of a sensor, and no story was begun")
         step = self._steps.pop()
-        if any(self._task(name).layers != after for name, (_, after) in step.layers.items()):
+        if any(self._layers(name) != after for name, (_, after) in step.layers.items()):
             raise ControlError(f"undo: {step.words}: the sensor was asked otherwise since")
         before = {name: layers for name, (layers, _) in step.layers.items()}
         self._put(before, at_utc_ns, self._stories.get(step.story), begins=not step.began)
@@ -173,7 +224,7 @@ class ChangeControl:
                 self._begun.setdefault(story.id, at_utc_ns)
 
     def _tells(self, sensor: str, story: str) -> bool:
-        return any(name == story for name, _ in self._tasks[sensor].layers)
+        return any(name == story for name, _ in self.layers[sensor])
 
 
 def _without(layers: Layers, story: str) -> Layers:

@@ -1,0 +1,166 @@
+"""`Engine`: a scene as a function, telemetry, commands and time in, batches of messages out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from plotfeed.feeds.engine.change_control import ChangeControl
+from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.scene.changes import ChangeError, ControlError, check_octets, parsed
+from plotfeed.feeds.scene.claim_keys import COOPERATIVE
+from plotfeed.feeds.scene.report_formats import CUE_TOPIC
+from plotfeed.feeds.scene.scene import Scene, example, load
+from plotfeed.feeds.scene.sensors.mount_keys import CueError, cue_of, mount_of
+from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
+from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
+from plotfeed.feeds.telemetry.position_report import Reason, Refused
+from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
+from plotfeed.models.beam import Sector
+from plotfeed.proto import plotfeed_pb2 as pb
+
+
+class Engine:
+    """A scene's drones and sensors at work; it neither waits, listens nor sends.
+
+    Give it what comes in with `receive`, and take with `until` what its sensors report. Both may be
+    called in any order in which time does not go back, by one thread at a time. The same scene,
+    seed, start and input give the same octets, at whatever pace `until` is called.
+
+    Batches hold messages as sensors hand them to their links: links are not applied.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | str | Path,
+        start_utc_ns: int,
+        *,
+        sensors: Collection[str] | None = None,
+        claims: bool = True,
+    ) -> None:
+        """Launch the scene's drones, and begin each sensor with its first whole sector after that.
+
+        The scene is a loaded one, the name of one that comes with plotfeed, or the path of a file.
+        `sensors` are the ids of those that this engine works out, all by default: several engines
+        may share a scene. Without `claims`, cooperative drones say nothing. Raises `PlotfeedError`
+        where the scene cannot run.
+        """
+        scene = scene_of(scene)
+        own = [each for each in scene.sensor if sensors is None or each.id in sensors]
+        self.scene = scene
+        self.start_utc_ns = start_utc_ns
+        self.trajectories = trajectories_of(scene)
+        self.drones = launch(scene, self.trajectories, start_utc_ns)
+        self.cooperative: CooperativeDrones | None = None
+        if claims and scene.cooperative is not None:
+            keys = scene.cooperative
+            self.cooperative = CooperativeDrones(scene, keys, self.trajectories, self.drones)
+        self.telemetry = TelemetryReceiver(scene, self.trajectories)
+        self.sensors = EmulatedSensors(scene, self.trajectories, own)
+        part = scene.model_copy(update={"sensor": tuple(own)})
+        self.changes = ChangeControl(part, self.sensors, self.drones, self.cooperative)
+        self._ids = [*(sensor.id for sensor in own), COOPERATIVE]
+        self._index = {name: i for i, name in enumerate(self._ids)}
+        self._control_topic = f"{scene.mqtt.prefix}/control"
+        self.cue_topics = {
+            f"{scene.mqtt.prefix}/{sensor.id}/{CUE_TOPIC}": sensor.id
+            for sensor in own
+            if mount_of(sensor) is not None
+        }
+        """Topics on which mounts are told where to look, and the sensor of each."""
+        self._claim = 0
+        """Number of the period at whose end cooperative drones speak next."""
+        self.start(start_utc_ns)
+
+    def start(self, start_utc_ns: int) -> None:
+        """Let it all begin then, in place of the start given; nothing was asked for yet."""
+        if start_utc_ns != self.start_utc_ns:
+            self.drones.put_off(start_utc_ns - self.start_utc_ns)
+        self.start_utc_ns = start_utc_ns
+        self.sensors.start(start_utc_ns)
+        if self.cooperative is not None:
+            self.cooperative.start(start_utc_ns)
+            self._claim = start_utc_ns // self.cooperative.period_ns + 1
+
+    def skip_claims(self, by_utc_ns: int) -> None:
+        """Have cooperative drones not say what was due by then."""
+        if self.cooperative is not None:
+            self._claim = max(self._claim, by_utc_ns // self.cooperative.period_ns + 1)
+
+    def receive(
+        self, topic: str, payload: bytes, t_utc_ns: int, content_type: str | None = None
+    ) -> Refused | None:
+        """Take in telemetry or a command as of that time: why it is refused, or None if it is not.
+
+        Commands come on {prefix}/control and, for mounts, on {prefix}/{sensor}/cue; the clock is
+        whose the engine is. Anything else is telemetry, on {prefix}/telemetry/{drone}.
+        """
+        try:
+            if topic == self._control_topic:
+                self.changes.obey(parsed(payload), t_utc_ns)
+            elif topic in self.cue_topics:
+                self.cue(topic, payload, t_utc_ns)
+            else:
+                why: list[Refused] = []
+                self.telemetry.take_together([(topic, [(payload, content_type)])], t_utc_ns, why)
+                return why[0] if why else None
+        except (ControlError, ChangeError, CueError) as error:
+            return Refused(Reason.CONTROL, str(error))
+        return None
+
+    def cue(self, topic: str, payload: bytes, t_utc_ns: int) -> None:
+        """Have a mount look where a payload asks; raises `ControlError` or `CueError`."""
+        sensor = self.cue_topics.get(topic)
+        if sensor is None:
+            known = ", ".join(self.cue_topics.values())
+            raise ControlError(f"there is no sensor that a mount turns; expected one of {known}")
+        check_octets(payload)
+        i = self._index[sensor]
+        place_enu_m = self.sensors.sensors[i].position_enu_m
+        self.sensors.cueing.cue(i, cue_of(payload), place_enu_m, t_utc_ns)
+
+    def until(self, t_utc_ns: int, *, messages: bool = True) -> Iterator[Batch]:
+        """Batches of all sectors that end by then and were not given before.
+
+        Batches hold sectors by sensor and then by time; what cooperative drones say comes last, as
+        batches of the sensor "cooperative". Without `messages`, none are encoded.
+        """
+        yield from (self.sensors.batches if messages else self.sensors.seen)(t_utc_ns + 1)
+        cooperative = self.cooperative
+        while messages and cooperative is not None and self._claim_due_ns <= t_utc_ns:
+            due_ns, period_ns = self._claim_due_ns, cooperative.period_ns
+            said, truths = cooperative.said(self._claim)
+            sector = Sector(self._claim, 0, due_ns - period_ns, due_ns, 0.0, 360.0)
+            self._claim += 1
+            yield Batch.of_one(
+                sector,
+                sensor=len(self._ids) - 1,
+                sensors=self._ids,
+                messages=said,
+                claims=pb.Ledger(claims=truths).SerializeToString(),
+            )
+
+    @property
+    def next_end_ns(self) -> int | None:
+        """When the next sector ends, or cooperative drones speak next; None for never."""
+        ends_ns = [] if self.cooperative is None else [self._claim_due_ns]
+        if (end_ns := self.sensors.next_end_ns) is not None:
+            ends_ns.append(end_ns)
+        return min(ends_ns, default=None)
+
+    @property
+    def _claim_due_ns(self) -> int:
+        return self._claim * self.cooperative.period_ns if self.cooperative is not None else 0
+
+
+def scene_of(scene: Scene | str | Path) -> Scene:
+    """A scene that is loaded, has that name among those of plotfeed, or is in that file.
+
+    Raises `PlotfeedError`.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    is_name = isinstance(scene, str) and re.fullmatch(r"[\w-]+", scene)
+    return example(str(scene)) if is_name else load(scene)

@@ -1,0 +1,174 @@
+"""An engine by itself says what a session says, whatever its pace, its company or its caller."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from support.road import NS, START_NS
+
+from plotfeed import Engine, Observer, PlotfeedError, Scene, load, run
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.examples import summaries
+from plotfeed.feeds.scene.scene import example
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.proto.utc import iso_utc
+
+ROOT = Path(__file__).parents[3]
+DURATION_S = 8
+END_NS = START_NS + DURATION_S * NS
+OWN = sorted((ROOT / "examples" / "scenes").glob("*.toml"))
+Said = dict[str, list[tuple[bytes, int, tuple[tuple[str, str], ...]]]]
+"""By topic: payloads, when they are due, and user properties."""
+
+
+def put(said: Said, message: Message) -> None:
+    properties = tuple(message.properties)
+    said.setdefault(message.topic, []).append((message.payload, message.due_utc_ns, properties))
+
+
+class BeforeLinks(Observer):
+    """What sensors hand to their links in a session."""
+
+    def __init__(self) -> None:
+        self.said: Said = {}
+
+    def before_link(self, message: Message) -> None:
+        put(self.said, message)
+
+
+def by_engine(engine: Engine, times_ns: Iterator[int]) -> Said:
+    said: Said = {}
+    for t_ns in times_ns:
+        for batch in engine.until(t_ns):
+            for messages in batch.messages:
+                for message in messages:
+                    put(said, message)
+    return said
+
+
+def in_steps(step_ns: int) -> Iterator[int]:
+    return iter([*range(START_NS, END_NS, step_ns), END_NS])
+
+
+@pytest.mark.parametrize("name", [*summaries(), *(path.name for path in OWN)])
+@pytest.mark.asyncio
+async def test_an_engine_makes_the_octets_of_a_session(name: str) -> None:
+    path = ROOT / "examples" / "scenes" / name
+    scene = example(name) if name in summaries() else load(path)
+    told = BeforeLinks()
+    await run(
+        scene,
+        clock=InstantClock(START_NS),
+        broker="none",
+        duration_s=DURATION_S,
+        observers=[told],
+    )
+    said = by_engine(Engine(scene, START_NS), in_steps(NS))
+    assert said == told.said
+    assert said
+
+
+def report(t_ns: int, step: int) -> bytes:
+    said = {
+        "time_utc": iso_utc(t_ns),
+        "latitude_deg": 40.4545 + 1e-4 * step,
+        "longitude_deg": -3.7285,
+        "altitude_m": 90.0,
+        "altitude_reference": "ABOVE_TAKEOFF",
+    }
+    return json.dumps(said).encode()
+
+
+COMMANDS = {
+    2: {"sensor": "active", "set": {"loss_db": 3.0}},
+    4: {"sensor": "mimo", "set": {"enabled": False}},
+    6: {"sensor": "active", "reset": True},
+}
+"""Of section 4, by the second at which they come."""
+
+
+def with_input(engine: Engine, step: Callable[[], int]) -> Said:
+    """What an engine says that is asked after steps of time, with a drone and commands."""
+    said: Said = {}
+
+    def take(until_ns: int) -> None:
+        for topic, found in by_engine(engine, iter([until_ns])).items():
+            said.setdefault(topic, []).extend(found)
+
+    now_ns = START_NS
+    for tenth in range(10 * DURATION_S):
+        t_ns = START_NS + tenth * NS // 10
+        while (now_ns := min(now_ns + step(), t_ns)) < t_ns:
+            take(now_ns)
+        take(t_ns)
+        assert engine.receive("plotfeed/telemetry/mine", report(t_ns, tenth), t_ns) is None
+        if tenth % 10 == 0 and tenth // 10 in COMMANDS:
+            command = json.dumps(COMMANDS[tenth // 10]).encode()
+            assert engine.receive("plotfeed/control", command, t_ns) is None
+    take(END_NS)
+    return said
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_octet_depends_on_the_pace_at_which_it_is_asked(seed: int) -> None:
+    by_chance = random.Random(seed)  # noqa: S311
+    plain = with_input(Engine("section-4", START_NS), lambda: NS)
+    at_random = with_input(
+        Engine("section-4", START_NS), lambda: by_chance.choice([1, 10**6, 3 * 10**7, 10**8])
+    )
+    assert at_random == plain
+    with_drone = Engine("section-4", START_NS)
+    assert by_engine(with_drone, in_steps(NS)) != plain
+
+
+def test_engines_that_share_a_scene_say_together_what_one_says() -> None:
+    whole = with_input_free(Engine("field-day", START_NS))
+    names = [sensor.id for sensor in example("field-day").sensor]
+    parts: Said = {}
+    for i in range(3):
+        parts |= with_input_free(Engine("field-day", START_NS, sensors=names[i::3], claims=i == 0))
+    assert parts == whole
+
+
+def with_input_free(engine: Engine) -> Said:
+    return by_engine(engine, in_steps(NS // 4))
+
+
+@pytest.mark.parametrize(
+    ("topic", "payload", "reason"),
+    [
+        ("plotfeed/telemetry/mine", b"{", "undecodable"),
+        ("plotfeed/telemetry/mine", report(START_NS - 3600 * NS, 0), "stale"),
+        ("plotfeed/control", b'{"sensor": "nobody", "set": {}}', "control"),
+        ("plotfeed/control", b'{"clock": {"speed": 2}}', "control"),
+        ("plotfeed/control", b"\xff", "control"),
+    ],
+)
+def test_what_is_refused_is_told_and_changes_nothing(
+    topic: str, payload: bytes, reason: str
+) -> None:
+    engine = Engine("section-4", START_NS)
+    refused = engine.receive(topic, payload, START_NS)
+    assert refused is not None
+    assert refused.reason == reason
+    assert refused.detail
+    untouched = by_engine(Engine("section-4", START_NS), in_steps(NS))
+    assert by_engine(engine, in_steps(NS)) == untouched
+
+
+def test_plots_and_looks_come_without_messages_too() -> None:
+    engine, other = Engine("section-4", START_NS), Engine("section-4", START_NS)
+    bare = list(engine.until(END_NS, messages=False))
+    full = list(other.until(END_NS))
+    assert [len(batch.plots) for batch in bare] == [len(batch.plots) for batch in full]
+    assert not any(batch.messages for batch in bare)
+
+
+def test_a_scene_that_is_not_there_is_a_plotfeed_error() -> None:
+    with pytest.raises(PlotfeedError, match="no shipped scene 'nowhere'"):
+        Engine("nowhere", START_NS)
+    assert isinstance(load(OWN[0]), Scene)
