@@ -8,17 +8,8 @@ from functools import cache
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Block, records_in
-from plotfeed.proto.asterix.codec.layout import (
-    FX,
-    HEADER_OCTETS,
-    Category,
-    Extended,
-    Fixed,
-    Item,
-    Repetitive,
-    Undecoded,
-    is_time_of_day,
-)
+from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
+from plotfeed.proto.asterix.codec.retime_asterix import TimeFinder
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.content_types import ASTERIX, asterix_content_type
 from plotfeed.proto.errors import DecodeError
@@ -114,66 +105,23 @@ def _headers(payload: bytes) -> Iterator[tuple[int, int]]:
         at += length
 
 
-TIME, EXTENDED, UNKNOWN_LENGTH = -1, 0, -2
 TIME_OCTETS = 3
 LSB_NS = 7_812_500  # 1/128 s
-
-
-@cache
-def item_octets(category: int) -> tuple[int, ...]:
-    """Octets of each item of a category's user application profile; none if nothing is known.
-
-    EXTENDED ones end with the first octet whose last bit is clear.
-    """
-    layout = CATEGORIES.get(category) or OTHER_CATEGORIES.get(category)
-    return () if layout is None else tuple(map(_octets_of, layout.uap))
-
-
-def _octets_of(item: Item | None) -> int:
-    item = item.of if isinstance(item, Undecoded) else item
-    if isinstance(item, Fixed):
-        return TIME if is_time_of_day(item) else item.group.octets
-    groups = item.groups if isinstance(item, Extended) else ()
-    if isinstance(item, Repetitive) and item.group.fx:
-        groups = (item.group,)
-    return EXTENDED if groups and all(g.octets == 1 for g in groups) else UNKNOWN_LENGTH
-
-
-def time_of_day_ns(block: bytes) -> int | None:
-    """Time of a whole data block's first record; None if it has none, or none that is known."""
-    slots = item_octets(block[0]) if block else ()
-    flags = _flags(block)
-    at = HEADER_OCTETS + len(flags)
-    for place, octets in enumerate(slots):
-        if place // 7 >= len(flags) or not flags[place // 7] >> (7 - place % 7) & 1:
-            continue
-        if octets == TIME:
-            return _time(block[at : at + TIME_OCTETS])
-        if octets == UNKNOWN_LENGTH:
-            return None
-        at = at + octets if octets else _after_extended(block, at)
-    return None
-
-
 KNOWN_CATEGORIES = frozenset((*CATEGORIES, *OTHER_CATEGORIES))
 """Categories of which it is known where their records end."""
 
 
-def _flags(block: bytes) -> bytes:
-    """The octets of flags of the first record, all of them."""
-    end = HEADER_OCTETS
-    while end < len(block) and block[end] & FX:
-        end += 1
-    return block[HEADER_OCTETS : end + 1]
+@cache
+def _finder(category: int) -> TimeFinder | None:
+    layout = CATEGORIES.get(category) or OTHER_CATEGORIES.get(category)
+    return None if layout is None else TimeFinder(layout)
 
 
-def _after_extended(block: bytes, at: int) -> int:
-    while at < len(block) and block[at] & FX:
-        at += 1
-    return at + 1
-
-
-def _time(octets: bytes) -> int | None:
+def time_of_day_ns(block: bytes) -> int | None:
+    """Time of a whole data block's first record; None if it has none, or none that is known."""
+    finder = _finder(block[0]) if block else None
+    at = finder.first_time(block, HEADER_OCTETS) if finder else None
+    octets = b"" if at is None else block[at : at + TIME_OCTETS]
     time_ns = int.from_bytes(octets, "big") * LSB_NS
     # Some senders write 86400.0 for midnight; what is beyond that is no time of day.
     return time_ns % DAY_NS if len(octets) == TIME_OCTETS and time_ns <= DAY_NS else None

@@ -22,9 +22,10 @@ from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.asterix.codec.layout import is_time_of_day
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.utc import DAY_NS, NS
-from plotfeed.replay.asterix_blocks import TIME, item_octets, time_of_day_ns
+from plotfeed.replay.asterix_blocks import time_of_day_ns
 from plotfeed.replay.asterix_files import RawReader, RawWriter
 from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
 
@@ -92,9 +93,11 @@ def test_categories_without_a_layout_are_those_that_stand_apart() -> None:
 @pytest.mark.parametrize("number", sorted(CATEGORIES))
 @given(time_lsb=st.integers(0, 86_400 * 128 - 1))
 def test_the_time_of_a_block_is_what_the_decoder_reads(number: int, time_lsb: int) -> None:
-    place = item_octets(number).index(TIME)
-    item = CATEGORIES[number].uap[place]
-    assert item is not None
+    place, item = next(
+        (n, item)
+        for n, item in enumerate(CATEGORIES[number].uap)
+        if item is not None and is_time_of_day(item)
+    )
     data = block(number, _flags(0, place), "0102", f"{time_lsb:06x}")
     (record,) = decode(data)
     assert record.items[item.name] == time_lsb / 128
@@ -117,6 +120,7 @@ BLOCKS = {
     "020_140": block(20, "e0", "190d", "4100", "4dcc80"),
     "021_071": block(21, "f8", "190d", "2100", "0001", "02", "4dcc80"),
     "021_073": block(21, "c108", "190d", "00", "4dcc80"),
+    "004_020": block(4, "f0", "190d", "01", "02aabbccdd", "4dcc80"),
     "021_072": block(21, "c180", "190d", "00", "4dcc80"),
     "023_070": block(23, "f0", "190d", "01", "02", "4dcc80"),
     "065_030": block(65, "f0", "190d", "01", "02", "4dcc80"),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import TypeAlias
 
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -14,15 +15,13 @@ from plotfeed.proto.asterix.codec.layout import (
     HEADER_OCTETS,
     Category,
     Compound,
-    Explicit,
-    Extended,
     Fixed,
     Group,
     Item,
     Repetitive,
-    Undecoded,
     is_time_of_day,
 )
+from plotfeed.proto.asterix.codec.readers import BROKEN, reader_of
 from plotfeed.proto.asterix.layout_062 import CAT062
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
@@ -32,8 +31,8 @@ FLIGHT_PLAN, PLANNED = "I062/390", "TOD"
 MAX_PLANS = 4096
 """Different field specifications remembered of a category; a real feed has a few."""
 
-Step: TypeAlias = "int | Item"
-"""Octets to pass over, or an item whose length only its octets tell."""
+Step: TypeAlias = Callable[[bytes, int, list[int]], int]
+"""What gives the octet after items, and notes planned times on the way; raises one of `BROKEN`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +53,8 @@ class _Plan:
     steps: tuple[Step, ...]
     times: tuple[tuple[int, int], ...]
     """Times of day: after so many steps, so many octets on."""
+    wrong: str
+    """Why the record cannot be walked over beyond its steps; empty where it can."""
 
 
 class TimeFinder:
@@ -68,21 +69,35 @@ class TimeFinder:
         """The times of the record that begins there; raises `DecodeError`."""
         try:
             times = self._find(body, at)
-        except IndexError:
+        except BROKEN:
             raise DecodeError(f"{self._name} is cut off", at_octet=at) from None
         if times.end > len(body):
             raise DecodeError(f"{self._name} is cut off", at_octet=at)
         return times
 
+    def first_time(self, body: bytes, at: int) -> int | None:
+        """Where the record's first time of day begins; None if it has none, or is broken before."""
+        with contextlib.suppress(*BROKEN):
+            flags = at
+            at = _after_flags(body, at)
+            plan = self._plan(body[flags:at])
+            for steps, octets in plan.times[:1]:
+                for step in plan.steps[:steps]:
+                    at = step(body, at, [])
+                return at + octets
+        return None
+
     def _find(self, body: bytes, at: int) -> TimeItems:
         start = at
         at = _after_flags(body, at)
         plan = self._plan(body[start:at])
+        if plan.wrong:
+            raise DecodeError(plan.wrong)
         if plan.octets:
             return TimeItems(tuple(at + octets for _, octets in plan.times), (), at + plan.octets)
         starts, planned = [at], list[int]()
         for step in plan.steps:
-            at = at + step if isinstance(step, int) else _after(step, body, at, planned)
+            at = step(body, at, planned)
             starts.append(at)
         of_day = tuple(starts[steps] + octets for steps, octets in plan.times)
         return TimeItems(of_day, tuple(planned), at)
@@ -96,27 +111,51 @@ class TimeFinder:
         return plan
 
 
-def _time_plan(items: Sequence[Item]) -> _Plan:
+def _time_plan(items: Iterator[Item]) -> _Plan:
     """Items of fixed length that follow each other are one step."""
-    if not items:
-        raise DecodeError("a record has no items")
     steps: list[Step] = []
     times: list[tuple[int, int]] = []
-    passed = 0
-    for item in items:
-        if isinstance(item, Fixed):
-            if is_time_of_day(item):
-                times.append((len(steps), passed))
-            passed += item.group.octets
-            continue
-        if passed:
-            steps.append(passed)
-            passed = 0
-        steps.append(item)
+    passed, wrong = 0, ""
+    try:
+        for item in items:
+            if isinstance(item, Fixed):
+                if is_time_of_day(item):
+                    times.append((len(steps), passed))
+                passed += item.group.octets
+                continue
+            if passed:
+                steps.append(_over(passed))
+                passed = 0
+            steps.append(_step(item))
+    except DecodeError as error:
+        wrong = str(error)
+    octets = 0 if steps else passed
     if passed:
-        steps.append(passed)
-    octets = passed if steps == [passed] else 0
-    return _Plan(octets, tuple(steps), tuple(times))
+        steps.append(_over(passed))
+    return _Plan(
+        octets, tuple(steps), tuple(times), wrong if steps or wrong else "a record has no items"
+    )
+
+
+def _over(octets: int) -> Step:
+    return lambda _body, at, _planned: at + octets
+
+
+def _step(item: Item) -> Step:
+    if isinstance(item, Compound) and item.name == FLIGHT_PLAN:
+        return partial(_after_flight_plan, item)
+    read = reader_of(item)
+    return lambda body, at, _planned: read(body, at)[1]
+
+
+def _after_flight_plan(item: Compound, body: bytes, at: int, planned: list[int]) -> int:
+    flags = at
+    at = _after_flags(body, at)
+    for subfield in _present(item.subfields, body[flags:at], item.name):
+        if subfield.name == PLANNED:
+            planned.extend(_elements(subfield, body, at))
+        at = reader_of(subfield)(body, at)[1]
+    return at
 
 
 def _after_flags(body: bytes, at: int) -> int:
@@ -125,9 +164,8 @@ def _after_flags(body: bytes, at: int) -> int:
     return at + 1
 
 
-def _present(slots: Sequence[Item | None], flags: bytes, name: str) -> list[Item]:
+def _present(slots: Sequence[Item | None], flags: bytes, name: str) -> Iterator[Item]:
     """What the flags say is there; raises `DecodeError` for what is not assigned."""
-    found: list[Item] = []
     for number, octet in enumerate(flags):
         for place in range(7):
             if not octet >> (7 - place) & 1:
@@ -136,50 +174,7 @@ def _present(slots: Sequence[Item | None], flags: bytes, name: str) -> list[Item
             item = slots[flag] if flag < len(slots) else None
             if item is None:
                 raise DecodeError(f"{name} has flag {flag + 1}, which is not assigned")
-            found.append(item)
-    return found
-
-
-def _after(item: Item, body: bytes, at: int, planned: list[int]) -> int:
-    """The octet after an item; planned times are noted on the way."""
-    match item:
-        case Fixed(_, group):
-            return at + group.octets
-        case Extended():
-            return _after_extended(item, body, at)
-        case Repetitive():
-            return _after_repetitive(item, body, at)
-        case Explicit(name):
-            if not body[at]:
-                raise DecodeError(f"{name} says that it is 0 octets long", at_octet=at)
-            return at + body[at]
-        case Compound(name, subfields):
-            flags = at
-            at = _after_flags(body, at)
-            for subfield in _present(subfields, body[flags:at], name):
-                if name == FLIGHT_PLAN and subfield.name == PLANNED:
-                    planned.extend(_elements(subfield, body, at))
-                at = _after(subfield, body, at, planned)
-            return at
-        case Undecoded(_, of):
-            return _after(of, body, at, planned)
-
-
-def _after_extended(item: Extended, body: bytes, at: int) -> int:
-    for group in item.groups:
-        at += group.octets
-        if not body[at - 1] & FX:
-            return at
-    return _after_flags(body, at)  # of a newer edition, an octet a group
-
-
-def _after_repetitive(item: Repetitive, body: bytes, at: int) -> int:
-    if not item.group.fx:
-        return at + 1 + body[at] * item.group.octets
-    at += item.group.octets
-    while body[at - 1] & FX:
-        at += item.group.octets
-    return at
+            yield item
 
 
 def _elements(item: Item, body: bytes, at: int) -> list[int]:
