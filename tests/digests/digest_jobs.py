@@ -27,12 +27,12 @@ EXAMPLES = Path("examples/scenes")
 SHIPPED = Path("feeds/scene/examples")
 CONVERTED = ("radars", "listeners", "heard", "effects")
 """Scenes whose records are converted and replayed too."""
-NOT_OF_PACE = (
+OF_FEEDS = (
     *("+/+/asterix/#", "+/+/sapient/#", "+/+/plots", "+/+/tracks", "+/+/cot", "+/+/geojson"),
-    *("+/+/description", "+/+/settings", "+/telemetry/#", "+/session", "+/truth", "+/errors"),
-    *("lab/north/+/asterix/#", "lab/north/+/plots", "lab/north/+/sapient/#", "lab/north/truth"),
+    *("+/telemetry/#", "+/truth", "lab/north/+/asterix/#", "lab/north/+/plots"),
+    *("lab/north/+/sapient/#", "lab/north/truth"),
 )
-"""Topics of all but statuses, which say how the machine kept pace."""
+"""Topics of all but what tells how a session does, such as how the machine kept pace."""
 SUFFIXES = ("jsonl", "pcap", "ff", "ast", "mcap")
 TABLES = ("plots", "truths", "looks", "tracks", "messages", "fates")
 COMMANDS = (
@@ -119,8 +119,7 @@ def _scene(bench: Bench, *, name: str) -> None:
         bench.run(name, "score", record, "--topic", topic, "--json")
     if name in CONVERTED:
         still = f"{name}-still.mcap"
-        topics = [word for topic in NOT_OF_PACE for word in ("--topic", topic)]
-        bench.run(name, "convert", record, still, *topics)
+        bench.run(name, "convert", record, still, *(f"--topic={topic}" for topic in OF_FEEDS))
         bench.run(name, "show", still, "--json", "--list", "--edition", "025-half-turn")
         _convert(bench, name, still)
         _replay(bench, name, still)

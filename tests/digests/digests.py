@@ -130,6 +130,7 @@ def main() -> int:
     asked = parser.parse_args()
     if asked.command == "against":
         return against(asked.revision)
+    asked.out.mkdir(parents=True, exist_ok=True)
     begin_s = time.process_time()
     out, keep = asked.out.resolve(), asked.keep and asked.keep.resolve()
     now = taken(asked.root.resolve(), keep, asked.only)
