@@ -133,10 +133,10 @@ def rumqttd(
             wait_until_listening(port, host)
         yield broker
     finally:
+        assert broker.stdin is not None
+        broker.stdin.close()  # first: whatever becomes of the rest, no open file is left behind
         broker.terminate()
         broker.wait(PATIENCE_S)
-        assert broker.stdin is not None
-        broker.stdin.close()
 
 
 def has_ipv6() -> bool:

@@ -29,6 +29,8 @@ from plotfeed.models.state import AltitudeReference
 
 S = 1_000_000_000
 FLOOD = 60_000
+NEVER_LATE = "stale_after_s = 3600"
+"""A broker that is itself behind with a flood may pass a report on when it is seconds old."""
 
 
 def report(t_utc_ns: int, east: int) -> bytes:
@@ -69,7 +71,8 @@ def octets(session: AtWork) -> Octets:
     return [
         (sector.sector.end_ns, message.topic, message.payload)
         for sector in session.sectors
-        for message in sector.messages
+        for messages in sector.messages
+        for message in messages
     ]
 
 
@@ -79,37 +82,39 @@ async def test_beside_a_flood_others_are_followed_and_the_record_makes_the_same_
     start: Start, tmp_path: Path
 ) -> None:
     text = scene_text(
-        port=1883, drones="", sensors=radar(period_s=1.0, sectors=32), mqtt="truth = false"
+        port=1883,
+        drones="",
+        sensors=radar(period_s=1.0, sectors=32),
+        mqtt="truth = false",
+        telemetry=NEVER_LATE,
     )
     scene = load(scene_file(tmp_path, text))
     port, path, clock, stop = free_port(), tmp_path / "record.mcap", WallClock(), asyncio.Event()
     watch = AtWork(clock)
-    recorder = Recorder(path, attachments=attachments_of(scene, 0), waits=True)
     taken = Taken()
-    observers = [watch, taken, SessionRecorder(recorder, ledger_is_sent=False)]
-    with start(tmp_path, port), listening(port, 5) as drone, listening(port, 5) as flooder:
-        running = asyncio.create_task(
-            run(
-                scene,
-                clock=clock,
-                broker=f"mqtt://127.0.0.1:{port}",
-                stop=stop,
-                observers=observers,
+    with (
+        Recorder(path, attachments=attachments_of(scene, 0), waits=True) as recorder,
+        start(tmp_path, port),
+        listening(port, 5) as drone,
+        listening(port, 5) as flooder,
+    ):
+        observers = [watch, taken, SessionRecorder(recorder, ledger_is_sent=False)]
+        broker = f"mqtt://127.0.0.1:{port}"
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(
+                run(scene, clock=clock, broker=broker, stop=stop, observers=observers)
             )
-        )
-        await until(watch.begins.is_set)
-        flooding = asyncio.create_task(asyncio.to_thread(flood, flooder, clock.now_ns()))
-        number, trajectories = 0, watch.session.trajectories
-        while not flooding.done() or number < 20:
-            drone.publish("plotfeed/telemetry/quiet", report(clock.now_ns(), number))
-            number += 1
-            await asyncio.sleep(0.1)
-        await flooding
-        await until(lambda: taken.by_topic["plotfeed/telemetry/quiet"] == number)
-        await watch.sectors_more(2)
-        stop.set()
-        await running
-    recorder.close()
+            await until(watch.begins.is_set)
+            flooding = tasks.create_task(asyncio.to_thread(flood, flooder, clock.now_ns()))
+            number, trajectories = 0, watch.session.trajectories
+            while not flooding.done() or number < 20:
+                drone.publish("plotfeed/telemetry/quiet", report(clock.now_ns(), number))
+                number += 1
+                await asyncio.sleep(0.1)
+            await flooding
+            await until(lambda: taken.by_topic["plotfeed/telemetry/quiet"] == number)
+            await watch.sectors_more(2)
+            stop.set()
     assert {"quiet", "flood"} == set(trajectories.names)
     assert watch.totals.flooded > 0
 

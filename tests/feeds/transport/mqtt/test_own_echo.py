@@ -24,6 +24,7 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt import own_echo
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
 
 SENSORS = radar("north", period_s=0.2, sectors=8) + radar("south", period_s=0.2, sectors=8)
 DOCUMENTED = Path(__file__).parents[4] / "docs" / "mqtt.md"
@@ -167,3 +168,42 @@ async def test_where_the_subscription_is_not_granted_nobody_can_tell(
         f"{address} does not grant the subscription to it (not authorized)"
     ]
     assert told == []
+
+
+class Asked:
+    """A connection that says nothing by itself."""
+
+    def __init__(self) -> None:
+        self.subscribed: list[str] = []
+
+    def subscribe(self, topic_filter: str) -> None:
+        self.subscribed.append(topic_filter)
+
+    def unsubscribe(self, topic: str) -> None:
+        self.subscribed.remove(topic)
+
+
+@pytest.mark.asyncio
+async def test_what_comes_meanwhile_may_stand_before_it_in_a_backlog(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a broker's answers do to what it passes on, under a flood."""
+    monkeypatch.setattr(own_echo, "WAIT_S", 1e6)
+    told, asked = list[bool](), Asked()
+    echo = OwnEcho(BrokerAddress("127.0.0.1", 1883, (5,)), [], told.append)
+    echo.begin(asked)
+    for payload in (b"seen", b"sampled", b"before the answer"):
+        if payload == b"before the answer":
+            echo.answered(None)
+        echo.published([Message("plotfeed/north/plots", payload, "", 0)])
+    echo._ask_again()
+    echo.answered(None)
+    assert asked.subscribed == ["plotfeed/north/plots"] * 2
+    for _ in range(10):
+        assert not echo.heard("plotfeed/telemetry/flood", b"")
+        echo._miss()
+    assert (told, complaints(caplog)) == ([], [])
+    echo._miss()
+    assert told == [False]
+    assert len(complaints(caplog)) == 1
+    echo.begin(None)
