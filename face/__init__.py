@@ -6,7 +6,6 @@ it message by message at whatever time you give it, and `run` sends it in real t
 """
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from plotfeed.proto.errors import PlotfeedError
 
 __all__ = ["Engine", "Observer", "PlotfeedError", "Scene", "load", "run", "simulate"]
-__version__ = version("plotfeed")
+__version__: str
 
 _HOMES = {
     "Engine": "plotfeed.feeds.engine.engine",
@@ -32,6 +31,8 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return import_module("importlib.metadata").version("plotfeed")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

@@ -7,8 +7,6 @@ the air that is unmanned and of rotary wings; `how` is m-s, made by a machine, s
 
 from __future__ import annotations
 
-from xml.sax.saxutils import quoteattr
-
 from plotfeed.proto.tracks.told_tracks import Told, ToldTracks, TrackOrigin, one_by_one
 from plotfeed.proto.utc import NS, iso_utc_ms
 
@@ -22,6 +20,8 @@ def cot_events(tracks: ToldTracks, origin: TrackOrigin) -> list[bytes]:
 
 
 def _event(told: Told, origin: TrackOrigin) -> bytes:
+    from xml.sax.saxutils import quoteattr  # which loads an HTTP client
+
     name, at_ns = quoteattr(origin.name_of(told["track"])), told["t_utc_ns"]
     time = iso_utc_ms(at_ns)
     stays_ns = 0 if told["last"] else round(origin.stale_after_s * NS)
