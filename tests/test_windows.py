@@ -114,7 +114,8 @@ def test_commands_that_need_no_network_do_as_ever(poorer: dict[str, str], tmp_pa
     here = tmp_path
     quick = ("--broker", "none", "--speed", "max", "--duration", 20)
     commands: list[tuple[object, ...]] = [
-        ("check", SCENE),
+        ("check", SCENE, "--chart", here / "check.png"),
+        ("chart", SCENE, "--quick", "--out", here / "charts"),
         ("run", SCENE, *quick, "--record", here / "a.mcap", "--write", here / "a.ast"),
         ("run", here / "a.mcap", *quick, "--record", here / "again.mcap"),
         ("demo", *quick, "--json"),
