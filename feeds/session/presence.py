@@ -129,8 +129,9 @@ class SessionPresence:
 
     def _message(self, state: str, start_utc_ns: int, now_utc_ns: int) -> Message:
         of: dict[str, Any] = {"session": self.id, "state": state, "heard": [*self._heard]}
-        if self._speed_told != 1 and state == RUNNING:
-            of |= {"speed": self._totals.speed, "speed_reached": round(self._speed_told, 2)}
+        asked, reached = self._totals.speed, self._totals.speed_reached
+        if asked is not None and reached is not None and asked > 1:
+            of |= {"speed": asked, "speed_reached": round(reached, 2)}
         return session_message(self._scene, of, start_utc_ns, now_utc_ns)
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import signal
 import socket
 import subprocess
@@ -42,6 +43,18 @@ def test_help_waits_for_no_library_of_a_session() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
+
+
+def test_the_last_line_tells_the_speed_that_was_reached(tmp_path: Path) -> None:
+    """Which no machine does of ten thousand."""
+    scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=FAST))
+    how = ("--broker", "none", "--duration", "20")
+    done = plotfeed_here("run", scene, *how, "--speed", "10000")
+    *_, line = done.stdout.splitlines()
+    assert re.match(r"speed x[0-9.e+]+ of x10000  drones 1  ", line)
+    assert "missed" not in line
+    *_, line = plotfeed_here("run", scene, *how, "--speed", "max").stdout.splitlines()
+    assert line.startswith("drones 1  ")
 
 
 def test_version_is_that_of_the_package() -> None:

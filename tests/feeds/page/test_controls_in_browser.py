@@ -8,6 +8,8 @@ from support.chromium import until
 from support.made_up_session import MadeUpSession
 from support.page_server import Served, clock_button, wait_for_command
 
+from plotfeed.feeds.delivery.counters import SessionCounters
+
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
@@ -204,6 +206,16 @@ def test_a_recording_is_scrubbed(page: Page, stage: MadeUpSession) -> None:
     page.locator("#replay-stop").click()
     wait_for_command(page, stage, {"replay": {"stop": True}})
     page.get_by_text("no replay").wait_for()
+
+
+def test_a_speed_that_is_not_reached_stands_beside_the_one_that_is(
+    page: Page, served: Served
+) -> None:
+    view = served.server._view
+    served.call(lambda: view.totals(SessionCounters(speed=10.0, speed_reached=5.93)))
+    page.locator("#reached").get_by_text("reaches × 5.9", exact=True).wait_for()
+    served.call(lambda: view.totals(SessionCounters(speed=10.0, speed_reached=9.99)))
+    until(page, "!document.getElementById('reached').textContent")
 
 
 def test_what_is_not_allowed_is_disabled_and_said(page: Page, served: Served) -> None:

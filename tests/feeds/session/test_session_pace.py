@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,9 @@ async def test_a_speed_that_the_machine_cannot_hold_leaves_nothing_out(
     assert 0 < (other_totals.speed_reached or 0) <= speed
     if speed == 10_000.0:  # 10 s in a thousandth of a second
         assert (other_totals.speed_reached or 0) < speed / 2
+    *_, ended = [json.loads(m.payload) for m, _ in other if m.topic.endswith("/session")]
+    assert (ended["state"], ended["speed"]) == ("ENDED", speed)
+    assert ended["speed_reached"] == pytest.approx(other_totals.speed_reached, abs=0.01)
 
 
 class LateClock(InstantClock):
