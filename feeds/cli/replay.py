@@ -104,7 +104,10 @@ async def _replay(
     say_damage(path, found)
     if signal.SIGINT in signals:
         return INTERRUPTED
-    return FAILED if totals.undelivered or (found and not totals.messages) else 0
+    is_silent = not (totals.messages or totals.lost or totals.undelivered or control.stopped)
+    if is_silent:
+        say(f"plotfeed: nothing of {path} was sent: no message is of what was asked for", err=True)
+    return FAILED if totals.undelivered or is_silent else 0
 
 
 def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:

@@ -11,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import printable, say, say_damage
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.recording.record_text import (
@@ -112,7 +113,7 @@ def show_file(path: Path, settings: ShowSettings) -> int:
         reader = recording.reader
         if settings.listed or settings.verbose or count is not None:
             lines = _lines(recording, settings)
-            _say_all(islice(lines, count))
+            said = _say_all(islice(lines, count))
             if count is not None and next(lines, None) is not None:
                 return 0
         else:
@@ -124,19 +125,25 @@ def show_file(path: Path, settings: ShowSettings) -> int:
             ):
                 if settings.chooses(message):
                     summary.add(message)
+            said = summary.messages
             if settings.as_json:
                 say(json.dumps(figures(path, recording, summary)))
             else:
                 say("\n".join(summary_lines(path, recording, summary)))
     say_damage(path, reader.damage, all_in="; --json without --list has all")
+    if not said and (settings.topics or settings.stages):
+        say(f"plotfeed: {path}: no message is of the topics and stages asked for", err=True)
+        return 2 if reader.damage else FAILED
     return 2 if reader.damage else 0
 
 
-def _say_all(lines: Iterator[str]) -> None:
-    """Print lines: in a terminal as they come, else many in one write."""
-    at_once = 1 if sys.stdout.isatty() else LINES_AT_ONCE
+def _say_all(lines: Iterator[str]) -> int:
+    """Print lines, in a terminal as they come, else many in one write; how many."""
+    at_once, said = 1 if sys.stdout.isatty() else LINES_AT_ONCE, 0
     while some := list(islice(lines, at_once)):
         say("\n".join(some))
+        said += len(some)
+    return said
 
 
 def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 import pytest
 from support.brokers import free_port
-from support.command import PLOTFEED, plotfeed
+from support.command import PLOTFEED, plotfeed, plotfeed_here
 from support.mqtt_client import listening
 from support.recordings import plots
 from support.replays import SESSION, Memory, S, log_file, message
@@ -56,6 +56,22 @@ def test_keys_steer_it_in_a_terminal(tmp_path: Path, broker: int) -> None:
     assert process.returncode == 0
     assert "space pauses" in shown
     assert "messages" in shown
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [("--stage", "telemetry"), ("--start", "3600"), ()],
+    ids=["stage", "start", "datagrams"],
+)
+def test_a_replay_that_sends_nothing_fails_and_says_so(
+    chosen: tuple[str, ...], tmp_path: Path
+) -> None:
+    path = log_file(tmp_path, [message(0, "plotfeed/radar/status", b"{}")])
+    to = ("--udp", f"127.0.0.1:{free_port()}")
+    done = plotfeed_here("replay", path, *to, *chosen, "--fastest")
+    assert done.returncode == 1
+    told = f"plotfeed: nothing of {path} was sent: no message is of what was asked for\n"
+    assert done.stderr.endswith(told)
 
 
 def _make_controlling(terminal: int) -> None:

@@ -318,3 +318,15 @@ def test_many_bad_lines_are_told_in_a_few(tmp_path: Path, capsys: Capture) -> No
     )
     shown(path, as_json=True)
     assert len(json.loads(capsys.readouterr().out)["damage"]) == 900
+
+
+@pytest.mark.parametrize("how", [{}, {"listed": True}, {"as_json": True}, {"count": 3}])
+@pytest.mark.parametrize("chosen", [{"topics": ("no/such",)}, {"stages": ("telemetry",)}])
+def test_a_choice_that_fits_no_message_fails_and_says_so(
+    how: dict[str, Any], chosen: dict[str, Any], tmp_path: Path, capsys: Capture
+) -> None:
+    path = stored(tmp_path, session())
+    assert shown(path, **how, **chosen) == 1
+    told = f"plotfeed: {path}: no message is of the topics and stages asked for\n"
+    assert capsys.readouterr().err == told
+    assert shown(path, **how) == 0
