@@ -138,6 +138,16 @@ class AskedByTime:
             self._asked[id(keys)] = AskedSensor(keys, self._site, self._chance, self._sea_level)
         return self._asked[id(keys)]
 
+    @property
+    def unjudged(self) -> str:
+        """What of its plots is not judged, and why; empty where all is."""
+        models = [asked.model for asked in self._asked.values()]
+        if any(isinstance(model, JointSensor) for model in models):
+            return "errors and false alarms, as detections are joined to places, some wrongly"
+        if any(not model.errs_as_stated for model in models):
+            return "errors, which a layout of microphones leaves other than normal"
+        return ""
+
     def missed(self, lacking: range) -> int:
         """How many of those sectors, by number, there were to be: it was at work."""
         return sum(self._is_at_work(number) for number in lacking[:MOST_LACKING])

@@ -54,6 +54,8 @@ class SensorFigures:
     """In which the sensor was at work, and of which the ledger has nothing."""
     is_known: bool
     """Whether the file has what the scene asks of the sensor."""
+    unjudged: str
+    """What of its plots is not judged, and why; empty where all is."""
     errors: Sequence[ErrorFigures]
     false_alarms: AlarmFigures
 
@@ -148,6 +150,7 @@ def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
         if tally.asked is None
         else sum(map(tally.asked.missed, tally.sectors.lacking)),
         is_known=tally.asked is not None,
+        unjudged="" if tally.asked is None else tally.asked.unjudged,
         errors=tally.errors.figures(),
         false_alarms=tally.alarms.figures(),
     )

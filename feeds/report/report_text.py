@@ -44,7 +44,10 @@ def lines(told: LedgerReport) -> Iterator[str]:
     yield from _errors(told)
     yield from _false_alarms(told)
     yield ""
-    yield "z: standard deviations from what was asked; -: none, too few"
+    yield "z: standard deviations from what was asked; -: none, too few, or not judged"
+    for sensor in told.sensors:
+        if sensor.unjudged:
+            yield f"{printable(sensor.sensor)}: not judged: {sensor.unjudged}"
     yield from _verdicts(told.verdicts)
 
 

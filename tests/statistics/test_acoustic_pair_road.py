@@ -129,3 +129,19 @@ def test_a_second_array_that_stands_too_near_or_too_far_is_warned_of() -> None:
         assert words in " ".join(made.sensor[0].warnings(made.scene.site))
     with pytest.raises(SceneError, match="second_array"):
         scene([{k: v for k, v in pair().items() if k != "second_array"}], seed=1)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"bias": {"range_offset_m": 5.0}}, "bias.range_offset_m: not modelled of two arrays"),
+        ({"drift": {"time_constant_s": 9.0, "sigma_range_m": 5.0}}, "drift.sigma_range_m: not"),
+    ],
+)
+def test_errors_of_ranges_which_arrays_do_not_measure_are_refused(
+    keys: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SceneError, match="not modelled of two arrays") as caught:
+        scene([pair(**keys)], seed=1)
+    assert message.partition(": ")[2] in str(caught.value)
+    scene([pair(bias={"azimuth_offset_deg": 5.0, "time_offset_s": 1.0})], seed=1)

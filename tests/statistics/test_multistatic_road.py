@@ -151,11 +151,19 @@ def test_what_is_told_in_category_015_and_protobuf() -> None:
     [
         (passive(masts=2), "with 2 transmitters they make 2 pairs; a place takes 3"),
         (passive(doppler={}), "doppler: not modelled of several receivers"),
+        (passive(bias={"tilt_deg": 1.0}), "bias.tilt_deg: not modelled of several receivers"),
+        (mimo(bias={"range_scale": 0.01}), "range_scale: not modelled of several"),
         (passive(masts=3, receivers=1, fewest_pairs=4), "a place takes 4"),
         (mimo(receivers=[]), "with 2 transmitters they make 2 pairs; a place takes 3"),
     ],
 )
-def test_stations_that_make_no_places_are_refused(sensor: dict[str, Any], message: str) -> None:
+def test_stations_that_make_no_places_and_keys_that_change_none_are_refused(
+    sensor: dict[str, Any], message: str
+) -> None:
     with pytest.raises(SceneError) as caught:
         scene([sensor], seed=1)
     assert message.partition(": ")[2] in str(caught.value) or message in str(caught.value)
+
+
+def test_a_clock_that_is_ahead_is_taken() -> None:
+    scene([mimo(bias={"time_offset_s": 1.5, "range_offset_m": 0.0})], seed=1)

@@ -1,46 +1,54 @@
-"""Scenes at random: all sensors, effects, formats, links and events."""
+"""Scenes at random: all kinds of sensors, effects, formats, links, mounts, systems and events.
+
+What there is to draw is asked of the registries: a kind of sensor, a table or a system that is
+added is drawn, or whoever adds it is told that nobody draws it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
 
-import numpy as np
+from support.dice import Dice, Keys
+from support.hills import TILE, write_ridge
+from support.random_links import random_link
+from support.random_sensors import SENSOR_MAKERS, random_sensor, tables_of
 from support.road import SITE
+from support.scene_files import toml_of
+
+from plotfeed.feeds.scene.presets.preset import names as preset_names
+from plotfeed.feeds.scene.presets.preset import system_names
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.feeds.scene.sensors.scan_keys import AnyScan
 
 SECONDS = 60.0
-Keys = dict[str, Any]
+PLAIN_M = 545
+"""Above sea level: some 50 m under the site."""
 
 
-class Dice:
-    """Draws of one scene."""
-
-    def __init__(self, seed: int) -> None:
-        self._rng = np.random.default_rng(seed)
-
-    def between(self, low: float, high: float) -> float:
-        return round(float(self._rng.uniform(low, high)), 4)
-
-    def log_between(self, low: float, high: float) -> float:
-        return float(f"{np.exp(self._rng.uniform(np.log(low), np.log(high))):.4g}")
-
-    def one_of(self, *choices: Any) -> Any:
-        return choices[int(self._rng.integers(len(choices)))]
-
-    def happens(self, chance: float) -> bool:
-        return bool(self._rng.random() < chance)
-
-    def some_of(self, *choices: Any) -> list[Any]:
-        """At least one."""
-        kept = [choice for choice in choices if self.happens(0.5)]
-        return kept or [self.one_of(*choices)]
+def written_scene(seed: int, folder: Path) -> Path:
+    """The file of a random scene, and the ground that it may stand on."""
+    if not (folder / TILE).exists():
+        write_ridge(folder, height_m=700, plain_m=PLAIN_M)
+    path = folder / f"{seed}.toml"
+    path.write_text(toml_of(random_tree(seed)))
+    return path
 
 
 def random_tree(seed: int) -> Keys:
-    """A scene of one to three sensors and a few drones, as its file would have it."""
+    """A scene of a few sensors and drones, as its file would have it.
+
+    Its first sensor is of the next kind in each scene, so that a few scenes have them all.
+    """
     dice = Dice(seed)
-    sensors = [_sensor(dice, number) for number in range(dice.one_of(1, 2, 3))]
-    return {
+    kinds = list(SENSOR_MAKERS)
+    more = (dice.one_of(*kinds) for _ in range(dice.one_of(0, 0, 1, 1, 2)))
+    sensors: list[Keys] = []
+    for kind in (kinds[seed % len(kinds)], *more):
+        sensors.append(random_sensor(dice, kind, sensors))
+    tree: Keys = {
         "scene": {
             "name": f"random-{seed}",
             "seed": seed,
@@ -51,323 +59,210 @@ def random_tree(seed: int) -> Keys:
             },
         },
         "telemetry": dice.one_of({}, {"geoid_undulation_m": 0.0}, {"geoid_undulation_m": -30.0}),
-        "sensor": sensors,
-        "drone": _drones(dice),
     }
+    if dice.happens(0.15):
+        sensors.append(_preset(dice, len(sensors)))
+    if dice.happens(0.15):
+        tree["system"] = [_system(dice, seed)]
+    tree |= {"sensor": sensors, "drone": _drones(dice)}
+    tree |= {name: make(dice) for name, make in SCENE_TABLES.items() if dice.happens(0.15)}
+    if any(str(sensor.get("type")).startswith("multistatic") for sensor in sensors):
+        tree.pop("weather", None)  # which they refuse
+        tree.pop("jammer", None)
+    return tree
+
+
+def _preset(dice: Dice, number: int) -> Keys:
+    return {
+        "id": f"sensor-{number}",
+        "preset": dice.one_of(*preset_names()),
+        "sic": number + 1,
+        "position_enu_m": [dice.between(-800, 800), dice.between(-800, 800), 20.0],
+    } | ({"link": random_link(dice)} if dice.happens(0.5) else {})
+
+
+def _system(dice: Dice, seed: int) -> Keys:
+    return {
+        "id": "system",
+        "preset": system_names()[seed % len(system_names())],
+        "position_enu_m": [dice.between(-300, 300), dice.between(-300, 300), 20.0],
+        "facing_deg": dice.between(-180, 180),
+    } | ({"every": {"link": random_link(dice)}} if dice.happens(0.5) else {})
 
 
 def _drones(dice: Dice) -> list[Keys]:
     drones = []
     for number in range(dice.one_of(1, 2, 4)):
-        place = [dice.between(-2500, 2500), dice.between(-2500, 2500), dice.between(40, 600)]
-        legs = dice.one_of(2, 3)
-        step = dice.log_between(30, 2500)
-        path = [
-            {
-                "east_m": place[0] + dice.between(-step, step),
-                "north_m": place[1] + dice.between(-step, step),
-                "above_site_m": max(place[2] + dice.between(-30, 30), 20.0),
-            }
-            for _ in range(legs)
-        ]
-        drones.append(
-            {
-                "id": f"drone-{number}",
-                "rcs_m2": dice.log_between(0.005, 0.3),
-                **({"swerling": dice.one_of(0, 2, 3, 4)} if dice.happens(0.2) else {}),
-                "sound_power_db": dice.between(95, 115),
-                "speed_m_s": dice.between(2, 40),
-                "repeat": True,
-                "path": path,
-                "emitters": [
-                    {
-                        "frequency_hz": 2.44e9,
-                        "bandwidth_hz": 10e6,
-                        "eirp_dbm": dice.between(10, 24),
-                        "kind": "video",
-                    }
-                ],
-            }
-        )
-    if len(drones) > 1 and dice.happens(0.4):  # one in the wake of another
+        drone = {
+            "id": f"drone-{number}",
+            "rcs_m2": dice.log_between(0.005, 0.3),
+            **({"swerling": dice.one_of(0, 2, 3, 4)} if dice.happens(0.2) else {}),
+            "sound_power_db": dice.between(95, 115),
+            "target_class": dice.one_of("drone", "drone", "bird"),
+            "repeat": True,
+            "emitters": [_emitter(dice, number)],
+        }
+        drones.append(drone | (_legs(dice) if dice.happens(0.2) else _path(dice)))
+    if len(drones) > 1 and "path" in drones[0] and dice.happens(0.4):  # one in another's wake
         behind = [{**place, "north_m": place["north_m"] + 25.0} for place in drones[0]["path"]]
+        for key in ("home", "leg", "limits", "contingency"):
+            drones[1].pop(key, None)
         drones[1] |= {"path": behind, "speed_m_s": drones[0]["speed_m_s"]}
     return drones
 
 
-def _sensor(dice: Dice, number: int) -> Keys:
-    make: Callable[[Dice], Keys] = dice.one_of(
-        _active, _active, _mimo, _passive, _acoustic, _rf, _gate, _camera
-    )
-    sensor = {
-        "id": f"sensor-{number}",
-        "sic": number + 1,
-        "position_enu_m": [dice.between(-800, 800), dice.between(-800, 800), dice.between(0, 30)],
-    } | make(dice)
-    if dice.happens(0.5):
-        sensor["bias"] = _bias(dice)
-    if dice.happens(0.35):
-        sensor["drift"] = {
-            "time_constant_s": dice.log_between(2, 200),
-            "sigma_range_m": dice.between(0, 30),
-            "sigma_azimuth_deg": dice.between(0, 2),
+def _emitter(dice: Dice, number: int) -> Keys:
+    return {
+        "frequency_hz": 2.44e9,
+        "bandwidth_hz": 10e6,
+        "eirp_dbm": dice.between(10, 24),
+        "kind": dice.one_of("video", "control"),
+        "identity": f"serial-{number}",
+    }
+
+
+def _path(dice: Dice) -> Keys:
+    near = dice.place(2500, 40, 600)
+    step_m = dice.log_between(30, 2500)
+    places = [
+        {
+            "east_m": near["east_m"] + dice.between(-step_m, step_m),
+            "north_m": near["north_m"] + dice.between(-step_m, step_m),
+            "above_site_m": max(near["above_site_m"] + dice.between(-30, 30), 20.0),
         }
-    if dice.happens(0.3):
-        sensor["degradation"] = _degradation(dice)
-    if dice.happens(0.7):
-        sensor["link"] = _link(dice)
-    if dice.happens(0.4):
-        sensor["event"] = _events(dice, sensor)
-    return sensor
+        for _ in range(dice.one_of(2, 3))
+    ]
+    return {"path": places, "speed_m_s": dice.between(2, 40)}
 
 
-def _bias(dice: Dice) -> Keys:
+def _legs(dice: Dice) -> Keys:
+    to = {"kind": "to", **dice.place(1500, 60, 300)}
+    hover = {"kind": "hover", "for_s": dice.between(2, 10)}
+    lost = {"kind": "lost-link", "at_s": dice.between(20, 50)}
+    return {
+        "home": dice.place(800, 5, 10),
+        "limits": {"speed_m_s": dice.between(5, 30)},
+        "leg": [{"kind": "take-off", "height_m": 80.0}, to, hover],
+    } | ({"contingency": [lost]} if dice.happens(0.3) else {})
+
+
+def _spell(dice: Dice, keys: Keys) -> Keys:
+    from_s = dice.one_of(0.0, dice.between(5, 40))
+    return keys | {"from_s": from_s} | ({"to_s": from_s + 15.0} if dice.happens(0.5) else {})
+
+
+def _weather(dice: Dice) -> list[Keys]:
     whole = {
-        "range_offset_m": dice.between(-60, 60),
-        "range_scale": dice.between(-0.02, 0.02),
-        "azimuth_offset_deg": dice.between(-10, 10),
-        "tilt_deg": dice.between(0, 5),
-        "tilt_azimuth_deg": dice.between(0, 359),
-        "time_offset_s": dice.between(-3, 3),
+        "rain_mm_h": dice.between(1, 40),
+        "vapour_g_m3": dice.between(2, 20),
+        "wind_m_s": dice.between(1, 12),
+        "rain_echo": True,
     }
-    return {key: whole[key] for key in dice.some_of(*whole)}
+    return [_spell(dice, {key: whole[key] for key in dice.some_of(*whole)})]
 
 
-def _degradation(dice: Dice) -> Keys:
-    whole = {
-        "pd_factor": dice.between(0.2, 1),
-        "false_alarm_factor": dice.log_between(0.3, 10),
-        "error_factor": dice.between(0.5, 3),
+def _jammer(dice: Dice) -> list[Keys]:
+    noise = {"eirp_w": dice.log_between(0.01, 10), "bandwidth_hz": 1e8}
+    frequency_hz = dice.one_of(2.44e9, 3e9, 10e9)
+    return [
+        _spell(dice, {"id": "noisy", "frequency_hz": frequency_hz, **noise, **dice.place(4000)})
+    ]
+
+
+def _birds(dice: Dice) -> list[Keys]:
+    path = [dice.place(2500, 40, 300) for _ in range(2)]
+    return [{"id": "flock", "count": dice.one_of(1, 5), "path": path}]
+
+
+def _road(dice: Dice) -> list[Keys]:
+    path = [dice.place(3000, 1, 2) for _ in range(2)]
+    return [{"id": "street", "cars_per_h": 200.0, "speed_m_s": 20.0, "path": path}]
+
+
+def _turbine(dice: Dice) -> list[Keys]:
+    return [{"id": "mill", "radius_m": dice.between(20, 60), **dice.place(3000, 60, 100)}]
+
+
+def _clutter(dice: Dice) -> list[Keys]:
+    corner = dice.place(2500, 0, 1)
+    area = [
+        {**corner, "east_m": corner["east_m"] + east_m, "north_m": corner["north_m"] + north_m}
+        for east_m, north_m in ((0.0, 0.0), (800.0, 0.0), (0.0, 800.0))
+    ]
+    kind = dice.one_of({"plots_per_km2": 4.0}, {"threshold_db": 15.0, "texture_stays": False})
+    return [{"id": "woods", "area": area, **kind}]
+
+
+def _terrain(dice: Dice) -> Keys:
+    return {"elevation": [TILE], "diffraction": dice.happens(0.5)}
+
+
+def _target(dice: Dice) -> list[Keys]:
+    table = {
+        "kind": "table",
+        "angle_deg": [0.0, 90.0, 180.0, 270.0],
+        "gain_db": [0.0, 6.0, 1.0, 6.0],
     }
-    return {key: whole[key] for key in dice.some_of(*whole)}
+    aspect = dice.one_of({"kind": "lobes", "depth_db": dice.between(1, 10)}, table)
+    return [{"target_class": "drone", "swerling": dice.one_of(0, 1, 2, 3, 4), "aspect": aspect}]
 
 
-def _scan(dice: Dice, *, rotates: bool) -> Keys:
-    if rotates:
-        period_s = dice.one_of(0.5, 1.0, 2.0)
-        scan = {"kind": "rotating", "period_s": period_s, "sectors": dice.one_of(4, 5, 8)}
-        return scan | ({"jitter_ms": 5.0} if dice.happens(0.3) else {})
-    return {"kind": "staring", "period_s": dice.one_of(0.2, 0.5, 1.0)}
-
-
-def _effects(dice: Dice, **more: Keys) -> Keys:
-    effects = {
-        "multipath": {"antenna_height_m": dice.between(2, 20), "reflection": -0.6},
-        "doppler": {"floor_m_s": 0.1, "notch_m_s": dice.one_of(0.0, 0.5, 2.0)},
-        "merging": {},
-        "antenna": {
-            "receive": {
-                "elevation": {"kind": "gaussian", "beamwidth_deg": dice.between(20, 60)},
-                "sidelobe_db": dice.between(10, 30),
-            }
-        },
-        "straddling": {"range": dice.one_of("sinc", "triangle", "hann")},
-    } | more
-    return {name: keys for name, keys in effects.items() if dice.happens(0.3)}
-
-
-def _radar(dice: Dice) -> Keys:
-    return {
-        "frequency_hz": dice.one_of(3e9, 10e9),
-        "gain_tx_dbi": dice.between(15, 30),
-        "gain_rx_dbi": dice.between(25, 32),
-        "integration_s": 0.02,
-        "pfa": dice.log_between(1e-7, 3e-6),
-        "range_resolution_m": dice.one_of(3.0, 10.0, 30.0),
-        "range_min_m": dice.one_of(0.0, 150.0),
-        "range_max_m": dice.one_of(3000.0, 8000.0),
-        "azimuth_beamwidth_deg": dice.between(1.5, 5),
-        "elevation_beamwidth_deg": dice.between(4, 12),
-        "elevation_min_deg": -10.0,
-        "elevation_max_deg": dice.one_of(40.0, 80.0),
-        "range_floor_m": dice.one_of(0.0, 1.0),
-        "azimuth_floor_deg": dice.one_of(0.0, 0.1),
-        "elevation_floor_deg": dice.one_of(0.0, 0.2),
-    }
-
-
-def _active(dice: Dice) -> Keys:
-    pulsed = {"floor_m_s": 0.1, "prf_hz": dice.one_of(2000.0, 10_000.0)}
-    pulses = {
-        "prf_hz": dice.some_of(31_000.0, 42_000.0, 50_000.0),
-        "pulse_s": dice.one_of(0.0, 1e-6),
-        "stc_range_m": dice.one_of(0.0, 1000.0),
-    }
-    if dice.happens(0.3):
-        return _active_with(dice, doppler={"floor_m_s": 0.1}, pulses=pulses)
-    return _active_with(dice, doppler=pulsed)
-
-
-def _active_with(dice: Dice, *, doppler: Keys, pulses: Keys | None = None) -> Keys:
-    return (
-        _radar(dice)
-        | {
-            "type": "active_radar",
-            "power_w": dice.log_between(0.5, 500),
-            "report": dice.some_of("asterix-048", "asterix-015", "plots", "sapient"),
-            "scan": _scan(dice, rotates=dice.happens(0.6)),
-        }
-        | _effects(dice, doppler=doppler)
-        | ({"pulses": pulses} if pulses is not None else {})
+def _swarm(dice: Dice) -> list[Keys]:
+    formation = dice.one_of(
+        {"kind": "line", "spacing_m": dice.between(20, 200)},
+        {"kind": "random", "radius_m": dice.between(50, 300)},
     )
+    return [{"id": "swarm", "number": 3, "rcs_m2": 0.02, "formation": formation, **_path(dice)}]
 
 
-def _place(dice: Dice) -> Keys:
-    return {
-        "east_m": dice.between(-4000, 4000),
-        "north_m": dice.between(-4000, 4000),
-        "above_site_m": dice.between(20, 150),
+def _cooperative(dice: Dice) -> Keys:
+    link = {"link": random_link(dice)} if dice.happens(0.5) else {}
+    report = dice.some_of("asterix-129", dice.one_of("json", "protobuf"))
+    return {"report": report, "accuracy_m": dice.one_of(0.0, 5.0), **link}
+
+
+SCENE_TABLES = {
+    "terrain": _terrain,
+    "weather": _weather,
+    "jammer": _jammer,
+    "birds": _birds,
+    "road": _road,
+    "turbine": _turbine,
+    "clutter": _clutter,
+    "target": _target,
+    "swarm": _swarm,
+    "cooperative": _cooperative,
+}
+"""What makes each table of a scene that changes what sensors see, or what is sent of drones."""
+
+
+OTHER_TABLES = frozenset(
+    {
+        *("udp", "tak", "http", "websocket", "remote_id_service", "mqtt", "asterix", "sapient"),
+        *("scene", "telemetry", "sensor", "drone", "page", "story"),
     }
+)
+"""Where messages go, what every scene has, what comes in, what is shown, what comes at a word."""
 
 
-def _mimo(dice: Dice) -> Keys:
-    return (
-        _radar(dice)
-        | {
-            "type": "mimo_radar",
-            "transmitters": [
-                {
-                    "power_w": dice.log_between(0.5, 200),
-                    "east_m": dice.between(-50, 50),
-                    "north_m": dice.between(-50, 50),
-                    "above_site_m": 2.0,
-                }
-                for _ in range(dice.one_of(2, 3))
-            ],
-            "report": dice.some_of("asterix-015", "plots"),
-            "scan": _scan(dice, rotates=False),
-        }
-        | _effects(dice)
-    )
+def names_in(tree: Keys) -> Iterator[str]:
+    """What a scene draws on: kinds of sensors, their tables and scans, its own tables, systems."""
+    for sensor in tree["sensor"]:
+        if "preset" not in sensor:
+            kind = sensor["type"]
+            yield kind
+            yield f"{sensor['scan']['kind']} scan"
+            yield from (f"{kind}.{name}" for name in tables_of(kind) if name in sensor)
+    yield from (table for table in tree if table not in OTHER_TABLES)
+    yield from (f"system {system['preset']}" for system in tree.get("system", ()))
 
 
-def _passive(dice: Dice) -> Keys:
-    return {
-        "type": "passive_radar",
-        "transmitters": [
-            {
-                "id": f"t{n}",
-                "erp_w": 50_000.0,
-                "frequency_hz": dice.one_of(600e6, 700e6),
-                "bandwidth_hz": 7.6e6,
-                "place": {**_place(dice), "east_m": dice.one_of(-1, 1) * dice.between(5e3, 2e4)},
-                "external_noise_db": 3.0,
-            }
-            for n in range(dice.one_of(1, 2))
-        ],
-        "gain_rx_dbi": 15.0,
-        "azimuth_beamwidth_deg": dice.between(4, 12),
-        "integration_s": 0.2,
-        "pfa": dice.log_between(1e-6, 1e-4),
-        "range_max_m": dice.one_of(4000.0, 10_000.0),
-        "elevation_min_deg": -10.0,
-        "elevation_max_deg": 80.0,
-        "report": dice.some_of("asterix-015", "plots"),
-        "scan": {"kind": "staring", "period_s": dice.one_of(0.5, 1.0)},
-    } | _effects(dice)
-
-
-def _acoustic(dice: Dice) -> Keys:
-    elevation = {"elevation_beamwidth_deg": dice.between(8, 20)} if dice.happens(0.7) else {}
-    return {
-        "type": "acoustic",
-        "noise_db": dice.between(20, 35),
-        "sensitivity_db": dice.between(3, 10),
-        "microphones": 32,
-        "pfa": dice.log_between(1e-5, 1e-3),
-        "range_max_m": 2000.0,
-        "azimuth_beamwidth_deg": dice.between(8, 20),
-        "report": dice.some_of("asterix-015", "plots"),
-        "scan": {"kind": "staring", "period_s": dice.one_of(0.5, 1.0)},
-    } | elevation
-
-
-def _rf(dice: Dice) -> Keys:
-    return {
-        "type": "rf",
-        "frequency_min_hz": 2.40e9,
-        "frequency_max_hz": 2.48e9,
-        "channel_bandwidth_hz": 10e6,
-        "integration_s": 1e-4,
-        "duty_cycle": dice.between(0.4, 1.0),
-        "pfa": dice.log_between(1e-6, 1e-4),
-        "range_max_m": 8000.0,
-        "azimuth_beamwidth_deg": 30.0,
-        "baseline_m": dice.between(0.1, 0.5),
-        "azimuth_floor_deg": dice.one_of(0.5, 2.0),
-        "report": dice.some_of("asterix-205", "plots"),
-        "scan": {"kind": "staring", "period_s": dice.one_of(0.5, 1.0)},
+def every_name() -> set[str]:
+    """All that scenes can draw on, by the registries."""
+    tables = {f"{kind}.{name}" for kind in SENSORS for name in tables_of(kind)}
+    scans = {
+        f"{get_args(scan.model_fields['kind'].annotation)[0]} scan"
+        for scan in get_args(get_args(AnyScan)[0])
     }
-
-
-def _gate(dice: Dice) -> Keys:
-    return {
-        "type": "range_gate",
-        "range_max_m": dice.one_of(3000.0, 8000.0),
-        "sigma_m": dice.one_of(0.0, 2.0, 15.0),
-        "report": dice.some_of("asterix-015", "plots"),
-        "scan": {"kind": "staring", "period_s": dice.one_of(0.2, 1.0)},
-    }
-
-
-def _camera(dice: Dice) -> Keys:
-    turns = dice.happens(0.3)
-    return {
-        "type": "camera",
-        "range_max_m": 3000.0,
-        "horizontal_fov_deg": 360.0 if turns else dice.between(40, 110),
-        "pan_deg": dice.between(-180, 180),
-        "tilt_deg": dice.between(5, 30),
-        "pixels_across": 60_000 if turns else 12_000,
-        "pixels_down": 10_000,
-        "false_alarms_per_frame": dice.between(0, 0.3),
-        "class_probability": dice.between(0.5, 1.0),
-        "report": dice.some_of("asterix-015", "asterix-205", "plots"),
-        "scan": {"kind": "rotating", "period_s": 0.5} if turns
-        else {"kind": "staring", "period_s": dice.one_of(0.2, 1.0)},
-    } | dice.one_of({}, {"visibility_m": 5000.0}, {"hotter_k": 5.0})  # fmt: skip
-
-
-def _link(dice: Dice) -> Keys:
-    link: Keys = {"latency_ms": dice.between(0, 200)}
-    if dice.happens(0.7):
-        link |= {
-            "jitter_ms": dice.between(1, 40),
-            "distribution": dice.one_of("normal", "uniform", "pareto", "paretonormal"),
-        }
-    if dice.happens(0.5):
-        link["loss"] = dice.one_of(
-            {"kind": "random", "probability": dice.between(0.001, 0.3)},
-            {"kind": "random", "probability": 0.1, "correlation": dice.between(0, 0.6)},
-            {
-                "kind": "gilbert-elliott",
-                "mean_loss": dice.between(0.01, 0.3),
-                "mean_burst": dice.between(1.5, 8),
-            },
-            {"kind": "four-state", "p13": 0.02, "p31": 0.3, "p32": 0.1, "p23": 0.5},
-        )
-    extra = {
-        "duplicate": dice.between(0.001, 0.1),
-        "corrupt": dice.between(0.001, 0.1),
-        "in_order": True,
-        "delay_correlation": dice.between(0.1, 0.8),
-    }
-    link |= {key: value for key, value in extra.items() if dice.happens(0.25)}
-    if "jitter_ms" not in link:
-        link.pop("delay_correlation", None)
-    return link
-
-
-def _events(dice: Dice, sensor: Keys) -> list[Keys]:
-    """What lasts for a part of the scene, one thing or several."""
-    changes: list[Keys] = [{"enabled": False}, {"bias": _bias(dice)}]
-    changes.append({"degradation": _degradation(dice)})
-    if "pfa" in sensor:
-        changes.append({"pfa_factor": dice.one_of(0.2, 3.0)})
-    if "link" in sensor:
-        changes += [{"link": {"down": True}}, {"link": {"latency_ms": dice.between(10, 300)}}]
-    found = []
-    for change in dice.some_of(*changes):
-        from_s = dice.between(5, 40)
-        found.append({"from_s": from_s, "to_s": from_s + dice.between(5, 15), "set": change})
-    return found
+    of_scene = set(Scene.model_fields) - OTHER_TABLES
+    return {*SENSORS, *tables, *scans, *of_scene, *(f"system {name}" for name in system_names())}

@@ -22,6 +22,7 @@ from plotfeed.feeds.scene.fields import (
     frame_at,
 )
 from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
+from plotfeed.feeds.scene.sensors.effect_keys import refuse_bias
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 from plotfeed.feeds.scene.sensors.usual_accuracy import SOUND_BEARING_DEG, odd_floor
@@ -247,6 +248,17 @@ class AcousticPairKeys(MicrophoneKeys):
     """Which model."""
     second_array: Location
     """Where the other array stands; places are seen from the first, at the sensor's place."""
+
+    @model_validator(mode="after")
+    def _measures_no_ranges(self) -> Self:
+        refuse_bias(
+            self.bias,
+            "two arrays, which measure directions",
+            ("azimuth_offset_deg", "tilt_deg", "tilt_azimuth_deg", "time_offset_s"),
+        )
+        if self.drift is not None and self.drift.sigma_range_m:
+            raise ValueError("drift.sigma_range_m: not modelled of two arrays")
+        return self
 
     def _baseline_m(self, site: Site) -> tuple[float, float, float]:
         frame = frame_at(site, self.position_enu_m)

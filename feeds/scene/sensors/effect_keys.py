@@ -58,6 +58,13 @@ class BiasKeys(SceneTable):
         )
 
 
+def refuse_bias(bias: BiasKeys | None, of: str, modelled: Sequence[str]) -> None:
+    """Raise ValueError for a systematic error that would change nothing."""
+    for name in BiasKeys.model_fields:
+        if bias is not None and getattr(bias, name) and name not in modelled:
+            raise ValueError(f"bias.{name}: not modelled of {of}")
+
+
 class DriftKeys(SceneTable):
     """Errors that come and go slowly: first-order Gauss-Markov processes, new in every scan."""
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Location, Name, Positive, Site, enu_from, frame_at
+from plotfeed.feeds.scene.sensors.effect_keys import refuse_bias
 from plotfeed.feeds.scene.sensors.mimo_radar_keys import MimoRadarKeys
 from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry, SensorKeys, long_integration
@@ -47,6 +48,7 @@ def refuse_what_cannot_be(keys: SensorKeys, receivers: int, transmitters: int, f
     for name in NOT_MODELLED:
         if name in keys.model_fields_set and getattr(keys, name, None) is not None:
             raise ValueError(f"{name}: not modelled of several receivers")
+    refuse_bias(keys.bias, "several receivers", ("time_offset_s",))
 
 
 def places_m(
