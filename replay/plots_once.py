@@ -69,11 +69,9 @@ class PlotsOnce:
             return None
         sensor = _sensor_of(message.topic)
         keys = _keys(found)
-        takes = {key: self._takes(sensor, message.topic, *key) for key in set(keys)}
-        if all(takes.values()):
-            return found
-        if any(takes.values()):
-            return found.rows(np.array([takes[key] for key in keys]))
+        takes = np.array([self._takes(sensor, message.topic, *key) for key in keys], np.bool_)
+        if takes.any() or not keys:
+            return found if takes.all() else found.rows(takes)
         category = keys[0][0]
         if category not in FORMATS:
             return f"tracks, which --table asterix-{category:03d} has"

@@ -21,13 +21,10 @@ from plotfeed.feeds.cli.options import (
     together,
     topic_option,
 )
+from plotfeed.replay.recorded import TableName
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
-TABLES = [
-    *("plots", "truths", "looks", "tracks", "messages", "fates"),
-    *("asterix-015", "asterix-048", "asterix-062", "asterix-205"),
-]
 FORMATS = ["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv", "parquet"]
 replay_options = together(
     click.option(
@@ -225,8 +222,8 @@ def replay(recording: Path, **options: Any) -> int:
 @click.option(
     "--table",
     metavar="TABLE",
-    type=click.Choice(TABLES),
-    help=f"Write this table of Parquet or CSV: {', '.join(TABLES)}. Without it the end of OUT's "
+    type=click.Choice(list(TableName)),
+    help=f"Write this table of Parquet or CSV: {', '.join(TableName)}. Without it the end of OUT's "
     "name says which, else it is plots, which has each plot once.",
 )
 @topic_option
