@@ -186,6 +186,8 @@ class Beside:
             now_ms = at_ms.time_utc.ToNanoseconds() / 1e6
             near = [pan for t_ms, pan in path or () if abs(t_ms - now_ms) < 1000]
             pan_deg = mount.get("pan_deg", 0.0)
+            if path and not near:
+                continue  # no frame came then
             if not any(abs((pan - pan_deg + 180) % 360 - 180) < 5.0 for pan in near):
                 drawn = sorted(set(near))
                 yield f"{status['sensor']} pointed to {pan_deg}, and was drawn at {drawn}"
