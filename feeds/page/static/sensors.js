@@ -110,7 +110,8 @@ export class Sensors {
   showPointing() {
     const sensor = this.#sensor(), { pointing } = this.picture.news, words = byId("sensor-words");
     const told = [sensor?.preset && `Preset ${sensor.preset}.`, pointingWords(pointing?.[sensor?.id])].filter(Boolean).join(" ");
-    if (words.textContent !== told) Object.assign(words, { textContent: told, hidden: !told });
+    words.hidden = !told;
+    if (words.textContent !== told) words.textContent = told;
   }
 
   #show(id, value, words) {
