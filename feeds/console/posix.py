@@ -17,7 +17,7 @@ from asyncio.subprocess import Process
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 try:
     import fcntl
@@ -109,17 +109,6 @@ def watched(opened: socket.socket, take: Callable[[], object]) -> Callable[[], o
             await asyncio.sleep(LOOK_EVERY_S)
 
     return asyncio.create_task(look(), name="looks at a socket").cancel
-
-
-def received(
-    opened: socket.socket, octets: int, extra_octets: int
-) -> tuple[bytes, list[tuple[int, int, bytes]], Any]:
-    """A datagram, what the system says of it besides, and the sender's address."""
-    if HAS_POSIX:
-        data, extras, _, sender = opened.recvmsg(octets, extra_octets)
-        return data, extras, sender
-    data, sender = opened.recvfrom(octets)
-    return data, [], sender
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from plotfeed.feeds.console.posix import received, watched
+from plotfeed.feeds.console.posix import HAS_POSIX, watched
 from plotfeed.feeds.messages.message import ReceivedMessage
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import (
@@ -119,7 +119,10 @@ class UdpSource:
         is_settling = time.monotonic() < self._settled_s
         for n in range(AT_ONCE):
             try:
-                payload, extras, sender = received(opened, LARGEST_OCTETS, EXTRA_OCTETS)
+                if HAS_POSIX:
+                    payload, extras, _, sender = opened.recvmsg(LARGEST_OCTETS, EXTRA_OCTETS)
+                else:
+                    extras, (payload, sender) = [], opened.recvfrom(LARGEST_OCTETS)
             except OSError:  # there is nothing, or only word of an error
                 return n
             topic, at_ns = self._kernel_told(extras)
