@@ -176,29 +176,6 @@ def range_from_bistatic_with_slopes(
 
 
 @nan_without_warnings
-def passive_target_power_w(
-    *,
-    erp_w: ArrayLike,
-    gain_rx_dbi: ArrayLike,
-    wavelength_m: ArrayLike,
-    rcs_m2: ArrayLike,
-    range_tx_m: ArrayLike,
-    range_rx_m: ArrayLike,
-    loss_db: ArrayLike,
-) -> Floats:
-    """Echo of a broadcast before the correlator (eqs 24, 26); ERP is stated over a dipole."""
-    gains_db = DIPOLE_GAIN_DBI + as_floats(gain_rx_dbi) - as_floats(loss_db)
-    return echo_power_w(
-        power_w=erp_w,
-        gains_db=gains_db,
-        wavelength_m=wavelength_m,
-        rcs_m2=rcs_m2,
-        range_tx_m=range_tx_m,
-        range_rx_m=range_rx_m,
-    )
-
-
-@nan_without_warnings
 def direct_signal_power_w(
     *,
     erp_w: ArrayLike,

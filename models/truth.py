@@ -81,32 +81,6 @@ class Trajectories:
         self._at_hand = StretchesAtHand(self._looked_up)
         self._signatures = KnownSignatures(tells_echoes=tells_echoes)
 
-    def add_sample(
-        self,
-        drone: str,
-        t_utc_ns: int,
-        *,
-        latitude_deg: float,
-        longitude_deg: float,
-        height_m: float,
-        velocity_enu_m_s: Sequence[float] | None,
-        sigma_m: float | None,
-        signature: Signature,
-    ) -> None:
-        """Add one sample, as `add_samples` does."""
-        self.add_samples(
-            [drone],
-            np.array([t_utc_ns], np.int64),
-            latitude_deg=np.array([latitude_deg]),
-            longitude_deg=np.array([longitude_deg]),
-            height_m=np.array([height_m]),
-            velocity_enu_m_s=as_floats(
-                [[np.nan] * 3 if velocity_enu_m_s is None else velocity_enu_m_s]
-            ),
-            sigma_m=np.array([np.nan if sigma_m is None else sigma_m]),
-            signatures=Signatures.of_one(signature),
-        )
-
     def add_samples(
         self,
         drones: Sequence[str],

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import pdtr
 from support.effect_values import values_of
+from support.fluctuating_echoes import joint_hit_gauss_markov
 from support.significance import assert_law, assert_sum
 
 from plotfeed.models.detection import (
@@ -19,7 +20,6 @@ from plotfeed.models.fluctuation import (
     FluctuatingCfar,
     _poisson,
     inverse_detected_fluctuating,
-    joint_hit_gauss_markov,
     miss_fluctuating,
     order_of,
     pd_fluctuating,

@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from support.held_sizes import held
+from support.one_sample import add_sample
 
 from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
@@ -19,7 +20,8 @@ RADIO = (Emitter(frequency_hz=2.4e9, eirp_dbm=20.0),)
 
 
 def say(into: Trajectories, drone: str, t_s: float, place: int) -> None:
-    into.add_sample(
+    add_sample(
+        into,
         drone,
         T0 + round(t_s * NS),
         latitude_deg=40.0 + 1e-3 * place,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.given_files import reference
-from support.passive_equations import passive_snr
+from support.passive_equations import passive_snr, passive_target_power_w
 
 from plotfeed.models import propagation
 from plotfeed.models.frames import enu_to_aer, wrap_180
@@ -174,7 +174,7 @@ def test_passive_radar_agrees_with_the_reference():
         "cancellation_db": table["cancel_db"],
         "baseline_m": table["baseline_m"],
     }
-    target_w = propagation.passive_target_power_w(**case, **echo)
+    target_w = passive_target_power_w(**case, **echo)
     np.testing.assert_allclose(target_w, table["p_target_w"], rtol=1e-13)
     direct_w = propagation.direct_signal_power_w(**case, **direct)
     np.testing.assert_allclose(direct_w, table["p_direct_w"], rtol=1e-13)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.one_sample import add_sample
 
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.live_samples import fit_velocity
@@ -35,7 +36,8 @@ def sample(
     sigma_m: float | None = 0.01,
 ) -> None:
     latitude_deg, longitude_deg, height_m = HOME.to_geodetic(np.array(enu_m))
-    into.add_sample(
+    add_sample(
+        into,
         drone,
         T0 + round(t_s * NS),
         latitude_deg=float(latitude_deg),
@@ -310,7 +312,8 @@ def test_arbitrary_samples_give_finite_states(
 ) -> None:
     paths = trajectories()
     for t, latitude_deg, longitude_deg, height_m, velocity in samples:
-        paths.add_sample(
+        add_sample(
+            paths,
             "a",
             T0 + t,
             latitude_deg=latitude_deg,
@@ -397,7 +400,8 @@ def test_a_hovering_drone_is_where_it_said_to_nanometres(
 ) -> None:
     paths = trajectories()
     for t_s in (0, 1):
-        paths.add_sample(
+        add_sample(
+            paths,
             "a",
             T0 + t_s * NS,
             latitude_deg=latitude_deg,
@@ -523,7 +527,8 @@ def test_a_flight_is_as_if_it_had_been_told_live() -> None:
     velocity[rng.random((200, 3)) < 0.2] = np.nan
     live, flight = trajectories(history_s=1e6), trajectories()
     for i, t in enumerate(t_ns.tolist()):
-        live.add_sample(
+        add_sample(
+            live,
             "a",
             t,
             latitude_deg=float(latitude_deg[i]),

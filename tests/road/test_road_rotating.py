@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.one_sample import add_sample
 from support.road import (
     NS,
     SITE,
@@ -226,7 +227,8 @@ def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:
         for i, azimuth_deg in enumerate(azimuths_deg):
             if (step + i) % 4 == 0:
                 place = waypoint(azimuth_deg + rng.normal(0, 1), 5.0, 500.0)
-                trajectories.add_sample(
+                add_sample(
+                    trajectories,
                     f"d{i}",
                     sector.start_ns - NS // 100,
                     latitude_deg=place["latitude_deg"],

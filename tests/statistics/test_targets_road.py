@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import i0
 from support.every_kind import MIMO, PASSIVE
+from support.fluctuating_echoes import joint_hit_gauss_markov
 from support.radar_equations import mean_snr
 from support.road import NS, Road, flown, fly, held, radar, rotating, scene, staring, waypoint
 from support.significance import Array, assert_standard_normal, assert_sum
@@ -15,7 +16,6 @@ from support.significance import Array, assert_standard_normal, assert_sum
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.detection import threshold_noncoherent_cfar
-from plotfeed.models.fluctuation import joint_hit_gauss_markov
 from plotfeed.models.frames import aer_to_enu, wrap_180
 
 STEADY, ONE, STRONG_PART = 0, 1, 3

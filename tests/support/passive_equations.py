@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.models import propagation
+from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import Floats
 
 
@@ -29,7 +30,7 @@ def passive_snr(
     noise_figure_db: ArrayLike = 4.0,
 ) -> Floats:
     """Mean signal-to-noise ratio, linear, of a passive radar without clutter (eqs 24 to 31)."""
-    target_w = propagation.passive_target_power_w(
+    target_w = passive_target_power_w(
         erp_w=erp_w,
         gain_rx_dbi=gain_rx_dbi,
         wavelength_m=wavelength_m,
@@ -51,3 +52,24 @@ def passive_snr(
     )
     time_bandwidth = np.multiply(integration_s, bandwidth_hz)
     return propagation.correlated_snr(target_w, direct_w + noise_w, time_bandwidth)
+
+
+def passive_target_power_w(
+    *,
+    erp_w: ArrayLike,
+    gain_rx_dbi: ArrayLike,
+    wavelength_m: ArrayLike,
+    rcs_m2: ArrayLike,
+    range_tx_m: ArrayLike,
+    range_rx_m: ArrayLike,
+    loss_db: ArrayLike,
+) -> Floats:
+    """Echo of a broadcast before the correlator (eqs 24, 26); ERP is stated over a dipole."""
+    return propagation.echo_power_w(
+        power_w=erp_w,
+        gains_db=propagation.DIPOLE_GAIN_DBI + as_floats(gain_rx_dbi) - as_floats(loss_db),
+        wavelength_m=wavelength_m,
+        rcs_m2=rcs_m2,
+        range_tx_m=range_tx_m,
+        range_rx_m=range_rx_m,
+    )
