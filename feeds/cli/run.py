@@ -252,11 +252,12 @@ async def _run(
 def _line(totals: SessionCounters) -> str:
     p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
     text = (
-        f"{_speed(totals)}drones {totals.drones}  plots {totals.plots} "
-        f"(false {totals.false_alarms})  messages {totals.messages}  "
-        f"late p50 {p50_us / 1e3:.2f} p99 {p99_us / 1e3:.2f} ms"
+        f"drones {totals.drones}  plots {totals.plots} (false {totals.false_alarms})  "
+        f"messages {totals.messages}  late p50 {p50_us / 1e3:.2f} p99 {p99_us / 1e3:.2f} ms"
     )
+    asked, reached = totals.speed or 1.0, totals.speed_reached or 1.0
     more = {
+        f"speed x{reached:.3g}{f' of x{asked:g}' if reached < 0.98 * asked else ''}": asked != 1,
         f"forgotten {totals.forgotten}": totals.forgotten,
         f"telemetry {totals.telemetry} refused {_refused(totals)}": totals.telemetry
         + totals.refused,
@@ -272,14 +273,6 @@ def _line(totals: SessionCounters) -> str:
         f"other sessions on the prefix {totals.other_sessions}": totals.other_sessions,
     }
     return "  ".join([text, *(told for told, count in more.items() if count)])
-
-
-def _speed(totals: SessionCounters) -> str:
-    """The speed that the clock reached, and the one asked for if it is higher; empty for x1."""
-    asked, reached = totals.speed, totals.speed_reached
-    if asked is None or reached is None or asked == 1:
-        return ""
-    return f"speed x{reached:.3g}{f' of x{asked:g}' if reached < 0.98 * asked else ''}  "
 
 
 def _refused(totals: SessionCounters) -> str:

@@ -10,10 +10,13 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.transport.mqtt.connection import MqttConnection
 
 log = logging.getLogger(__name__)
 
@@ -26,16 +29,6 @@ QUIET_S = 30.0
 NEXT_S, ROUND_S = 1.0, 60.0
 """Between two topics, and from the last one to the first again."""
 MOST_TOPICS, MOST_SENT, MOST_COMPLAINTS = 10_000, 10_000, 10
-
-
-class EchoConnection(Protocol):
-    """A connection to a broker."""
-
-    def subscribe(self, topic_filter: str) -> None:
-        """Have what comes there."""
-
-    def unsubscribe(self, topic: str) -> None:
-        """Have it no more."""
 
 
 class OwnEcho:
@@ -51,7 +44,7 @@ class OwnEcho:
         """The one that is sampled now; empty for none."""
         self._address, self._counts = address, counts
         self._subscribed = frozenset(subscribed)
-        self._connection: EchoConnection | None = None
+        self._connection: MqttConnection | None = None
         self._seen: set[str] = set()
         self._done: set[str] = set()
         self._asked: set[str] = set()
@@ -64,7 +57,7 @@ class OwnEcho:
         self._has_heard = False
         self._timer: asyncio.TimerHandle | None = None
 
-    def begin(self, connection: EchoConnection | None) -> None:
+    def begin(self, connection: MqttConnection | None) -> None:
         """Sample over this connection from now on, or with None no more."""
         self._connection, self.topic, self.wants = connection, "", False
         self._asked.clear()
@@ -107,9 +100,6 @@ class OwnEcho:
         if topic == self.topic and hash(payload) in self._sent:
             self._counts(True)
             self._has_heard = True
-            if topic in self._complaints:
-                self._complaints.discard(topic)
-                log.info("%s passes on what is published on %s now", self._address, topic)
             self._finish()
         return topic in self._asked and topic not in self._subscribed
 

@@ -191,7 +191,7 @@ async def test_what_comes_meanwhile_may_stand_before_it_in_a_backlog(
     monkeypatch.setattr(own_echo, "WAIT_S", 1e6)
     told, asked = list[bool](), Asked()
     echo = OwnEcho(BrokerAddress("127.0.0.1", 1883, (5,)), [], told.append)
-    echo.begin(asked)
+    echo.begin(asked)  # type: ignore[arg-type]
     for payload in (b"seen", b"sampled", b"before the answer"):
         if payload == b"before the answer":
             echo.answered(None)
