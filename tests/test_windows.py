@@ -23,7 +23,7 @@ from support.windows_lacks import lacks, uses
 
 ROOT = Path(__file__).parents[1]
 TESTS = ROOT / "tests"
-PRODUCT = ("feeds", "models", "proto", "replay")
+PRODUCT = ("face", "feeds", "models", "proto", "replay")
 SCENE = ROOT / "examples" / "scenes" / "radar-udp.toml"
 FLIGHT = ROOT / "examples" / "flights" / "visit.csv"
 GUARDED = {
