@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,25 +15,8 @@ from plotfeed.feeds.page.tracker_tracks import TrackNews, east_north_m
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, TrackFlag, section
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.known_rows import renamed
-from plotfeed.models.state import DRONE, Floats, Ints, Looks, Plots, Texts, TruthState
+from plotfeed.models.state import DRONE, Floats, Ints, Plots, Texts, TruthState
 from plotfeed.proto.units import decibels
-
-
-class Reported(Protocol):
-    """A sector: what its sensor looked at, and what it measured."""
-
-    @property
-    def sensor(self) -> str:
-        """The sensor's id."""
-
-    @property
-    def looks(self) -> Looks:
-        """Looks at drones."""
-
-    @property
-    def plots(self) -> Plots:
-        """Plots in the order of time."""
-
 
 SHOWN_AFTER_NS = 30_000_000_000
 """A drone that went is shown this long where it was last."""

@@ -18,9 +18,11 @@ from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.impairment.losses import LossChain
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.audience import CONCEALS, without_truth
+from plotfeed.feeds.page.recorded_sectors import RecordedSector
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, cover_of, outline
-from plotfeed.feeds.page.shown import Drones, PlotStore, Reported, ShownTracks
+from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
 from plotfeed.feeds.page.strips import LinkRecord, Loss, Rates, looks_summary, new_looks
 from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.updates import (
@@ -38,6 +40,8 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
+Reported = Batch | RecordedSector
+"""A sector: its sensor, what that looked at, and what it measured."""
 MAX_REASON = 300
 LAYOUTS_BY_KIND = {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 _NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
