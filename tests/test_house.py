@@ -12,6 +12,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
+from support.budget import budget, measured
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("face", "feeds", "models", "proto", "replay")
 MOST_LINES = 350
@@ -49,6 +51,13 @@ def test_no_two_public_classes_have_one_name() -> None:
 def test_no_module_is_longer_than_one_story() -> None:
     lines = {str(path.relative_to(ROOT)): path.read_text().count("\n") for path in files()}
     assert {path: n for path, n in lines.items() if n > MOST_LINES} == {}
+
+
+def test_nothing_grows_beyond_its_budget() -> None:
+    """Who raises a number of budget.toml says in that commit which other falls for it."""
+    ceilings, found = budget(), measured()
+    assert found.keys() == ceilings.keys()
+    assert {name: n for name, n in found.items() if n > ceilings[name]} == {}
 
 
 def test_every_room_says_what_belongs_there_and_what_does_not() -> None:
