@@ -15,6 +15,7 @@ from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
+from plotfeed.feeds.sensing.visibility import each_its_own, looked_at
 from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from plotfeed.models.live_samples import FOREVER_NS
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
@@ -126,30 +127,14 @@ def targets_at(found: Places, frame: LocalFrame, signatures: Signatures) -> Targ
     """Drones as the sensor at that frame has them before it; each place is a drone of its own."""
     enu_m = frame.from_ecef(found.ecef_m)
     n = len(found)
-    emitters = signatures.emitters
     return Targets(
         drone=np.arange(n),
         t_utc_ns=np.zeros(n, np.int64),
         position_enu_m=enu_m,
         true_position_enu_m=enu_m,
         velocity_enu_m_s=frame.rotate_from_ecef(found.velocity_ecef_m_s),
-        signatures=Signatures(
-            rcs_m2=signatures.rcs_m2[found.drone],
-            sound_power_db=signatures.sound_power_db[found.drone],
-            emitters=[emitters[i] for i in found.drone.tolist()],
-            size_m=signatures.size_m_of(found.drone),
-            echoes=None if signatures.echoes is None else signatures.echoes.rows(found.drone),
-        ),
+        signatures=each_its_own(signatures, found.drone),
     )
-
-
-def looked_at(model: SensorModel, targets: Targets, rng: np.random.Generator) -> Floats:
-    """Probability that any look at each target detects it; NaN for those never looked at."""
-    looks, _ = model.observe(targets, rng)
-    missed = np.full(len(targets), np.nan)
-    missed[looks.drone] = 1.0
-    np.multiply.at(missed, looks.drone, 1.0 - np.nan_to_num(looks.pd))
-    return 1.0 - missed
 
 
 def _unknown(scene: Scene) -> Signatures:

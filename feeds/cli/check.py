@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.cli.check_visibility import visibility, visibility_lines
 from plotfeed.feeds.console.extras import check_picture, save_figure
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import refuse_if_there
@@ -18,14 +19,14 @@ from plotfeed.feeds.scene.scene import Scene, SceneError, load
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import effects_named
-from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
 from plotfeed.feeds.sensing.drone_routes import signature_of, usual_signature
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
+from plotfeed.feeds.sensing.visibility import EMITS_NOTHING, Outlook, not_emitted
 from plotfeed.feeds.sensing.world import World
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import Prediction, SensorModel, Targets
-from plotfeed.models.state import Floats, Signature
+from plotfeed.models.state import Floats, Signature, Signatures
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.units import decibels
 
@@ -77,6 +78,15 @@ def print_check(
         say(json.dumps({"file": str(path), "problems": [], **found}))
         return
     say(f"{found['scene']}: {len(scene.sensor)} sensor(s), {found['drones']} drone(s)")
+    above_m = found["site"]
+    say(
+        f"the site is {above_m['height_m']:.1f} m above the ellipsoid, "
+        f"{above_m['height_msl_m']:.1f} m above mean sea level"
+    )
+    for line in [f"  warning: {text}" for text in found["warnings"]]:
+        say(line)
+    for line in visibility_lines(found["visibility"]):
+        say(line)
     for sensor in found["sensors"]:
         for line in table_lines(sensor):
             say(line)
@@ -93,12 +103,17 @@ def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     SeaLevel.of(scene)
     trajectories = trajectories_of(scene)
     launch(scene, trajectories, 0)
-    world = EmulatedSensors(scene, trajectories).world  # what no session could encode is no scene
-    target = scene_target(scene, rcs_m2)
+    sensors = EmulatedSensors(scene, trajectories)  # what no session could encode is no scene
+    target, site = scene_target(scene, rcs_m2), scene.scene.site
+    outlook = Outlook(scene, sensors, trajectories)
+    undulation_m = SeaLevel.of(scene).undulation_m(site.latitude_deg, site.longitude_deg)
     return {
         "scene": scene.scene.name,
+        "site": {"height_m": site.height_m, "height_msl_m": site.height_m - float(undulation_m)},
         "drones": len(scene.fleet.names),
-        "sensors": [_report_of(scene, world, s, target) for s in scene.sensor],
+        "warnings": [*sensors.world.doubts, *outlook.doubts(outlook.drones)],
+        "visibility": visibility(scene, outlook),
+        "sensors": [_report_of(scene, sensors.world, s, target) for s in scene.sensor],
     }
 
 
@@ -162,23 +177,11 @@ def sensor_report(
 
 def _nothing_sensed(sensor: Sensor, signature: Signature) -> list[str]:
     """A warning of a target that has nothing of what such a sensor senses."""
-    if not isinstance(sensor, RfKeys):
+    lacking = not_emitted(sensor, Signatures.of_one(signature))
+    if not lacking:
         return []
-    if not signature.emitters:
-        return [
-            "the target emits nothing, so it sees nothing: give drones [[drone.emitters]]; those "
-            "of telemetry bring theirs"
-        ]
-    low_hz, high_hz = sensor.band_hz
-    heard = any(
-        e.frequency_hz + e.bandwidth_hz / 2 >= low_hz
-        and e.frequency_hz - e.bandwidth_hz / 2 <= high_hz
-        for e in signature.emitters
-    )
-    if heard:
-        return []
-    band = f"{low_hz / 1e6:g} to {high_hz / 1e6:g} MHz"
-    return [f"the target emits nothing from {band}, the band of this sensor, so it sees nothing"]
+    hint = ": give drones [[drone.emitters]]; those of telemetry bring theirs"
+    return [f"the target {lacking}, so it sees nothing{hint * (lacking == EMITS_NOTHING)}"]
 
 
 def _loud(ranges_m: Floats, predicted: Prediction) -> list[str]:

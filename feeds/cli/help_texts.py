@@ -23,7 +23,7 @@ SUMMARIES_AND_EXAMPLES = {
         ),
     ),
     "check": (
-        "Validate a scene; print Pd and errors against range.",
+        "Validate a scene; print who sees which drone, and Pd against range.",
         ("check here.toml", "check here.toml --json", "check here.toml --chart here.png"),
     ),
     "show": (

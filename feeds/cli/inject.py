@@ -16,6 +16,7 @@ from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.sensing.cover import shown_m
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
@@ -165,12 +166,13 @@ class _Injection:
         found = self._answers.nearest(self._flight.reports)
         if found is None:
             return True
-        sensor, near_m, sees_m = found
-        far = f"{near_m / 1000:.3g} km from {sensor}, which sees to {sees_m / 1000:.3g} km"
-        if near_m <= sees_m:
+        sensor, near_m, sees_m, hindrance = found
+        if hindrance is None:
+            far = f"{shown_m(near_m)} from {sensor}, which sees to {shown_m(sees_m)}"
             say(f"session of {scene}: the flight comes to {far}")
             return True
-        say(f"plotfeed: no sensor can see the flight: it comes to {far}, at best", err=True)
+        why = f"by {sensor} at best: {hindrance.kind}: {hindrance.text}"
+        say(f"plotfeed: no sensor can see the flight, {why}", err=True)
         return False
 
     def _is_taken_in(self) -> bool:

@@ -214,7 +214,10 @@ def inject(flight: str, broker: str, **options: Any) -> int:
 )
 @force_option("Replace the file of --chart where it is there already.")
 def check(scene: Path, **options: Any) -> int:
-    """Validate SCENE, a TOML file; print the Pd and errors that its sensors have against range."""
+    """Validate SCENE, a TOML file; print who sees its drones, when and with what Pd, or why not.
+
+    After that, the Pd and errors that each sensor has against range.
+    """
     from plotfeed.feeds.cli.check import print_check
 
     print_check(scene, **options)

@@ -18,7 +18,12 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.cli.run_destinations import introduce, named_outgoing, sent_elsewhere
+from plotfeed.feeds.cli.run_destinations import (
+    doubt_lines,
+    introduce,
+    named_outgoing,
+    sent_elsewhere,
+)
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import (
@@ -240,6 +245,9 @@ async def _run(
             leave_alone_what_is_there()  # nothing is due yet
         if status is None and not quiet:
             introduce(scene, urls, note)
+        for line in doubt_lines(totals):
+            say(f"plotfeed: {line}", err=True)
+        if status is None and not quiet:
             status = asyncio.create_task(show_status(lambda: _line(counted)), name="status")
 
     with stopped_by_signals(stop.set) as signals, undisturbed(GARBAGE_OF_SESSION):

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
@@ -13,6 +14,7 @@ from pydantic import ValidationError
 
 from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.console.printed import say
+from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.outgoing import Outgoing
 from plotfeed.feeds.scene.problems import problems_of
@@ -34,6 +36,8 @@ TOKEN_NAME = "COMMAND_LINE"  # noqa: S105 - its name, not its value  # nosec B10
 
 PAGES = {"page", "audience"}
 """Addresses that are looked at in a browser."""
+MOST_UNSEEN = 3
+"""Drones that no sensor sees, told one by one."""
 
 
 class NamedDestinations(Protocol):
@@ -129,6 +133,17 @@ def sent_elsewhere(scene: Scene, settings: NamedDestinations) -> Iterator[str]:
         yield "the ports of its services of Remote ID"
     if scene.sapient.middleware is not None and settings.middleware is None:
         yield f"the middleware {scene.sapient.middleware} (--middleware)"
+
+
+def doubt_lines(totals: SessionCounters) -> Iterator[str]:
+    """What is known before a session begins: drones that nobody will see, and odd heights."""
+    yield from totals.doubts
+    if not totals.unseen:
+        return
+    told = [f"{drone} ({why})" for drone, why in islice(totals.unseen.items(), MOST_UNSEEN)]
+    more = len(totals.unseen) - len(told)
+    told += [f"{more} more"] if more else []
+    yield f"no sensor sees {', '.join(told)}; plotfeed check SCENE says who sees what"
 
 
 def introduce(scene: Scene, urls: dict[str, str], note: str) -> None:

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.sensing.cover import HINDRANCES, LIMITS, Hindrance, cover_of, outside
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.models.frames import geodetic_to_ecef
+from plotfeed.models.frames import LocalFrame, distance_m, geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference, Floats
 
 log = logging.getLogger(__name__)
@@ -24,6 +25,8 @@ STATUS_S = 6.0
 """For the next status to come: a session says one every 5 s."""
 MOST_REFUSALS_KEPT = 1000
 MOST_SENSORS = 10_000
+NEEDED = ("latitude_deg", "longitude_deg", "height_m", "range_max_m")
+"""Of a sensor's description."""
 
 
 class SessionAnswers:
@@ -60,7 +63,14 @@ class SessionAnswers:
             elif kind == "description" and len(self._sensors) < MOST_SENSORS:
                 self._sensors[str(told["sensor"])] = {
                     name: float(told[name])
-                    for name in ("latitude_deg", "longitude_deg", "height_m", "range_max_m")
+                    for name in (
+                        "latitude_deg",
+                        "longitude_deg",
+                        "height_m",
+                        "range_max_m",
+                        *LIMITS,
+                    )
+                    if name in told or name not in LIMITS
                 }
             elif kind == "status":
                 counts = told.get("refused_by_reason", {})
@@ -104,19 +114,24 @@ class SessionAnswers:
         """How many messages the session has refused since the beginning, for what, of whoever."""
         return (self._refused_by or Counter()) - (self._before or Counter())
 
-    def nearest(self, reports: Sequence[PositionReport]) -> tuple[str, float, float] | None:
-        """The sensor that a flight comes nearest to, how near, and how far that sees, metres.
+    def nearest(
+        self, reports: Sequence[PositionReport]
+    ) -> tuple[str, float, float, Hindrance | None] | None:
+        """The sensor that comes nearest to seeing a flight, how near that comes, how far it sees.
 
-        Of sensors that it comes into the range of, the one whose range it enters deepest; None if
-        no sensor has said where it is. Heights of unknown reference are taken as they are.
+        With them, metres, what keeps the flight out of its cover, if anything does. Of sensors that
+        it comes into the cover of, the one whose range it enters deepest; None if no sensor has
+        said where it is. Heights of unknown reference are taken as they are.
         """
-        best: tuple[float, str, float, float] | None = None
-        for name, at in self._sensors.items():
-            place = at["latitude_deg"], at["longitude_deg"], at["height_m"]
-            ranges_m = np.linalg.norm(_ecef_m(reports, place[2]) - geodetic_to_ecef(*place), axis=1)
-            near_m = float(ranges_m.min())
-            found = near_m - at["range_max_m"], name, near_m, at["range_max_m"]
-            best = found if best is None else min(best, found)
+        best: tuple[Hindrance, str, float, float, Hindrance | None] | None = None
+        for name, told in self._sensors.items():
+            frame = LocalFrame(told["latitude_deg"], told["longitude_deg"], told["height_m"])
+            place_m, cover = frame.from_ecef(_ecef_m(reports, frame.height_m)), cover_of(told)
+            near_m, sees_m = float(distance_m(place_m).min()), cover.range_max_m
+            hindrance = outside(cover, place_m)
+            order = hindrance or Hindrance(len(HINDRANCES), sees_m - near_m, "")
+            if best is None or order > best[0]:
+                best = order, name, near_m, sees_m, hindrance
         return None if best is None else best[1:]
 
 

@@ -72,6 +72,10 @@ class SessionCounters:
     """Samples of what was published that a broker passed on to the session itself."""
     not_heard_back: int = 0
     """Samples that it did not pass on, although it answers: perhaps its access list is against."""
+    unseen: Mapping[str, str] = field(default_factory=dict)
+    """Drones of the scene that no sensor will see, and why."""
+    doubts: Sequence[str] = ()
+    """What looks wrong about heights."""
     lateness_ns: LastLateness = field(default_factory=LastLateness)
     speed: float | None = None
     """Times real time at which its clock is to run; None for as fast as it can."""

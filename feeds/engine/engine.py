@@ -16,6 +16,7 @@ from plotfeed.feeds.scene.sensors.mount_keys import CueError, cue_of, mount_of
 from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
+from plotfeed.feeds.sensing.visibility import Outlook
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.beam import Sector
@@ -83,6 +84,11 @@ class Engine:
         if self.cooperative is not None:
             self.cooperative.start(start_utc_ns)
             self._claim = start_utc_ns // self.cooperative.period_ns + 1
+
+    def foreseen(self, duration_s: float | None) -> tuple[dict[str, str], list[str]]:
+        """Drones that no sensor will see until then, and why; and what looks wrong of heights."""
+        outlook = Outlook(self.scene, self.sensors, self.trajectories, self.start_utc_ns)
+        return outlook.foreseen(duration_s)
 
     def skip_claims(self, by_utc_ns: int) -> None:
         """Have cooperative drones not say what was due by then."""

@@ -70,6 +70,7 @@ class PageObserver(Observer):
         self._session = session
         self._refusal = ""
         self._view.scene(session.scene, self._basemap)
+        self._view.unseen(session.totals.unseen)
         self._before = tuple(task.sensor for task in session.sensor_tasks.values())
         for sensor in self._before:
             self._tell_settings(sensor, new_model=True)

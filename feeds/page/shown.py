@@ -29,6 +29,8 @@ class Drones:
         self.names: Sequence[str] = ()
         self.classes: dict[str, str] = {}
         """Of those that are no drones, by index."""
+        self.unseen: Mapping[str, str] = {}
+        """Those that no sensor will see, and why."""
         self.changed = False
         """Whether there is a name or a class that was not told."""
         self._site = site
@@ -68,8 +70,8 @@ class Drones:
         self._enu[state.drone, 3:] = velocity[:, :2]
 
     def news(self) -> dict[str, Any]:
-        """Names, and classes of those that are no drones."""
-        return {"drones": list(self.names), "classes": self.classes}
+        """Names, classes of those that are no drones, and which no sensor sees."""
+        return {"drones": list(self.names), "classes": self.classes, "unseen": dict(self.unseen)}
 
     def section(self) -> bytes:
         """The section of all drones; one that is there has been gone for 0 ms."""

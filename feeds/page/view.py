@@ -145,6 +145,10 @@ class View:
         """Take where the drones are now, and what each is; ten times a second is enough."""
         self._drones.take(now_utc_ns, state, names, target_class)
 
+    def unseen(self, why: Mapping[str, str]) -> None:
+        """Tell which drones of the scene no sensor will see, and why."""
+        self._drones.unseen, self._drones.changed = why, True
+
     def settings(
         self,
         sensor: str,

@@ -106,9 +106,9 @@ class EmulatedSensors:
         )
         self._next = Timetables(timetables)
         self._enabled = np.array([s.enabled for s in self.sensors], np.bool_)
-        self._sites = [self._site_of(i) for i in range(len(self.sensors))]
+        self.sites = [self._site_of(i) for i in range(len(self.sensors))]
         self.world = World(scene)
-        self._models = [self.world.model_of(sensor) for sensor in self.sensors]
+        self.models = [self.world.model_of(sensor) for sensor in self.sensors]
         for i in range(len(self.sensors)):
             self._see_clutter(i)
         self._group_of = np.full(len(self.sensors), NO_GROUP, np.int64)
@@ -118,7 +118,7 @@ class EmulatedSensors:
         self._free_numbers = count()
         self._groups: dict[int, SensorGroup] = {}
         self._group(range(len(self.sensors)))
-        self._start_ns = 0
+        self.start_ns = 0
         self._script: list[tuple[int, int]] = []
         """When the script changes which sensor, UTC; the next one last."""
         self._followed_ns = 0
@@ -126,7 +126,7 @@ class EmulatedSensors:
 
     def start(self, start_utc_ns: int) -> None:
         """Begin each with its first whole sector after that time."""
-        self._start_ns = start_utc_ns
+        self.start_ns = start_utc_ns
         self._next.start(start_utc_ns)
         self.cueing.start(start_utc_ns)
         self._script = sorted(
@@ -179,7 +179,7 @@ class EmulatedSensors:
     def as_of(self, i: int, controlled: Mapping[str, Any], at_utc_ns: int) -> Sensor:
         """A sensor as its script has it then, and those keys over that; raises `ChangeError`."""
         scripted = self._scripted[i]
-        return changed(scripted, *in_force(scripted.event, at_utc_ns - self._start_ns), controlled)
+        return changed(scripted, *in_force(scripted.event, at_utc_ns - self.start_ns), controlled)
 
     def late(self, now_ns: int) -> list[int]:
         """Sensors whose next sector is late by more than a period."""
@@ -256,7 +256,7 @@ class EmulatedSensors:
 
     def _with_messages(self, batch: Batch) -> Batch:
         """The batch with the messages of its sectors."""
-        site = self._sites[batch.sectors.sensor[0]]
+        site = self.sites[batch.sectors.sensor[0]]
         # A sensor that errs is alone, and its clock and axes are its own.
         truth_at = site.apparent_at if site.errs else self._trajectories.state_at
         told = batch.by_clock(site.clock_ahead_ns, truth_at)
@@ -276,15 +276,15 @@ class EmulatedSensors:
         for i, sensor in sensors.items():
             self.sensors[i] = sensor
             self._enabled[i] = sensor.enabled
-            self._sites[i] = self._site_of(i)
-            self._models[i] = self.world.model_of(sensor)
+            self.sites[i] = self._site_of(i)
+            self.models[i] = self.world.model_of(sensor)
             self._see_clutter(i)
             self._at_work.false_alarms.forget(i)
             self.cueing.change(i, sensor)
         self._group(sensors)
 
     def _see_clutter(self, i: int) -> None:
-        maps = self.world.clutter_of(self._models[i], self._sites[i].axes, self._trajectories)
+        maps = self.world.clutter_of(self.models[i], self.sites[i].axes, self._trajectories)
         self._at_work.false_alarms.clutter[i] = maps
         if not maps:
             del self._at_work.false_alarms.clutter[i]
@@ -308,16 +308,16 @@ class EmulatedSensors:
             if not of_group:
                 del self._numbers[key]
             else:
-                models = [self._models[i] for i in of_group]
-                sites = [self._sites[i] for i in of_group]
+                models = [self.models[i] for i in of_group]
+                sites = [self.sites[i] for i in of_group]
                 self._groups[number] = SensorGroup(self._at_work, of_group, models, sites)
 
     def _key_of(self, i: int) -> Any:
         """What sensors that share a pass have in common; one that cannot share has its own."""
-        model = self._models[i]
+        model = self.models[i]
         alone = (
-            self._sites[i].errs
-            or self._sites[i].strengths is not None
+            self.sites[i].errs
+            or self.sites[i].strengths is not None
             or getattr(model, "merging", None) is not None
             or type(model).alike is None
         )
@@ -325,7 +325,7 @@ class EmulatedSensors:
             i if alone else None,
             grouping_key(model),
             self.sensors[i].scan.rotates,
-            self._sites[i].tells_heights,
-            self._sites[i].is_steered,
+            self.sites[i].tells_heights,
+            self.sites[i].is_steered,
             self.cueing.rank[i],
         )

@@ -20,6 +20,7 @@ from plotfeed.models.effects.line_of_sight import (
 )
 from plotfeed.models.frames import LocalFrame, distance_m
 from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.models.state import Floats
 from plotfeed.models.terrain import Ground, Walls
 from plotfeed.proto.errors import PlotfeedError
 
@@ -57,14 +58,12 @@ class Horizons:
             k=self._keys.earth_radius_factor,
         )
 
-    def ground_above_m(self, sensor: Sensor) -> float:
-        """How much higher the ground is than a sensor; NaN where no raster knows it."""
+    def ground_m(self, latitude_deg: Floats, longitude_deg: Floats) -> Floats:
+        """Height of the ground above the ellipsoid at places; NaN where no raster knows it."""
         ground = None if self._scene.is_enclosed else self._surface[0]
         if ground is None:
-            return np.nan
-        frame = frame_at(self._scene.scene.site, sensor.position_enu_m)
-        place = np.array([frame.latitude_deg]), np.array([frame.longitude_deg])
-        return float(ground.height_m(*place)[0]) - frame.height_m
+            return np.full(latitude_deg.shape, np.nan)
+        return ground.height_m(latitude_deg, longitude_deg)
 
     def octets(self) -> bytes:
         """All of the scene's, for a recording."""

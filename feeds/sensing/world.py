@@ -11,6 +11,7 @@ import numpy as np
 from plotfeed.feeds.scene.fields import enu_from, frame_at, geodetic, site_frame
 from plotfeed.feeds.scene.mover_keys import ClutterKeys
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.clutter import CLUTTER, ClutterMap, Spikes, inside
@@ -18,7 +19,7 @@ from plotfeed.models.effects.echo_effects import EchoEffects
 from plotfeed.models.effects.jamming import Jamming, behind
 from plotfeed.models.effects.pillars import Pillar
 from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
-from plotfeed.models.frames import Axes, geodetic_to_ecef
+from plotfeed.models.frames import Axes, LocalFrame, geodetic_to_ecef
 from plotfeed.models.movers import other_name
 from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.sensors.electronic_radar import ElectronicRadar
@@ -68,6 +69,14 @@ def _rates_of(
 MAX_CELLS = 1_000_000
 SUNK_M = 1.0
 """By which rasters and masts may disagree about the ground."""
+IT = "it"
+"""A sensor, in its own warnings; it may be aloft."""
+FITS_M = 3.0
+"""Within which a site is on the ground, if its height counts from the sea."""
+HIGHEST_SITE_M = 500.0
+"""Over the ground: no tower is higher by much."""
+LOWEST_LAND_M, HIGHEST_LAND_M = 10.0, 9000.0
+"""Below and above the sea: where the ground is not known, what is beyond is asked about."""
 OF_RADIO = (RadioSensor, ElectronicRadar, MultistaticRadar)
 
 
@@ -159,14 +168,45 @@ class World:
                 east_m, north_m, up_m = enu_from(frame, self._site, turbine).tolist()
                 yield Pillar((east_m, north_m, up_m), turbine.tower_width_m)
 
-    def warnings(self, sensor: Sensor) -> list[str]:
-        """What is legal and still looks wrong, for `check`."""
+    def ground_m(self, latitude_deg: Floats, longitude_deg: Floats) -> Floats:
+        """Height of the ground above the ellipsoid at places, (n,); NaN where it is not known."""
         if self._horizons is None:
-            return []
-        above_m = self._horizons.ground_above_m(sensor)
-        if not above_m > SUNK_M:
-            return []
-        return [
-            f"it stands {above_m:.0f} m below the ground of terrain.elevation, and sees little: "
-            "are heights above sea level taken for heights above the ellipsoid?"
-        ]
+            return np.full(latitude_deg.shape, np.nan)
+        return self._horizons.ground_m(latitude_deg, longitude_deg)
+
+    def warnings(self, sensor: Sensor) -> list[str]:
+        """What is legal and still looks wrong about where a sensor stands, for `check`."""
+        return self._doubts(IT, frame_at(self._site, sensor.position_enu_m), np.inf)
+
+    @property
+    def doubts(self) -> list[str]:
+        """What is legal and still looks wrong about where the site is."""
+        return self._doubts("the site", site_frame(self._site), HIGHEST_SITE_M)
+
+    def _doubts(self, what: str, here: LocalFrame, highest_m: float) -> list[str]:
+        """What a height is, read as it is and as one above the sea; nothing of a likely one."""
+        place = np.array([here.latitude_deg]), np.array([here.longitude_deg])
+        undulation_m = float(SeaLevel.of(self._scene).undulation_m(*place)[0])
+        ground_m = float(self.ground_m(*place)[0])
+        if not np.isnan(ground_m):
+            above_m, instead_m = here.height_m - ground_m, here.height_m + undulation_m - ground_m
+            lowest_m = -SUNK_M if what == IT else -FITS_M
+            fits = abs(instead_m) <= FITS_M and above_m > 3 * FITS_M and what != IT
+            if lowest_m <= above_m <= highest_m and not fits:
+                return []
+            told = f"{what} stands {_beside(above_m)} the ground of terrain.elevation"
+        else:
+            above_m, instead_m = here.height_m - undulation_m, here.height_m
+            if -LOWEST_LAND_M <= above_m <= max(highest_m, HIGHEST_LAND_M):
+                return []
+            told = f"{what} stands {_beside(above_m)} mean sea level"
+        if -SUNK_M <= instead_m <= HIGHEST_LAND_M and abs(instead_m) < abs(above_m):
+            return [
+                f"{told}, and {_beside(instead_m)} it if its height counts from mean sea level: is "
+                f"height_msl_m meant?"
+            ]
+        return [f"{told}, read from the ellipsoid or from the sea: is it in metres?"]
+
+
+def _beside(above_m: float) -> str:
+    return f"{abs(above_m):.0f} m {'below' if above_m < 0 else 'above'}"

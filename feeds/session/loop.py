@@ -228,3 +228,9 @@ async def first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> No
             task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await task
+
+
+def cause_of(group: ExceptionGroup[Exception]) -> Exception:
+    """What went wrong first, of what went wrong in tasks together."""
+    first = group.exceptions[0]
+    return cause_of(first) if isinstance(first, ExceptionGroup) else first

@@ -147,7 +147,7 @@ def session_message(
         "start_utc_ns": start_utc_ns,
         "tick_ms": AHEAD_NS // NS_IN_MS,
         "sensors": [sensor.id for sensor in scene.sensor],
-        "site": scene.scene.site.model_dump(),
+        "site": scene.scene.site.model_dump(exclude_none=True),
         "plotfeed": version("plotfeed"),
     }
     payload = json.dumps(said).encode()

@@ -10,6 +10,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
+from plotfeed.feeds.sensing.visibility import limits_of
 from plotfeed.models.cueing import CuedState
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -22,14 +23,6 @@ RANGE_KINDS = {
 }
 ACCURACIES_AT_DB = (13.0, 20.0, 30.0)
 """Signal-to-noise ratios of detections for which errors are told."""
-LIMITS = (
-    "range_min_m",
-    "azimuth_min_deg",
-    "azimuth_max_deg",
-    "elevation_min_deg",
-    "elevation_max_deg",
-)
-"""Keys of cover that not all sensors have."""
 DEGREE_DIGITS, METRE_DIGITS = 9, 4
 """Digits after the point of places: 0.1 mm."""
 MOUNT_DIGITS = 4
@@ -63,8 +56,7 @@ class SensorDescriber:
             transmitters=self._transmitters(sensor),
         )
         self._put(described, here.latitude_deg, here.longitude_deg, here.height_m)
-        for key in LIMITS:
-            value = getattr(sensor, key, None)
+        for key, value in limits_of(sensor).items():
             if value is not None:
                 setattr(described, key, value)
         if any(REPORT_FORMATS[name].categories for name in sensor.report):

@@ -19,7 +19,7 @@ from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.listening import sources_of, taker_of_mapped
-from plotfeed.feeds.session.loop import SessionLoop, first_of
+from plotfeed.feeds.session.loop import SessionLoop, cause_of, first_of
 from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
 from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
 from plotfeed.feeds.session.presence import SessionPresence
@@ -100,15 +100,10 @@ async def run_over(
             for observer in reversed(observers):
                 observer.ended()
     except ExceptionGroup as group:  # of the task group: whoever called wants what went wrong
-        raise _cause(group) from None
+        raise cause_of(group) from None
     finally:
         clock.close()
     return totals
-
-
-def _cause(group: ExceptionGroup[Exception]) -> Exception:
-    first = group.exceptions[0]
-    return _cause(first) if isinstance(first, ExceptionGroup) else first
 
 
 class Session:
@@ -238,6 +233,8 @@ class Session:
                     if stop.is_set():
                         self._outputs.forget_wills()
                         return  # nothing has begun
+                    if self._part is None:
+                        self.totals.unseen, self.totals.doubts = self.engine.foreseen(duration_s)
                     on_ready()
                     start_ns = self.clock.start()
                     if self._part is None:

@@ -105,7 +105,7 @@ class ElectronicRadar(JointSensor):
         return 0.0
 
     @cached_property
-    def _among_all(self) -> ActiveRadar:
+    def among_all(self) -> ActiveRadar:
         """The radar among what surrounds it."""
         met = self.surroundings
         return self.radar if met is None else replace(self.radar, surroundings=met)
@@ -186,7 +186,7 @@ class ElectronicRadar(JointSensor):
     ) -> tuple[Looks, Floats]:
         """Looks by dwells that point somewhere, and their ratios without fluctuation."""
         geometry = azimuth_deg, elevation_deg, _ = enu_to_aer(there.position_enu_m)
-        snr = self._among_all.look_snrs(there)[:, 0]
+        snr = self.among_all.look_snrs(there)[:, 0]
         snr = snr * self.grid.gain((azimuth_deg, elevation_deg), pointed)
         pd = self.radar.pd((snr * strength)[:, None], np.full(len(snr), STEADY))
         pd = np.nan_to_num(pd) * self.radar.pd_factor
@@ -340,7 +340,7 @@ class ElectronicRadar(JointSensor):
 
     def predict(self, targets: Targets) -> Prediction:
         """A dwell that points at each target, by the radar's closed forms."""
-        return self._among_all.predict(targets)
+        return self.among_all.predict(targets)
 
     def stated_sigmas(self, snr: float) -> dict[str, float]:
         """Errors of the radar."""

@@ -5,7 +5,7 @@ import { inKilometres } from "./ground.js";
 import { dronePlace, trackPlace } from "./marks.js";
 import { drawBolt } from "./looks.js";
 import { shapeOf, swatch } from "./shapes.js";
-import { stateOf } from "./track_states.js";
+import { droneState, stateOf } from "./track_states.js";
 import { azimuthOf } from "./viewport.js";
 
 const byId = (id) => document.getElementById(id);
@@ -68,7 +68,7 @@ function describeTrack(track, nowMs) {
   };
 }
 
-function describeDrone({ drones, droneNames, droneClasses }, drone, nowMs) {
+function describeDrone({ drones, droneNames, droneClasses, unseen }, drone, nowMs) {
   const i = drones ? Array.prototype.indexOf.call(drones.drone, drone) : -1;
   if (i < 0) return null;
   const [east, north] = dronePlace(drones, i, nowMs), gone = drones.gone_ms[i];
@@ -81,7 +81,7 @@ function describeDrone({ drones, droneNames, droneClasses }, drone, nowMs) {
       ["Above site", fixed(drones.up_m[i], 0, " m")],
       ["Speed", fixed(speed, 1, " m/s")],
       ["Course", fixed(azimuthOf(drones.velocity_east_m_s[i], drones.velocity_north_m_s[i]), 0, "°")],
-      ["State", gone > 0 ? `gone for ${(gone / 1000).toFixed(0)} s` : "flying"],
+      ["State", droneState(unseen, droneNames[drone], gone)],
     ],
   };
 }

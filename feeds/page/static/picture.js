@@ -114,6 +114,7 @@ export class Picture {
   lost = new Plots();
   drones = null; // columns, with rows
   droneNames = [];
+  unseen = {}; // why no sensor sees them, of drones by name
   droneClasses = {}; // of those that are no drones, by number
   tracks = new Map();
   news = {};
@@ -144,7 +145,7 @@ export class Picture {
   #takeSection({ kind, news, rows, first, columns }, frame, at, changed) {
     if (kind === Kind.NEWS) this.#takeNews(news, changed);
     else if (kind === Kind.TRUE_NEWS) {
-      [this.droneNames, this.droneClasses] = [news.drones ?? this.droneNames, news.classes ?? this.droneClasses];
+      [this.droneNames, this.droneClasses, this.unseen] = [news.drones ?? this.droneNames, news.classes ?? this.droneClasses, news.unseen ?? this.unseen];
       if (news.score) [this.score] = [news.score, changed.add("score")];
     }
     else if (kind === Kind.PLOTS) this.plots.add(columns, rows, first);
@@ -187,7 +188,7 @@ export class Picture {
     this.lost.clear();
     this.drones = null;
     this.droneNames = [];
-    this.droneClasses = {};
+    this.droneClasses = this.unseen = {};
     this.score = null;
     this.tracks.clear();
     this.news = {};

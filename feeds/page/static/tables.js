@@ -1,7 +1,7 @@
 // Drones, plots and tracks as a plain table: sorted by any column, filtered by words, of bounded length.
 
 import { dronePlace, trackPlace } from "./marks.js";
-import { stateOf } from "./track_states.js";
+import { droneState, stateOf } from "./track_states.js";
 import { azimuthOf } from "./viewport.js";
 
 const MOST_ROWS = 200;
@@ -128,9 +128,9 @@ function trackRow(track, nowMs) {
   return { mark: { kind: "track", id: track.id }, values };
 }
 
-function droneRow({ drones, droneNames }, i, nowMs) {
+function droneRow({ drones, droneNames, unseen }, i, nowMs) {
   const [east, north] = dronePlace(drones, i, nowMs), ve = drones.velocity_east_m_s[i], vn = drones.velocity_north_m_s[i], gone = drones.gone_ms[i];
-  const state = gone > 0 ? `gone for ${(gone / 1000).toFixed(0)} s` : "flying", drone = drones.drone[i];
+  const drone = drones.drone[i], state = droneState(unseen, droneNames[drone], gone);
   const values = [droneNames[drone] ?? String(drone), azimuthOf(east, north), Math.hypot(east, north), drones.up_m[i], Math.hypot(ve, vn), azimuthOf(ve, vn), state];
   return { mark: { kind: "drone", drone }, values };
 }

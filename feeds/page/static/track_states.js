@@ -38,3 +38,9 @@ export function stateOf(track, nowMs) {
   const told = track.flags & TrackFlag.COASTED ? "coasted" : track.flags & TrackFlag.TENTATIVE ? "tentative" : "confirmed";
   return isSilent(track, nowMs) ? `not updated, was ${told}` : told;
 }
+
+/** How a drone is that has been gone for so many milliseconds, and why no sensor sees it, if none does. */
+export function droneState(unseen, name, gone) {
+  if (gone > 0) return `gone for ${(gone / 1000).toFixed(0)} s`;
+  return name in unseen ? `flying, no sensor sees it${unseen[name] && `: ${unseen[name]}`}` : "flying";
+}

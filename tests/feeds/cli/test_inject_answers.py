@@ -85,6 +85,6 @@ def test_the_nearest_sensor_is_the_one_whose_range_is_entered_deepest() -> None:
         altitude_m=0.0,
         altitude_reference=AltitudeReference.ABOVE_TAKEOFF,
     )
-    sensor, near_m, sees_m = answers.nearest([report]) or ("", 0.0, 0.0)
-    assert (sensor, sees_m) == ("long", 9000.0)
+    sensor, near_m, sees_m, hindrance = answers.nearest([report]) or ("", 0.0, 0.0, None)
+    assert (sensor, sees_m, hindrance) == ("long", 9000.0, None)
     assert near_m == pytest.approx(1110.4, abs=2.0)

@@ -97,6 +97,24 @@ def test_the_table_is_sorted_filtered_and_chosen_from(page: Page) -> None:
     until(page, "document.getElementById('table-of').value === 'plots'")
 
 
+def test_a_drone_that_no_sensor_sees_is_listed_with_the_reason(
+    page: Page, served: Served, stage: MadeUpSession
+) -> None:
+    why = "radar: range: 482 km away at its nearest, it sees to 18 km"
+    served.call(lambda: stage.view.unseen({"drone-003": why}))
+    page.get_by_role("button", name="Truth").click()
+    display(page).press("b")
+    page.get_by_label("Kind").select_option("drones")
+    page.get_by_label("Filter").fill("no sensor sees")
+    until(page, "document.getElementById('table-body').rows.length === 1")
+    row = page.locator("#table-body tr")
+    assert "drone-003" in row.inner_text()
+    assert f"flying, no sensor sees it: {why}" in row.inner_text()
+    row.get_by_role("button").click()
+    page.get_by_role("heading", name="Drone drone-003").wait_for()
+    assert why in page.locator("#card").inner_text()
+
+
 def test_the_ruler_measures_between_two_places(page: Page) -> None:
     page.get_by_role("checkbox", name="Tracks").uncheck()
     page.get_by_label("Fade").select_option("2")

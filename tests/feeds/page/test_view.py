@@ -312,12 +312,16 @@ def test_the_class_of_what_is_no_drone_is_told_beside_the_names() -> None:
     classes = np.array(["drone", "aircraft", 0, 0], np.object_)  # with room for more
     names = ["a", "b"]
     view.truth(road.START_NS, state, names, classes)
-    said = {"drones": ["a", "b"], "classes": {"1": "aircraft"}}
+    said = {"drones": ["a", "b"], "classes": {"1": "aircraft"}, "unseen": {}}
     assert said in true_news(view.update(road.START_NS, 0.0))
     view.truth(road.START_NS, state, names, classes)
     assert said not in true_news(view.update(road.START_NS, 0.0))
     view.truth(road.START_NS, state, names, np.array(["drone", "drone"], np.object_))
     assert {**said, "classes": {}} in true_news(view.update(road.START_NS, 0.0))
+    view.unseen({"b": "far away"})
+    told = view.update(road.START_NS, 0.0)
+    assert {**said, "classes": {}, "unseen": {"b": "far away"}} in true_news(told)
+    assert b"far away" not in told.public
 
 
 def test_what_the_session_says_of_unknown_sensors_is_nothing() -> None:
