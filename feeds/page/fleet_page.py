@@ -19,7 +19,7 @@ from plotfeed.feeds.page.run_with_page import (
     CLOCK_CONTROLS,
     REAL_TIME,
     alongside,
-    receiving_tracks,
+    tracks_of,
 )
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.shown_settings import tell_settings
@@ -70,15 +70,12 @@ async def _heard(view: View, link: FleetLink) -> AsyncIterator[None]:
     readers = {}
     for sensor in scene.sensor:
         told = (row for row in FORMATS.values() if row.name in sensor.report)
-        for row in told:
-            if row.facts.topic in plot_topics() and row.plots_in is not None:
-                topic = f"{scene.mqtt.prefix}/{sensor.id}/{row.facts.topic}"
-                readers[topic] = sensor.id, row.plots_in
-                break
+        row = next((row for row in told if row.facts.topic in plot_topics()), None)
+        if row is not None and row.plots_in is not None:
+            readers[f"{scene.mqtt.prefix}/{sensor.id}/{row.facts.topic}"] = sensor.id, row.plots_in
 
     def take(topic: str, payload: bytes, _content_type: str | None) -> None:
-        sensor, read = readers[topic]
-        now_ns = fleet.now_utc_ns
+        (sensor, read), now_ns = readers[topic], fleet.now_utc_ns
         with contextlib.suppress(DecodeError):
             plots = read(payload, now_ns)
             times_ns = [now_ns if t_ns is None else t_ns for t_ns in plots.t_utc_ns]
@@ -86,13 +83,8 @@ async def _heard(view: View, link: FleetLink) -> AsyncIterator[None]:
             view.delivered(sensor, nobody_s(timed), now_ns)
 
     plots_link = MqttTransport(address, "plotfeed-page", subscribe=[*readers], on_message=take)
-    async with contextlib.AsyncExitStack() as receiving:
-        if scene.page.tracks_topic is not None:
-            tracks = receiving_tracks(
-                view, scene, address, scene.page.tracks_topic, lambda: fleet.now_utc_ns
-            )
-            await receiving.enter_async_context(tracks)
-        await receiving.enter_async_context(alongside(plots_link.run(), "page-plots"))
+    tracks = tracks_of(scene, view, ([address], {}), lambda: fleet.now_utc_ns)
+    async with tracks, alongside(plots_link.run(), "page-plots"):
         yield
 
 

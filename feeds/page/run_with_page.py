@@ -229,7 +229,7 @@ async def run_with_page(
                     score = scoring(
                         switch.scene, brokers, live, now_utc_ns, clock=clock, on_score=view.score
                     )
-                    async with _tracks_of(switch.scene, view, brokers, now_utc_ns), score:
+                    async with tracks_of(switch.scene, view, brokers, now_utc_ns), score:
                         totals = await run_over(
                             brokers,
                             switch.scene,
@@ -261,7 +261,7 @@ async def _replay(
         return tracks if switch.replaying is None else switch.replaying.shown_tracks(tracks)
 
     basemap = _basemap_of(switch.scene) if recording.scene.text == switch.scene.text else None
-    async with _tracks_of(recording.scene, view, brokers, time.time_ns, shown):
+    async with tracks_of(recording.scene, view, brokers, time.time_ns, shown):
         await switch.replay(recording, brokers[0], basemap)
 
 
@@ -283,7 +283,7 @@ def _basemap_of(scene: Scene) -> Basemap | None:
 
 
 @contextlib.asynccontextmanager
-async def _tracks_of(
+async def tracks_of(
     scene: Scene,
     view: View,
     brokers: Brokers,
