@@ -95,9 +95,10 @@ def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
     assert done.stderr == ""
     for word in ("scene field-day", "MQTT 3.1.1", "MQTT 5", "plotfeed/tower/plots"):
         assert word in done.stdout
-    counts = done.stdout.splitlines()[-1].split()
-    assert counts[0] == "drones"
-    assert int(counts[counts.index("messages") + 1]) > 0
+    counts = dict(re.findall(r"(drones|messages|missed scans) (\d+)", done.stdout.splitlines()[-1]))
+    assert counts["drones"] == "21"
+    # A machine that stalls for all that time says what it missed instead.
+    assert int(counts["messages"]) + int(counts.get("missed scans", 0)) > 0
 
 
 def test_the_demo_can_end_with_json() -> None:
