@@ -53,7 +53,7 @@ def test_what_is_right_is_called_wrong_as_seldom_as_is_said(scenes: list[JudgedS
     assert len(wrong) <= most, wrong
     by_chance = [figure for scene in scenes for figure in scene.figures]
     of_errors = [figure for figure in by_chance if "error" in figure.what]
-    assert len(of_errors) > 300
+    assert len(of_errors) > 5 * SCENES
     for figures in (by_chance, of_errors):
         p = np.array([figure.p for figure in figures])
         for level in LEVELS:
