@@ -11,11 +11,9 @@ from plotfeed.feeds.cli.options import POSITIVE
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
-CELLS = ("4", "5", "6", "7", "8", "9")
-
 
 @click.command()
-@click.argument("words", nargs=-1, required=True, metavar="SCENE | status SCENE | scale N SCENE")
+@click.argument("words", nargs=-1, required=True, metavar="SCENE | status SCENE")
 @click.option(
     "--workers",
     type=click.IntRange(1, 100_000),
@@ -81,15 +79,6 @@ CELLS = ("4", "5", "6", "7", "8", "9")
     help="Let the workers begin one after another over so many seconds.",
 )
 @click.option(
-    "--cells",
-    type=click.Choice(CELLS),
-    flag_value="6",
-    is_flag=False,
-    metavar="[RESOLUTION]",
-    help="Pass telemetry on by cells of H3, so that a worker hears only the drones near its "
-    "sensors; of resolution 6 unless another is named.",
-)
-@click.option(
     "--metrics",
     metavar="[HOST:]PORT",
     help="Serve Prometheus metrics of the fleet there: to this machine alone, or where HOST says, "
@@ -109,17 +98,14 @@ def fleet(words: tuple[str, ...], **options: Any) -> int:
     together they send the bytes that one process would. Where a worker dies or hangs, another goes
     on with its sensors at the right scan.
 
-    `status SCENE` prints how the fleet does that runs on the scene's prefix, and `scale N SCENE`
-    has it share its sensors out anew to N workers, with no gap.
+    `status SCENE` prints how the fleet does that runs on the scene's prefix.
     """
-    from plotfeed.feeds.cli.fleet_command import ask_to_scale, print_status, run_fleet
+    from plotfeed.feeds.cli.fleet_command import print_status, run_fleet
     from plotfeed.feeds.scene.scene import load
 
     match words:
         case ("status", scene):
             return print_status(load(scene), options["broker"], as_json=options["as_json"])
-        case ("scale", number, scene) if number.isdecimal():
-            return ask_to_scale(load(scene), options["broker"], int(number))
-        case (scene,) if scene not in ("status", "scale"):
+        case (scene,) if scene != "status":
             return run_fleet(load(scene), **options)
-    raise click.UsageError("expected SCENE, status SCENE, or scale N SCENE")
+    raise click.UsageError("expected SCENE, or status SCENE")

@@ -1,4 +1,4 @@
-"""A fleet in a terminal: begun, asked how it does, and asked to share its sensors out anew."""
+"""A fleet in a terminal: begun, and asked how it does."""
 
 from __future__ import annotations
 
@@ -15,22 +15,17 @@ from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
-from plotfeed.feeds.delivery.delivery import Delivery
-from plotfeed.feeds.fleet.cells import USUAL_RESOLUTION
 from plotfeed.feeds.fleet.coordinator import Coordinator
-from plotfeed.feeds.fleet.fleet_link import CONTROL, FleetLink, asked_workers, health
+from plotfeed.feeds.fleet.fleet_link import FleetLink, health
 from plotfeed.feeds.fleet.fleet_parts import FleetSettings
 from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows, told_in
 from plotfeed.feeds.fleet.ray_workers import starter
-from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.page_access import PageAddress, fixed_tokens
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.outputs import NO_BROKER, broker_address
 from plotfeed.feeds.session.session_part import FLEET
-from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.workers.ray_engine import connected
-from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 
 CONNECT_S = 15.0
@@ -51,7 +46,7 @@ def run_fleet(
     scene: Scene, ray_address: str | None, metrics: str | None, page: str | None, **asked: Any
 ) -> int:
     """Run a scene over many workers until it ends or is stopped; the exit code."""
-    as_json, speed, cells = asked.pop("as_json"), asked.pop("speed"), asked.pop("cells")
+    as_json, speed = asked.pop("as_json"), asked.pop("speed")
     broker = asked.pop("broker") or scene.outgoing.broker
     check_fleet(scene, broker, speed)
     if page is not None:
@@ -60,7 +55,6 @@ def run_fleet(
         broker=broker,
         is_simulated=speed == FASTEST,
         duration_s=asked.pop("duration") or scene.scene.duration_s,
-        cells=USUAL_RESOLUTION if cells == "" else cells and int(cells),
         **asked,
     )
     if settings.record is not None:
@@ -167,8 +161,6 @@ async def _heard(scene: Scene, broker: str | None) -> tuple[dict[str, Any], dict
 
     def take(topic: str, payload: bytes, _content_type: str | None) -> None:
         name = topic.removeprefix(f"{root}/")
-        if topic == f"{scene.mqtt.prefix}/{CONTROL}":
-            return
         try:
             heard[name] = told_in(payload, of_part=topic != root)
         except PlotfeedError as error:
@@ -209,25 +201,6 @@ def _status_lines(told: dict[str, Any], parts: dict[str, Any]) -> Iterator[str]:
         rows.append([*who, str(row["epoch"]), plots, missed, late, until])
     yield from aligned(rows, "<><<>>>>")
     yield from map(gap_words, told["gaps"])
-
-
-def ask_to_scale(scene: Scene, broker: str | None, workers: int) -> int:
-    """Ask the fleet on a scene's prefix to share its sensors out anew; the exit code."""
-    asyncio.run(_ask(scene, broker, workers))
-    say(f"asked for {workers} workers; plotfeed fleet status says when it is so")
-    return 0
-
-
-async def _ask(scene: Scene, broker: str | None, workers: int) -> None:
-    payload = json.dumps({"workers": workers}).encode()
-    asked_workers(payload)
-    await _heard(scene, broker)  # there must be a fleet
-    link = MqttTransport(_address(scene, broker), "plotfeed-fleet-scale")
-    async with link.connected(CONNECT_S):
-        clock = WallClock()
-        message = Message(f"{scene.mqtt.prefix}/{CONTROL}", payload, JSON, clock.now_ns(), qos=1)
-        link.publish(Delivery(message, clock, 1))
-        await link.drain(CONNECT_S)
 
 
 def _address(scene: Scene, broker: str | None) -> Any:

@@ -1,4 +1,4 @@
-"""Who owns which sensor of a fleet: parts to workers, leases, take-overs, and new partitions."""
+"""Who owns which sensor of a fleet: parts to workers, leases and take-overs."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable
 from typing import Any
 from uuid import uuid4
 
-from plotfeed.feeds.fleet.cells import filters_of
 from plotfeed.feeds.fleet.fleet_parts import (
     COUNTED,
     FleetSettings,
-    Gap,
     Gaps,
     PartHeld,
     Worker,
@@ -23,17 +21,9 @@ from plotfeed.feeds.fleet.fleet_parts import (
     or_not,
 )
 from plotfeed.feeds.fleet.lease import PATIENCE_S, LeaseBook
-from plotfeed.feeds.fleet.part_server import (
-    BEGINNING,
-    MARGIN_NS,
-    TAKING_OVER,
-    WHEN_TOLD,
-    PartOrder,
-)
+from plotfeed.feeds.fleet.part_server import BEGINNING, TAKING_OVER, PartOrder
 from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.outputs import NO_BROKER, broker_address
-from plotfeed.feeds.transport.leased import cut_off
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, whole_second_ns
 
@@ -41,8 +31,6 @@ log = logging.getLogger(__name__)
 
 LEAD_NS = 2 * NS
 """From the order to begin until the scene begins."""
-CUT_NS = 3 * NS // 2
-"""From the order to hand over until it is done."""
 AGAIN_S = 1.0
 
 
@@ -59,7 +47,7 @@ class Coordinator:
         self.id = f"plotfeed-{uuid4().hex[:8]}"
         self.parts: list[PartHeld] = []
         self.gaps = Gaps()
-        self.takeovers = self.generation = 0
+        self.takeovers = 0
         self.began_utc_ns = 0
         self.counts: dict[str, int] = {}
         """Of parts that have ended."""
@@ -70,7 +58,6 @@ class Coordinator:
         self._idle: list[Worker] = []
         self._keepers: dict[str, asyncio.Task[None]] = {}
         self._aside: set[asyncio.Task[None]] = set()
-        self._changing = asyncio.Lock()
 
     @property
     def now_utc_ns(self) -> int:
@@ -88,10 +75,11 @@ class Coordinator:
         self.began_utc_ns = self.scene.scene.start_utc_ns or self._began_world_ns
         ramp_ns = round(settings.ramp_up_s * NS / len(found))
         self.parts = [
-            self._part(i, sensors, BEGINNING, self.began_utc_ns + i * ramp_ns)
+            PartHeld(str(i), sensors, i == 0, BEGINNING, self.began_utc_ns + i * ramp_ns)
             for i, sensors in enumerate(found)
         ]
-        self._keep_all(self.parts)
+        for part in self.parts:
+            self._keepers[part.name] = asyncio.create_task(self._keep(part), name=part.name)
         stopping = asyncio.create_task(stop.wait())
         try:
             while self._keepers:
@@ -106,45 +94,6 @@ class Coordinator:
             for task in rest:
                 task.cancel()
             await asyncio.gather(*rest, return_exceptions=True)
-
-    async def scale(self, workers: int) -> None:
-        """Share the sensors out anew to so many workers, with no gap; raises `PlotfeedError`."""
-        if self.settings.is_simulated:
-            raise PlotfeedError("fleet: simulated time is too fast for sensors to change hands")
-        async with self._changing:
-            self.generation += 1
-            old, found = self.parts, partition(self.scene, workers)
-            others = [part.worker for part in old if part.worker is not None]
-            self.parts = [self._part(i, s, WHEN_TOLD, 0) for i, s in enumerate(found)]
-            for part, worker in zip(self.parts, others, strict=False):
-                part.worker = worker
-            self._keep_all(self.parts)
-            await asyncio.gather(*(part.is_ready.wait() for part in self.parts))
-            at_ns = whole_second_ns(self.now_utc_ns + CUT_NS)
-            ends_ns = await asyncio.gather(*(self._hand_over(part, at_ns) for part in old))
-            at_ns = max([at_ns, *ends_ns])
-            for part, end_ns in zip(old, ends_ns, strict=True):
-                if end_ns < at_ns:
-                    self.gaps.append(
-                        Gap(part.name, part.sensors, "handed over late", end_ns, at_ns)
-                    )
-            for part in self.parts:
-                part.joins, part.joins_utc_ns = TAKING_OVER, at_ns
-                if part.worker is not None:
-                    join = part.worker.join_at(part.key, at_ns)
-                    await or_not(join, self.settings.lease_s)
-            leaving = [self._keepers[part.name] for part in old if part.name in self._keepers]
-            await asyncio.gather(*leaving, return_exceptions=True)
-            self._idle += [w for w in others[len(found) :] if w not in self._idle]
-            self._let_go()
-            self.on_change()
-
-    def _part(self, i: int, sensors: tuple[str, ...], joins: str, at_utc_ns: int) -> PartHeld:
-        return PartHeld(f"{self.generation}-{i}", sensors, i == 0, joins, at_utc_ns)
-
-    def _keep_all(self, parts: Iterable[PartHeld]) -> None:
-        for part in parts:
-            self._keepers[part.name] = asyncio.create_task(self._keep(part), name=part.name)
 
     async def _stop_all(self) -> None:
         """End every part; one of a worker that does not answer ends without."""
@@ -167,10 +116,8 @@ class Coordinator:
             serving = asyncio.create_task(worker.serve(order))
             works = [self._renew(part, worker, order), self._book.ended(part.name)]
             beside = [asyncio.create_task(each) for each in works]
-            if order.joins == WHEN_TOLD:
-                beside.append(asyncio.create_task(self._note_ready(part, worker)))
             try:
-                watched = {serving} if order.is_simulated else {serving, *beside[:2]}
+                watched = {serving} if order.is_simulated else {serving, *beside}
                 await asyncio.wait(watched, return_when=asyncio.FIRST_COMPLETED)
             except asyncio.CancelledError:
                 serving.cancel()
@@ -225,7 +172,7 @@ class Coordinator:
         if not part.joined_utc_ns:  # a machine that is too slow for one is no faster for the next
             await asyncio.sleep(AGAIN_S)
         part.worker = None
-        if part.joins == BEGINNING and not order.is_simulated:
+        if not order.is_simulated:
             part.joins = TAKING_OVER
         self.on_change()
 
@@ -251,13 +198,6 @@ class Coordinator:
         self.gaps.end(part)
         self.on_change()
 
-    async def _note_ready(self, part: PartHeld, worker: Worker) -> None:
-        with contextlib.suppress(WorkerDiedError):
-            await worker.ready(part.key)
-            part.is_ready.set()
-            if part.joins == TAKING_OVER:  # the others have been told meanwhile
-                await worker.join_at(part.key, part.joins_utc_ns)
-
     async def _refuse_when_awake(
         self, worker: Worker, key: str, serving: asyncio.Task[dict[str, Any]]
     ) -> None:
@@ -270,27 +210,6 @@ class Coordinator:
         log.warning("worker %s is back, and waits for another part", worker.name)
         self._idle.append(worker)
         self._let_go()
-
-    async def _hand_over(self, part: PartHeld, at_utc_ns: int) -> int:
-        """Have a part end: when it does. One that does not answer is cut off first."""
-        part.leaving = True
-        try:
-            if part.worker is None:
-                raise WorkerDiedError
-            async with asyncio.timeout(self.settings.lease_s):
-                return await part.worker.hand_over(part.key, at_utc_ns) or at_utc_ns
-        except (WorkerDiedError, TimeoutError):
-            await asyncio.sleep(max(self._book.left_s(part.name), 0.0))
-            await self._cut_off(f"{self.id}-{part.name}")
-            end_utc_ns = self.now_utc_ns + MARGIN_NS
-            told, since_ns = "did not hand over", part.sent_until_utc_ns
-            self.gaps.append(Gap(part.name, part.sensors, told, since_ns, end_utc_ns))
-            return end_utc_ns
-
-    async def _cut_off(self, client_id: str) -> None:
-        if self.settings.broker != NO_BROKER:
-            url = self.settings.broker or self.scene.outgoing.broker or ""
-            await cut_off(broker_address(self.scene, url), client_id)
 
     async def _a_worker(self) -> Worker:
         """One that waits, or a new one; another is started in its place."""
@@ -323,10 +242,10 @@ class Coordinator:
         task.add_done_callback(self._aside.discard)
 
     def _order(self, part: PartHeld) -> PartOrder:
-        settings, scene = self.settings, self.scene
+        settings = self.settings
         record = settings.record and settings.record / f"{part.name}.{part.epoch}.mcap"
         return PartOrder(
-            scene=scene,
+            scene=self.scene,
             name=part.name,
             epoch=part.epoch,
             sensors=part.sensors,
@@ -340,6 +259,5 @@ class Coordinator:
             broker=settings.broker,
             duration_s=settings.duration_s,
             is_simulated=settings.is_simulated,
-            telemetry=filters_of(scene, part.sensors, part.leads, settings.cells),
             record=record,
         )

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from collections import deque
 from collections.abc import Awaitable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -40,15 +40,6 @@ class Worker(Protocol):
     async def refused(self, key: str) -> None:
         """Let it send nothing more."""
 
-    async def ready(self, key: str) -> int:
-        """Return when it has caught up."""
-
-    async def join_at(self, key: str, t_utc_ns: int) -> None:
-        """Let it send what ends after that time."""
-
-    async def hand_over(self, key: str, at_utc_ns: int) -> int:
-        """Let it send nothing that ends after a time, which it says."""
-
     async def stop(self, key: str) -> None:
         """End a part."""
 
@@ -72,8 +63,6 @@ class FleetSettings:
     """A folder."""
     ramp_up_s: float = 0.0
     """Over which parts begin one after another."""
-    cells: int | None = None
-    """Resolution of the cells by which telemetry is shared out; None for all to all."""
 
 
 @dataclass(slots=True)
@@ -139,8 +128,7 @@ class PartHeld:
     joined_utc_ns: int = 0
     epoch: int = 0
     leaving: bool = False
-    """Others have its sensors soon: nobody takes it over."""
-    is_ready: asyncio.Event = field(default_factory=asyncio.Event)
+    """The fleet ends: nobody takes it over."""
 
 
 COUNTED = ("looks", "plots", "false_alarms", "messages", "undelivered", "missed_scans")

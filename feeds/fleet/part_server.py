@@ -25,12 +25,12 @@ from plotfeed.feeds.session.session import Session, run_over
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.utc import NS, whole_second_ns
+from plotfeed.proto.utc import NS
 
 MARGIN_NS = NS // 20
 """By which who takes over begins after now: so much may clocks of hosts differ."""
-BEGINNING, TAKING_OVER, WHEN_TOLD = "beginning", "taking over", "when told"
-"""How a worker joins: when the part begins, as soon as it can, or at a time that it is told."""
+BEGINNING, TAKING_OVER = "beginning", "taking over"
+"""How a worker joins: when the part begins, or as soon as it can."""
 
 
 class PartFailedError(PlotfeedError):
@@ -65,8 +65,7 @@ class PartOrder:
     duration_s: float | None = None
     """Of the scene."""
     is_simulated: bool = False
-    """As fast as it can; then nobody can hand over."""
-    telemetry: tuple[str, ...] | None = None
+    """As fast as it can."""
     record: Path | None = None
     """A file."""
 
@@ -96,10 +95,7 @@ class _Served(Observer):
     def __init__(self, lease_s: float) -> None:
         self.lease = WorkerLease(lease_s)
         self.stop = asyncio.Event()
-        self.ready: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-        self.joins_at: asyncio.Future[int] = asyncio.get_running_loop().create_future()
         self.session: Session | None = None
-        self.ends_at: int | None = None
 
     def begun(self, session: RunningSession) -> None:
         """The part sends from now on."""
@@ -109,7 +105,7 @@ class _Served(Observer):
 
 @dataclass
 class PartServer:
-    """Runs parts, several at a time while sensors change hands."""
+    """Runs parts, one at a time unless another is handed to it."""
 
     name: str = field(default_factory=lambda: f"{socket.gethostname()}:{os.getpid()}")
     _quiet: ExitStack = field(default_factory=ExitStack)
@@ -128,6 +124,12 @@ class PartServer:
         served = _Served(order.lease_s)
         self._served[order.key].set_result(served)
         clock, file = _clock_of(order), order.record
+
+        async def join(_caught_up_until_utc_ns: int) -> int:
+            if order.joins == BEGINNING:
+                return order.joins_utc_ns
+            return max(clock.now_ns() + MARGIN_NS, order.joins_utc_ns)
+
         part = SessionPart(
             name=order.name,
             sensors=order.sensors,
@@ -136,8 +138,7 @@ class PartServer:
             client_id=f"{order.fleet}-{order.name}",
             wills=order.fleet,
             lease=None if order.is_simulated else served.lease,
-            telemetry=order.telemetry,
-            join=lambda until_ns: _join(order, served, clock, until_ns),
+            join=join,
             told={"worker": self.name, "epoch": order.epoch},
         )
         began_s = time.process_time()
@@ -168,12 +169,10 @@ class PartServer:
             raise PartFailedError(str(error)) from None
         finally:
             watch.cancel()
-            served.ready.cancel()
             del self._served[order.key]
         counts = ("looks", "plots", "false_alarms", "messages", "undelivered", "missed_scans")
         return {
             "lost": served.lease.lost,
-            "ends_at": served.ends_at,
             "not_sent": served.session.ticks.take_not_sent() if served.session else {},
             "processor_s": time.process_time() - began_s,
             **{name: getattr(totals, name) for name in counts},
@@ -200,29 +199,6 @@ class PartServer:
             served.lease.lose()
             served.stop.set()
 
-    async def ready(self, key: str) -> int:
-        """Return when a worker that joins when told has caught up: until when, UTC."""
-        served = await self._served[key]
-        return await asyncio.shield(served.ready)
-
-    async def join_at(self, key: str, t_utc_ns: int) -> None:
-        """Send what ends after that time."""
-        if (served := self._of(key)) is not None and not served.joins_at.done():
-            served.joins_at.set_result(t_utc_ns)
-
-    async def hand_over(self, key: str, at_utc_ns: int) -> int:
-        """Send nothing that ends after that time, or after a later one that this says."""
-        served = self._of(key)
-        if served is None:
-            return 0
-        if served.session is None:
-            served.stop.set()  # it has sent nothing yet
-            return 0
-        second_ns = whole_second_ns(served.session.clock.now_ns() + MARGIN_NS)
-        served.ends_at = max(at_utc_ns, second_ns)
-        served.session.hand_over(served.ends_at)
-        return served.ends_at
-
     async def stop(self, key: str) -> None:
         """End a part, and say so."""
         if (served := self._of(key)) is not None:
@@ -231,17 +207,6 @@ class PartServer:
     def _of(self, key: str) -> _Served | None:
         found = self._served.get(key)
         return found.result() if found is not None and found.done() else None
-
-
-async def _join(order: PartOrder, served: _Served, clock: Clock, until_utc_ns: int) -> int:
-    """When to begin to send, as the order has it."""
-    if order.joins == BEGINNING:
-        return order.joins_utc_ns
-    if order.joins == TAKING_OVER:
-        return max(clock.now_ns() + MARGIN_NS, order.joins_utc_ns)
-    if not served.ready.done():
-        served.ready.set_result(until_utc_ns)
-    return await served.joins_at
 
 
 async def _stop_when_forgotten(served: _Served, order: PartOrder) -> None:

@@ -25,7 +25,7 @@ from plotfeed.feeds.scene.report_formats import CUE_TOPIC
 from plotfeed.feeds.scene.sensors.mount_keys import CueError
 from plotfeed.feeds.session.observer import Input, SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask
-from plotfeed.feeds.session.session_part import SharedInputs, plain_topic
+from plotfeed.feeds.session.session_part import SharedInputs
 from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.timing.clock import WallClock
@@ -59,7 +59,6 @@ class SessionInputs:
         """
         self._others = frozenset[str]() if shared is None else shared.others
         self._leads = shared is None or shared.leads
-        self._own_filters = None if shared is None else shared.telemetry
         self._reports = FairQueue()
         self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
         self._engine, self._telemetry = engine, engine.telemetry
@@ -86,8 +85,7 @@ class SessionInputs:
         """What there is to subscribe to."""
         prefix = self._control_topic.rpartition("/")[0]
         inboxes = [f"{prefix}/+{end}" for end in self._inbox_ends]
-        filters = [self._telemetry.topic] if self._own_filters is None else self._own_filters
-        return [*filters, self._control_topic, *inboxes]
+        return [self._telemetry.topic, self._control_topic, *inboxes]
 
     def __len__(self) -> int:
         """How many messages wait."""
@@ -106,8 +104,6 @@ class SessionInputs:
 
     def queue(self, topic: str, payload: bytes, content_type: str | None) -> None:
         """Let wait what has come in, or drop it if too much of its topic waits already."""
-        if self._own_filters is not None:
-            topic = plain_topic(topic)
         queue = self._commands if self._is_command(topic) else self._reports
         queue.put(topic, payload, content_type)
 

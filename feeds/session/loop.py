@@ -78,7 +78,6 @@ class SessionLoop:
         self._later_ns: int | None = None
         """When the turn of what waits comes; it has come at the end."""
         self._is_turn_of_later = False
-        self._end_ns: int | None = None
 
     def wait_for(self, transports: Sequence[WaitingTransport]) -> None:
         """Wait for these whenever they are full, and with them all sensors."""
@@ -105,18 +104,11 @@ class SessionLoop:
             if self._stands_still():
                 self._clock.wake()
 
-    def end_at(self, end_ns: int) -> None:
-        """Let work end then; what is due by then is still done."""
-        self._end_ns = end_ns
-        self._clock.wake()
-
     async def work(self, end_ns: int | None) -> None:
         """Do everything that is due until then, each thing at its time."""
-        if self._end_ns is None:
-            self._end_ns = end_ns
         drain_ns = self._clock.now_ns()
         while True:
-            due_ns, end_ns = self.schedule.next_due_ns(), self._end_ns
+            due_ns = self.schedule.next_due_ns()
             if due_ns is None or (end_ns is not None and due_ns > end_ns):
                 if end_ns is None:
                     return

@@ -266,16 +266,10 @@ class Outputs:
             if isinstance(wills, LeasedWills):
                 wills.place()
 
-    def forget_wills(self, *, now: bool = False) -> None:
-        """All that there is to say at the end is said: no broker shall say that all have died.
-
-        With `now`, others may place theirs at once.
-        """
+    def forget_wills(self) -> None:
+        """All that there is to say at the end is said: no broker shall say that all have died."""
         for wills in self._last_wills:
-            if isinstance(wills, LeasedWills):
-                wills.forget(now=now)
-            else:
-                wills.forget()
+            wills.forget()
 
     def give_up(self) -> None:
         """Settle what brokers have not taken by now, which the session's end leaves undelivered."""

@@ -42,8 +42,6 @@ class SessionPresence:
         """Of this run of the scene; simulated time gives the same octets at every run."""
         self.topic = f"{scene.mqtt.prefix}/session"
         self._scene, self._clock, self._totals, self._publish = scene, clock, totals, publish
-        self.hands_over = False
-        """Others have its sensors from now on: not so where it has all of the scene's."""
         self._start_ns: int | None = None
         self._speed_told = 1.0
         self._echoed = False

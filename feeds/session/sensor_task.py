@@ -77,11 +77,9 @@ class SensorTask:
             self.outbox.send_past_link(*self._announcer.opening(now_utc_ns))
             self._plan_announcement(now_utc_ns + self._announcer.every_ns, self._announcer)
 
-    def end(self, *, says_so: bool = True) -> None:
-        """Say that the sensor is no longer there, unless others have it."""
+    def end(self) -> None:
+        """Say that the sensor is no longer there."""
         self.outbox.end()
-        if not says_so:
-            return
         if self._announcer is not None:
             now_ns = self._context.clock.now_ns()
             self.outbox.send_past_link(*self._announcer.closing(now_ns))

@@ -250,12 +250,6 @@ class Session:
                     for task in running:
                         task.cancel()
 
-    def hand_over(self, at_utc_ns: int) -> None:
-        """Send what ends by that time, and leave the sensors to others, who send what follows."""
-        self._presence.hands_over = True
-        self._loop.end_at(at_utc_ns)
-        self._outputs.forget_wills(now=True)
-
     async def _connected(self) -> None:
         for transport in self._outputs.connected:
             await transport.wait_until_up(FIRST_CONNECTION_S)
@@ -328,7 +322,7 @@ class Session:
     async def _farewell(self, sensors: Sequence[asyncio.Task[None]]) -> None:
         """Mark every sensor offline, let the sockets empty, and write what became of the rest."""
         for sensor_task in self.sensor_tasks.values():
-            sensor_task.end(says_so=not self._presence.hands_over)
+            sensor_task.end()
         if self._cooperative is not None:
             self._cooperative.outbox.end()
         self._presence.end()

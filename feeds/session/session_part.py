@@ -20,21 +20,13 @@ from plotfeed.proto.utc import NS, iso_utc
 
 FLEET = "fleet"
 """Level of topics behind the prefix."""
-CELL = "telemetry/cell"
-"""Levels behind the prefix, before a cell and a drone: telemetry that is shared out by area."""
 STATUS_EVERY_NS = 2 * NS
-RUNNING, HANDED_OVER, ENDED, DIED = "RUNNING", "HANDED_OVER", "ENDED", "DIED"
+RUNNING, ENDED, DIED = "RUNNING", "ENDED", "DIED"
 
 
 async def join_at_once(caught_up_until_utc_ns: int) -> int:
     """Sectors that end after what is caught up with are sent."""
     return caught_up_until_utc_ns
-
-
-def plain_topic(topic: str) -> str:
-    """The topic on which a drone reports, of one with the drone's cell."""
-    root, _, rest = topic.partition(f"/{CELL}/")
-    return f"{root}/telemetry/{rest.partition('/')[2]}" if rest else topic
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +37,6 @@ class SharedInputs:
     """Sensors that other sessions run: those answer what is asked of them."""
     leads: bool
     """Whether it tells of what is refused, for all."""
-    telemetry: tuple[str, ...] | None
-    """Topic filters of the telemetry that it takes in; None for all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +56,6 @@ class SessionPart:
     """How client ids of its last wills begin, whoever runs its sensors; empty for any."""
     lease: Lease | None = None
     """Without which it sends nothing; None where nobody else can have these sensors."""
-    telemetry: tuple[str, ...] | None = None
-    """Topic filters under which the telemetry comes that its sensors need; None for all."""
     join: Callable[[int], Awaitable[int]] = join_at_once
     """Given until when sectors have been worked out again, returns the time up to which others
     send, so that this one sends what ends after it."""
@@ -85,7 +73,7 @@ class SessionPart:
     def inputs_of(self, scene: Scene) -> SharedInputs:
         """How it deals with what all sessions of the scene hear."""
         every = frozenset(sensor.id for sensor in scene.sensor)
-        return SharedInputs(every - frozenset(self.sensors), self.leads, self.telemetry)
+        return SharedInputs(every - frozenset(self.sensors), self.leads)
 
 
 class PartPresence:
@@ -96,8 +84,6 @@ class PartPresence:
     ) -> None:
         self.topic = f"{context.scene.mqtt.prefix}/{FLEET}/{part.name}"
         self._part, self._context, self._publish = part, context, publish
-        self.hands_over = False
-        """Others have its sensors from now on."""
         self._since_utc_ns, self._will = 0, b""
 
     def begin(self, start_utc_ns: int) -> None:
@@ -108,11 +94,11 @@ class PartPresence:
 
     def end(self) -> None:
         """The session has come to its end."""
-        self._say(HANDED_OVER if self.hands_over else ENDED)
+        self._say(ENDED)
 
     def hear(self, payload: bytes) -> None:
         """Say again that it runs, where a lost connection let a broker say that it died."""
-        if self._since_utc_ns and payload == self._will and not self.hands_over:
+        if self._since_utc_ns and payload == self._will:
             self._say(RUNNING)
 
     def complain_if_unheard(self) -> None:

@@ -13,7 +13,6 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection
 from plotfeed.feeds.transport.mqtt.last_wills import LastWills
 
-CUT_OFF_S = 5.0
 NO_LEASE = "no lease"
 """What the ledger calls where such a message did not get."""
 
@@ -117,30 +116,7 @@ class LeasedWills(LastWills):
         """Place them from now on."""
         self._may_place = True
 
-    def forget(self, *, now: bool = False) -> None:
-        """Let no will be published any more; with `now`, let others place theirs."""
-        super().forget()
-        if now:
-            self._may_place = False
-            for connection in [*self._up.values()]:
-                connection.end()
-
     async def _connect_missing(self) -> bool:
         if not self._may_place or not self._lease.holds:
             return True
         return await super()._connect_missing()
-
-
-class _Always:
-    """The lease of who grants leases."""
-
-    holds = True
-
-    async def renewed(self) -> None:
-        """Return at once."""
-
-
-async def cut_off(address: BrokerAddress, client_id: str) -> None:
-    """Have a broker cut off whoever is connected with that client id; raises `MqttError`."""
-    async with LeasedLink(address, client_id, _Always()).connected(CUT_OFF_S):
-        pass

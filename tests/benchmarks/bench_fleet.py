@@ -6,8 +6,8 @@ Plots a second are of a scene of radars in simulated time, without broker or led
 processor time of the worker that takes most, as if each had a core of its own, however busy this
 machine is, and by the clock. A run of a worker has its start in it, a quarter of a second or so.
 Take-overs are of a fleet in real time over mosquitto, whose worker gets SIGKILL or SIGSTOP: what
-nobody sends. What a worker pays for telemetry is processor time a second, with and without cells,
-by how many drones report in all.
+nobody sends. What a worker pays for telemetry is processor time a second, by
+how many drones report in all.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ def cores_of(pid: int) -> float:
     return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def telemetry_cost(folder: Path, drones: int, *cells: str) -> float:
+def telemetry_cost(folder: Path, drones: int) -> float:
     """Cores of the worker of one sensor of two that are far apart; most drones are elsewhere."""
     port = free_port()
     sensors = "".join(
@@ -238,7 +238,7 @@ def telemetry_cost(folder: Path, drones: int, *cells: str) -> float:
         for name, east_m in (("here", 0.0), ("there", 200_000.0))
     )
     path = scene_file(folder, scene_text(sensors=sensors, drones=""))
-    words = ("--workers", "2", "--lease", "10", *cells)
+    words = ("--workers", "2", "--lease", "10")
     with mosquitto(folder, port), fleet(path, port, *words) as at_work:
         at_work.wait(lambda: at_work.sends(2, 0), "it never began")
         elsewhere = str(HERE / "bench_scaling.py")
@@ -270,14 +270,11 @@ def main() -> None:
     found = f"{spread(gaps['killed'])} scans of 1 s, {KILLS} kills"
     print(aim("a dead worker's sensors are taken over", f"under {MOST_SCANS:g} scans", found,
               is_met=met))  # fmt: skip
-    print("\n| drones that report elsewhere, 10 Hz | all to all, cores | by cells, cores |")
-    print("|--:|--:|--:|")
+    print("\n| drones that report elsewhere, 10 Hz | cores of a worker |")
+    print("|--:|--:|")
     for drones in TOTALS:
-        costs = []
-        for cells in ((), ("--cells", "6")):
-            with tempfile.TemporaryDirectory() as name:
-                costs.append(telemetry_cost(Path(name), drones, *cells))
-        print(f"| {drones} | {costs[0]:.3f} | {costs[1]:.3f} |")
+        with tempfile.TemporaryDirectory() as name:
+            print(f"| {drones} | {telemetry_cost(Path(name), drones):.3f} |")
     print("\nA worker flies all drones of its scene, also those that are out of reach of all its")
     print(f"sensors, here {RADARS // 2} radars:\n")
     print("| scripted drones out of reach | core of the worker | times none |\n|--:|--:|--:|")

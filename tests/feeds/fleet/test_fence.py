@@ -16,7 +16,7 @@ from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.feeds.transport.leased import NO_LEASE, LeasedLink, LeasedTransport, cut_off
+from plotfeed.feeds.transport.leased import NO_LEASE, LeasedLink, LeasedTransport
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -73,22 +73,6 @@ async def test_the_next_holder_cuts_off_the_last_which_comes_back_by_a_new_lease
                     first.grant()
                     await until(lambda: old.is_up and not new.is_up)
                 assert [m.payload for m in client.heard] == [b"in time"]
-
-
-@every_broker
-@pytest.mark.asyncio
-async def test_whoever_grants_leases_can_have_a_broker_cut_somebody_off(
-    tmp_path: Path, start: Start
-) -> None:
-    port = free_port()
-    with start(tmp_path, port):
-        address, grant = BrokerAddress("127.0.0.1", port, (5,)), Grant()
-        link = LeasedLink(address, "part-0", grant)
-        async with link.connected(PATIENCE_S):
-            grant.withhold()
-            await cut_off(address, "part-0")
-            await until(lambda: not link.is_up)
-            await until(lambda: grant.wanted == 2)
 
 
 class Kept:

@@ -62,7 +62,7 @@ def test_workers_of_ray_record_what_one_process_sends(tmp_path: Path) -> None:
 
 
 def test_none_is_sent_twice_whatever_becomes_of_workers(tmp_path: Path) -> None:
-    """One is frozen, given up and wakes; one is killed; then sensors change hands."""
+    """One is frozen, given up and wakes; one is killed."""
     port = free_port()
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS, drones=DRONE))
     names = [sensor.id for sensor in load(scene).sensor]
@@ -86,23 +86,16 @@ def test_none_is_sent_twice_whatever_becomes_of_workers(tmp_path: Path) -> None:
         at_work.wait(lambda: "died" in at_work.errors(), "nobody saw that one was killed")
         at_work.wait(lambda: at_work.sends(2, 2), "nobody took over from who was killed")
         at_work.heard_of(names)
-        before = len(at_work.client.heard)
-        asked = plotfeed("fleet", "scale", "3", scene, "--broker", broker)
-        assert asked.returncode == 0, asked.stderr
-        at_work.wait(lambda: at_work.sends(3, 2), "it never had three parts")
-        at_work.heard_of(names)
         told = plotfeed("fleet", "status", scene, "--broker", broker, "--json")
         assert told.returncode == 0, told.stderr
-        assert len(json.loads(told.stdout)["parts"]) == 3
+        assert len(json.loads(told.stdout)["parts"]) == 2
         assert "take-overs" in plotfeed("fleet", "status", scene, "--broker", broker).stdout
         gaps = at_work.health()["gaps"]
         code, duration_s = at_work.end()
         assert code == 0, at_work.errors()
         assert "Traceback" not in at_work.errors()
     verdict = at_work.verdict(duration_s + 10)
-    assert (verdict.twice, verdict.foreign_topics) == (0, set())
-    # Who hands over and who joins send over two connections, each in its order.
-    assert at_work.verdict(duration_s + 10, first=before).disordered == 0
+    assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
     assert verdict.heard > 50
     assert {gap["why"].partition(" ")[2] for gap in gaps} >= {"died"}
     last = {m.topic: m for m in at_work.client.heard if m.topic.endswith("/status")}
@@ -125,7 +118,7 @@ def test_there_is_no_fleet_where_none_says_so(tmp_path: Path) -> None:
     [
         ([], "a fleet needs a broker"),
         (["--broker", "none", "--ray", "127.0.0.1:1"], "Ray at 127.0.0.1:1 does not answer"),
-        (["extra"], "expected SCENE, status SCENE, or scale N SCENE"),
+        (["extra"], "expected SCENE, or status SCENE"),
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(tmp_path: Path, words: list[str], says: str) -> None:

@@ -25,7 +25,7 @@ FLEET = {
             "epoch": 1,
             "sent_until_utc": "2026-01-01T12:00:00Z",
         }
-        for name in ("0-0", "0-1")
+        for name in ("0", "1")
     ],
     "gaps": [],
 }
@@ -39,8 +39,8 @@ STATUS = {"state": "RUNNING", "plots": 12_345, "missed_scans": 0, "lateness_p99_
         ({"": "rubbish"}, ["plotfeed/fleet is left out", "no fleet says on plotfeed/fleet"], 1),
         ({"": {**FLEET, "parts": [{}]}}, ["parts[0].part", "no fleet says"], 1),
         ({"": {**FLEET, "gaps": 3}}, ["gaps", "no fleet says"], 1),
-        ({"": FLEET, "/0-0": STATUS, "/0-1": [1]}, ["plotfeed/fleet/0-1 is left out"], 0),
-        ({"": FLEET, "/0-0": STATUS, "/0-1": {"plots": "x"}}, ["fleet/0-1 is left out"], 0),
+        ({"": FLEET, "/0": STATUS, "/1": [1]}, ["plotfeed/fleet/1 is left out"], 0),
+        ({"": FLEET, "/0": STATUS, "/1": {"plots": "x"}}, ["fleet/1 is left out"], 0),
     ],
 )
 def test_what_a_broker_keeps_that_no_fleet_said_is_told_of_and_the_rest_is_shown(
@@ -59,4 +59,4 @@ def test_what_a_broker_keeps_that_no_fleet_said_is_told_of_and_the_rest_is_shown
         assert words in line
     if not code:
         assert "12345" in done.stdout
-        assert "0-1" in done.stdout
+        assert "\n1 " in done.stdout

@@ -12,8 +12,8 @@ from support.sessions import AtWork, StallingClock
 
 from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.session.observer import Observer, RunningSession, Tap
-from plotfeed.feeds.session.session import Session, run_over
+from plotfeed.feeds.session.observer import Tap
+from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock
 
@@ -21,19 +21,8 @@ DURATION_S = 8.0
 EVERY = tuple(sensor.id for sensor in mixed().sensor)
 
 
-class HandsOver(Observer):
-    """Has a session hand over as soon as it sends."""
-
-    def __init__(self, at_ns: int) -> None:
-        self._at_ns = at_ns
-
-    def begun(self, session: RunningSession) -> None:
-        assert isinstance(session, Session)
-        session.hand_over(self._at_ns)
-
-
 def part_flown(sensors: tuple[str, ...], joins_ns: int, ends_ns: int | None) -> list[Message]:
-    """What a session sends that joins at one time, and hands over at another."""
+    """What a session sends that joins at one time, and ends at another."""
     messages: list[Message] = []
 
     async def join(caught_up_ns: int) -> int:
@@ -48,8 +37,8 @@ def part_flown(sensors: tuple[str, ...], joins_ns: int, ends_ns: int | None) -> 
             ([], {}),
             mixed(),
             clock=clock,
-            duration_s=DURATION_S,
-            observers=[tap, *([] if ends_ns is None else [HandsOver(ends_ns)])],
+            duration_s=DURATION_S if ends_ns is None else (ends_ns - START_NS) / NS,
+            observers=[tap],
             part=part,
         )
     )
@@ -64,7 +53,7 @@ def test_what_follows_is_what_one_session_would_have_sent(at_s: float) -> None:
     assert found == whole
 
 
-def test_what_hands_over_and_what_joins_send_together_all_and_nothing_twice() -> None:
+def test_what_ends_and_what_joins_then_send_together_all_and_nothing_twice() -> None:
     at_ns = START_NS + 4 * NS
     whole = by_topic(fly(mixed(), DURATION_S).messages)
     before = [by_topic(part_flown(sensors, START_NS, at_ns)) for sensors in partition(mixed(), 2)]
@@ -74,13 +63,6 @@ def test_what_hands_over_and_what_joins_send_together_all_and_nothing_twice() ->
         for topic, payloads in part.items():
             found[topic] = found.get(topic, []) + payloads
     assert found == whole
-
-
-def test_who_hands_over_does_not_say_that_its_sensors_are_offline() -> None:
-    for ends_ns, state in ((None, "OFFLINE"), (START_NS + NS, "ONLINE")):
-        told = part_flown(EVERY[:1], START_NS, ends_ns)
-        statuses = [m for m in told if m.topic.endswith(f"{EVERY[0]}/status")]
-        assert f'"{state}"'.encode() in statuses[-1].payload
 
 
 @pytest.mark.parametrize("stall_s", [0.4, 2.6])
