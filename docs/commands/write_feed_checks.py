@@ -5,7 +5,8 @@ python docs/commands/write_feed_checks.py [faults] [scenes]
 Faults: the radars of examples/scenes/feed-faults.toml, a hundred of each with draws of their own,
 in simulated time; a minute and a half of processor time. Scenes: every scene that comes with
 plotfeed or is an example, each a session of a minute with 20 seeds, judged from its recording and
-by the score that runs beside it; six minutes of processor time.
+by the score that runs beside it; six minutes of processor time, on
+as many processes as there are cores.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import platform
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -164,21 +167,25 @@ def write_faults() -> None:
 
 def write_scenes() -> None:
     """Count the wrong verdicts on every scene, live and recorded, and write the table."""
-    rows, sums = [], {"recorded": 0, "live": 0}
-    for path in SCENES:
-        name, called, cells, named = path.stem, set(), [], []
-        found = [scene_verdicts(path, seed, SCENE_S) for seed in range(1, SCENE_SEEDS + 1)]
-        for way in sums:
-            of_way = [getattr(each, way) for each in found]
-            wrong = [of_right_feeds(name, each) for each in of_way]
-            count = sum(map(bool, wrong))
-            called.update(*wrong)
-            sums[way] += count
-            cells += [count, f"{_as_many(count, SCENE_SEEDS):.2g}"]
-            named.append(str(sum(names_all(name, each) for each in of_way)))
-        told = " and ".join(named) if name in PLANTED else ""
-        rows.append((name, *cells, ", ".join(sorted(called)), told))
-        print(*rows[-1], flush=True)
+    rows, sums, seeds = [], {"recorded": 0, "live": 0}, range(1, SCENE_SEEDS + 1)
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        by_scene = [
+            (path.stem, pool.map(scene_verdicts, repeat(path), seeds, repeat(SCENE_S)))
+            for path in SCENES
+        ]
+        for name, sessions in by_scene:
+            called, cells, named, found = set(), [], [], list(sessions)
+            for way in sums:
+                of_way = [getattr(each, way) for each in found]
+                wrong = [of_right_feeds(name, each) for each in of_way]
+                count = sum(map(bool, wrong))
+                called.update(*wrong)
+                sums[way] += count
+                cells += [count, f"{_as_many(count, SCENE_SEEDS):.2g}"]
+                named.append(str(sum(names_all(name, each) for each in of_way)))
+            told = " and ".join(named) if name in PLANTED else ""
+            rows.append((name, *cells, ", ".join(sorted(called)), told))
+            print(*rows[-1], flush=True)
     every = SCENE_SEEDS * len(SCENES)
     total = [f(n) for n in sums.values() for f in (str, lambda n: f"{_as_many(n, every):.2g}")]
     rows.append((f"all {every} sessions", *total, "", ""))
