@@ -91,6 +91,12 @@ def test_among_drones_closer_than_errors_a_fault_is_named(
     assert named in {each for each, is_wrong in zip(checks, wrong, strict=True) if is_wrong}
 
 
+@pytest.mark.parametrize("name", ["rf", "ears"])
+def test_bearings_closer_than_their_errors_do_not_seem_to_scatter_less(name: str) -> None:
+    spread = checks_of(*with_sensor("field-day", name))["azimuth spread"]
+    assert_chance(spread.p, f"{spread.found:.2f} of {spread.of}")
+
+
 def test_drones_whose_echoes_merge_are_not_judged_and_it_is_said_why() -> None:
     drones = [held(f"d{i}", 40.0 + 0.2 * i, 5.0, 2000.0, rcs_m2=1.0) for i in range(4)]
     alone = held("alone", 200.0, 5.0, 2000.0, rcs_m2=1.0)
