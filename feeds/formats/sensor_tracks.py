@@ -144,7 +144,8 @@ class _SmoothedTruth:
         covariance_m2 = stated_covariance_m2(plots)
         order = np.lexsort((np.trace(covariance_m2, axis1=1, axis2=2), plots.drone))
         plotted, best = np.unique(plots.drone[order], return_index=True)
-        covariance_m2 = covariance_m2[order[best]]
+        # Who is plotted through a side lobe was not looked at: no track follows it.
+        covariance_m2 = covariance_m2[order[best[np.isin(plotted, drone)]]]
         hit: Bools = np.isin(drone, plotted)
         errors_m2 = np.full((len(drone), 3, 3), np.nan)
         errors_m2[hit] = np.einsum("ia,nab,jb->nij", self._to_site, covariance_m2, self._to_site)

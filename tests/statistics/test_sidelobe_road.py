@@ -121,3 +121,10 @@ def test_the_ledger_says_what_they_are_and_the_report_takes_them_for_no_drones()
 def test_where_they_are_not_modelled_a_line_says_so(sensor: dict[str, Any], said: str) -> None:
     with pytest.raises(SceneError, match=said):
         scene([sensor], seed=1)
+
+
+def test_who_is_plotted_through_a_side_lobe_alone_gets_no_track_and_stops_none() -> None:
+    strong = held("near", AZIMUTH_DEG, 5.0, RANGE_M, rcs_m2=30.0)
+    sensor = radar(scan=rotating(1.0, 8), antenna=ANTENNA, report=["asterix-062"], pfa=1e-9)
+    found = fly(scene([sensor], [strong], seed=122), 20.0)
+    assert any(message.topic.endswith("asterix/062") for message in found.messages)
