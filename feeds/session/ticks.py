@@ -119,9 +119,13 @@ class Ticks:
         self._plan(max((now_ns // TICK_NS + 1) * TICK_NS, self._earliest_ns))
 
     def as_of_ns(self) -> int:
-        """The time of what is asked for at once: by now, and before all that is not done."""
+        """The time of what is asked for at once: by now, and before all that is not done.
+
+        Where a tick has done the work of many, it counts for what is worked out next.
+        """
         now_ns, next_ns = self._clock.now_ns(), self._schedule.next_due_ns()
-        return now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
+        as_of_ns = now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
+        return max(as_of_ns, self._earliest_ns - TICK_NS)
 
     def _plan(self, due_ns: int) -> None:
         if self._due_ns is None or due_ns < self._due_ns:

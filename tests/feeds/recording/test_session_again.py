@@ -95,7 +95,10 @@ async def test_what_came_in_while_a_fast_clock_was_held_back_counts_again_as_it_
             }
             watch.session._hear("plotfeed/telemetry/other", json.dumps(report).encode(), JSON)
             change = {"sensor": "radar", "set": {"pfa_factor": 1 + number % 7}}
-            watch.session._hear("plotfeed/control", json.dumps(change).encode(), JSON)
+            if number % 2:  # as the page asks
+                watch.session.command(change)
+            else:
+                watch.session._hear("plotfeed/control", json.dumps(change).encode(), JSON)
             await asyncio.sleep(0.002)
 
     with Recorder(path, attachments=attachments_of(scene, START_NS), waits=True) as recorder:
