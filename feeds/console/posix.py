@@ -134,29 +134,3 @@ def keys_of(stdin: TextIO, press: Callable[[bytes], object]) -> Iterator[bool]:
     finally:
         loop.remove_reader(terminal)
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)
-
-
-def serial_line(path: str, baud: int) -> int:
-    """The file of a serial port, raw, 8 bits, no parity, 1 stop bit; raises `OSError`."""
-    if not HAS_POSIX:
-        raise OSError(errno.ENOTSUP, "serial ports are read on POSIX systems alone")
-    rate = getattr(termios, f"B{baud}", None)
-    if rate is None:
-        raise OSError(errno.EINVAL, f"{baud} baud is no usual rate")
-    file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
-        settings = termios.tcgetattr(file)
-        settings[0:2] = [termios.IGNBRK, 0]
-        settings[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
-        settings[3] = 0
-        settings[4] = settings[5] = rate
-        settings[6][termios.VMIN], settings[6][termios.VTIME] = 1, 0
-        termios.tcsetattr(file, termios.TCSANOW, settings)
-        termios.tcflush(file, termios.TCIFLUSH)
-    except BaseException as error:
-        os.close(file)
-        if isinstance(error, termios.error):
-            code, why = error.args
-            raise OSError(code, f"{why}: expected a serial port") from None
-        raise
-    return file

@@ -80,7 +80,7 @@ class SourceAddress:
             raise ValueError(f"expected KIND:TRANSPORT:PLACE, of the kinds {kinds}, not {text!r}")
         if where == "-" and "stdin" in KINDS[kind].transports:
             return cls(kind, "stdin")
-        if where.startswith("/"):
+        if where.startswith(("/", "COM")):
             where = f"serial:{where}"
         scheme, _, place = where.partition(":")
         transport = _TRANSPORTS.get(scheme)
@@ -133,7 +133,7 @@ def looks_like_source(text: str) -> bool:
 
 
 def _serial(place: str, text: str) -> tuple[str, int]:
-    """Path and baud rate of /dev/ttyACM0, with ,57600 or :57600 behind it or not."""
+    """Path and baud rate of /dev/ttyACM0 or COM3, with ,57600 or :57600 behind it or not."""
     path, comma, rate = place.rpartition("," if "," in place else ":")
     if not comma:
         return place, USUAL_BAUD

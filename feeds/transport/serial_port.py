@@ -8,8 +8,10 @@ import logging
 import os
 import threading
 from collections.abc import Iterator
+from io import FileIO
 
-from plotfeed.feeds.console.posix import serial_line
+from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.console.posix import HAS_POSIX, watched
 from plotfeed.feeds.scene.source_keys import SourceAddress
 from plotfeed.feeds.transport.octet_sources import OctetsTaker, SourceError
 
@@ -18,74 +20,73 @@ log = logging.getLogger(__name__)
 READ_OCTETS = 1 << 16
 AGAIN_S = 1.0
 """Between attempts to open a port."""
-NO_LINE = -1
 
 
 class SerialOctets:
     """A serial port, raw, 8 bits, no parity, 1 stop bit; opened again when it comes back."""
 
-    def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
-        self._address, self._taker = address, taker
-        self._file = NO_LINE
-        self._ended = asyncio.Event()
-
     bound_port = 0
+
+    def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
+        """Raises `PlotfeedError` without pyserial."""
+        need_extra("serial", "a serial port", "serial")
+        self._address, self._taker = address, taker
+        self.correspondents = (address.path,)
+        self._opened = contextlib.ExitStack()
+        self._ended = asyncio.Event()
 
     async def open(self) -> None:
         """Open the port; raises `SourceError`."""
+        from serial import Serial  # an extra
+
+        path, baud = self._address.path, self._address.baud
+        if baud not in Serial.BAUDRATES:
+            raise SourceError(f"{self._address}: {baud} baud is no usual rate")
         try:
-            self._open()
-        except OSError as error:
-            raise SourceError(f"{self._address}: {error.strerror}") from None
+            port = await asyncio.to_thread(Serial, path, baud, timeout=0, write_timeout=0)
+        except Exception as error:  # noqa: BLE001 - those of termios are no OSError
+            why = getattr(error.__context__, "strerror", f"{error}: expected a serial port")
+            raise SourceError(f"{self._address}: {why}") from None
+        self._opened.callback(port.close)
+        # On POSIX pyserial itself would write again and again until all is taken.
+        self._line = FileIO(port.fileno(), "r+", closefd=False) if HAS_POSIX else port
+        self._opened.callback(self._line.close)
+        self._opened.callback(watched(port, self._take))
 
     async def run(self) -> None:
         """Open the port again whenever it was lost."""
         while True:
             await self._ended.wait()
-            self._ended.clear()
             log.warning("%s: the port is gone; tried again", self._address)
             self._taker.gone(self._address.path)
-            while self._file == NO_LINE:
+            while self._ended.is_set():
                 await asyncio.sleep(AGAIN_S)
-                with contextlib.suppress(OSError):
-                    self._open()
+                with contextlib.suppress(SourceError):
+                    await self.open()
+                    self._ended.clear()
             log.warning("%s: the port is back", self._address)
 
     def close(self) -> None:
         """Take no more."""
-        if self._file != NO_LINE:
-            asyncio.get_running_loop().remove_reader(self._file)
-            os.close(self._file)
-            self._file = NO_LINE
+        self._opened.close()
 
     def send(self, peer: str, data: bytes) -> None:
         """Write to the port what it takes at once."""
         del peer
-        if self._file != NO_LINE:
-            with contextlib.suppress(OSError):
-                os.write(self._file, data)
-
-    @property
-    def correspondents(self) -> list[str]:
-        """Whoever is at the other end."""
-        return [self._address.path]
-
-    def _open(self) -> None:
-        self._file = serial_line(self._address.path, self._address.baud)
-        asyncio.get_running_loop().add_reader(self._file, self._take)
+        with contextlib.suppress(OSError, ValueError):  # it is closed
+            self._line.write(data)
 
     def _take(self) -> None:
         try:
-            data = os.read(self._file, READ_OCTETS)
-        except BlockingIOError:
-            return
+            data = self._line.read(READ_OCTETS)
+            is_gone = HAS_POSIX and data == b""  # which is read only when something is there
         except OSError:
-            data = b""
-        if data:
-            self._taker.octets(self._address.path, data)
-        else:
+            is_gone = True
+        if is_gone:
             self.close()
             self._ended.set()
+        elif data:
+            self._taker.octets(self._address.path, data)
 
 
 class PipedOctets:

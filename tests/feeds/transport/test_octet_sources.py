@@ -7,6 +7,7 @@ import contextlib
 import os
 import pty
 import socket
+import sys
 import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import octet_sources, serial_port
 from plotfeed.feeds.transport.live_source import LiveSource, octets_of
 from plotfeed.feeds.transport.octet_sources import SourceError, TcpOctets, UdpOctets
+from plotfeed.proto.errors import PlotfeedError
 
 AIRBORNE = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aaffff00")
 """A Location message of Open Drone ID, of now, whenever that is."""
@@ -227,11 +229,28 @@ async def test_several_connect_and_each_is_a_peer(monkeypatch: pytest.MonkeyPatc
         await until(lambda: len(taker.left) == 2)
 
 
+def watch_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The running loop is as that of Windows, and so is what reads a serial port."""
+
+    def refused(*_: object) -> None:
+        raise NotImplementedError
+
+    monkeypatch.setattr(serial_port, "HAS_POSIX", False)
+    monkeypatch.setattr(asyncio.get_running_loop(), "add_reader", refused)
+
+
+@pytest.mark.parametrize("is_watched", [True, False])
 @pytest.mark.asyncio
 async def test_a_serial_port_that_is_unplugged_is_opened_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    *,
+    is_watched: bool,
 ) -> None:
     monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
+    if not is_watched:
+        watch_nothing(monkeypatch)
     port = tmp_path / "tty"
 
     def plug_in() -> tuple[int, int]:
@@ -257,6 +276,29 @@ async def test_a_serial_port_that_is_unplugged_is_opened_again(
             await asyncio.sleep(0.01)
     os.close(ours)
     os.close(theirs)
+    told = ["the port is gone; tried again", "the port is back"]
+    assert caplog.messages == [f"mavlink:{port},115200: {each}" for each in told]
+
+
+@pytest.mark.asyncio
+async def test_a_serial_port_that_takes_no_more_makes_nobody_wait() -> None:
+    ours, theirs = pty.openpty()
+    async with listening(f"mavlink:{os.ttyname(theirs)}") as (taker, source):
+        for _ in range(1000):
+            source.send("", bytes(1000))
+        os.write(ours, b"heard")
+        await until(lambda: taker.all == b"heard")
+    source.send("", b"too late")
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_a_serial_port_without_pyserial_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(PlotfeedError, match=r"a serial port needs .*'plotfeed\[serial\]'$"):
+        octets_of(SourceAddress.parse("sbs1:/dev/ttyUSB0"), Taker())
 
 
 @pytest.mark.asyncio
@@ -264,7 +306,7 @@ async def test_a_serial_port_that_is_unplugged_is_opened_again(
     ("url", "why"),
     [
         ("mavlink:/dev/null", "expected a serial port"),
-        ("mavlink:/nowhere/tty", "No such file"),
+        ("mavlink:/nowhere/tty", "mavlink:/nowhere/tty,57600: No such file or directory$"),
         ("mavlink:/dev/null,12345", "12345 baud is no usual rate"),
         ("sbs1:file:/nowhere", "no file that can be read"),
     ],
@@ -302,6 +344,7 @@ async def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
         ("mavlink:tcpin::5760", "mavlink:tcpin:127.0.0.1:5760"),
         ("mavlink:/dev/ttyACM0", "mavlink:/dev/ttyACM0,57600"),
         ("mavlink:serial:///dev/ttyUSB0:115200", "mavlink:/dev/ttyUSB0,115200"),
+        ("mavlink:serial:COM3:115200", "mavlink:COM3,115200"),
         ("sbs1:-", "sbs1:-"),
     ],
 )
