@@ -205,9 +205,11 @@ class Trajectories:
         return self._tracks[self._index[drone]].segment_at(t_utc_ns)
 
     def put_off(self, by_ns: int) -> None:
-        """Have all known paths begin so much later; nobody has asked where drones are yet."""
+        """Have all known paths begin so much later."""
         for track in self._tracks.values():
             track.put_off(by_ns)
+        self._at_hand.drop(np.array(list(self._tracks), np.int64))
+        self.version += 1
 
     @property
     def signatures(self) -> Signatures:

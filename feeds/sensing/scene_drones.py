@@ -92,7 +92,7 @@ class SceneDrones:
         return list(self._flying)
 
     def put_off(self, by_ns: int) -> None:
-        """Have everything so much later; nobody has asked where drones are yet."""
+        """Have everything so much later."""
         self._trajectories.put_off(by_ns)
         for flying in self._flying.values():
             flying.put_off(by_ns)

@@ -239,6 +239,7 @@ class Session:
                     start_ns = self.clock.start()
                     if self._part is None:
                         self.start_ns = self.ticks.joined_ns = start_ns
+                        self.engine.start(start_ns)
                     else:
                         await first_of(self.ticks.join(self._part), stop)
                         if stop.is_set():

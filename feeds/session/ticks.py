@@ -106,9 +106,7 @@ class Ticks:
     def start(self, start_utc_ns: int) -> None:
         """Work out what ends until the second tick from now, and plan the next tick."""
         from_ns = start_utc_ns
-        if self.joined_ns == start_utc_ns:
-            self._engine.start(start_utc_ns)
-        else:
+        if self.joined_ns != start_utc_ns:
             from_ns = self._clock.now_ns()
             self._engine.skip_claims(self.joined_ns)
         self._work_out(from_ns // TICK_NS)
