@@ -222,7 +222,7 @@ def replay(recording: Path, **options: Any) -> int:
 @click.option(
     "--table",
     metavar="TABLE",
-    type=click.Choice(list(TableName)),
+    type=click.Choice([name.value for name in TableName]),
     help=f"Write this table of Parquet or CSV: {', '.join(TableName)}. Without it the end of OUT's "
     "name says which, else it is plots, which has each plot once.",
 )

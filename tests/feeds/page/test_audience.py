@@ -19,6 +19,7 @@ from support.waiting import PATIENCE_S
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection
 
+from plotfeed.feeds.engine.change_control import told
 from plotfeed.feeds.page.audience import (
     KEPT_ACTIONS,
     MAX_NAME,
@@ -30,7 +31,6 @@ from plotfeed.feeds.page.audience import (
 )
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.updates import SectionKind
-from plotfeed.feeds.session.change_control import told
 from plotfeed.proto.errors import PlotfeedError
 
 TRUE_KINDS = {

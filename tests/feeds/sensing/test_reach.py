@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import Road, flown, fly, held, radar, rotating, scene, staring, waypoint
+from support.road import START_NS, Road, flown, fly, held, radar, rotating, scene, staring, waypoint
 
+from plotfeed import simulate
 from plotfeed.feeds.sensing import sensor_group
 from plotfeed.models import beam_meetings
 from plotfeed.models.frames import Axes, LocalFrame, aer_to_enu
@@ -80,7 +81,8 @@ def test_physics_is_asked_of_those_within_reach_alone(monkeypatch: pytest.Monkey
     everybody += [held(f"n{i}", 40.0 * i, 8.0, 2000.0) for i in range(5)]
     for kind in ("staring", "rotating"):
         asked.clear()
-        fly(scene([SENSORS[kind]], everybody, seed=102), 5)
+        made = scene([SENSORS[kind]], everybody, seed=102)
+        simulate(made, 5.0, start_utc_ns=START_NS)
         assert set(asked) == set(range(70, 75))
 
 
