@@ -20,7 +20,7 @@ from support.mqtt_client import Heard, listening
 from support.tools import NODE_MODULES, needed, node_module
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.page.tracker_tracks import decode_tracks, east_north_m
+from plotfeed.feeds.page.shown_tracks import tracks_to_show
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 
@@ -178,10 +178,10 @@ def test_a_tracker_under_test_follows_the_drone(
 
     def follows(heard: Heard) -> bool:
         """A track near the path, as the page and the score read it."""
-        news = decode_tracks(heard.payload, time.time_ns(), site)
-        east_m, north_m = east_north_m(news, site)
-        places = zip(east_m.tolist(), north_m.tolist(), strict=True)
-        return any(off_the_path_m(*place) < 60.0 for place in places)
+        told = tracks_to_show(heard.payload, None, time.time_ns(), site)
+        places = [[each.latitude_deg, each.longitude_deg, each.height_m] for each in told]
+        enu_m = site.from_ecef(geodetic_to_ecef(*np.reshape(places, (-1, 3)).T))
+        return any(off_the_path_m(*place) < 60.0 for place in enu_m[:, :2].tolist())
 
     with listening(port, 4, topic) as client:
         process = subprocess.Popen(

@@ -21,7 +21,7 @@ from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.run_with_page import PageObserver, alongside
 from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
-from plotfeed.feeds.page.tracker_tracks import decode_tracks
+from plotfeed.feeds.page.shown_tracks import tracks_to_show
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import example
@@ -57,7 +57,7 @@ async def draw(folders: list[Path]) -> None:
 
     def tap(message: Message, _sent_utc_ns: int) -> None:
         if message.topic == TRACKS_TOPIC:
-            view.tracks(decode_tracks(message.payload, observer.now_utc_ns(), site))
+            view.tracks(tracks_to_show(message.payload, None, observer.now_utc_ns(), site))
 
     server = PageServer(PageAddress("127.0.0.1", 0), view, observer, observer.now_utc_ns)
     async with (

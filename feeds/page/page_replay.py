@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,7 +17,6 @@ from plotfeed.feeds.page.recorded_sectors import (
 )
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.shown_settings import model_differs, tell_settings
-from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
@@ -211,14 +209,10 @@ class PageReplay:
         """The recorded time that it has reached, as far as it is shown."""
         return self._reached_ns if self._leapt_from_ns is None else self._leapt_from_ns
 
-    def shown_tracks(self, tracks: TrackNews) -> TrackNews:
-        """Tracks with the times at which what was sent then had been recorded."""
+    def recorded_ns(self, t_utc_ns: int) -> int:
+        """When what was sent at a time had been recorded."""
         pace = self._control.pace
-        if pace is None:
-            return tracks
-        recorded = tracks.t_utc_ns.copy()
-        recorded[:] = [pace.position(t_utc_ns) for t_utc_ns in tracks.t_utc_ns.tolist()]
-        return replace(tracks, t_utc_ns=recorded)
+        return t_utc_ns if pace is None else pace.position(t_utc_ns)
 
     def apply(self, asked: object) -> Mapping[str, Any]:
         """Pause, go on, hurry, or go elsewhere."""

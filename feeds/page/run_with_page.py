@@ -17,8 +17,8 @@ from plotfeed.feeds.page.scene_outline import Basemap, load_basemap, pointing_of
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
 from plotfeed.feeds.page.shown_settings import model_differs, tell_settings
+from plotfeed.feeds.page.shown_tracks import tracks_to_show
 from plotfeed.feeds.page.time_marks import TimeMarks
-from plotfeed.feeds.page.tracker_tracks import TrackNews, decode_tracks
 from plotfeed.feeds.page.updates import Controls, NoControls
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorded_session import RecordedSession
@@ -257,11 +257,11 @@ async def _replay(
 ) -> None:
     """Replay in place of a session, with the map that is known if the scene is the same."""
 
-    def shown(tracks: TrackNews) -> TrackNews:
-        return tracks if switch.replaying is None else switch.replaying.shown_tracks(tracks)
+    def shown_ns(t_utc_ns: int) -> int:
+        return t_utc_ns if switch.replaying is None else switch.replaying.recorded_ns(t_utc_ns)
 
     basemap = _basemap_of(switch.scene) if recording.scene.text == switch.scene.text else None
-    async with tracks_of(recording.scene, view, brokers, time.time_ns, shown):
+    async with tracks_of(recording.scene, view, brokers, time.time_ns, shown_ns):
         await switch.replay(recording, brokers[0], basemap)
 
 
@@ -288,15 +288,16 @@ async def tracks_of(
     view: View,
     brokers: Brokers,
     now_utc_ns: Callable[[], int],
-    shown: Callable[[TrackNews], TrackNews] = lambda tracks: tracks,
+    shown_ns: Callable[[int], int] = int,
 ) -> AsyncIterator[None]:
     """Show tracks of the tracker under test, from every broker of the session."""
     async with contextlib.AsyncExitStack() as receiving:
         topic, (addresses, _) = scene.page.tracks_topic, brokers
         if topic is not None:
             for address in addresses:
-                tracks = receiving_tracks(view, scene, address, topic, now_utc_ns, shown=shown)
-                await receiving.enter_async_context(tracks)
+                await receiving.enter_async_context(
+                    receiving_tracks(view, scene, address, topic, now_utc_ns, shown_ns=shown_ns)
+                )
         yield
 
 
@@ -308,17 +309,17 @@ async def receiving_tracks(
     topic: str,
     now_utc_ns: Callable[[], int],
     *,
-    shown: Callable[[TrackNews], TrackNews] = lambda tracks: tracks,
+    shown_ns: Callable[[int], int] = int,
 ) -> AsyncIterator[None]:
     """Show the tracks that come on a topic; what cannot be read is said on the page.
 
-    `now_utc_ns` is the tracker's time; `shown` are its tracks at the times that the page shows.
+    `now_utc_ns` is the tracker's time; `shown_ns` of it the time that the page shows.
     """
     site = site_frame(scene.scene.site)
 
-    def take(_topic: str, payload: bytes, _content_type: str | None) -> None:
+    def take(_topic: str, payload: bytes, content_type: str | None) -> None:
         try:
-            view.tracks(shown(decode_tracks(payload, now_utc_ns(), site)))
+            view.tracks(tracks_to_show(payload, content_type, now_utc_ns(), site, shown_ns))
         except PlotfeedError as error:
             view.track_problem(str(error))
 

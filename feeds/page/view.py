@@ -22,9 +22,9 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.audience import CONCEALS, without_truth
 from plotfeed.feeds.page.recorded_sectors import RecordedSector
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, cover_of, outline
-from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
+from plotfeed.feeds.page.shown import Drones, PlotStore
+from plotfeed.feeds.page.shown_tracks import ShownTracks
 from plotfeed.feeds.page.strips import LinkRecord, Loss, Rates, looks_summary, new_looks
-from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.updates import (
     LAYOUTS,
     MAX_WATCHED,
@@ -37,6 +37,7 @@ from plotfeed.feeds.page.updates import (
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.score.track_table import ToldTrack
 from plotfeed.models.state import Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -219,7 +220,7 @@ class View:
         """Telemetry was refused, for that reason."""
         self._tell("refusal", text[:MAX_REASON])
 
-    def tracks(self, tracks: TrackNews) -> None:
+    def tracks(self, tracks: Sequence[ToldTrack]) -> None:
         """News of the tracker under test."""
         self._tracks.take(tracks)
 
@@ -265,6 +266,8 @@ class View:
             self._tell_details()
         public_plots, true_plots = self._plots.sections(now_utc_ns)
         public_tracks = self._tracks.news(now_utc_ns)
+        if (names := self._tracks.names()) != self._news.get("track_names", {}):
+            self._tell("track_names", names)
         if self._is_new:
             self._is_new = False
             self._changed.clear()
@@ -274,26 +277,20 @@ class View:
         if seconds:
             told["seconds"] = seconds
         head, marks = header(self._number, now_utc_ns), public_plots + public_tracks
-        names = {**(self._drones.news() if self._drones.changed else {}), **self._new_score}
+        drones = {**(self._drones.news() if self._drones.changed else {}), **self._new_score}
         self._drones.changed, self._new_score = False, {}
-        truth = _news(names, SectionKind.TRUE_NEWS) + true_plots + self._drones.section()
+        truth = _news(drones, SectionKind.TRUE_NEWS) + true_plots + self._drones.section()
         return Update(head + _news(told) + marks, truth, False, _audience(head, told, marks))
 
     def snapshot(self, now_utc_ns: int) -> Update:
         """An update of all that there is to see, for who comes or has missed something."""
         plots, plot_truths = self._plots.kept()
         told = {**self._news, "seconds": list(self._rates.history)}
-        head, marks = (
-            header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT),
-            plots + self._tracks.snapshot(),
-        )
+        head = header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT)
+        marks = plots + self._tracks.snapshot()
         names = _news({**self._drones.news(), **self._score}, SectionKind.TRUE_NEWS)
-        return Update(
-            head + _news(told) + marks,
-            names + plot_truths + self._drones.section(),
-            True,
-            _audience(head, told, marks),
-        )
+        truth = names + plot_truths + self._drones.section()
+        return Update(head + _news(told) + marks, truth, True, _audience(head, told, marks))
 
     def _begin(self, placements: Placements, sensors: Sequence[str]) -> None:
         self._placements = placements

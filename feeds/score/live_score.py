@@ -31,7 +31,7 @@ from plotfeed.models.scoring.residuals import ResidualCheck, always_valid
 from plotfeed.models.scoring.set_metrics import set_score
 from plotfeed.models.state import Floats, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
 
 WINDOW_S = 60
@@ -120,7 +120,7 @@ class LiveScore(Observer):
             return
         try:
             told = tracks_in(payload, content_type or "", t_utc_ns, self._site)
-        except DecodeError as error:
+        except PlotfeedError as error:
             self._unreadable += 1
             self._problem = str(error)
             return

@@ -19,7 +19,7 @@ from plotfeed.models.geoid import geoid_undulation_m
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.content_types import SAPIENT_MESSAGE, TRACK_BATCH, message_type
-from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.units import FOOT_M
 from plotfeed.proto.utc import NS, nearest_utc_ns, utc_ns
 
@@ -55,7 +55,7 @@ def tracks_in(
         try:
             if told := list(read(payload)):
                 return told
-        except DecodeError:
+        except PlotfeedError:  # SAPIENT is an extra that may be missing
             continue
     raise DecodeError("is neither ASTERIX 062, SAPIENT, a TrackBatch nor JSON")
 
@@ -89,6 +89,7 @@ def _of_record(record: Record, near_utc_ns: int, site: LocalFrame | None) -> Tol
         velocity_enu_m_s=(value("185/VX"), value("185/VY"), value("220") * FOOT_M / 60),
         covariance_m2=(east_m**2, north_m**2, NAN, cross_m2, NAN, NAN),
         tentative=bool(record.get("I062/080/CNF")),
+        coasted=bool(record.get("I062/080/CST")),
         ended=bool(record.get("I062/080/TSE")),
     )
 
@@ -117,6 +118,7 @@ def _of_batch(payload: bytes) -> Iterator[ToldTrack]:
                 value("climb_m_s"),
             ),
             covariance_m2=(*level_m2, up_m2, 0.0, 0.0, 0.0),
+            coasted=track.coasted,
             ended=track.last,
         )
 
@@ -216,6 +218,7 @@ def track_of_mapping(entry: Mapping[str, Any]) -> ToldTrack:
         velocity_enu_m_s=(east_m_s, north_m_s, up_m_s),
         covariance_m2=tuple(_covariances(entry)),
         tentative=_is_true(entry, "tentative"),
+        coasted=_is_true(entry, "coasted"),
         ended=_is_true(entry, "ended") or _is_true(entry, "last"),
         received_utc_ns=_time_of(entry, "received_utc"),
     )

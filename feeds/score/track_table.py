@@ -68,6 +68,8 @@ class ToldTrack:
     covariance_m2: tuple[float, ...] = (np.nan,) * 6
     """As `COVARIANCES`."""
     tentative: bool = False
+    coasted: bool = False
+    """Predicted, for want of a plot."""
     ended: bool = False
     received_utc_ns: int | None = None
     """Where the report itself says it."""

@@ -18,11 +18,11 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.scene_outline import Basemap
-from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.changes import ControlError, changed
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.score.track_table import ToldTrack
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.models.truth import Trajectories
@@ -304,21 +304,25 @@ class MadeUpSession:
         state = self._trajectories.state_at(self.now_ns)
         state = state.rows(np.arange(min(TRACKED, len(state))))
         noise_m = self._rng.normal(0, 8.0, state.position_ecef_m.shape)
-        latitude_deg, longitude_deg, height_m = ecef_to_geodetic(state.position_ecef_m + noise_m)
-        velocity = road.SITE.rotate_from_ecef(state.velocity_ecef_m_s)
+        places = np.stack(ecef_to_geodetic(state.position_ecef_m + noise_m), axis=-1).tolist()
+        velocity = road.SITE.rotate_from_ecef(state.velocity_ecef_m_s).tolist()
         if self.view is None or not len(state):
             return
         self.view.tracks(
-            TrackNews(
-                t_utc_ns=state.t_utc_ns,
-                track=state.drone + 1,
-                latitude_deg=latitude_deg,
-                longitude_deg=longitude_deg,
-                height_m=height_m,
-                velocity_east_m_s=velocity[:, 0],
-                velocity_north_m_s=velocity[:, 1],
-                flags=np.where(state.drone % 11 == 3, 2, 0),
-            )
+            [
+                ToldTrack(
+                    name=str(drone + 1),
+                    t_utc_ns=t_utc_ns,
+                    latitude_deg=place[0],
+                    longitude_deg=place[1],
+                    height_m=place[2],
+                    velocity_enu_m_s=velocity_m_s,
+                    coasted=drone % 11 == 3,
+                )
+                for drone, t_utc_ns, place, velocity_m_s in zip(
+                    state.drone.tolist(), state.t_utc_ns.tolist(), places, velocity, strict=True
+                )
+            ]
         )
 
     def _report(self, report: Batch) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from support.mqtt_client import Client, Heard
 
-from plotfeed.feeds.page.tracker_tracks import decode_tracks
+from plotfeed.feeds.page.shown_tracks import tracks_to_show
 from plotfeed.feeds.page.updates import TrackFlag
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -140,10 +140,13 @@ class Beside:
         near_ns = int(1e6 * self.samples[0][1]["now_ms"])
         for message in heard:
             if message.topic == self.scene.page.tracks_topic:
-                news = decode_tracks(message.payload, near_ns, site)
-                columns = (news.track.tolist(), news.t_utc_ns.tolist(), news.flags.tolist())
-                for track, t_ns, flags in zip(*columns, strict=True):
-                    told[track].append((message.at_s, flags, t_ns / 1e6))
+                for track in tracks_to_show(message.payload, None, near_ns, site):
+                    states = (track.tentative, track.coasted, track.ended)
+                    flags = sum(
+                        flag for flag, holds in zip(TrackFlag, states, strict=True) if holds
+                    )
+                    number = int(track.name.rpartition(".")[2])
+                    told[number].append((message.at_s, flags, (track.t_utc_ns or 0) / 1e6))
         return told
 
     def _most_behind_s(self, heard: list[Heard]) -> float:

@@ -57,7 +57,7 @@ function describeTrack(track, nowMs) {
   if (!track) return null;
   const [east, north] = trackPlace(track, nowMs), speed = Math.hypot(track.velocity_east_m_s, track.velocity_north_m_s);
   return {
-    title: `Track ${track.id}`,
+    title: `Track ${track.name}`,
     rows: [
       ["From site", `${azimuthOf(east, north).toFixed(1)}°`, inKilometres(Math.hypot(east, north))],
       ["Speed", fixed(speed, 1, " m/s")],

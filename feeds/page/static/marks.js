@@ -244,7 +244,7 @@ function drawTracks(context, view, { tracks }, nowMs, { layers }, labels) {
     context.moveTo(x, y);
     if (!silent) context.lineTo(view.x(east + AHEAD_S * (track.velocity_east_m_s || 0)), view.y(north + AHEAD_S * (track.velocity_north_m_s || 0)));
     context.stroke();
-    if (labelled) labels.beside(`T${track.id}${silent ? ` ${ageText(track, nowMs)}` : ""}`, x, y, silent ? colours.quiet : colours.ink, { size });
+    if (labelled) labels.beside(`${track.name === String(track.id) ? "T" : ""}${track.name.slice(0, 20)}${silent ? ` ${ageText(track, nowMs)}` : ""}`, x, y, silent ? colours.quiet : colours.ink, { size });
   }
 }
 

@@ -175,6 +175,7 @@ export class Picture {
         continue;
       }
       const track = this.tracks.get(id) ?? { id, trail: [] };
+      track.name = this.news.track_names?.[id] ?? String(id);
       noteReport(track, columns.t_utc_ms[i]);
       for (const name of ["t_utc_ms", "east_m", "north_m", "velocity_east_m_s", "velocity_north_m_s", "flags"]) track[name] = columns[name][i];
       track.trail.push(track.east_m, track.north_m);

@@ -12,7 +12,7 @@ const clock = (ms) => new Date(ms).toISOString().slice(11, 21);
 /** Heading, value to sort by, and digits if it is a number. */
 const COLUMNS = {
   plots: [["Time"], ["Sensor"], ["Range, m", 0], ["Azimuth, °", 1], ["Elevation, °", 1], ["Height, m", 0], ["SNR, dB", 1], ["Latency, ms", 0], ["Of"]],
-  tracks: [["Track", 0], ["Azimuth, °", 1], ["Distance, m", 0], ["Speed, m/s", 1], ["Course, °", 0], ["Age, s", 1], ["State"]],
+  tracks: [["Track"], ["Azimuth, °", 1], ["Distance, m", 0], ["Speed, m/s", 1], ["Course, °", 0], ["Age, s", 1], ["State"]],
   drones: [["Drone"], ["Azimuth, °", 1], ["Distance, m", 0], ["Above site, m", 0], ["Speed, m/s", 1], ["Course, °", 0], ["State"]],
 };
 const OF = COLUMNS.plots.length - 1; // whose a plot is: for who sees the truth
@@ -124,7 +124,7 @@ export class Tables {
 
 function trackRow(track, nowMs) {
   const [east, north] = trackPlace(track, nowMs), { velocity_east_m_s: ve, velocity_north_m_s: vn } = track;
-  const values = [track.id, azimuthOf(east, north), Math.hypot(east, north), Math.hypot(ve, vn), azimuthOf(ve, vn), (nowMs - track.t_utc_ms) / 1000, stateOf(track, nowMs)];
+  const values = [track.name, azimuthOf(east, north), Math.hypot(east, north), Math.hypot(ve, vn), azimuthOf(ve, vn), (nowMs - track.t_utc_ms) / 1000, stateOf(track, nowMs)];
   return { mark: { kind: "track", id: track.id }, values };
 }
 

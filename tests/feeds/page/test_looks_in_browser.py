@@ -9,8 +9,8 @@ from support import road
 from support.chromium import drawn, until
 from support.page_server import Served
 
-from plotfeed.feeds.page.tracker_tracks import TrackNews
 from plotfeed.feeds.page.updates import TrackFlag
+from plotfeed.feeds.score.track_table import ToldTrack
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -117,19 +117,21 @@ def test_jammers_are_drawn_where_they_are_for_as_long_as_they_jam(
         assert (red > 200) == (told is not None)
 
 
-def reports(times_ns: list[int], track: int, flags: int = 0) -> TrackNews:
+def reports(times_ns: list[int], track: int, flags: int = 0, name: str = "") -> list[ToldTrack]:
     """Of a track that flies east, one a time."""
-    n = len(times_ns)
-    return TrackNews(
-        t_utc_ns=np.array(times_ns),
-        track=np.full(n, track),
-        latitude_deg=np.full(n, road.SITE.latitude_deg + 0.01 * (track - 90)),
-        longitude_deg=np.full(n, road.SITE.longitude_deg),
-        height_m=np.full(n, road.SITE.height_m),
-        velocity_east_m_s=np.full(n, 20.0),
-        velocity_north_m_s=np.zeros(n),
-        flags=np.full(n, flags),
-    )
+    return [
+        ToldTrack(
+            name=name or str(track),
+            t_utc_ns=t_utc_ns,
+            latitude_deg=road.SITE.latitude_deg + 0.01 * (track - 90),
+            longitude_deg=road.SITE.longitude_deg,
+            height_m=road.SITE.height_m,
+            velocity_enu_m_s=(20.0, 0.0, 0.0),
+            coasted=bool(flags & TrackFlag.COASTED),
+            ended=bool(flags & TrackFlag.ENDED),
+        )
+        for t_utc_ns in times_ns
+    ]
 
 
 def test_a_track_that_is_not_updated_is_drawn_as_such_with_its_age_and_stays_where_it_was(
@@ -144,6 +146,7 @@ def test_a_track_that_is_not_updated_is_drawn_as_such_with_its_age_and_stays_whe
         reports(often, 93, TrackFlag.COASTED),
         reports(often, 94),
         reports([now_ns], 94, TrackFlag.ENDED),
+        reports(often, 95, name="<b>9th of the north-western gate"),
     ]
     served.call(lambda: [served.server._view.tracks(each) for each in told])
     until(page, "plotfeed.picture.tracks.has(93)")
@@ -154,14 +157,16 @@ def test_a_track_that_is_not_updated_is_drawn_as_such_with_its_age_and_stays_whe
         "[...document.querySelectorAll('#table-body tr')].map((r) => [r.cells[0].innerText,"
         " r.cells[6].innerText])"
     )
-    until(page, f"{cells}.length >= 3")
+    until(page, f"{cells}.length >= 4")
     states = dict(page.evaluate(cells))
     assert states["91"] == "not updated, was confirmed"
     assert states["92"] == "confirmed"
     assert states["93"] == "coasted"
+    assert states["<b>9th of the north-western gate"] == "confirmed"
     assert "94" not in states
     until(page, f"plotfeed.display.words.some((w) => w[4] === 'T91 {ago_s + 1} s')")
     assert page.evaluate("plotfeed.display.words.some((w) => w[4] === 'T92')")
+    assert page.evaluate("plotfeed.display.words.some((w) => w[4] === '<b>9th of the north-')")
     ask = "plotfeed.display.select({ kind: 'track', id: 91 })"
     page.evaluate(ask)
     page.get_by_role("heading", name="Track 91").wait_for()
