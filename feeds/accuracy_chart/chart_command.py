@@ -22,7 +22,7 @@ from plotfeed.feeds.accuracy_chart.chart import (
 )
 from plotfeed.feeds.accuracy_chart.chart_pictures import draw
 from plotfeed.feeds.accuracy_chart.stage import Effort, Time, errors_text, ns_text, share_text
-from plotfeed.feeds.console.extras import need_matplotlib
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import finite, say
 from plotfeed.feeds.console.process import keep_freed, refuse_if_there
 from plotfeed.feeds.scene.scene import Scene
@@ -45,7 +45,7 @@ def print_chart(
     Raises `PlotfeedError` where figures are in that folder and nobody says to replace them.
     """
     if out is not None:
-        need_matplotlib()
+        need_extra("matplotlib.figure", "a chart", "charts")
         for path in sorted(out.glob(f"*.{picture}")):
             refuse_if_there(path, force=force)
     keep_freed()  # as a session does

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from plotfeed.feeds.accuracy_chart.case import Case, wrapped
 from plotfeed.feeds.accuracy_chart.precise import number
 from plotfeed.feeds.accuracy_chart.stage import ChartStage, rms
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.models.beam import Sector, Sectors, Timetable
 from plotfeed.models.beam_meetings import Borders, meetings
 from plotfeed.models.frames import (
@@ -282,10 +283,9 @@ def single_ecef(here: LocalFrame) -> Callable[[NDArray[np.float32]], Floats]:
 
 def by_pyproj(here: LocalFrame) -> FromGeodetic:
     """PROJ's geocentric and topocentric conversions; raises `PlotfeedError` without pyproj."""
-    try:
-        from pyproj import Transformer
-    except ImportError:
-        raise PlotfeedError("pip install 'plotfeed[geoid]' to compare with pyproj") from None
+    need_extra("pyproj", "the comparison with PROJ", "geoid")
+    from pyproj import Transformer
+
     transform = Transformer.from_pipeline(
         "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
         "+step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84 "

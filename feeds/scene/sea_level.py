@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.geoid import geoid_undulation_m
 from plotfeed.models.state import Floats
@@ -53,12 +54,9 @@ class SeaLevel:
 
 
 def _of_proj(grid: Path) -> Undulation:
-    try:
-        import pyproj
-    except ImportError:
-        raise PlotfeedError(
-            "telemetry.geoid_grid needs pyproj: pip install 'plotfeed[geoid]'"
-        ) from None
+    need_extra("pyproj", "telemetry.geoid_grid", "geoid")
+    import pyproj
+
     pyproj.network.set_network_enabled(active=False)  # type: ignore[attr-defined]
     pipeline = (
         "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from io import BufferedWriter
 from pathlib import Path
 
-from plotfeed.feeds.console.extras import need_matplotlib
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
 from plotfeed.feeds.score.feed_checks import as_json, as_text, check_feed
@@ -67,7 +67,7 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
         if path is not None:
             refuse_if_there(path, force=options.force)  # before anything is read in vain
     if options.out is not None:
-        need_matplotlib()
+        need_extra("matplotlib.figure", "a chart", "charts")
     profile = None if options.profile is None else load_profile(options.profile)
     settings = settings_of(profile, options)
     scene = scene_of(recording)

@@ -62,7 +62,7 @@ def score_tracker(scene: Path, settings: TrackerSettings, how: ScoreSettings) ->
     if len(set(names)) < len(names):
         raise PlotfeedError("--tracker: several need names of their own: NAME=COMMAND")
     if settings.ray is not None:
-        need_extra("ray", "--ray", "fleet")
+        need_extra("ray", "--ray", "fleet", load=False)
     of_scene = levels_of([scene], [VariedKey.parse(text) for text in settings.vary])
     told = _told(of_scene, trackers, settings, how)
     levels = of_trackers(of_scene, names)

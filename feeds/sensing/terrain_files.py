@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.models.state import Floats
@@ -72,13 +73,10 @@ def _of_hgt(path: Path, name: str) -> ElevationTile:
 
 def _of_geotiff(path: Path, name: str) -> ElevationTile:
     """The first band of a GeoTIFF, by latitude and longitude, whatever its projection."""
-    try:
-        import rasterio
-        from rasterio.vrt import WarpedVRT
-    except ImportError:
-        raise PlotfeedError(
-            f"terrain.elevation: {name!r} needs rasterio: pip install 'plotfeed[terrain]'"
-        ) from None
+    need_extra("rasterio", f"terrain.elevation: {name!r}", "terrain")
+    import rasterio
+    from rasterio.vrt import WarpedVRT
+
     try:
         with (
             rasterio.open(path) as source,

@@ -163,7 +163,7 @@ def _check(settings: SweepSettings) -> None:
     if settings.ray is not None:
         if settings.processes is not None:
             raise PlotfeedError("--processes: the cluster of --ray has its own")
-        need_extra("ray", "--ray", "fleet")
+        need_extra("ray", "--ray", "fleet", load=False)
 
 
 def _class_m(levels: Sequence[SweepLevel]) -> float:

@@ -43,7 +43,7 @@ def connected(address: str | None, processors: int | None) -> Iterator[Any]:
     ADDRESS is HOST:PORT of a cluster's head; without it Ray is started on loopback, for so many
     processors or all that there are, and ends with this. Raises `PlotfeedError`.
     """
-    need_extra("ray", "work spread over processes and hosts", "fleet")
+    need_extra("ray", "work spread over processes and hosts", "fleet", load=False)
     if address is not None:
         _check_there(address)
     for name, value in (QUIET | ({} if address else ALONE)).items():

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
 from plotfeed.models.state import AltitudeReference
-from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.mavlink_frames import (
     FRAME_START,
     MAGIC_V1,
@@ -236,10 +236,9 @@ def _take(where: str, t_utc_ns: int, message: Any, reference: AltitudeReference,
 
 def mavlink_decoder() -> Decode:
     """A function from a frame to its message, or to None where no checksum proves it one."""
-    try:
-        from pymavlink.dialects.v20 import common
-    except ImportError as error:
-        raise PlotfeedError("MAVLink needs pymavlink: pip install 'plotfeed[mavlink]'") from error
+    need_extra("pymavlink.dialects.v20.common", "MAVLink", "mavlink")
+    from pymavlink.dialects.v20 import common
+
     mavlink = common.MAVLink(None)
 
     def decode(frame: bytes | bytearray) -> Any | None:

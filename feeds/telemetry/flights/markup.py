@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log, utc_ns
 from plotfeed.feeds.telemetry.flights.table_columns import REFERENCE_WORDS
 from plotfeed.models.state import AltitudeReference
@@ -62,10 +63,9 @@ class _DocumentTypeError(PlotfeedError):
 
 
 def _parse_gpx(text: str) -> Any:
-    try:
-        import gpxpy
-    except ImportError as error:
-        raise PlotfeedError(_needs("GPX")) from error
+    need_extra("gpxpy", "GPX", "gpx")
+    import gpxpy
+
     _element(text, "GPX")  # gpxpy's own parser takes whatever comes
     try:
         return gpxpy.parse(text)
@@ -75,11 +75,10 @@ def _parse_gpx(text: str) -> Any:
 
 def _element(text: str, kind: str) -> Any:
     """The root of an XML document; raises `PlotfeedError`."""
-    try:
-        from defusedxml import DefusedXmlException
-        from defusedxml.ElementTree import fromstring
-    except ImportError as error:
-        raise PlotfeedError(_needs(kind)) from error
+    need_extra("defusedxml", kind, "gpx")
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
     try:
         return fromstring(text, forbid_dtd=True)
     except DefusedXmlException:
@@ -88,10 +87,6 @@ def _element(text: str, kind: str) -> Any:
         ) from None
     except Exception as error:  # of the XML library, of which there are several kinds
         raise PlotfeedError(_not_read(kind, error)) from error
-
-
-def _needs(kind: str) -> str:
-    return f"{kind} needs gpxpy and defusedxml: pip install 'plotfeed[gpx]'"
 
 
 def _not_read(kind: str, error: Exception) -> str:

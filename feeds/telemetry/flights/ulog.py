@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
 from plotfeed.models.state import AltitudeReference, Floats
 from plotfeed.proto.errors import PlotfeedError
@@ -69,10 +70,9 @@ def read_ulog(data: bytes, options: FlightOptions, log: Log) -> None:
 
 def _topics(data: bytes, log: Log) -> dict[str, Rows]:
     """The first instance of each topic that has positions."""
-    try:
-        from pyulog import ULog
-    except ImportError as error:
-        raise PlotfeedError("ULog needs pyulog: pip install 'plotfeed[ulog]'") from error
+    need_extra("pyulog", "ULog", "ulog")
+    from pyulog import ULog
+
     whole = _wanted_messages(data, log)
     try:
         with redirect_stdout(io.StringIO()):  # the library prints what it thinks of a file
