@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.telemetry.fast_decode import ReportRow
 from plotfeed.feeds.telemetry.known_drones import KnownDrones
 from plotfeed.feeds.telemetry.motion_gate import MAX_SPEED_M_S, MotionGate
-from plotfeed.feeds.telemetry.position_report import Reason, Refused
+from plotfeed.feeds.telemetry.position_report import Reason, Refused, ReportRow
 from plotfeed.proto.utc import NS
 
 MAX_DRONE_NAME = 64

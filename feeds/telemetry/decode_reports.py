@@ -1,25 +1,40 @@
 """Telemetry reports from bytes and to bytes, protobuf or JSON, and from ASTERIX 129.
 
-Pure: no sockets, no clock. Bytes give a `PositionReport` or raise `Refused`, whatever they are.
+Pure: no sockets, no clock. Bytes give a report or raise `Refused`, whatever they are.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from enum import Enum, auto
+import re
+from collections.abc import Callable
+from datetime import datetime
+from enum import Enum
 from functools import lru_cache
+from math import inf, isfinite, nan
+from operator import attrgetter, itemgetter
 from typing import Any
 
 from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from plotfeed.feeds.telemetry.position_report import (
+    LATEST_UTC_NS,
+    LIMITS,
+    MAX_SPEED_M_S,
+    NUMBERS,
+    POSITION,
+    REFERENCES,
+    VELOCITY,
     PositionReport,
     Reason,
     Refused,
+    ReportRow,
     check,
     check_finite,
+    emitters_in,
+    is_class,
 )
 from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -30,26 +45,8 @@ from plotfeed.proto.utc import NS, nearest_utc_ns
 MAX_OCTETS = 4096
 HALF_OF_POSITIONS = math.sqrt(2 * math.log(2))
 """Radius that holds half of a circular normal distribution, in standard deviations."""
-VELOCITY_FIELDS = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
-OPTIONAL_FIELDS = (
-    "horizontal_accuracy_m",
-    "vertical_accuracy_m",
-    "velocity_accuracy_m_s",
-    "rcs_m2",
-    "sound_power_db",
-    "size_m",
-)
-EMITTER_FIELDS = ("frequency_hz", "bandwidth_hz", "eirp_dbm", "kind", "identity")
-
-
-class Kind(Enum):
-    """How a report is written."""
-
-    PROTOBUF = auto()
-    JSON = auto()
-    ASTERIX = auto()
-
-
+Kind = Enum("Kind", ["PROTOBUF", "JSON", "ASTERIX"])
+"""How a report is written."""
 _KINDS = {
     "application/x-protobuf": Kind.PROTOBUF,
     "application/protobuf": Kind.PROTOBUF,
@@ -62,59 +59,167 @@ _KINDS = {
     "application/asterix": Kind.ASTERIX,
 }
 """Of media types; what ends in +json or +protobuf is likewise."""
-JSON_SPACE = b" \t\r\n"
-_REFERENCE_TO_PB = {
-    AltitudeReference.ELLIPSOID: pb.ELLIPSOID,
-    AltitudeReference.MEAN_SEA_LEVEL: pb.MEAN_SEA_LEVEL,
-    AltitudeReference.ABOVE_TAKEOFF: pb.ABOVE_TAKEOFF,
-}
-REFERENCE_FROM_PB = {number: reference for reference, number in _REFERENCE_TO_PB.items()}
+_TIME = re.compile(r"(\d{4}-\d\d-\d\dT(?:[01]\d|2[0-3]):\d\d:\d\d)(?:\.(\d{1,9}))?Z", re.ASCII)
+SOUTH_DEG, NORTH_DEG = LIMITS["latitude_deg"]
+WEST_DEG, EAST_DEG = LIMITS["longitude_deg"]
+LOWEST_M, HIGHEST_M = LIMITS["altitude_m"]
+_NUMBERS_OF, _NUMBERS_IN = attrgetter(*NUMBERS), itemgetter(*NUMBERS)
+JSON_SPACE = " \t\r\n"
 
 
 def decode(
-    payload: bytes,
-    content_type: str | None = None,
-    *,
-    max_octets: int = MAX_OCTETS,
-    now_utc_ns: int | None = None,
+    payload: bytes, content_type: str | None = None, *, now_utc_ns: int | None = None
 ) -> PositionReport:
     """The report in a payload, of the kind that its content type says; raises `Refused`.
 
     Without a content type, which MQTT 3.1.1 cannot carry, an opening brace tells JSON, and the
     category and length of a single data block ASTERIX 129. That one needs `now_utc_ns`.
     """
-    if len(payload) > max_octets:
-        detail = f"payload of {len(payload)} octets; at most {max_octets} are taken"
+    if len(payload) > MAX_OCTETS:
+        detail = f"payload of {len(payload)} octets; at most {MAX_OCTETS} are taken"
         raise Refused(Reason.OVERSIZED, detail)
-    match _kind(payload, content_type):
-        case Kind.ASTERIX:
-            report = _from_129(payload, now_utc_ns)
-        case Kind.JSON:
-            report = _report(_from_json(payload))
-        case Kind.PROTOBUF:
-            report = _report(_from_protobuf(payload))
+    if (kind := _kind(payload, content_type)) is Kind.ASTERIX:
+        report = _from_129(payload, now_utc_ns)
+    else:
+        read = _from_json if kind is Kind.JSON else _from_protobuf
+        report = PositionReport.of(read(payload))
     check(report)
     return report
 
 
+def fast_decode(payload: bytes, content_type: str | None) -> ReportRow | None:
+    """The report in a payload in a few microseconds, where it is as it nearly always is.
+
+    None for what is refused, or takes a closer look: `decode` has the last word on it, and the
+    words of refusals. What is given here is what that gives, to the last bit.
+    """
+    try:
+        kind = _kind(payload, content_type)
+        if kind is Kind.ASTERIX or len(payload) > MAX_OCTETS:
+            return None
+        if kind is Kind.JSON:
+            return _row_of_json(payload)
+        said = pb.Telemetry.FromString(payload)
+        time_utc, reference, name = said.time_utc, said.altitude_reference, said.target_class
+        t_utc_ns = time_utc.seconds * NS + nanos if 0 <= (nanos := time_utc.nanos) < NS else 0
+        emitters = emitters_in(said) if said.emitters else ()
+        return _row(t_utc_ns, _NUMBERS_OF(said), reference, emitters, name, has=said.HasField)
+    except Exception:  # noqa: BLE001 - whatever it is, `decode` finds the words for it
+        return None
+
+
+def _row(
+    t_utc_ns: int,
+    numbers: tuple[float, ...],
+    reference: int | str,
+    emitters: tuple[Emitter, ...],
+    target_class: str,
+    *,
+    has: Callable[[Any], bool],
+) -> ReportRow | None:
+    """The row of what a report says, zeros where it `has` not said it; None where in doubt."""
+    latitude, longitude, altitude, east, north, up = numbers[:6]
+    horizontal, vertical, velocity_accuracy, rcs_m2, sound_power_db, size_m = numbers[6:]
+    if not (
+        0 < t_utc_ns <= LATEST_UTC_NS
+        and SOUTH_DEG <= latitude <= NORTH_DEG
+        and WEST_DEG <= longitude <= EAST_DEG
+        and LOWEST_M <= altitude <= HIGHEST_M
+        and math.hypot(east, north, up) <= MAX_SPEED_M_S
+        and isfinite(horizontal + vertical + velocity_accuracy + rcs_m2 + sound_power_db + size_m)
+        and horizontal >= 0.0 <= vertical
+        and velocity_accuracy >= 0.0
+        # A field that is absent reads as zero, which is rare enough to be asked about.
+        and ((latitude and longitude and altitude) or all(map(has, POSITION)))
+        and (rcs_m2 > 0.0 or not (rcs_m2 or has("rcs_m2")))
+        and (size_m > 0.0 or not (size_m or has("size_m")))
+        and (not target_class or is_class(target_class))
+    ):
+        return None
+    for e in emitters:
+        if not (0 < e.frequency_hz < inf and 0 <= e.bandwidth_hz < inf and isfinite(e.eirp_dbm)):
+            return None
+    if not (east and north and up):
+        stated = zip(VELOCITY, numbers[3:6], strict=True)
+        east, north, up = [v if v or has(name) else nan for name, v in stated]
+    sigma_m = max(horizontal, vertical)
+    if not (sigma_m or has("horizontal_accuracy_m") or has("vertical_accuracy_m")):
+        sigma_m = nan
+    if not (sound_power_db or has("sound_power_db")):
+        sound_power_db = nan
+    place = (t_utc_ns, latitude, longitude, altitude, REFERENCES[reference])
+    looks = (rcs_m2 or nan, sound_power_db, size_m or nan, emitters, target_class)
+    return tuple.__new__(ReportRow, (*place, east, north, up, sigma_m, *looks))
+
+
+def _kinds(message: Any) -> dict[str, tuple[str, type]]:
+    """Name and type, as JSON has it, of each of a message's fields, by either of its spellings."""
+    return {
+        spelling: (f.name, type(f.default_value) if type(f.default_value) in (float, list) else str)
+        for f in message.DESCRIPTOR.fields
+        for spelling in (f.name, f.json_name)
+    }
+
+
+def _values(pairs: Any, kinds: dict[str, tuple[str, type]]) -> dict[str, Any]:
+    """Values by the names of fields, each of its type; raises `Exception` where in doubt."""
+    values: dict[str, Any] = {}
+    for spelling, value in pairs:
+        name, kind = kinds[spelling]
+        if type(value) is kind:
+            values[name] = value
+        elif kind is float and type(value) is int:
+            values[name] = float(value)
+        else:
+            raise ValueError(name)
+    if len(values) < len(pairs) or type(pairs) is not tuple:
+        raise ValueError("a key occurs twice, or no object")
+    return values
+
+
+_REPORT, _EMITTER = _kinds(pb.Telemetry), _kinds(pb.Emitter)
+_NO_REPORT = {name: kind() for name, kind in _REPORT.values()}
+_NO_EMITTER = {name: kind() for name, kind in _EMITTER.values()}
+
+
+def _row_of_json(payload: bytes) -> ReportRow | None:
+    text = payload.decode().strip(JSON_SPACE)
+    pairs, end = _PAIRS.raw_decode(text)
+    values = _values(pairs, _REPORT)
+    said = _NO_REPORT | values
+    emitters = tuple([Emitter(**_NO_EMITTER | _values(e, _EMITTER)) for e in said["emitters"]])
+    for emitter in emitters:
+        (emitter.kind + emitter.identity).encode()
+    if end < len(text) or (match := _TIME.fullmatch(said["time_utc"])) is None:
+        return None
+    seconds, fraction = match.groups("")
+    t_utc_ns = _seconds(seconds) * NS + int(fraction.ljust(9, "0"))
+    reference, name = said["altitude_reference"], said["target_class"]
+    return _row(t_utc_ns, _NUMBERS_IN(said), reference, emitters, name, has=values.__contains__)
+
+
+@lru_cache(maxsize=64)
+def _seconds(text: str) -> int:
+    return round(datetime.fromisoformat(text + "Z").timestamp())
+
+
 def encode_protobuf(report: PositionReport) -> bytes:
     """The report as a serialised `plotfeed.v1.Telemetry`."""
-    return _message(report).SerializeToString(deterministic=True)
+    return report.message().SerializeToString(deterministic=True)
 
 
 def encode_json(report: PositionReport) -> bytes:
     """The report in protobuf's JSON mapping, with the field names of the schema; UTF-8."""
-    text = json_format.MessageToJson(
-        _message(report), preserving_proto_field_name=True, indent=None
-    )
-    return text.encode()
+    return json_format.MessageToJson(
+        report.message(), preserving_proto_field_name=True, indent=None
+    ).encode()
 
 
 def _kind(payload: bytes, content_type: str | None) -> Kind:
     kind = kind_of_media(content_type or "")
     if kind is not None:
         return kind
-    if payload.lstrip(JSON_SPACE).startswith(b"{"):
+    if payload.lstrip(JSON_SPACE.encode()).startswith(b"{"):
         return Kind.JSON
     return Kind.ASTERIX if is_block_129(payload) else Kind.PROTOBUF
 
@@ -165,92 +270,19 @@ def _from_json(payload: bytes) -> pb.Telemetry:
 
 
 def _finite(text: str) -> float:
-    value = float(text)
-    check_finite("a number", value)
-    return value
+    return check_finite("a number", float(text))
+
+
+_PAIRS = json.JSONDecoder(object_pairs_hook=tuple, parse_constant=_finite)
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     fields = dict(pairs)
     if len(fields) < len(pairs):
         raise ValueError("a key occurs twice")
-    if any(isinstance(value, bool) for value in fields.values()):
+    if bool in map(type, fields.values()):
         raise ValueError("true or false where no field takes it")
     return fields
-
-
-def _report(message: pb.Telemetry) -> PositionReport:
-    reference = REFERENCE_FROM_PB.get(message.altitude_reference)
-    if reference is None:
-        expected = ", ".join(r.name for r in AltitudeReference)
-        raise Refused(Reason.MISSING, f"altitude_reference is missing; expected one of {expected}")
-    return PositionReport(
-        t_utc_ns=_time_ns(message),
-        latitude_deg=_required(message, "latitude_deg"),
-        longitude_deg=_required(message, "longitude_deg"),
-        altitude_m=_required(message, "altitude_m"),
-        altitude_reference=reference,
-        velocity_enu_m_s=_velocity(message),
-        **{name: _optional(message, name) for name in OPTIONAL_FIELDS},
-        emitters=tuple(
-            Emitter(**{name: getattr(e, name) for name in EMITTER_FIELDS}) for e in message.emitters
-        ),
-        target_class=message.target_class,
-    )
-
-
-def _time_ns(message: pb.Telemetry) -> int:
-    if not message.HasField("time_utc"):
-        raise Refused(Reason.MISSING, "time_utc is missing")
-    seconds, nanos = message.time_utc.seconds, message.time_utc.nanos
-    if not 0 <= nanos < NS:
-        detail = f"time_utc.nanos is {nanos}; expected 0 to {NS - 1}"
-        raise Refused(Reason.OUT_OF_RANGE, detail)
-    return seconds * NS + nanos
-
-
-def _optional(message: pb.Telemetry, name: Any) -> float | None:
-    if not message.HasField(name):
-        return None
-    value: float = getattr(message, name)
-    # Here and not in `check`, because NaN in a report's velocity stands for "not known".
-    check_finite(name, value)
-    return value
-
-
-def _required(message: pb.Telemetry, name: str) -> float:
-    value = _optional(message, name)
-    if value is None:
-        raise Refused(Reason.MISSING, f"{name} is missing")
-    return value
-
-
-def _velocity(message: pb.Telemetry) -> tuple[float, float, float] | None:
-    values = [_optional(message, name) for name in VELOCITY_FIELDS]
-    if all(v is None for v in values):
-        return None
-    east, north, up = (math.nan if v is None else v for v in values)
-    return east, north, up
-
-
-def _message(report: PositionReport) -> pb.Telemetry:
-    message = pb.Telemetry(
-        latitude_deg=report.latitude_deg,
-        longitude_deg=report.longitude_deg,
-        altitude_m=report.altitude_m,
-        altitude_reference=_REFERENCE_TO_PB[report.altitude_reference],
-        target_class=report.target_class,
-    )
-    message.time_utc.seconds, message.time_utc.nanos = divmod(report.t_utc_ns, NS)
-    for name in OPTIONAL_FIELDS:
-        if (value := getattr(report, name)) is not None:
-            setattr(message, name, value)
-    for name, value in zip(VELOCITY_FIELDS, report.velocity_enu_m_s or (), strict=False):
-        if not math.isnan(value):
-            setattr(message, name, value)
-    for e in report.emitters:
-        message.emitters.add(**{name: getattr(e, name) for name in EMITTER_FIELDS})
-    return message
 
 
 def _from_129(payload: bytes, now_utc_ns: int | None) -> PositionReport:

@@ -13,8 +13,7 @@ from math import dist, fsum, isnan, sqrt
 
 import numpy as np
 
-from plotfeed.feeds.telemetry.fast_decode import ReportRow
-from plotfeed.feeds.telemetry.position_report import Reason, Refused
+from plotfeed.feeds.telemetry.position_report import Reason, Refused, ReportRow
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import NS
 

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.models.state import AltitudeReference, Emitter, Floats
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 
 MAX_SPEED_M_S = 1000.0
 LATEST_UTC_NS = 2**63 - 1  # year 2262: the last that int64 holds
+ABOVE_ZERO = math.ulp(0.0)
 LIMITS = {
     "latitude_deg": (-90.0, 90.0),
     "longitude_deg": (-180.0, 180.0),
@@ -24,11 +28,28 @@ LIMITS = {
     "horizontal_accuracy_m": (0.0, math.inf),
     "vertical_accuracy_m": (0.0, math.inf),
     "velocity_accuracy_m_s": (0.0, math.inf),
+    "rcs_m2": (ABOVE_ZERO, math.inf),
     "sound_power_db": (-math.inf, math.inf),
+    "size_m": (ABOVE_ZERO, math.inf),
 }
-"""Least and greatest value taken, both included."""
-POSITIVE = ("rcs_m2", "size_m")
-"""Values of which none is 0 or less."""
+"""Least and greatest value taken, both included; all are finite."""
+EMITTER_LIMITS = {
+    "frequency_hz": (ABOVE_ZERO, math.inf),
+    "bandwidth_hz": (0.0, math.inf),
+    "eirp_dbm": (-math.inf, math.inf),
+}
+"""As `LIMITS`, of what a drone emits."""
+POSITION, OTHERS = tuple(LIMITS)[:3], tuple(LIMITS)[3:]
+VELOCITY = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
+NUMBERS = (*POSITION, *VELOCITY, *OTHERS)
+"""Names that the numbers of a report have in `plotfeed.v1.Telemetry`."""
+EMITTER_FIELDS = (*EMITTER_LIMITS, "kind", "identity")
+REFERENCES: dict[int | str, AltitudeReference] = {
+    key: reference
+    for reference in AltitudeReference
+    for key in (reference.name, pb.AltitudeReference.Value(reference.name))
+}
+"""By name and by number in `plotfeed.v1`."""
 CLASS_NAMES = "1 to 64 printable characters without space, /, + and #"
 
 MAX_DETAIL = 300
@@ -97,6 +118,86 @@ class PositionReport:
     """What it is to sensors that recognise it; empty where nobody says it."""
     size_m: float | None = None
 
+    @classmethod
+    def of(cls, message: pb.Telemetry) -> PositionReport:
+        """The report in a message, not yet checked against limits; raises `Refused`."""
+        reference = REFERENCES.get(message.altitude_reference)
+        if reference is None:
+            expected = ", ".join(r.name for r in AltitudeReference)
+            detail = f"altitude_reference is missing; expected one of {expected}"
+            raise Refused(Reason.MISSING, detail)
+        if not message.HasField("time_utc"):
+            raise Refused(Reason.MISSING, "time_utc is missing")
+        nanos = message.time_utc.nanos
+        if not 0 <= nanos < NS:
+            detail = f"time_utc.nanos is {nanos}; expected 0 to {NS - 1}"
+            raise Refused(Reason.OUT_OF_RANGE, detail)
+        said: dict[str, Any] = {}
+        for name in NUMBERS:
+            if message.HasField(name):
+                # Not in `check`, because NaN in a report's velocity stands for "not known".
+                said[name] = check_finite(name, getattr(message, name))
+            elif name in POSITION:
+                raise Refused(Reason.MISSING, f"{name} is missing")
+        velocity = [said.pop(name, None) for name in VELOCITY]
+        if velocity != [None] * 3:
+            said["velocity_enu_m_s"] = tuple(math.nan if v is None else v for v in velocity)
+        return cls(
+            t_utc_ns=message.time_utc.seconds * NS + nanos,
+            altitude_reference=reference,
+            emitters=emitters_in(message),
+            target_class=message.target_class,
+            **said,
+        )
+
+    def message(self) -> pb.Telemetry:
+        """The report as a message."""
+        message = pb.Telemetry(
+            **{name: getattr(self, name) for name in (*POSITION, *OTHERS)},
+            altitude_reference=self.altitude_reference.name,
+            target_class=self.target_class,
+            emitters=[pb.Emitter(**asdict(emitter)) for emitter in self.emitters],
+        )
+        message.time_utc.seconds, message.time_utc.nanos = divmod(self.t_utc_ns, NS)
+        for name, value in zip(VELOCITY, self.velocity_enu_m_s or (), strict=False):
+            if not math.isnan(value):
+                setattr(message, name, value)
+        return message
+
+
+def emitters_in(message: pb.Telemetry) -> tuple[Emitter, ...]:
+    """What a drone says that it emits, not yet checked."""
+    values = [{name: getattr(e, name) for name in EMITTER_FIELDS} for e in message.emitters]
+    return tuple([Emitter(**each) for each in values])
+
+
+class ReportRow(NamedTuple):
+    """A `PositionReport` with NaN for all that is not stated; of both accuracies the worse."""
+
+    t_utc_ns: int
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    altitude_reference: AltitudeReference
+    velocity_east_m_s: float
+    velocity_north_m_s: float
+    velocity_up_m_s: float
+    sigma_m: float
+    rcs_m2: float
+    sound_power_db: float
+    size_m: float
+    emitters: tuple[Emitter, ...]
+    target_class: str
+
+    @classmethod
+    def of(cls, report: PositionReport) -> ReportRow:
+        """The row of a report."""
+        accuracies = (report.horizontal_accuracy_m, report.vertical_accuracy_m)
+        said = dict(zip(VELOCITY, report.velocity_enu_m_s or (), strict=False))
+        said["sigma_m"] = max((a for a in accuracies if a is not None), default=math.nan)
+        values = [said.get(name, getattr(report, name, None)) for name in cls._fields]
+        return cls._make(math.nan if value is None else value for value in values)
+
 
 @lru_cache(maxsize=256)
 def is_class(name: str) -> bool:
@@ -109,55 +210,37 @@ def check(report: PositionReport) -> None:
     if not 0 <= report.t_utc_ns <= LATEST_UTC_NS:
         detail = f"time_utc is {report.t_utc_ns} ns since 1970; expected 0 to {LATEST_UTC_NS}"
         raise Refused(Reason.OUT_OF_RANGE, detail)
-    for name, (least, greatest) in LIMITS.items():
-        value = getattr(report, name)
-        if value is not None:
-            _check_value(name, value, least, greatest)
-    for name in POSITIVE:
+    for name, limits in LIMITS.items():
         if (value := getattr(report, name)) is not None:
-            _check_positive(name, value)
+            _check_value(name, value, limits)
     if not is_class(report.target_class):
         detail = f"target_class is {report.target_class!a}; expected {CLASS_NAMES}"
         raise Refused(Reason.NAME, detail)
     for emitter in report.emitters:
-        _check_emitter(emitter)
-    if report.velocity_enu_m_s is not None:
-        _check_speed(report.velocity_enu_m_s)
-
-
-def _check_value(name: str, value: float, least: float, greatest: float) -> None:
-    check_finite(name, value)
-    if not least <= value <= greatest:
-        expected = f"expected {least:g} or more"
-        if greatest < math.inf:
-            expected = f"expected {least:g} to {greatest:g}"
-        raise Refused(Reason.OUT_OF_RANGE, f"{name} is {value:g}; {expected}")
-
-
-def check_finite(name: str, value: float) -> None:
-    """Raise `Refused` by that name if the value is NaN or infinite."""
-    if not math.isfinite(value):
-        raise Refused(Reason.NOT_FINITE, f"{name} is {value}; expected a finite number")
-
-
-def _check_positive(name: str, value: float) -> None:
-    check_finite(name, value)
-    if value <= 0:
-        raise Refused(Reason.OUT_OF_RANGE, f"{name} is {value:g}; expected more than 0")
-
-
-def _check_emitter(emitter: Emitter) -> None:
-    _check_positive("emitters.frequency_hz", emitter.frequency_hz)
-    _check_value("emitters.bandwidth_hz", emitter.bandwidth_hz, 0.0, math.inf)
-    check_finite("emitters.eirp_dbm", emitter.eirp_dbm)
-
-
-def _check_speed(velocity_enu_m_s: Iterable[float]) -> None:
-    speed_m_s = math.hypot(*(v for v in velocity_enu_m_s if not math.isnan(v)))
+        for name, limits in EMITTER_LIMITS.items():
+            _check_value(f"emitters.{name}", getattr(emitter, name), limits)
+    speed_m_s = math.hypot(*(v for v in report.velocity_enu_m_s or () if not math.isnan(v)))
     check_finite("speed", speed_m_s)
     if speed_m_s > MAX_SPEED_M_S:
         detail = f"speed is {speed_m_s:g} m/s; expected at most {MAX_SPEED_M_S:g}"
         raise Refused(Reason.OUT_OF_RANGE, detail)
+
+
+def _check_value(name: str, value: float, limits: tuple[float, float]) -> None:
+    check_finite(name, value)
+    least, greatest = limits
+    if not least <= value <= greatest:
+        expected = "more than 0" if least == ABOVE_ZERO else f"{least:g} or more"
+        if greatest < math.inf:
+            expected = f"{least:g} to {greatest:g}"
+        raise Refused(Reason.OUT_OF_RANGE, f"{name} is {value:g}; expected {expected}")
+
+
+def check_finite(name: str, value: float) -> float:
+    """The value; raises `Refused` by that name if it is NaN or infinite."""
+    if not math.isfinite(value):
+        raise Refused(Reason.NOT_FINITE, f"{name} is {value}; expected a finite number")
+    return value
 
 
 @dataclass(frozen=True, slots=True)

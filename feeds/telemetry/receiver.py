@@ -15,9 +15,8 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.target_keys import EchoesByClass
 from plotfeed.feeds.telemetry.admission import Admission
-from plotfeed.feeds.telemetry.decode_reports import decode
-from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
-from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused
+from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
+from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused, ReportRow
 from plotfeed.models.live_samples import MAX_FIT_SAMPLES
 from plotfeed.models.state import DRONE, Signatures
 from plotfeed.models.truth import Trajectories
@@ -142,7 +141,9 @@ class TelemetryReceiver:
             is_known = self._admission.knows(drone)
             for payload, content_type in messages:
                 try:
-                    row = self._decoded(payload, content_type, now_utc_ns)
+                    row = fast_decode(payload, content_type) or ReportRow.of(
+                        decode(payload, content_type, now_utc_ns=now_utc_ns)
+                    )
                     if not is_known and drone in self._scripted:
                         detail = f"drone {drone!r} is flown by the scene itself"
                         raise Refused(Reason.NAME, detail)
@@ -169,11 +170,6 @@ class TelemetryReceiver:
         if rows:
             self._add(names, rows, starts)
         return refusals
-
-    @staticmethod
-    def _decoded(payload: bytes, content_type: str | None, now_utc_ns: int) -> ReportRow:
-        row = fast_decode(payload, content_type)
-        return row or ReportRow.of(decode(payload, content_type, now_utc_ns=now_utc_ns))
 
     def _unneeded(self, rows: Sequence[ReportRow], now_utc_ns: int) -> int:
         """How many of a drone's first reports make no state that anybody can still ask for.

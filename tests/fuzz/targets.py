@@ -16,12 +16,12 @@ from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
 from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
 from plotfeed.feeds.score.track_decoding import tracks_in
-from plotfeed.feeds.telemetry import decode_reports
-from plotfeed.feeds.telemetry.fast_decode import ReportRow, fast_decode
+from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions, Reader
 from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.live.network_remote_id import NetworkRemoteIdReports
+from plotfeed.feeds.telemetry.position_report import ReportRow
 from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import AltitudeReference
@@ -62,7 +62,7 @@ def telemetry(data: bytes) -> None:
     """A report, by its content type; the fast way says what the careful one says, or nothing."""
     content_type = CONTENT_TYPES[data[0] % len(CONTENT_TYPES)] if data else None
     fast = fast_decode(data[1:], content_type)
-    report = decode_reports.decode(data[1:], content_type, now_utc_ns=NS_2026)
+    report = decode(data[1:], content_type, now_utc_ns=NS_2026)
     assert fast is None or repr(fast) == repr(ReportRow.of(report))
 
 
@@ -70,7 +70,7 @@ def fast_telemetry(data: bytes) -> None:
     """What the fast way takes the careful one takes."""
     if fast_decode(data, None) is not None:
         try:
-            decode_reports.decode(data, None)
+            decode(data, None)
         except PlotfeedError as error:
             raise AssertionError(f"taken, and refused: {error}") from error
 

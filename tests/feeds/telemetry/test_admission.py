@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.admission import Admission
-from plotfeed.feeds.telemetry.fast_decode import ReportRow
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, ReportRow
 from plotfeed.models.state import AltitudeReference
 
 S = 1_000_000_000
