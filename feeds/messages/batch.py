@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Self, TypeVar
+from functools import cached_property, partial
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -169,37 +169,27 @@ class Batch:
 
     def one(self, i: int) -> Self:
         """What came of sector i, not copied."""
-        plots, plots_by = _between(self.plots, self.plots_by, i)
-        looks, looks_by = _between(self.looks, self.looks_by, i)
-        tracks, tracks_by = _between(self.tracks, self.tracks_by, i)
-        return replace(
-            self,
-            sectors=self.sectors.between(i, i + 1),
-            plots=plots,
-            plots_by=plots_by,
-            looks=looks,
-            looks_by=looks_by,
-            tracks=tracks,
-            tracks_by=tracks_by,
-            messages=self.messages[i : i + 1],
-        )
+        cut = partial(_between, i=i)
+        messages = self.messages[i : i + 1]
+        return self._cut(self.sectors.between(i, i + 1), cut, messages)
 
     def rows(self, which: Ints) -> Self:
         """What came of the sectors at those indices, (k,), in that order; without messages."""
-        plots, plots_by = _of_parts(self.plots, self.plots_by, which)
-        looks, looks_by = _of_parts(self.looks, self.looks_by, which)
-        tracks, tracks_by = _of_parts(self.tracks, self.tracks_by, which)
-        return replace(
-            self,
-            sectors=self.sectors.rows(which),
-            plots=plots,
-            plots_by=plots_by,
-            looks=looks,
-            looks_by=looks_by,
-            tracks=tracks,
-            tracks_by=tracks_by,
-            messages=(),
-        )
+        return self._cut(self.sectors.rows(which), partial(of_parts, which=which), ())
+
+    def _cut(
+        self,
+        sectors: Sectors,
+        cut: Callable[[Any, Ints], tuple[Any, Ints]],
+        messages: Sequence[Sequence[Message]],
+    ) -> Self:
+        """The batch of those sectors, with what `cut` leaves of columns and of their offsets."""
+        parts: dict[str, Any] = {}
+        for name in ("plots", "looks", "tracks"):
+            by: Ints | None = getattr(self, f"{name}_by")
+            if by is not None:
+                parts[name], parts[f"{name}_by"] = cut(getattr(self, name), by)
+        return replace(self, sectors=sectors, messages=messages, **parts)
 
     def by_clock(self, ahead_ns: int, truth_at: Callable[[int, Ints], TruthState]) -> Self:
         """The batch by the clock of its sensors, which is so far ahead, with their truth."""
@@ -242,11 +232,5 @@ def of_parts(columns: C, by: Ints, which: Ints) -> tuple[C, Ints]:
     return columns.rows(rows), by_now
 
 
-def _of_parts(columns: C, by: Ints | None, which: Ints) -> tuple[C, Ints | None]:
-    return (columns, None) if by is None else of_parts(columns, by, which)
-
-
-def _between(columns: C, by: Ints | None, i: int) -> tuple[C, Ints | None]:
-    if by is None:
-        return columns, None
+def _between(columns: C, by: Ints, i: int) -> tuple[C, Ints]:
     return columns.between(int(by[i]), int(by[i + 1])), by[i : i + 2] - by[i]

@@ -57,16 +57,11 @@ MAX_REFUSALS_PER_S = 50
 class TelemetryReceiver:
     """Takes telemetry for a session, and counts what is refused and why."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        trajectories: Trajectories,
-        *,
-        welcome: Callable[[str], object] = lambda _topic: None,
-        part_with: Callable[[str], object] = lambda _topic: None,
-    ) -> None:
-        self.welcome, self.part_with = welcome, part_with
-        """Told the topics of drones that become known, and of those that are forgotten."""
+    def __init__(self, scene: Scene, trajectories: Trajectories) -> None:
+        self.welcome: Callable[[str], object] = lambda _topic: None
+        """Told the topics of drones that become known."""
+        self.part_with: Callable[[str], object] = lambda _topic: None
+        """Told the topics of drones that are forgotten."""
         settings = scene.telemetry
         self.taken = 0
         self.conflated = 0

@@ -106,6 +106,20 @@ def password_file(folder: Path, username: str, password: str) -> Path:
 
 
 @contextmanager
+def mosquitto_with(folder: Path, access: str) -> Iterator[int]:
+    """Its port, where plotfeed has that access and who does not say his name has all."""
+    port, list_file = free_port(), folder / "access"
+    list_file.write_text(f"topic readwrite #\n\n{access}\n")
+    list_file.chmod(0o600)
+    settings = (
+        f"listener {port} 127.0.0.1\nallow_anonymous true\n"
+        f"password_file {password_file(folder, 'plotfeed', 'secret')}\nacl_file {list_file}\n"
+    )
+    with mosquitto(folder, port, settings):
+        yield port
+
+
+@contextmanager
 def rumqttd(
     folder: Path, listeners: dict[str, tuple[str, int, str]]
 ) -> Iterator[subprocess.Popen[bytes]]:

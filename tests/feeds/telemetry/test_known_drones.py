@@ -40,9 +40,8 @@ class Door:
 
     def __init__(self, scene: Scene) -> None:
         self.trajectories, self.queue = trajectories_of(scene), FairQueue()
-        self.receiver = TelemetryReceiver(
-            scene, self.trajectories, welcome=self.queue.know, part_with=self.queue.forget
-        )
+        self.receiver = TelemetryReceiver(scene, self.trajectories)
+        self.receiver.welcome, self.receiver.part_with = self.queue.know, self.queue.forget
         self.now_ns, self.told = NOW, list[dict[str, str]]()
 
     def tick(self, *drones: str) -> None:

@@ -13,7 +13,7 @@ from socketserver import BaseRequestHandler, TCPServer
 from threading import Thread
 
 import pytest
-from support.brokers import free_port, mosquitto, password_file
+from support.brokers import free_port, mosquitto, mosquitto_with
 from support.command import plotfeed, running
 from support.cut_proxy import proxied
 from support.mqtt_client import listening
@@ -26,21 +26,6 @@ DOCUMENTED = Path(__file__).parents[4] / "docs" / "mqtt.md"
 def credentials(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", "plotfeed")
     monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", "secret")
-
-
-@contextmanager
-def mosquitto_with(folder: Path, access: str) -> Iterator[int]:
-    """Its port, where plotfeed has that access and who does not say his name has all."""
-    port = free_port()
-    list_file = folder / "access"
-    list_file.write_text(f"topic readwrite #\n\n{access}\n")
-    list_file.chmod(0o600)
-    settings = (
-        f"listener {port} 127.0.0.1\nallow_anonymous true\n"
-        f"password_file {password_file(folder, 'plotfeed', 'secret')}\nacl_file {list_file}\n"
-    )
-    with mosquitto(folder, port, settings):
-        yield port
 
 
 def scene(folder: Path, version: str = "any") -> Path:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port, mosquitto, password_file
+from support.brokers import free_port, mosquitto_with
 from support.cut_proxy import proxied
 from support.scene_files import radar, scene_file, scene_text
 from support.scripted_broker import ScriptedBroker, serving
@@ -46,19 +44,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture)
     caplog.set_level("INFO")
 
 
-@contextmanager
-def mosquitto_with(folder: Path, access: str) -> Iterator[int]:
-    port, list_file = free_port(), folder / "access"
-    list_file.write_text(f"topic readwrite #\n\nuser plotfeed\n{access}\n")
-    list_file.chmod(0o600)
-    settings = (
-        f"listener {port} 127.0.0.1\nallow_anonymous true\n"
-        f"password_file {password_file(folder, 'plotfeed', 'secret')}\nacl_file {list_file}\n"
-    )
-    with mosquitto(folder, port, settings):
-        yield port
-
-
 def scene(folder: Path, version: str = "any", qos: int = 0) -> Scene:
     mqtt = f'version = "{version}"\nqos = {qos}'
     return load(scene_file(folder, scene_text(sensors=SENSORS, mqtt=mqtt)))
@@ -85,7 +70,7 @@ async def test_plots_that_an_access_list_refuses_are_told_of_in_a_line(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, version: str, qos: int, may: str
 ) -> None:
     access = f"{WRITES}\ntopic {'read' if 'written' in may else 'write'} plotfeed/#"
-    with mosquitto_with(tmp_path, access) as port:
+    with mosquitto_with(tmp_path, f"user plotfeed\n{access}") as port:
         async with at_work(scene(tmp_path, version, qos), port) as session:
             await samples(session, missed=1)
     line, *_ = complaints(caplog)
@@ -102,7 +87,7 @@ async def test_an_access_list_against_one_sensor_is_told_of_that_one(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, version: str, qos: int
 ) -> None:
     access = f"{WRITES}\ntopic readwrite plotfeed/north/#\ntopic read plotfeed/#"
-    with mosquitto_with(tmp_path, access) as port:
+    with mosquitto_with(tmp_path, f"user plotfeed\n{access}") as port:
         async with at_work(scene(tmp_path, version, qos), port) as session:
             await samples(session, heard=2, missed=2)
     assert complaints(caplog)
@@ -118,7 +103,7 @@ async def test_the_access_list_of_the_documentation_lets_a_session_hear_itself(
 ) -> None:
     (access,) = re.findall(r"^user plotfeed\n(.*?)\n\n", DOCUMENTED.read_text(), re.M | re.S)
     access = access.replace("north/site/7", "plotfeed")
-    with mosquitto_with(tmp_path, access) as port:
+    with mosquitto_with(tmp_path, f"user plotfeed\n{access}") as port:
         async with at_work(scene(tmp_path, version, qos), port) as session:
             await samples(session, heard=8)
     assert (complaints(caplog), session.totals.not_heard_back) == ([], 0)
