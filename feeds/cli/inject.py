@@ -14,8 +14,8 @@ from plotfeed.feeds.cli.flight_summary import summary_lines
 from plotfeed.feeds.cli.session_answers import SessionAnswers
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import say
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.sensing.cover import shown_m
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
@@ -203,12 +203,16 @@ class _Injection:
                     content_type=content_type,
                     due_utc_ns=report.t_utc_ns,
                 )
-                link.publish(Delivery(message, clock, 1, self))
+                link.publish([Outgoing(message, client=self, transports=1)])
         finally:
             if clock is not None:
                 clock.close()
 
-    def settled(self, delivery: Delivery) -> None:
+    def now_ns(self) -> int:
+        """The time at which a report leaves, UTC."""
+        return time.time_ns()
+
+    def settled(self, one: Outgoing) -> None:
         """Count what became of a report."""
-        self._sent += delivery.delivered
-        self._undelivered += not delivery.delivered
+        self._sent += one.delivered
+        self._undelivered += not one.delivered

@@ -17,8 +17,8 @@ from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.source_keys import TelemetrySource
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
@@ -162,14 +162,18 @@ class _Relay:
             content_type=self._content_type,
             due_utc_ns=report.t_utc_ns,
         )
-        self._link.publish(Delivery(message, self._clock, 1, self))
+        self._link.publish([Outgoing(message, client=self, transports=1)])
 
     def _refuse(self, drone: str, refused: Refused) -> None:
         self._refused[refused.reason] += 1
         whose = f"{drone}: " if drone else ""
         self._details.setdefault(refused.reason, whose + refused.detail)
 
-    def settled(self, delivery: Delivery) -> None:
+    def now_ns(self) -> int:
+        """The time at which a report leaves, UTC."""
+        return self._clock.now_ns()
+
+    def settled(self, one: Outgoing) -> None:
         """Count what became of a report."""
-        self._sent += delivery.delivered
-        self._undelivered += not delivery.delivered
+        self._sent += one.delivered
+        self._undelivered += not one.delivered

@@ -7,10 +7,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from plotfeed.feeds.delivery.delivery import SentTogether, Settled, records
 from plotfeed.feeds.messages.batch import Batch, edges
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing, records
 from plotfeed.models.state import Columns, Ints, Looks, Plots
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import LEDGER, protobuf_content_type
 from plotfeed.proto.ledger_octets import MANY, LedgerOctets, ledger, sent_field
 from plotfeed.proto.utc import iso_utc
@@ -19,8 +20,8 @@ CONTENT_TYPE = protobuf_content_type(LEDGER)
 
 C = TypeVar("C", bound=Columns)
 
-Kept = tuple[Batch, int, str, Settled]
-"""A sector by its batch and row, its link's keys then in JSON, what became of its messages."""
+Kept = tuple[Batch, int]
+"""A sector by its batch and row, of whose messages it is known what became of them."""
 
 
 class LedgerWriter:
@@ -33,11 +34,11 @@ class LedgerWriter:
 
     def messages(self, kept: Sequence[Kept]) -> list[Message]:
         """An entry for each sector, in that order."""
-        truths = self._truths([(batch, row) for batch, row, _, _ in kept])
-        sent = self._sent([settled for _, _, _, settled in kept])
+        truths = self._truths(kept)
+        sent = self._sent([batch.messages[row] for batch, row in kept])
         times: dict[int, str] = {}
         found = []
-        for (batch, row, link, _), truth, messages in zip(kept, truths, sent, strict=True):
+        for (batch, row), truth, messages in zip(kept, truths, sent, strict=True):
             of = batch.sectors
             sensor, scan = batch.sensors[of.sensor[row]], int(of.scan[row])
             index, end_ns = int(of.index[row]), int(of.end_ns[row])
@@ -57,7 +58,7 @@ class LedgerWriter:
                 index,
                 truth=truth,
                 sent=messages,
-                link=link,
+                link=batch.links[row],
                 claims=batch.claims or b"",
             )
             found.append(
@@ -71,7 +72,7 @@ class LedgerWriter:
             )
         return found
 
-    def _truths(self, sectors: Sequence[tuple[Batch, int]]) -> list[bytes]:
+    def _truths(self, sectors: Sequence[Kept]) -> list[bytes]:
         """Looks and plots of each sector, as fields of its entry."""
         # Together where drones have the same names: some may have been forgotten meanwhile.
         of_names: dict[int, dict[int, list[int]]] = {}
@@ -101,32 +102,44 @@ class LedgerWriter:
                 found[place] = truth
         return found
 
-    def _sent(self, settled: Sequence[Settled]) -> Iterator[bytes]:
+    def _sent(self, sectors: Sequence[Sequence[Outgoing]]) -> Iterator[bytes]:
         """What became of the messages of each sector, as fields of its entry."""
-        if len(settled) < MANY:
-            yield from (b"".join(map(sent_field, records(each))) for each in settled)
+        if len(sectors) < MANY:
+            yield from (b"".join(map(sent_field, records(each))) for each in sectors)
             return
-        together = [each for each in settled if isinstance(each, SentTogether)]
-        messages = [message for each in together for message in each.messages]
+        are_plain = [all(map(_is_plain, each)) for each in sectors]
+        plain = [
+            one for each, is_plain in zip(sectors, are_plain, strict=True) if is_plain
+            for one in each
+        ]  # fmt: skip
         octets, ends = b"", [0]
-        if messages:
-            topics = [message.topic for message in messages]
+        if plain:
             octets, places = self._octets.sent(
-                topics,
-                _ints([message.due_utc_ns for message in messages]),
-                _ints([one.sent_utc_ns for one in together for _ in one.messages]),
-                _ints([len(message.payload) for message in messages]),
-                _ints([one.number + i for one in together for i in range(len(one.messages))]),
+                [one.message.topic for one in plain],
+                _ints([one.due_utc_ns for one in plain]),
+                _ints([one.sent_utc_ns for one in plain]),
+                _ints([len(one.message.payload) for one in plain]),
+                _ints([one.number for one in plain]),
             )
             ends = places.tolist()
         first = 0
-        for each in settled:
-            if isinstance(each, SentTogether):
-                after = first + len(each.messages)
+        for each, is_plain in zip(sectors, are_plain, strict=True):
+            if is_plain:
+                after = first + len(each)
                 yield octets[ends[first] : ends[after]]
                 first = after
             else:
                 yield b"".join(map(sent_field, records(each)))
+
+
+def _is_plain(one: Outgoing) -> bool:
+    """Whether it left its link as it was handed to it, at once, for all destinations."""
+    return (
+        one.fate == pb.SENT
+        and one.due_utc_ns == one.handed.due_utc_ns
+        and not (one.copy or one.not_to)
+        and one.flipped_bit is None
+    )
 
 
 def _ints(values: list[int]) -> Ints:

@@ -1,39 +1,29 @@
-"""Where a sensor's messages leave: late and lossy as its link is, over all its connections."""
+"""Where a client's messages leave, when their links let them, over all its connections."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 
 from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
-from plotfeed.feeds.delivery.delivery import (
-    Delivery,
-    LedgerEntry,
-    OnComplete,
-    SentTogether,
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import (
+    HELD_NS,
+    NOT_COUNTED,
+    Countdown,
+    Outgoing,
     Transport,
 )
-from plotfeed.feeds.impairment.link import Fate, Impairment, flip
-from plotfeed.feeds.messages.bounded_queue import BoundedQueue
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 
-InTime = Callable[[Message, int], Message | None]
-"""The message as it may still leave at that time, or None if it is too late for it."""
-
-_FATES = {
-    Fate.LOST: pb.LOST,
-    Fate.QUEUE_FULL: pb.QUEUE_FULL,
-    Fate.OUTAGE: pb.OUTAGE,
-}
+Departure = tuple["Outbox", Sequence[Outgoing], Callable[[], object] | None]
+"""What a client hands to its link at once, and what to call when the fate of all is known."""
 
 
 class Outbox:
-    """One client's way out: through its link's impairment, over all its transports."""
+    """One client's way out: what passes its link leaves over all its transports, and is counted."""
 
     def __init__(
         self,
@@ -44,40 +34,33 @@ class Outbox:
         totals: SessionCounters | None = None,
         before_link: Sequence[Callable[[Message], object]] = (),
         after_link: Sequence[Callable[[Message, int], object]] = (),
-        in_time: InTime | None = None,
-        link: LinkSettings | None = None,
-        impair: Callable[[LinkSettings], Impairment] | None = None,
     ) -> None:
-        """`impair` makes the link's impairment, which delays by way of `schedule`.
+        """What leaves later does so by `schedule`.
 
-        Without `link`, messages leave at once. `before_link` is told of every message as it is
-        handed to the link, `after_link` of every copy as it leaves, and when.
+        `before_link` is told of every message as it is handed to the link, `after_link` of every
+        copy as it leaves, and when.
         """
         self.counters = ClientCounters()
         self.transports = transports
         self.retained: dict[str, Message] = {}
         """What was last sent to stay, by topic, such as a status."""
+        self.totals = totals or SessionCounters()
         self._clock = clock
         self._schedule = Schedule() if schedule is None else schedule  # an empty one is false
-        self.totals = totals or SessionCounters()
         self._before_link, self._after_link = before_link, after_link
-        self._in_time = in_time
-        self._impair = impair
-        self._impairment = impair(link) if impair and link is not None else None
-        self._number = 0
-        self._on_the_way: set[Delivery] = set()
-        self._held: BoundedQueue[tuple[Delivery, LedgerEntry]] = BoundedQueue(0)
-        """What waits for the link to be up again."""
+        self._on_the_way: dict[Outgoing, None] = {}
+        self._to_let_go: set[Outgoing] = set()
+        """What its link lets go at a time that is yet to come."""
 
     @property
     def on_the_way(self) -> int:
         """Copies that the link holds."""
-        return len(self._on_the_way) + len(self._held)
+        return len(self._on_the_way)
 
     @property
     def waiting(self) -> int:
         """Messages of this client that wait for a broker."""
-        return sum(transport.waiting_of(self.counters) for transport in self.transports)
+        return sum(transport.waiting_of(self) for transport in self.transports)
 
     @property
     def oldest_due_ns(self) -> int | None:
@@ -88,45 +71,34 @@ class Outbox:
         """The time by which it sends, UTC."""
         return self._clock.now_ns()
 
-    def prepare(self, messages: Sequence[Message]) -> None:
-        """Do ahead of time what can be done for messages that will be sent soon."""
-        for transport in self.transports:
-            transport.prepare(messages)
+    def send(
+        self, outgoing: Sequence[Outgoing], on_complete: Callable[[], object] | None = None
+    ) -> None:
+        """Send what its link lets leave now, and the rest when that does.
 
-    @property
-    def is_perfect(self) -> bool:
-        """Whether nothing lies between it and its transports: what is sent leaves at once."""
-        return self._impairment is None
-
-    def send(self, *messages: Message, on_complete: OnComplete | None = None) -> None:
-        """Hand messages that are due at once to the link now.
-
-        `on_complete` is told what became of them as soon as the fate of all of them is known.
+        `on_complete` is called as soon as the fate of all of it is known.
         """
-        if self._impairment is None:
-            send_all([(self, messages, on_complete)])
+        send_all([(self, outgoing, on_complete)])
+
+    def let_go(self, one: Outgoing, at_utc_ns: int) -> None:
+        """Send what its link has held and lets go then, or do not, where its fate is known."""
+        self._to_let_go.add(one)
+        self._schedule.put(at_utc_ns, partial(self._let_go, one))
+
+    def _let_go(self, one: Outgoing) -> None:
+        self._to_let_go.remove(one)
+        if one.client is None:  # it is still to be handed to the link, and leaves as others do
             return
-        entry = LedgerEntry(self.counters, self.totals, on_complete)
-        for message in messages:
-            for tell in self._before_link:
-                tell(message)
-            self._number += 1
-            delivery = self._deliver(entry, message, self._number - 1)
-            self._pass_link(delivery, entry, self._impairment, message.due_utc_ns)
-        entry.close()
+        if one.copy:
+            self.counters.open_due_ns[one.handed.due_utc_ns] += 1
+        self._on_the_way.pop(one, None)
+        if self._begin(one):
+            self._leave([one])
 
     def send_past_link(self, *messages: Message) -> None:
         """Send what is not the sensor's own traffic, such as its status."""
-        deliveries: list[Delivery] = []
-
-        def made() -> list[Delivery]:
-            if not deliveries:
-                settles, clock, client = len(self.transports), self._clock, self.counters
-                deliveries.extend(Delivery(m, clock, settles, client=client) for m in messages)
-            return deliveries
-
         for transport in self.transports:
-            transport.publish_together(messages, made)  # nobody asks what becomes of them
+            transport.publish([Outgoing(each, client=self, transports=1) for each in messages])
         for message in messages:
             if message.retain:
                 self.retained[message.topic] = message
@@ -134,208 +106,109 @@ class Outbox:
             for message in messages:
                 tell(message, self._clock.now_ns())
 
-    def change(self, link: LinkSettings, at_utc_ns: int | None = None) -> None:
-        """Have that link from then on, or now; what was held leaves if it is up again."""
-        if self._impairment is not None:
-            self._impairment.change(link)
-        elif self._impair is not None:
-            self._impairment = self._impair(link)
-        else:
-            raise ValueError("this client has no link")
-        at_utc_ns = self._clock.now_ns() if at_utc_ns is None else at_utc_ns
-        held = [self._held.take() for _ in range(len(self._held))]
-        for delivery, entry in held:
-            self._pass_link(delivery, entry, self._impairment, at_utc_ns)
-
     def end(self) -> None:
         """The session is over: what the link still holds does not arrive."""
-        held = [delivery for delivery, _ in self._held.drop_all()]
-        on_the_way, self._on_the_way = self._on_the_way, set()
-        for delivery in [*held, *on_the_way]:
-            delivery.end(pb.ENDED)
+        on_the_way, self._on_the_way = self._on_the_way, {}
+        for one in on_the_way:
+            one.end(pb.ENDED)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the sockets have taken everything, or the time is up."""
         for transport in self.transports:
             await transport.drain(timeout_s)
 
-    def _deliver(
-        self, entry: LedgerEntry, message: Message, number: int, copy: int = 0
-    ) -> Delivery:
-        return entry.deliver(message, self._clock, len(self.transports), number, copy)
-
-    def _pass_link(
-        self, delivery: Delivery, entry: LedgerEntry, impairment: Impairment, due_utc_ns: int
-    ) -> None:
-        """Ask the link what becomes of a message, and see to that."""
-        message = delivery.message
-        outcome = impairment.pass_on(due_utc_ns, len(message.payload))
-        if outcome.fate is Fate.HELD:
-            self._held.limit = impairment.link.queue_messages
-            if not self._held.put((delivery, entry)):
-                delivery.end(pb.QUEUE_FULL)
+    def settled(self, outgoing: Outgoing) -> None:
+        """Count what became of one."""
+        if outgoing.number == NOT_COUNTED:
             return
-        if outcome.fate is not Fate.SENT:
-            delivery.end(_FATES[outcome.fate])
-            return
-        for copy, (copy_due_utc_ns, flipped_bit) in enumerate(outcome.copies):
-            if copy:
-                delivery = self._deliver(entry, message, delivery.number, copy)
-            delivery.link_due_utc_ns, delivery.flipped_bit = copy_due_utc_ns, flipped_bit
-            if flipped_bit is not None:
-                flipped = flip(message.payload, flipped_bit)
-                delivery.message = replace(message, payload=flipped)
-            self._plan(delivery)
+        fate, copy, late_ns = outgoing.fate, outgoing.copy, outgoing.lateness_ns
+        due_utc_ns, counters, totals = outgoing.handed.due_utc_ns, self.counters, self.totals
+        counters.settle(fate, copy, late_ns)
+        counters.close(due_utc_ns)
+        totals.settle(fate, copy, late_ns, len(outgoing.message.payload))
+        for to in outgoing.not_to:
+            counters.leave_out(due_utc_ns, due_utc_ns)
+            counters.undelivered_to[to] += 1
+            totals.undelivered_to[to] += 1
 
-    def _plan(self, delivery: Delivery) -> None:
-        """Let a copy leave when it is due at the end of its link."""
-        due_utc_ns = delivery.link_due_utc_ns
-        if self._in_time is not None:
-            message = self._in_time(delivery.message, due_utc_ns)
-            if message is None:
-                delivery.end(pb.STALE)
-                return
-            delivery.message = message
-        if due_utc_ns <= delivery.due_utc_ns:
-            self._depart((delivery,))
-            return
-        self._on_the_way.add(delivery)
-        self._schedule.put(due_utc_ns, partial(self._arrive, delivery), ActionKind.DELIVERY)
+    def _begin(self, one: Outgoing) -> bool:
+        """See to what its link says of one: whether it leaves now."""
+        is_held = one.due_utc_ns == HELD_NS or one in self._to_let_go
+        if one.fate and not is_held:
+            one.end(one.fate)
+        elif is_held or one.due_utc_ns > one.handed.due_utc_ns:
+            self._on_the_way[one] = None
+            if not is_held:
+                arrive = partial(self._arrive, one)
+                self._schedule.put(one.due_utc_ns, arrive, ActionKind.DELIVERY)
+        else:
+            return True
+        return False
 
-    def _arrive(self, delivery: Delivery) -> None:
-        if delivery in self._on_the_way:
-            self._on_the_way.remove(delivery)
-            self._depart((delivery,))
+    def _arrive(self, one: Outgoing) -> None:
+        if one in self._on_the_way:
+            del self._on_the_way[one]
+            self._leave([one])
 
-    def _depart(self, deliveries: Sequence[Delivery]) -> None:
+    def _leave(self, outgoing: Sequence[Outgoing]) -> None:
         for transport in self.transports:
-            transport.publish(*deliveries)
-        for tell in self._after_link:
-            for delivery in deliveries:
-                tell(delivery.message, delivery.sent_utc_ns or self._clock.now_ns())
+            transport.publish(outgoing)
+        self._left(outgoing)
+
+    def _left(self, outgoing: Sequence[Outgoing]) -> None:
         if not self.transports:
-            for delivery in deliveries:
-                delivery.end(pb.SENT)
+            for one in outgoing:
+                one.end(pb.SENT)
+        for tell in self._after_link:
+            for one in outgoing:
+                tell(one.message, one.sent_utc_ns or self.now_ns())
 
 
-Departure = tuple[Outbox, Sequence[Message], OnComplete | None]
-"""Messages of one client that are due at once, and who is told what became of them."""
-
-
-def prepare_all(departures: Iterable[Departure]) -> None:
+def prepare_all(departures: Iterable[tuple[Outbox, Sequence[Outgoing]]]) -> None:
     """Do ahead of time what can be done for messages of many clients; asks each transport once."""
     of_transport: dict[Transport, list[Message]] = {}
-    for outbox, messages, _ in departures:
+    for outbox, outgoing in departures:
+        messages = [one.message for one in outgoing if not one.fate]
         for transport in outbox.transports:
             of_transport.setdefault(transport, []).extend(messages)
     for transport, some in of_transport.items():
         transport.prepare(some)
 
 
-def send_all(departures: Iterable[Departure]) -> None:
-    """Hand messages of many clients, all due at once, to their links now, as `Outbox.send` does.
+def send_all(departures: Sequence[Departure]) -> None:
+    """Send what clients hand to their links now, all of it due at once, as these let it leave.
 
-    Those whose link does nothing leave first: what goes over one transport is given to it in one
-    go, in the order of the departures, and only then anybody is told.
+    What goes over one transport is given to it in one go, and only then anybody is told. What
+    passes no link goes first, else the order is that of the departures.
     """
-    leaving, impaired = [], []
-    for departure in departures:
-        if departure[0].is_perfect:
-            leaving.append(_Leaving(*departure))
-        else:
-            impaired.append(departure)
-    _leave(leaving)
-    late_ns: dict[int, tuple[SessionCounters, list[int]]] = {}
-    for one in leaving:
-        totals = one.outbox.totals
-        late_ns.setdefault(id(totals), (totals, []))[1].extend(one.tell())
-    for totals, late in late_ns.values():
-        totals.sent(late)
-    for outbox, messages, on_complete in impaired:
-        outbox.send(*messages, on_complete=on_complete)
-
-
-def _leave(leaving: Sequence[_Leaving]) -> None:
-    """Hand all to their transports, each of which is asked once."""
-    of_transport: dict[Transport, list[_Leaving]] = {}
-    for one in leaving:
-        for transport in one.outbox.transports:
-            of_transport.setdefault(transport, []).append(one)
-    taken = []
+    of_transport: dict[Transport, list[Outgoing]] = {}
+    leaving = []
+    for outbox, outgoing, on_complete in sorted(departures, key=lambda each: _over_link(each[1])):
+        # One more, so that nothing is complete before all have left.
+        countdown = None if on_complete is None else Countdown(len(outgoing) + 1, on_complete)
+        now, settles, open_due_ns = [], len(outbox.transports), outbox.counters.open_due_ns
+        for one in outgoing:
+            one.begin(outbox, settles, countdown)
+            open_due_ns[one.handed.due_utc_ns] += 1
+            if outbox._begin(one):
+                now.append(one)
+        leaving.append((outbox, outgoing, now, countdown))
+        for transport in outbox.transports:
+            of_transport.setdefault(transport, []).extend(now)
     for transport, some in of_transport.items():
-        messages = [message for one in some for message in one.messages]
-        made = partial(_deliveries, some)
-        sent_utc_ns = some[0].outbox.now_ns()
-        if transport.publish_together(messages, made):
-            taken.append((some, sent_utc_ns, transport))
-    for some, sent_utc_ns, transport in taken:
-        for one in some:
-            one.taken(sent_utc_ns, transport)
+        if some:
+            transport.publish(some)
+    for outbox, outgoing, now, countdown in leaving:
+        over_link = _over_link(outgoing)  # which takes one message after the other
+        for some in [[one] for one in outgoing] if over_link else [now]:
+            for tell in outbox._before_link:
+                for one in some:
+                    if not one.copy:
+                        tell(one.handed)
+            outbox._left([one for one in some if one in now] if over_link else now)
+        if countdown is not None:
+            countdown.one_less()
 
 
-def _deliveries(leaving: Sequence[_Leaving]) -> list[Delivery]:
-    return [delivery for one in leaving for delivery in one.deliveries()]
-
-
-class _Leaving:
-    """A departure through a link that does nothing; deliveries are made of it where one must be."""
-
-    __slots__ = ("_deliveries", "_number", "_on_complete", "messages", "outbox", "sent_utc_ns")
-
-    def __init__(
-        self, outbox: Outbox, messages: Sequence[Message], on_complete: OnComplete | None
-    ) -> None:
-        self.outbox, self.messages = outbox, messages
-        self.sent_utc_ns = 0
-        """When the last transport that took all at once did so; 0 before any."""
-        self._on_complete = on_complete
-        self._number = outbox._number
-        self._deliveries: list[Delivery] | None = None
-        outbox._number += len(messages)
-
-    def deliveries(self) -> list[Delivery]:
-        """One for each message; what transports have taken before is still to be told."""
-        if self._deliveries is None:
-            outbox = self.outbox
-            entry = LedgerEntry(outbox.counters, outbox.totals, self._on_complete)
-            self._deliveries = [
-                outbox._deliver(entry, message, number)
-                for number, message in enumerate(self.messages, self._number)
-            ]
-            entry.close()
-        return self._deliveries
-
-    def taken(self, sent_utc_ns: int, transport: Transport) -> None:
-        """A transport has delivered all of it that it carries, handed over then."""
-        self.sent_utc_ns = max(self.sent_utc_ns, sent_utc_ns)
-        for delivery in self._deliveries or ():
-            if transport.carries(delivery.message):
-                delivery.taken(sent_utc_ns)
-            else:
-                delivery.settle(delivered=None)
-
-    def tell(self) -> list[int]:
-        """Tell and count what became of it, as far as that is known.
-
-        How late its messages left in nanoseconds, which is still to be counted in the totals; of
-        those that have deliveries these tell.
-        """
-        outbox, deliveries = self.outbox, self._deliveries
-        for tell in outbox._before_link:
-            for message in self.messages:
-                tell(message)
-        if deliveries is None:
-            sent_utc_ns = self.sent_utc_ns or outbox.now_ns()
-            late_ns = [sent_utc_ns - message.due_utc_ns for message in self.messages]
-            for late in late_ns:
-                outbox.counters.lateness_ns.append(late)
-            if self._on_complete is not None:
-                self._on_complete(SentTogether(self.messages, self._number, sent_utc_ns))
-            for tell_time in outbox._after_link:
-                for message in self.messages:
-                    tell_time(message, sent_utc_ns)
-            return late_ns
-        for tell_time in outbox._after_link:
-            for delivery in deliveries:
-                tell_time(delivery.message, delivery.sent_utc_ns or outbox.now_ns())
-        return []
+def _over_link(outgoing: Sequence[Outgoing]) -> bool:
+    return len(outgoing) > 0 and outgoing[0].over_link

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,13 +50,18 @@ class ChangeControl:
         sensors: EmulatedSensors,
         drones: SceneDrones,
         cooperative: CooperativeDrones | None,
+        on_change: Callable[[int, int], object],
     ) -> None:
-        """`cooperative` are the drones that say something of themselves, if any do."""
+        """`cooperative` are the drones that say something of themselves, if any do.
+
+        `on_change` is told of each sensor, by index, of which something was asked, from when on.
+        """
         self.layers: dict[str, Layers] = {sensor.id: () for sensor in sensors.sensors}
         """What is asked of sensors over their scripts, by their ids."""
         self._scene, self._sensors = scene, sensors
         self._drones, self._cooperative = drones, cooperative
         self._index = {name: i for i, name in enumerate(self.layers)}
+        self._on_change = on_change
         self._changed: dict[str, None] = {}
         self._begun: dict[str, int] = {}
         """When stories began that are on, UTC, by their ids."""
@@ -125,6 +130,7 @@ class ChangeControl:
         self._sensors.control(self._index[sensor], joined(layers), at_utc_ns)
         self.layers[sensor] = layers
         self._changed[sensor] = None
+        self._on_change(self._index[sensor], at_utc_ns)
 
     def _obey_of_drone(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
         drone = command.drone or ""

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections import deque
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from plotfeed.feeds.engine.change_control import ChangeControl
+from plotfeed.feeds.formats import in_time
+from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.impairment.uplink import Uplink
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.scene.changes import ChangeError, ControlError, check_octets, parsed
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
+from plotfeed.feeds.scene.changes import (
+    ChangeError,
+    ControlError,
+    check_octets,
+    instants_ns,
+    joined,
+    parsed,
+)
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.report_formats import CUE_TOPIC
 from plotfeed.feeds.scene.scene import Scene, example, load
@@ -30,7 +45,8 @@ class Engine:
     called in any order in which time does not go back, by one thread at a time. The same scene,
     seed, start and input give the same octets, at whatever pace `until` is called.
 
-    Batches hold messages as sensors hand them to their links: links are not applied.
+    Batches hold messages with when their links let them leave, or that these lose them. What a link
+    holds while it is down is let go when it is up again; `take_let_go` tells of that.
     """
 
     def __init__(
@@ -61,9 +77,23 @@ class Engine:
         self.telemetry = TelemetryReceiver(scene, self.trajectories)
         self.sensors = EmulatedSensors(scene, self.trajectories, own)
         part = scene.model_copy(update={"sensor": tuple(own)})
-        self.changes = ChangeControl(part, self.sensors, self.drones, self.cooperative)
+        self.changes = ChangeControl(
+            part, self.sensors, self.drones, self.cooperative, self._follow_link
+        )
         self._ids = [*(sensor.id for sensor in own), COOPERATIVE]
         self._index = {name: i for i, name in enumerate(self._ids)}
+        late = in_time(scene)
+        links = [*(sensor.link for sensor in own)]
+        if scene.cooperative is not None:
+            links.append(scene.cooperative.link)
+        self.uplinks = [
+            Uplink(link, partial(Impairment, seed=scene.scene.seed, name=name), late)
+            for link, name in zip(links, self._ids, strict=False)
+        ]
+        """Links of the sensors, and then that of the cooperative drones, if there are any."""
+        self._link_script: dict[int, deque[int]] = {}
+        """When scripts may change a sensor's link next, UTC, by index."""
+        self._let_go: list[tuple[int, int, Outgoing]] = []
         self._control_topic = f"{scene.mqtt.prefix}/control"
         self.cue_topics = {
             f"{scene.mqtt.prefix}/{sensor.id}/{CUE_TOPIC}": sensor.id
@@ -81,6 +111,11 @@ class Engine:
             self.drones.put_off(start_utc_ns - self.start_utc_ns)
         self.start_utc_ns = start_utc_ns
         self.sensors.start(start_utc_ns)
+        self._link_script = {
+            i: deque(start_utc_ns + after_ns for after_ns in instants_ns(sensor.event))
+            for i, sensor in enumerate(self.sensors.sensors)
+            if sensor.event
+        }
         if self.cooperative is not None:
             self.cooperative.start(start_utc_ns)
             self._claim = start_utc_ns // self.cooperative.period_ns + 1
@@ -133,20 +168,58 @@ class Engine:
         Batches hold sectors by sensor and then by time; what cooperative drones say comes last, as
         batches of the sensor "cooperative". Without `messages`, none are encoded.
         """
-        yield from (self.sensors.batches if messages else self.sensors.seen)(t_utc_ns + 1)
+        if not messages:
+            yield from self.sensors.seen(t_utc_ns + 1)
+            return
+        for batch in self.sensors.seen(t_utc_ns + 1):
+            yield self._over_links(batch, self.sensors.messages(batch))
         cooperative = self.cooperative
-        while messages and cooperative is not None and self._claim_due_ns <= t_utc_ns:
+        while cooperative is not None and self._claim_due_ns <= t_utc_ns:
             due_ns, period_ns = self._claim_due_ns, cooperative.period_ns
             said, truths = cooperative.said(self._claim)
             sector = Sector(self._claim, 0, due_ns - period_ns, due_ns, 0.0, 360.0)
             self._claim += 1
-            yield Batch.of_one(
-                sector,
-                sensor=len(self._ids) - 1,
-                sensors=self._ids,
-                messages=said,
-                claims=pb.Ledger(claims=truths).SerializeToString(),
-            )
+            claims = pb.Ledger(claims=truths).SerializeToString()
+            i = len(self._ids) - 1
+            batch = Batch.of_one(sector, sensor=i, sensors=self._ids, claims=claims)
+            yield self._over_links(batch, [said])
+        for i in self._link_script:
+            self._follow_link_script(i, t_utc_ns)
+
+    def take_let_go(self) -> list[tuple[int, int, Outgoing]]:
+        """What links held and have let go since this was asked last: sensor, when, and what.
+
+        The sensor is an index of `uplinks`, the time UTC. Some of it is lost all the same, as its
+        `fate` says.
+        """
+        found, self._let_go = self._let_go, []
+        return found
+
+    def _over_links(self, batch: Batch, messages: Sequence[Sequence[Message]]) -> Batch:
+        """The batch with the messages of its sectors, each after its link."""
+        outgoing, links = [], []
+        of = batch.sectors.sensor.tolist()
+        for i, end_ns, some in zip(of, batch.sectors.end_ns.tolist(), messages, strict=True):
+            if i in self._link_script:
+                self._follow_link_script(i, end_ns)
+            uplink = self.uplinks[i]
+            outgoing.append(uplink.passed(some))
+            links.append(uplink.json)
+        return replace(batch, messages=outgoing, links=links)
+
+    def _follow_link_script(self, i: int, t_utc_ns: int) -> None:
+        """Have a sensor's link be as its script has it by then."""
+        script = self._link_script[i]
+        while script and script[0] <= t_utc_ns:
+            self._follow_link(i, script.popleft())
+
+    def _follow_link(self, i: int, at_utc_ns: int) -> None:
+        """Have a sensor's link be as script and control have it then."""
+        layers = joined(self.changes.layers[self._ids[i]])
+        link = self.sensors.as_of(i, layers, at_utc_ns).link
+        if link != self.uplinks[i].link:
+            let_go = self.uplinks[i].change(link, at_utc_ns)
+            self._let_go += [(i, at_utc_ns, one) for one in let_go]
 
     @property
     def next_end_ns(self) -> int | None:

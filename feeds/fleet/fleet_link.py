@@ -8,7 +8,7 @@ import json
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.fleet.coordinator import Coordinator
 from plotfeed.feeds.fleet.fleet_parts import Gap
 from plotfeed.feeds.fleet.fleet_status import told_in
@@ -60,7 +60,7 @@ class FleetLink:
         self._publish(retained_message(self._prefix, FLEET, payload, self._clock.now_ns()))
 
     def _publish(self, message: Message) -> None:
-        self.link.publish(Delivery(message, self._clock, 1))
+        Outbox(self._clock, [self.link]).send_past_link(message)
 
     def _hear(self, topic: str, payload: bytes, _content_type: str | None) -> None:
         if topic == self._presence.topic:

@@ -9,7 +9,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.messages.user_properties import SectorStamp
 from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
@@ -47,8 +47,10 @@ class Batch:
     """Ids of sensors, by the index in `sectors.sensor`."""
     names: Sequence[str] = ()
     """Ids of drones when the sectors were worked out, by the index in the columns `drone`."""
-    messages: Sequence[Sequence[Message]] = ()
-    """Messages of each sector, due at its end, in the order in which they leave."""
+    messages: Sequence[Sequence[Outgoing]] = ()
+    """Messages of each sector, handed to its link at its end, with when that lets them leave."""
+    links: Sequence[str] = ()
+    """Keys of the link that each sector's messages passed, as JSON; empty where there is none."""
     claims: bytes | None = None
     """What drones said of themselves, as octets of the ledger's entry; None of a sensor's batch."""
     clock_ahead_ns: int = 0
@@ -69,7 +71,8 @@ class Batch:
         *,
         sensor: int = 0,
         sensors: Sequence[str] = (),
-        messages: Sequence[Message] = (),
+        messages: Sequence[Outgoing] = (),
+        link: str = "",
         claims: bytes | None = None,
     ) -> Self:
         """What came of one sector of the sensor at that place among `sensors`."""
@@ -81,6 +84,7 @@ class Batch:
             looks_by=np.array([0, len(looks)], np.int64),
             sensors=sensors,
             messages=[messages],
+            links=[link],
             claims=claims,
         )
 
@@ -170,18 +174,17 @@ class Batch:
     def one(self, i: int) -> Self:
         """What came of sector i, not copied."""
         cut = partial(_between, i=i)
-        messages = self.messages[i : i + 1]
-        return self._cut(self.sectors.between(i, i + 1), cut, messages)
+        one = self._cut(self.sectors.between(i, i + 1), cut)
+        return replace(one, messages=self.messages[i : i + 1], links=self.links[i : i + 1])
 
     def rows(self, which: Ints) -> Self:
         """What came of the sectors at those indices, (k,), in that order; without messages."""
-        return self._cut(self.sectors.rows(which), partial(of_parts, which=which), ())
+        return self._cut(self.sectors.rows(which), partial(of_parts, which=which))
 
     def _cut(
         self,
         sectors: Sectors,
         cut: Callable[[Any, Ints], tuple[Any, Ints]],
-        messages: Sequence[Sequence[Message]],
     ) -> Self:
         """The batch of those sectors, with what `cut` leaves of columns and of their offsets."""
         parts: dict[str, Any] = {}
@@ -189,7 +192,7 @@ class Batch:
             by: Ints | None = getattr(self, f"{name}_by")
             if by is not None:
                 parts[name], parts[f"{name}_by"] = cut(getattr(self, name), by)
-        return replace(self, sectors=sectors, messages=messages, **parts)
+        return replace(self, sectors=sectors, messages=(), links=(), **parts)
 
     def by_clock(self, ahead_ns: int, truth_at: Callable[[int, Ints], TruthState]) -> Self:
         """The batch by the clock of its sensors, which is so far ahead, with their truth."""

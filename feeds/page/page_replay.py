@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.impairment.uplink import json_of
 from plotfeed.feeds.page.recorded_sectors import (
     DroneNumbers,
     RecordedSector,
@@ -26,7 +27,6 @@ from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Sta
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.sensor_task import json_of
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.models.state import FALSE_ALARM, Looks, TruthState
 from plotfeed.proto.utc import NS

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import logging
 import select
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 from ipaddress import ip_address
 
 from plotfeed.feeds.console.printed import bracketed
-from plotfeed.feeds.delivery.delivery import Delivery, ImmediateTransport, Transport
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing, Transport
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys, UdpDestination
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -104,14 +104,14 @@ class RecordedUdp(ImmediateTransport):
             self._links[topic] = self._opened(topic)
         return self._links.get(topic) is not None
 
-    def publish(self, *deliveries: Delivery) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
         """Send each to where its topic says."""
-        for delivery in deliveries:
-            link = self._links.get(delivery.message.topic)
+        for one in outgoing:
+            link = self._links.get(one.message.topic)
             if link is None:
-                delivery.settle(delivered=None)
+                one.settle(delivered=None)
             else:
-                link.publish(delivery)
+                link.publish([one])
 
     def close(self) -> None:
         """Close all sockets."""

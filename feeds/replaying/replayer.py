@@ -8,7 +8,7 @@ from functools import partial
 from itertools import count
 
 from plotfeed.feeds.console.process import undisturbed
-from plotfeed.feeds.delivery.delivery import Transport
+from plotfeed.feeds.messages.outgoing import Transport
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.read_ahead import ReadAhead, ReplayItem, ReplayReader
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings

@@ -7,12 +7,14 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery, Transport
+from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Copy, Impairment, Outcome
+from plotfeed.feeds.impairment.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing, Transport
 from plotfeed.feeds.replaying.destinations import ReplayUdp
 from plotfeed.feeds.replaying.replay_settings import ReplayError, ReplaySettings, is_topic
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -20,9 +22,6 @@ from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.recorded import Recorded
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.delivery.outbox import Outbox
 
 
 class ReplayImpairment(Impairment):
@@ -84,8 +83,8 @@ class Route(NamedTuple):
     """What becomes of the messages on a topic."""
 
     topic: str
-    outbox: Outbox | None
-    """With the link that they go through; None if they go through none."""
+    over: tuple[Uplink, Outbox] | None
+    """The link that they go through, and then their way out; None if they go through none."""
     obstacle: str = ""
     """Why they are not sent; empty if they are."""
     datagram: Callable[[bytes], bool] | None = None
@@ -122,9 +121,9 @@ class Routes:
         self._schedule = schedule
         self._totals = totals
         self._together = TOGETHER if settings.fastest else 1
-        self._gathered: list[Delivery] = []
+        self._gathered: list[Outgoing] = []
         self._routes: dict[tuple[str, str], Route] = {}
-        self._outboxes: dict[str, Outbox] = {}
+        self._over: dict[str, tuple[Uplink, Outbox]] = {}
 
     def of(self, recorded: Recorded) -> Route:
         """The route of a recorded message."""
@@ -164,33 +163,36 @@ class Routes:
             fate = pb.SENT if route.datagram(departure.payload) else pb.UNDELIVERED
             late_ns = self._clock.now_ns() - departure.due_ns
             self._totals.settle(fate, 0, late_ns, len(departure.payload))
-        elif message is not None and route.outbox is not None:
+        elif message is not None and route.over is not None:
             self.flush()
-            route.outbox.send(message)
+            uplink, outbox = route.over
+            outbox.send(uplink.passed([message]))
         elif message is not None:
-            self._gathered.append(Delivery(message, self._clock, len(self._transports), self))
+            self._gathered.append(Outgoing(message, client=self, transports=len(self._transports)))
             if len(self._gathered) >= self._together:
                 self.flush()
 
     def flush(self) -> None:
         """Send what was gathered to leave together."""
         if self._gathered:
-            deliveries, self._gathered = self._gathered, []
+            outgoing, self._gathered = self._gathered, []
             for transport in self._transports:
-                transport.publish(*deliveries)
+                transport.publish(outgoing)
 
-    def settled(self, delivery: Delivery) -> None:
+    def now_ns(self) -> int:
+        """The time by which it sends, UTC."""
+        return self._clock.now_ns()
+
+    def settled(self, one: Outgoing) -> None:
         """The fate of a message that goes through no link is known."""
         late_ns = 0
         if not self._settings.fastest:  # else there are no deadlines
-            sent_ns = delivery.sent_utc_ns
-            sent_ns = self._clock.now_ns() if sent_ns is None else sent_ns
-            late_ns = sent_ns - delivery.message.due_utc_ns
-        self._totals.settle(delivery.fate, 0, late_ns, len(delivery.message.payload))
+            late_ns = (one.sent_utc_ns or self._clock.now_ns()) - one.message.due_utc_ns
+        self._totals.settle(one.fate, 0, late_ns, len(one.message.payload))
 
     def end(self) -> None:
         """What links still hold does not arrive."""
-        for outbox in self._outboxes.values():
+        for _, outbox in self._over.values():
             outbox.end()
 
     def _found(self, recorded: Recorded) -> Route:
@@ -202,42 +204,31 @@ class Routes:
             return Route(topic, None, "their topic is none that a broker takes")
         if not any(transport.carries(message) for transport in self._transports):
             return Route(topic, None, "they are no datagrams, or of no destination")
-        outbox, first = self._outbox(recorded.topic), self._transports[0]
-        if outbox is None and len(self._transports) == 1 and isinstance(first, ReplayUdp):
+        over, first = self._link_of(recorded.topic), self._transports[0]
+        if over is None and len(self._transports) == 1 and isinstance(first, ReplayUdp):
             return Route(topic, None, datagram=first.send)
-        return Route(topic, outbox)
+        return Route(topic, over)
 
     def _renamed(self, topic: str) -> str:
         found = (rule.apply(topic) for rule in self._settings.topics)
         return next((new for new in found if new is not None), topic)
 
-    def _outbox(self, topic: str) -> Outbox | None:
+    def _link_of(self, topic: str) -> tuple[Uplink, Outbox] | None:
         link = self._link(topic)
         if link is None or topic.rpartition("/")[2] in NOT_OVER_LINKS:
             return None
         source = source_of(topic)
-        if source not in self._outboxes:
-            if len(self._outboxes) >= MAX_LINKS:
+        if source not in self._over:
+            if len(self._over) >= MAX_LINKS:
                 raise ReplayError(f"more than {MAX_LINKS} sources of messages: give fewer a link")
-            from plotfeed.feeds.delivery.outbox import Outbox
-
-            impair = partial(
-                ReplayImpairment,
-                seed=self._settings.seed,
-                name=source.rpartition("/")[
-                    2
-                ],  # as in a session, so that the same seed loses alike
-                later_ns=self.later_ns,
+            # Named as in a session, so that the same seed loses alike.
+            name, seed = source.rpartition("/")[2], self._settings.seed
+            impair = partial(ReplayImpairment, seed=seed, name=name, later_ns=self.later_ns)
+            outbox = Outbox(
+                self._clock, self._transports, schedule=self._schedule, totals=self._totals
             )
-            self._outboxes[source] = Outbox(
-                self._clock,
-                self._transports,
-                schedule=self._schedule,
-                totals=self._totals,
-                link=link,
-                impair=impair,
-            )
-        return self._outboxes[source]
+            self._over[source] = Uplink(link, impair), outbox
+        return self._over[source]
 
     def _link(self, topic: str) -> LinkSettings | None:
         for rule in self._settings.links:

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.score.live_score import LiveScore
@@ -50,6 +50,7 @@ async def scoring(
         yield
         return
     links = [MqttTransport(each, "plotfeed-score") for each in addresses if scene.mqtt.truth]
+    outbox = Outbox(clock, links)
 
     async def tell() -> None:
         number = 0
@@ -63,8 +64,7 @@ async def scoring(
             if on_score is not None:
                 on_score(found)
             message = score_message(scene.mqtt.prefix, found, number, now_ns)
-            for link in links:
-                link.publish(Delivery(message, clock, 1))
+            outbox.send_past_link(message)
 
     tasks = [asyncio.create_task(link.run(), name="score-link") for link in links]
     tasks.append(asyncio.create_task(tell(), name="score"))

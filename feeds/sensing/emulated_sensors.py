@@ -7,7 +7,7 @@ what comes out depends neither on how long the stretches are nor on who else is 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from plotfeed.feeds.formats import SceneFormats
 from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -151,7 +152,8 @@ class EmulatedSensors:
                 if sector.start_ns > self._next.sector(i).start_ns:
                     self._next.go_on_with(i, sector)
         while (end_ns := self.next_end_ns) is not None and end_ns <= until_utc_ns:
-            for _ in self.batches(min(end_ns + NS, until_utc_ns + 1)):
+            for batch in self.seen(min(end_ns + NS, until_utc_ns + 1)):
+                self.messages(batch)  # of which formats remember some
                 yield
 
     @property
@@ -203,12 +205,11 @@ class EmulatedSensors:
         """Whether what a sensor reports, or one that it cues, depends on all that was before."""
         return keeps_state(self.sensors[i]) or self.cueing.cues(i)
 
-    def batches(self, before_ns: int) -> Iterator[Batch]:
-        """What comes of all sectors that are next and end before that time, a group at a time."""
-        return map(self._with_messages, self.seen(before_ns))
-
     def seen(self, before_ns: int) -> Iterator[Batch]:
-        """What is seen in those sectors, without messages; the script's changes come meanwhile."""
+        """What is seen in all sectors that are next and end before that time, a group at a time.
+
+        The script's changes come meanwhile.
+        """
         self._forget_gone()
         while len(sectors := self._next.ending_before(before_ns)):
             later = self._later_than_script(sectors)
@@ -254,13 +255,12 @@ class EmulatedSensors:
                 self.cueing.take(seen)
             yield seen
 
-    def _with_messages(self, batch: Batch) -> Batch:
-        """The batch with the messages of its sectors."""
+    def messages(self, batch: Batch) -> list[list[Message]]:
+        """What sensors say of each of their sectors, which were seen just now."""
         site = self.sites[batch.sectors.sensor[0]]
         # A sensor that errs is alone, and its clock and axes are its own.
         truth_at = site.apparent_at if site.errs else self._trajectories.state_at
-        told = batch.by_clock(site.clock_ahead_ns, truth_at)
-        return replace(batch, messages=self._formats.messages(told))
+        return self._formats.messages(batch.by_clock(site.clock_ahead_ns, truth_at))
 
     def _follow_script_until(self, t_utc_ns: int) -> None:
         """Change what the script changes by then."""

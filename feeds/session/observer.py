@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Settled
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
@@ -172,8 +171,8 @@ def cares(observer: Observer, method: str) -> bool:
     return getattr(type(observer), method) is not getattr(Observer, method)
 
 
-KeepLedger = Callable[[Batch, int, str, Settled], None]
-"""Given a batch and the row of a sector, its link's keys in JSON, and its messages' fates."""
+KeepLedger = Callable[[Batch, int], None]
+"""Given a batch and the row of a sector, when it is known what became of all its messages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,21 +9,19 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.delivery.counters import SapientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, KeptUp, Transport
 from plotfeed.feeds.delivery.outbox import Outbox
-from plotfeed.feeds.formats import Announcer, announcer_of, in_time
-from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.formats import Announcer, announcer_of
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import KeptUp, Outgoing, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
-from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.outgoing import Outgoing
+from plotfeed.feeds.scene.outgoing import Outgoing as WaysOut
 from plotfeed.feeds.scene.output_keys import USUAL_PORT
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.track_output_keys import TrackDestination
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_description import status_of
-from plotfeed.feeds.session.sensor_task import CooperativeTask, json_of, status_message
+from plotfeed.feeds.session.sensor_task import status_message
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 from plotfeed.feeds.transport.http_post import HttpTransport
@@ -95,7 +93,7 @@ TrackTransport = TakTransport | HttpTransport | WebSocketTransport | RemoteIdTra
 
 
 def of_tracks(
-    to: Outgoing, now_utc_ns: Callable[[], int]
+    to: WaysOut, now_utc_ns: Callable[[], int]
 ) -> list[tuple[TrackDestination, TrackTransport]]:
     """What carries tracks to servers, maps and who asks, with its keys; raises `PlotfeedError`."""
     return [
@@ -219,7 +217,7 @@ class Outputs:
             transports.append(of_its_own)
             self._sapient.append(of_its_own)
             self.connected.append(of_its_own)
-        outbox = self._of_sensor[sensor.id] = self._outbox(sensor.id, transports, sensor.link)
+        outbox = self._of_sensor[sensor.id] = self._outbox(sensor.id, transports)
         outbox.counters.sapient = node
         return outbox, announcer
 
@@ -245,14 +243,11 @@ class Outputs:
             on_task=self._on_message and partial(self._on_message, announcer.inbox),
         )
 
-    def of_cooperative_drones(self) -> CooperativeTask | None:
+    def of_cooperative_drones(self) -> Outbox | None:
         """Drones that report themselves go over the session's own connections; None without any."""
-        keys = self._scene.cooperative
-        if keys is None:
+        if self._scene.cooperative is None:
             return None
-        return CooperativeTask(
-            self._outbox(COOPERATIVE, self.brokers, keys.link), json_of(keys.link)
-        )
+        return self._outbox(COOPERATIVE, self.brokers)
 
     async def drain(self, timeout_s: float) -> None:
         """Wait until the sockets have taken everything, or the time is up."""
@@ -276,9 +271,7 @@ class Outputs:
         for link in self.brokers:
             link.give_up()
 
-    def _outbox(
-        self, name: str, transports: Sequence[Transport], link: LinkSettings | None
-    ) -> Outbox:
+    def _outbox(self, name: str, transports: Sequence[Transport]) -> Outbox:
         return Outbox(
             self._clock,
             [
@@ -293,9 +286,6 @@ class Outputs:
             totals=self._context.totals,
             before_link=self._before_link,
             after_link=self._after_link,
-            in_time=in_time(self._scene),
-            link=link,
-            impair=partial(Impairment, seed=self._scene.scene.seed, name=name),
         )
 
     def _announce_again(self, link: MqttTransport) -> None:
@@ -311,13 +301,13 @@ class Outputs:
         for outbox in (self._of_session, *self._of_sensor.values()):
             for topic, message in outbox.retained.items():
                 if topic not in said_anew:
-                    link.publish(Delivery(message, self._clock, 1, client=outbox.counters))
+                    link.publish([Outgoing(message, client=outbox, transports=1)])
         for message in anew:
-            link.publish(Delivery(message, self._clock, 1))
+            link.publish([Outgoing(message, client=self._of_session, transports=1)])
 
     def _is_back(self, link: MqttTransport, whose: str) -> None:
         """Say again how a sensor, or the session, is: the broker has published its last will."""
         outbox = self._of_session if whose == SESSION else self._of_sensor[whose]
         topic = self._wills[whose].topic
         if topic in outbox.retained:
-            link.publish(Delivery(outbox.retained[topic], self._clock, 1, client=outbox.counters))
+            link.publish([Outgoing(outbox.retained[topic], client=outbox, transports=1)])

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -17,7 +16,6 @@ from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.changes import Layers, instants_ns, joined
-from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.session.observer import SessionContext
@@ -48,8 +46,6 @@ class SensorTask:
         self.outbox = outbox
         self.sensor = engine.sensors.sensors[i]
         """As it is now."""
-        self.link = json_of(self.sensor.link)
-        """Its keys as the ledger tells them."""
         self._engine, self._sensors, self._i = engine, engine.sensors, i
         self._context = context
         self._prefix = context.scene.mqtt.prefix
@@ -134,9 +130,6 @@ class SensorTask:
         sensor = self._sensors.as_of(self._i, joined(self._layers), at_utc_ns)
         if sensor == self.sensor:
             return
-        if sensor.link != self.sensor.link:
-            self.outbox.change(sensor.link or LinkSettings(), at_utc_ns)
-            self.link = json_of(sensor.link)
         self.sensor = sensor
         self._status.enabled = sensor.enabled
         described = self._describer.description(sensor)
@@ -219,20 +212,6 @@ class SensorTask:
         counts.lateness_ns.clear()
         now_ns = self._context.clock.now_ns()
         self.outbox.send_past_link(status_message(self._prefix, status, now_ns))
-
-
-@dataclass(frozen=True, slots=True)
-class CooperativeTask:
-    """The way out of what the cooperative drones say."""
-
-    outbox: Outbox
-    link: str
-    """Its keys as the ledger tells them."""
-
-
-def json_of(link: LinkSettings | None) -> str:
-    """A link's keys for the ledger, without those that have their defaults; empty for none."""
-    return "" if link is None else link.model_dump_json(exclude_defaults=True)
 
 
 def status_message(prefix: str, status: pb.SensorStatus, now_utc_ns: int) -> Message:

@@ -9,12 +9,12 @@ from functools import partial
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Settled, records
 from plotfeed.feeds.delivery.ledger_writer import Kept, LedgerWriter
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import records
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.inputs import SessionInputs
@@ -269,22 +269,23 @@ class Session:
         in_force = self.changes.obey(command, at_utc_ns)
         for name in self.changes.take_changed():
             self.sensor_tasks[name].follow(at_utc_ns)
+        self.ticks.let_go()
         return in_force
 
     def _publish(self, message: Message) -> None:
         self._outbox.send_past_link(message)
 
-    def _keep_ledger(self, batch: Batch, row: int, link: str, settled: Settled) -> None:
+    def _keep_ledger(self, batch: Batch, row: int) -> None:
         """Put what is true on the truth topic when there is time."""
-        self._loop.later(partial(self._kept.append, (batch, row, link, settled)))
+        self._loop.later(partial(self._kept.append, (batch, row)))
 
     def _write_ledger(self) -> None:
         """Make entries of all sectors whose turn has come, which leave together."""
         kept, self._kept[:] = [*self._kept], []
         for observer in self._observers:
             if cares(observer, "settled"):
-                for batch, row, _, settled in kept:
-                    observer.settled(batch.one(row), records(settled))
+                for batch, row in kept:
+                    observer.settled(batch.one(row), records(batch.messages[row]))
         messages = self._ledger.messages(kept)
         for observer in self._observers:
             for message in messages:
@@ -325,7 +326,7 @@ class Session:
         for sensor_task in self.sensor_tasks.values():
             sensor_task.end()
         if self._cooperative is not None:
-            self._cooperative.outbox.end()
+            self._cooperative.end()
         self._presence.end()
         await self._drain()
         self._outputs.forget_wills()

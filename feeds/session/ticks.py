@@ -15,13 +15,14 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from operator import itemgetter
 
-from plotfeed.feeds.delivery.outbox import Departure, prepare_all, send_all
+from plotfeed.feeds.delivery.outbox import Departure, Outbox, prepare_all, send_all
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.observer import SessionContext, cares
-from plotfeed.feeds.session.sensor_task import CooperativeTask, SensorTask
+from plotfeed.feeds.session.sensor_task import SensorTask
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind
@@ -49,18 +50,17 @@ class Ticks:
         engine: Engine,
         tasks: Mapping[str, SensorTask],
         inputs: SessionInputs,
-        cooperative: CooperativeTask | None,
+        cooperative: Outbox | None,
     ) -> None:
         self._context = context
         self._clock, self._schedule = context.clock, context.schedule
         self._engine, self._sensors = engine, engine.sensors
         self._tasks = tasks
         self._of_index = list(tasks.values())
-        self._senders: list[SensorTask | CooperativeTask] = [
-            *self._of_index,
-            *([cooperative] if cooperative is not None else []),
-        ]
+        self._outboxes = [task.outbox for task in self._of_index]
         """By the index that batches have for whose sectors they hold."""
+        if cooperative is not None:
+            self._outboxes.append(cooperative)
         self._inputs = inputs
         self._shares = False
         """Whether others may have these sensors next: then what they remember is what it would be
@@ -158,10 +158,11 @@ class Ticks:
             ticks = max(ticks, min(now_ns // TICK_NS - k, LONGEST_NS // TICK_NS))
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
         due: dict[int, list[tuple[int, Batch, int]]] = defaultdict(list)
-        ready: list[Departure] = []
+        ready: list[tuple[Outbox, Sequence[Outgoing]]] = []
         if self._engine.cooperative is not None and not self._clock.can_wait:
             self._engine.skip_claims(now_ns - self._engine.cooperative.period_ns)
         for batch in self._engine.until(before_ns - 1):
+            self.let_go()
             self._let_sendings_pass((k + 1) * TICK_NS)
             sectors += len(batch)
             of = batch.sectors.sensor.tolist()
@@ -170,11 +171,11 @@ class Ticks:
                 if too_late_ns and not self._in_time(batch, row, due_ns, too_late_ns):
                     continue
                 due[due_ns].append((i, batch, row))
-                ready.append((self._senders[i].outbox, batch.messages[row], None))
-        if len(self._senders) > 1:
-            for together in due.values():
-                together.sort(key=itemgetter(0))
+                ready.append((self._outboxes[i], batch.messages[row]))
+        for together in due.values():
+            together.sort(key=itemgetter(0))
         prepare_all(ready)
+        self.let_go()
         for due_ns, together in due.items():
             self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
         if sectors < MOST_SECTORS:
@@ -238,13 +239,17 @@ class Ticks:
                 ticks = min(ticks, max(comes_ns // TICK_NS - k + 1, 1))
         return ticks
 
+    def let_go(self) -> None:
+        """Send what links held while they were down, when they are up again."""
+        for i, at_utc_ns, one in self._engine.take_let_go():
+            self._outboxes[i].let_go(one, at_utc_ns)
+
     def _send(self, sectors: Sequence[tuple[int, Batch, int]]) -> None:
-        """Hand over what is due now, over the links that senders have now."""
+        """Hand over what is due now."""
         keep, departures = self._context.keep_ledger, list[Departure]()
         for i, batch, row in sectors:
-            sender = self._senders[i]
-            on_complete = None if keep is None else partial(keep, batch, row, sender.link)
-            departures.append((sender.outbox, batch.messages[row], on_complete))
+            on_complete = None if keep is None else partial(keep, batch, row)
+            departures.append((self._outboxes[i], batch.messages[row], on_complete))
         send_all(departures)
         reported = [(i, batch, row) for i, batch, row in sectors if batch.claims is None]
         totals = self._context.totals

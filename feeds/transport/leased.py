@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries, Transport
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Client, Outgoing, Transport
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection
@@ -34,7 +33,7 @@ class LeasedTransport:
     def __init__(self, transport: Transport, lease: Lease) -> None:
         self._transport, self._lease = transport, lease
 
-    def waiting_of(self, client: ClientCounters) -> int:
+    def waiting_of(self, client: Client) -> int:
         """Messages of that client that wait for it."""
         return self._transport.waiting_of(client)
 
@@ -46,21 +45,13 @@ class LeasedTransport:
         """Do ahead of time what can be done for messages that will be published soon."""
         self._transport.prepare(messages)
 
-    def publish(self, *deliveries: Delivery) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
         """Send them if the lease is held; else none of them gets anywhere."""
         if self._lease.holds:
-            self._transport.publish(*deliveries)
+            self._transport.publish(outgoing)
             return
-        for delivery in deliveries:
-            delivery.settle(delivered=False, to=NO_LEASE)
-
-    def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        """Send them in one go if the lease is held; whether all were taken at once."""
-        if self._lease.holds:
-            return self._transport.publish_together(messages, made)
-        for delivery in made():
-            delivery.settle(delivered=False, to=NO_LEASE)
-        return False
+        for one in outgoing:
+            one.settle(delivered=False, to=NO_LEASE)
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until it has sent everything, or the time is up."""

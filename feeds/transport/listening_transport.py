@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
 
 from plotfeed.feeds.console.printed import bracketed
-from plotfeed.feeds.delivery.delivery import Delivery, ImmediateTransport, MakeDeliveries
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
 from plotfeed.feeds.scene.track_output_keys import ListeningDestination
 from plotfeed.proto.errors import PlotfeedError
 
@@ -43,21 +43,14 @@ class ListeningTransport(ImmediateTransport):
         """Whether it is of the format that goes there."""
         return message.content_type == self._carried
 
-    def publish(self, *deliveries: Delivery) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
         """Tell what goes there; what does not, or finds nobody, is left to others."""
-        for delivery in deliveries:
+        for one in outgoing:
             delivered = None
-            if self.carries(delivery.message) and self.tell(delivery.message):
-                delivery.leave()
+            if self.carries(one.message) and self.tell(one.message):
+                one.leave()
                 delivered = True
-            delivery.settle(delivered=delivered)
-
-    def publish_together(self, messages: Sequence[Message], _made: MakeDeliveries) -> bool:
-        """Tell what goes there, at once."""
-        for message in messages:
-            if self.carries(message):
-                self.tell(message)
-        return True
+            one.settle(delivered=delivered)
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Return once it listens; raises `PortError` if it cannot."""

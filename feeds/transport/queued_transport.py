@@ -8,9 +8,8 @@ from collections import deque
 from collections.abc import Sequence
 
 from plotfeed.feeds.console.printed import printable
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Client, Outgoing
 from plotfeed.feeds.scene.track_output_keys import QueuedDestination
 from plotfeed.feeds.transport.patience import backoff_s, wait_while
 from plotfeed.proto.errors import PlotfeedError
@@ -42,7 +41,7 @@ class QueuedTransport:
         self._carried = settings.content_type
         self._limit = settings.queue_messages
         self._retries = retries
-        self._queue: deque[Delivery] = deque()
+        self._queue: deque[Outgoing] = deque()
         self._filled = asyncio.Event()
         self._fails = False
 
@@ -62,27 +61,20 @@ class QueuedTransport:
         """Whether it is of the format that goes there."""
         return message.content_type == self._carried
 
-    def publish(self, *deliveries: Delivery) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
         """Let what goes there wait its turn; the oldest gives way where there is no room."""
-        for delivery in deliveries:
-            if not self.carries(delivery.message):
-                delivery.settle(delivered=None)
+        for one in outgoing:
+            if not self.carries(one.message):
+                one.settle(delivered=None)
                 continue
             if len(self._queue) >= self._limit:
                 self._queue.popleft().settle(delivered=False, to=self.name)
-            self._queue.append(delivery)
+            self._queue.append(one)
             self._filled.set()
 
-    def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        """Let what goes there wait its turn; whether nothing of it does."""
-        if not any(map(self.carries, messages)):
-            return True
-        self.publish(*made())
-        return False
-
-    def waiting_of(self, client: ClientCounters) -> int:
+    def waiting_of(self, client: Client) -> int:
         """How many messages of that client wait."""
-        return sum(delivery.client is client for delivery in self._queue)
+        return sum(one.client is client for one in self._queue)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Nothing can be done ahead of time."""
@@ -100,15 +92,15 @@ class QueuedTransport:
         try:
             while True:
                 await self._filled.wait()
-                delivery = self._queue[0]
+                one = self._queue[0]
                 try:
-                    await self.send(delivery.message)
+                    await self.send(one.message)
                 except SendError as error:
                     tries, failures = tries + 1, failures + 1
                     self._tell_of(error)
                     gives_up = self._retries is not None and tries > self._retries
                     if error.is_final or gives_up:
-                        self._settle(delivery, delivered=False)
+                        self._settle(one, delivered=False)
                         tries = 0
                     if not error.is_final:
                         await asyncio.sleep(backoff_s(failures - 1))
@@ -117,19 +109,19 @@ class QueuedTransport:
                 if self._fails and self.is_steady():
                     self._fails = False
                     log.warning("%s takes what is sent again", self.name)
-                delivery.leave()
-                self._settle(delivery, delivered=True)
+                one.leave()
+                self._settle(one, delivered=True)
         finally:
             self.hang_up()
-            for delivery in self._queue:
-                delivery.settle(delivered=False, to=self.name)
+            for one in self._queue:
+                one.settle(delivered=False, to=self.name)
             self._queue.clear()
 
-    def _settle(self, delivery: Delivery, *, delivered: bool) -> None:
+    def _settle(self, one: Outgoing, *, delivered: bool) -> None:
         """Say what became of a message, unless it has given way meanwhile."""
-        if self._queue and self._queue[0] is delivery:
+        if self._queue and self._queue[0] is one:
             self._queue.popleft()
-            delivery.settle(delivered=delivered, to=self.name)
+            one.settle(delivered=delivered, to=self.name)
         if not self._queue:
             self._filled.clear()
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.delivery.counters import SapientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, ImmediateTransport
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.formats.sapient.sapient_announcer import is_answer, is_registration
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock
@@ -110,13 +110,13 @@ class SapientTcpTransport(ImmediateTransport):
         """Whether it is SAPIENT."""
         return message.content_type == CONTENT_TYPE
 
-    def publish(self, *deliveries: Delivery) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
         """Send what is SAPIENT, and settle at once whether the connection, if any, took it."""
-        for delivery in deliveries:
+        for one in outgoing:
             delivered = None
-            if self.carries(delivery.message):
-                delivered = self._sent(delivery)
-            delivery.settle(delivered=delivered, to="SAPIENT")
+            if self.carries(one.message):
+                delivered = self._sent(one)
+            one.settle(delivered=delivered, to="SAPIENT")
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the socket has taken what was published, or the time is up."""
@@ -125,19 +125,19 @@ class SapientTcpTransport(ImmediateTransport):
             timeout_s,
         )
 
-    def _sent(self, delivery: Delivery) -> bool:
-        registers = is_registration(delivery.message)
+    def _sent(self, one: Outgoing) -> bool:
+        registers = is_registration(one.message)
         if registers and not self._has_opened:
             self._has_opened = True  # what a session begins with, the connection has begun with
             return True
         wire = self._wire if self._up.is_set() else None
         if wire is None:
             return False
-        if self._is_refused and not registers and not is_answer(delivery.message):
+        if self._is_refused and not registers and not is_answer(one.message):
             return False
-        if not wire.send(delivery.message.payload):
+        if not wire.send(one.message.payload):
             return False
-        delivery.leave()
+        one.leave()
         return True
 
     async def _stay_connected(self) -> None:

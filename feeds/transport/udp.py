@@ -11,8 +11,8 @@ import socket
 import struct
 from collections.abc import Sequence
 
-from plotfeed.feeds.delivery.delivery import Delivery, ImmediateTransport, MakeDeliveries
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
 from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
 from plotfeed.proto.content_types import ASTERIX, COT
 from plotfeed.proto.errors import PlotfeedError
@@ -60,32 +60,15 @@ class UdpTransport(ImmediateTransport):
             what = f"{self._key}.destination: {self.settings.destination}"
             raise UdpError(f"{what}: {_why(error)}") from None
 
-    def publish(self, *deliveries: Delivery) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
         """Send what it carries, and settle at once whether the system took it."""
-        for delivery in deliveries:
+        for one in outgoing:
             delivered = None
-            if self.carries(delivery.message):
-                delivered = self.send(delivery.message.payload)
+            if self.carries(one.message):
+                delivered = self.send(one.message.payload)
                 if delivered:
-                    delivery.leave()
-            delivery.settle(delivered=delivered, to=self.name)
-
-    def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        """Send what it carries; whether the system took all of it."""
-        carries, send = self.carries, self.send
-        refused = {
-            place
-            for place, message in enumerate(messages)
-            if carries(message) and not send(message.payload)
-        }
-        if not refused:
-            return True
-        for place, delivery in enumerate(made()):
-            delivered = place not in refused if carries(delivery.message) else None
-            if delivered:
-                delivery.leave()
-            delivery.settle(delivered=delivered, to=self.name)
-        return False
+                    one.leave()
+            one.settle(delivered=delivered, to=self.name)
 
     def carries(self, message: Message) -> bool:
         """Whether it is of the kind that goes there."""

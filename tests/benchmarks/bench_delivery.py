@@ -26,9 +26,9 @@ from bench_engine import a_broker
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import Settled
-from plotfeed.feeds.delivery.outbox import Outbox, send_all
+from plotfeed.feeds.delivery.outbox import Outbox, prepare_all, send_all
 from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -108,15 +108,15 @@ def one_deadline(outboxes: list[Outbox], due_utc_ns: int, found: Found) -> None:
     """Whoever is told first is told after the last write."""
     told: list[float] = []
 
-    def keep(_settled: Settled) -> None:
+    def keep() -> None:
         if not told:
             told.append(time.process_time())
 
     departures = [
-        (outbox, messages(f"r{i}", due_utc_ns), keep) for i, outbox in enumerate(outboxes)
+        (outbox, [Outgoing(each, k) for k, each in enumerate(messages(f"r{i}", due_utc_ns))], keep)
+        for i, outbox in enumerate(outboxes)
     ]
-    for outbox, some, _ in departures:
-        outbox.prepare(some)
+    prepare_all((outbox, some) for outbox, some, _ in departures)
     start = time.process_time()
     send_all(departures)
     end = time.process_time()

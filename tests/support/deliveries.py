@@ -1,27 +1,41 @@
-"""Numbered deliveries, and what became of each of them."""
+"""Numbered messages on their way, and what became of each of them."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
 from typing import Protocol
 
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.messages.outgoing import Outgoing
 
 NUMBER_OCTETS = 4
 
 
 class _Publishes(Protocol):
-    def publish(self, *deliveries: Delivery) -> None: ...
+    def publish(self, outgoing: Sequence[Outgoing]) -> None: ...
 
 
-class FollowedDelivery(Delivery):
+class _Nobody:
+    """A client that counts nothing."""
+
+    def now_ns(self) -> int:
+        return time.time_ns()
+
+    def settled(self, outgoing: Outgoing) -> None:
+        pass
+
+
+NOBODY = _Nobody()
+
+
+class FollowedDelivery(Outgoing):
     """Remembers every word that is said of it."""
 
     __slots__ = ("said",)
 
     def __init__(self, message: Message, number: int = 0) -> None:
-        super().__init__(message, WallClock(), 1, number=number)
+        super().__init__(message, number, client=NOBODY, transports=1)
         self.said: list[bool] = []
 
     def settle(self, *, delivered: bool | None, to: str = "") -> None:
@@ -59,7 +73,7 @@ class Deliveries:
 
     def publish(self, link: _Publishes, count: int, **how: int | str | bool) -> None:
         for _ in range(count):
-            link.publish(self.make(**how))  # type: ignore[arg-type]
+            link.publish([self.make(**how)])  # type: ignore[arg-type]
 
     @property
     def delivered(self) -> list[int]:
@@ -81,6 +95,6 @@ def number_of(payload: bytes) -> int:
 def taken(link: _Publishes, message: Message) -> bool:
     """Whether a link that settles at once says that it has delivered a message."""
     delivery = FollowedDelivery(message)
-    link.publish(delivery)
+    link.publish([delivery])
     assert delivery.was_delivered is not None
     return delivery.was_delivered

@@ -326,7 +326,8 @@ class MadeUpSession:
         )
 
     def _report(self, report: Batch) -> None:
-        [counts], [messages] = report.counts, report.messages
+        [counts], [outgoing] = report.counts, report.messages
+        messages = [one.handed for one in outgoing]
         self.totals.add(*counts)
         self.messages += messages
         sent = [self._sent(report, message.topic) for message in messages]

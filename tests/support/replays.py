@@ -9,8 +9,8 @@ from pathlib import Path
 
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import replay
@@ -77,7 +77,7 @@ class Memory:
                 yield each
 
 
-@dataclass
+@dataclass(eq=False)
 class Ears:
     """A way out that notes what leaves and when."""
 
@@ -86,8 +86,8 @@ class Ears:
     on_message: Callable[[Message], object] = lambda _: None
     carries_it: Callable[[Message], bool] = lambda _: True
 
-    def publish(self, *deliveries: Delivery) -> None:
-        for delivery in deliveries:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+        for delivery in outgoing:
             self.heard.append((self.clock.now_ns(), delivery.message))
             delivery.leave()
             delivery.settle(delivered=True)

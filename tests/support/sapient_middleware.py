@@ -9,15 +9,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support.deliveries import NOBODY
 from support.road import radar, scene
 from support.sapient_rules import checked
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.delivery.counters import SapientCounters, SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.sapient_intake import SapientIntake
@@ -116,7 +117,8 @@ async def linked(
         news=SapientNews(),
         counters=counters,
     )
-    link.publish(Delivery(ANNOUNCER.opening(WallClock().now_ns())[0], WallClock(), 1))
+    opening, _ = ANNOUNCER.opening(WallClock().now_ns())
+    link.publish([Outgoing(opening, client=NOBODY, transports=1)])
     running = asyncio.create_task(link.run())
     try:
         if wait:

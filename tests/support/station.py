@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -40,5 +43,6 @@ class Station:
 
     def report(self, sector: Sector) -> Batch:
         self._emulated.go_on_with(0, sector)
-        [batch] = self._emulated.batches(sector.end_ns + 1)
-        return batch
+        [batch] = self._emulated.seen(sector.end_ns + 1)
+        outgoing = [[*map(Outgoing, some)] for some in self._emulated.messages(batch)]
+        return replace(batch, messages=outgoing)

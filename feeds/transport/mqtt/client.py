@@ -10,9 +10,8 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Self
 from uuid import uuid4
 
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message, OnReceived
+from plotfeed.feeds.messages.outgoing import Client, Outgoing
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, OnMessage
@@ -155,7 +154,7 @@ class MqttTransport:
         """Messages that wait for a connection, or for room on it."""
         return sum(map(len, self._queues))
 
-    def waiting_of(self, client: ClientCounters) -> int:
+    def waiting_of(self, client: Client) -> int:
         """Messages of that client that wait for a connection, or for room on it."""
         return sum(queue.waiting_of(client) for queue in self._queues)
 
@@ -179,52 +178,34 @@ class MqttTransport:
         """Say that it is for the broker, as everything is."""
         return True
 
-    def publish(self, *deliveries: Delivery) -> None:
-        """Send each, let it wait, or drop it; it is settled as soon as its fate is known.
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+        """Send all in one write where they may go; else send each, let it wait, or drop it.
 
         Delivered is what the socket has taken, with QoS 0, and what the broker has acknowledged,
-        with QoS 1.
+        with QoS 1; each is settled as soon as that is known.
         """
-        connection = self._open_for([each.message for each in deliveries])
-        if connection is not None:
-            connection.send(*deliveries)
-        else:
-            for delivery in deliveries:
-                self._publish(delivery)
-
-    def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        """Send them in one write where all may go; whether the socket has taken them.
-
-        If not, `made` makes the deliveries, of each of which is told as by `publish`.
-        """
-        connection = self._open_for(messages)
-        if connection is not None:
-            return connection.send_together(messages, made)
-        for delivery in made():
-            self._publish(delivery)
-        return False
-
-    def _open_for(self, messages: Sequence[Message]) -> MqttConnection | None:
-        """The connection, if all of them, of QoS 0, may be sent over it now."""
         connection = self._connection
-        if connection is None or self._ended or self._queues[0] or not connection.has_room(0):
-            return None
-        for message in messages:
-            if message.qos or not connection.takes(message):
-                return None
-        return connection
+        if not outgoing:
+            return
+        if not (connection is None or self._ended or self._queues[0]) and connection.has_room(0):
+            takes = connection.takes
+            if all(not one.message.qos and takes(one.message) for one in outgoing):
+                connection.send(outgoing)
+                return
+        for one in outgoing:
+            self._publish(one)
 
-    def _publish(self, delivery: Delivery) -> None:
-        qos = delivery.message.qos
+    def _publish(self, one: Outgoing) -> None:
+        qos = one.message.qos
         queue, connection = self._queues[qos], self._connection
         if self._ended:
-            delivery.settle(delivered=False, to=self.counts.destination)
+            one.settle(delivered=False, to=self.counts.destination)
         elif connection is None or queue or not connection.has_room(qos):
-            queue.put(delivery)
+            queue.put(one)
         else:
             if qos:
-                delivery.since_s = time.monotonic()
-            self._send(connection, delivery)
+                one.since_s = time.monotonic()
+            self._send(connection, one)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Do ahead of time what can be done for messages that will be published soon."""
@@ -289,17 +270,15 @@ class MqttTransport:
         if not self.is_full:
             self._room.set()
 
-    def _send(
-        self, connection: MqttConnection, delivery: Delivery, sent_before: bool = False
-    ) -> None:
-        if not connection.takes(delivery.message):
+    def _send(self, connection: MqttConnection, one: Outgoing, sent_before: bool = False) -> None:
+        if not connection.takes(one.message):
             self.counts.dropped += 1
-            delivery.settle(delivered=False, to=self.counts.destination)
-        elif delivery.message.qos:
+            one.settle(delivered=False, to=self.counts.destination)
+        elif one.message.qos:
             self.counts.repeated += sent_before
-            connection.send_until_acknowledged(delivery)
+            connection.send_until_acknowledged(one)
         else:
-            connection.send(delivery)
+            connection.send([one])
 
     async def _watch(self, connection: MqttConnection) -> None:
         """Return when it is lost; end it when its socket takes nothing any more."""

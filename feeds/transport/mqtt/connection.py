@@ -11,8 +11,8 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.messages.message import Message, OnReceived, ReceivedMessage
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.gmqtt_client import (
     CONNECT_ERRORS,
@@ -137,55 +137,49 @@ class MqttConnection:
         """Whether it is not larger than what the broker says that it takes."""
         return self._largest_payload is None or len(message.payload) <= self._largest_payload
 
-    def send(self, *deliveries: Delivery) -> None:
-        """Hand messages of QoS 0 to the socket, where there is room, and settle each."""
-        for delivery in deliveries:
-            delivery.leave()
-        if self.send_together([each.message for each in deliveries], lambda: deliveries):
-            for delivery in deliveries:
-                delivery.settle(delivered=True)
+    def send(self, outgoing: Sequence[Outgoing]) -> None:
+        """Hand messages of QoS 0, at least one, to the socket, where there is room.
 
-    def send_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        """Hand messages of QoS 0 to the socket, where there is room; whether it has taken all.
-
-        In one go, since a system call costs more than a message. If some are left in its buffer,
-        `made` makes the deliveries, and each is settled when it has left that.
+        In one go, since a system call costs more than a message. Each is settled when it has left
+        the socket's buffer.
         """
         version = self.version
         packets = [
-            message.packets.get(version) or publish_packet(message, version) for message in messages
+            one.message.packets.get(version) or publish_packet(one.message, version)
+            for one in outgoing
         ]
         octets = b"".join(packets)
+        sent_utc_ns = outgoing[0].client.now_ns()
         self._client.write(octets)
         if self._echo is not None and self._echo.wants:
-            self._echo.published(messages)
+            self._echo.published([one.message for one in outgoing])
         if self._buffer.given(len(octets)):
-            return True
+            for one in outgoing:
+                one.taken(sent_utc_ns)
+            return
         left = len(octets)
-        for packet, delivery in zip(packets, made(), strict=True):
+        for packet, one in zip(packets, outgoing, strict=True):
             left -= len(packet)
-            if delivery.sent_utc_ns is None:
-                delivery.leave()
-            self._buffer.keep(delivery, left)
-        return False
+            one.sent_utc_ns = max(one.sent_utc_ns, sent_utc_ns)
+            self._buffer.keep(one, left)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Make the packets of what will be sent soon."""
         pack(messages, self.version)
 
-    def send_until_acknowledged(self, delivery: Delivery) -> None:
+    def send_until_acknowledged(self, one: Outgoing) -> None:
         """Send a message of QoS 1, and keep it until the broker has answered.
 
         Small ones of one turn of the loop leave in one write at its end.
         """
-        delivery.leave()
-        number = self._window.put(delivery)
+        one.leave()
+        number = self._window.put(one)
         if not self._packets:
             asyncio.get_running_loop().call_soon(self._write_packets)
-        packet = publish_packet(delivery.message, self.version, number=number)
+        packet = publish_packet(one.message, self.version, number=number)
         self._packets.append(packet)
         if self._echo is not None and self._echo.wants:
-            self._echo.published([delivery.message])
+            self._echo.published([one.message])
         self._packed_octets += len(packet)
         if self._packed_octets > TOGETHER_OCTETS:
             self._write_packets()
@@ -194,7 +188,7 @@ class MqttConnection:
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""
         return not self.unacknowledged and not self._buffer.octets
 
-    def give_up(self) -> list[Delivery]:
+    def give_up(self) -> list[Outgoing]:
         """Drop what the socket has not taken, and hand back what is unacknowledged."""
         self._counts.dropped += self._buffer.give_up(self._counts.destination)
         return self._window.take_all()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts
 
 MAX_UNACKNOWLEDGED = 1000
@@ -24,7 +24,7 @@ class Qos1Window:
     def __init__(self, counts: QueueCounts, on_room: Callable[[], None]) -> None:
         """`on_room` is called whenever one message less is on its way."""
         self.limit = MAX_UNACKNOWLEDGED
-        self._deliveries: dict[int, Delivery] = {}
+        self._outgoing: dict[int, Outgoing] = {}
         self._octets = 0
         self._last_id = FIRST_ID - 1
         self._counts = counts
@@ -33,21 +33,21 @@ class Qos1Window:
     @property
     def unacknowledged(self) -> int:
         """How many have not arrived as far as is known."""
-        return len(self._deliveries)
+        return len(self._outgoing)
 
     @property
     def has_room(self) -> bool:
         """Whether another message may be sent."""
-        return len(self._deliveries) < self.limit and self._octets < MAX_UNACKNOWLEDGED_OCTETS
+        return len(self._outgoing) < self.limit and self._octets < MAX_UNACKNOWLEDGED_OCTETS
 
-    def put(self, delivery: Delivery) -> int:
+    def put(self, one: Outgoing) -> int:
         """Keep it, and give it an id."""
         number = self._last_id + 1 if self._last_id < LAST_ID else FIRST_ID
-        while number in self._deliveries:
+        while number in self._outgoing:
             number = number + 1 if number < LAST_ID else FIRST_ID
         self._last_id = number
-        self._deliveries[number] = delivery
-        self._octets += len(delivery.message.payload)
+        self._outgoing[number] = one
+        self._octets += len(one.message.payload)
         return number
 
     def acknowledge(self, number: int) -> None:
@@ -56,21 +56,21 @@ class Qos1Window:
 
     def refuse(self, number: int) -> str:
         """The broker has answered that it does not take it; its topic, empty for an unknown id."""
-        delivery = self._deliveries.get(number)
+        one = self._outgoing.get(number)
         self._counts.refused += self._answered(number, delivered=False)
-        return "" if delivery is None else delivery.message.topic
+        return "" if one is None else one.message.topic
 
-    def take_all(self) -> list[Delivery]:
+    def take_all(self) -> list[Outgoing]:
         """All that is unacknowledged, in the order in which it was sent; it is kept no longer."""
-        deliveries, self._deliveries = list(self._deliveries.values()), {}
+        outgoing, self._outgoing = list(self._outgoing.values()), {}
         self._octets = 0
-        return deliveries
+        return outgoing
 
     def _answered(self, number: int, *, delivered: bool) -> bool:
-        delivery = self._deliveries.pop(number, None)
-        if delivery is None:
+        one = self._outgoing.pop(number, None)
+        if one is None:
             return False
-        self._octets -= len(delivery.message.payload)
-        delivery.settle(delivered=delivered, to=self._counts.destination)
+        self._octets -= len(one.message.payload)
+        one.settle(delivered=delivered, to=self._counts.destination)
         self._on_room()
         return True

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
+from plotfeed.feeds.messages.outgoing import Client, Outgoing
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 
 MAX_WAITING_OCTETS = 32 << 20
@@ -41,7 +40,7 @@ class QueueCounts:
 class _Waiting:
     key: Hashable
     """Its topic, if it is retained."""
-    delivery: Delivery
+    outgoing: Outgoing
     was_sent: bool
 
 
@@ -64,7 +63,7 @@ class SendQueue:
         self._counts = counts
         self._now_s = now_s
         self._numbers = count()
-        self._of_client: dict[ClientCounters | None, BoundedQueue[_Waiting]] = {}
+        self._of_client: dict[Client | None, BoundedQueue[_Waiting]] = {}
         self._order: OrderedDict[Hashable, BoundedQueue[_Waiting]] = OrderedDict()
         """The keys of all that wait, and in whose queue they do."""
 
@@ -77,7 +76,7 @@ class SendQueue:
         """Size of the payloads that wait."""
         return sum(queue.octets for queue in self._of_client.values())
 
-    def waiting_of(self, client: ClientCounters | None) -> int:
+    def waiting_of(self, client: Client | None) -> int:
         """How many of that client wait."""
         return len(self._of_client.get(client, ()))
 
@@ -91,48 +90,48 @@ class SendQueue:
             for queue in self._of_client.values()
         )
 
-    def put(self, delivery: Delivery) -> None:
+    def put(self, one: Outgoing) -> None:
         """Let it wait, or drop what the policy drops: dropped is settled as not delivered."""
         self.expire()
-        delivery.since_s = self._now_s()
-        message, queue = delivery.message, self._queue_of(delivery)
+        one.since_s = self._now_s()
+        message, queue = one.message, self._queue_of(one)
         key: Hashable = message.topic if message.retain else next(self._numbers)
         dropped = []
-        superseded = self._take_out(key).delivery if key in self._order else None
+        superseded = self._take_out(key).outgoing if key in self._order else None
         if self._policy == "drop-oldest":
             while queue and not queue.has_room(len(message.payload)):
-                dropped.append(self._take_out(queue.first().key).delivery)
-        if queue.put(_Waiting(key, delivery, False), key):
+                dropped.append(self._take_out(queue.first().key).outgoing)
+        if queue.put(_Waiting(key, one, False), key):
             self._order[key] = queue
         else:
-            dropped.append(delivery)
+            dropped.append(one)
         if superseded is not None:
             self._supersede(superseded)
         for given_up in dropped:
             self._drop(given_up)
 
-    def take(self) -> tuple[Delivery, bool] | None:
+    def take(self) -> tuple[Outgoing, bool] | None:
         """The one whose turn it is, if any is left, and whether it was sent before."""
         self.expire()
         if not self._order:
             return None
         queue = self._order.popitem(last=False)[1]
         found = queue.take()
-        return found.delivery, found.was_sent
+        return found.outgoing, found.was_sent
 
-    def put_back(self, deliveries: Sequence[Delivery]) -> None:
+    def put_back(self, outgoing: Sequence[Outgoing]) -> None:
         """Let these, which were sent, go before all others, in their order.
 
         They may be more than the limit.
         """
-        for delivery in reversed(deliveries):
-            message = delivery.message
+        for one in reversed(outgoing):
+            message = one.message
             key: Hashable = message.topic if message.retain else next(self._numbers)
             if key in self._order:
-                self._supersede(delivery)
+                self._supersede(one)
                 continue
-            queue = self._queue_of(delivery)
-            queue.put_back(_Waiting(key, delivery, True), key)
+            queue = self._queue_of(one)
+            queue.put_back(_Waiting(key, one, True), key)
             self._order[key] = queue
             self._order.move_to_end(key, last=False)
 
@@ -149,34 +148,34 @@ class SendQueue:
         while self._order:
             self._drop(self._drop_first())
 
-    def _queue_of(self, delivery: Delivery) -> BoundedQueue[_Waiting]:
-        queue = self._of_client.get(delivery.client)
+    def _queue_of(self, one: Outgoing) -> BoundedQueue[_Waiting]:
+        queue = self._of_client.get(one.client)
         if queue is None:
             waits = self._policy == "wait"
-            queue = self._of_client[delivery.client] = BoundedQueue(
+            queue = self._of_client[one.client] = BoundedQueue(
                 self._limit + (OVERRUN if waits else 0),
                 limit_octets=MAX_WAITING_OCTETS * (2 if waits else 1),
-                octets_of=lambda waiting: len(waiting.delivery.message.payload),
+                octets_of=lambda waiting: len(waiting.outgoing.message.payload),
                 any_size_alone=True,
             )
         return queue
 
-    def _first(self) -> Delivery:
-        return next(iter(self._order.values())).first().delivery
+    def _first(self) -> Outgoing:
+        return next(iter(self._order.values())).first().outgoing
 
-    def _drop_first(self) -> Delivery:
-        return self._take_out(next(iter(self._order))).delivery
+    def _drop_first(self) -> Outgoing:
+        return self._take_out(next(iter(self._order))).outgoing
 
     def _take_out(self, key: Hashable) -> _Waiting:
         return self._order.pop(key).drop(key)
 
-    def _drop(self, delivery: Delivery) -> None:
+    def _drop(self, one: Outgoing) -> None:
         self._counts.dropped += 1
-        delivery.settle(delivered=False, to=self._counts.destination)
+        one.settle(delivered=False, to=self._counts.destination)
 
-    def _supersede(self, delivery: Delivery) -> None:
+    def _supersede(self, one: Outgoing) -> None:
         self._counts.superseded += 1
-        delivery.settle(delivered=False, to=self._counts.destination)
+        one.settle(delivered=False, to=self._counts.destination)
 
 
 MAX_UNSENT_OCTETS = 8 << 20
@@ -208,7 +207,7 @@ class SocketBuffer:
         self._transport = transport
         self._on_room = on_room
         self._now_s = now_s
-        self._deliveries: deque[tuple[int, Delivery]] = deque()
+        self._outgoing: deque[tuple[int, Outgoing]] = deque()
         self._holds = False
         self._octets = 0
         """In the buffer, at the last look."""
@@ -224,7 +223,7 @@ class SocketBuffer:
     @property
     def messages(self) -> int:
         """Messages of QoS 0 that it has not taken."""
-        return len(self._deliveries)
+        return len(self._outgoing)
 
     @property
     def has_room(self) -> bool:
@@ -234,7 +233,7 @@ class SocketBuffer:
         self._look()
         return (
             self._octets <= MAX_UNSENT_OCTETS
-            and len(self._deliveries) < MAX_UNSENT_MESSAGES
+            and len(self._outgoing) < MAX_UNSENT_MESSAGES
             and not self._transport.is_closing()
         )
 
@@ -250,16 +249,16 @@ class SocketBuffer:
         self._settle_taken()
         return False
 
-    def keep(self, delivery: Delivery, octets_behind: int = 0) -> None:
+    def keep(self, one: Outgoing, octets_behind: int = 0) -> None:
         """One that was given last but for so many octets; settled once it has left."""
-        self._deliveries.append((self._given - octets_behind, delivery))
+        self._outgoing.append((self._given - octets_behind, one))
         self._settle_taken()
 
     def give_up(self, destination: str = "") -> int:
         """The connection is lost: settle what was not taken; how many messages that were."""
-        lost = len(self._deliveries)
-        while self._deliveries:
-            self._deliveries.popleft()[1].settle(delivered=False, to=destination)
+        lost = len(self._outgoing)
+        while self._outgoing:
+            self._outgoing.popleft()[1].settle(delivered=False, to=destination)
         return lost
 
     def is_stuck(self) -> bool:
@@ -278,8 +277,8 @@ class SocketBuffer:
 
     def _settle_taken(self) -> None:
         taken = self._given - self._octets
-        while self._deliveries and self._deliveries[0][0] <= taken:
-            self._deliveries.popleft()[1].settle(delivered=True)
+        while self._outgoing and self._outgoing[0][0] <= taken:
+            self._outgoing.popleft()[1].settle(delivered=True)
 
     def hold(self) -> None:
         """The socket has not taken everything."""
@@ -292,6 +291,6 @@ class SocketBuffer:
         self._holds = False
         self._octets = 0
         self.moved_s = self._now_s()
-        for _ in range(len(self._deliveries)):
-            self._deliveries.popleft()[1].settle(delivered=True)
+        for _ in range(len(self._outgoing)):
+            self._outgoing.popleft()[1].settle(delivered=True)
         self._on_room()

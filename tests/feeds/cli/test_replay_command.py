@@ -8,6 +8,7 @@ import pty
 import select
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -22,7 +23,7 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.cli.replay import press
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.replaying import destinations
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import ReplayMqtt
@@ -175,9 +176,9 @@ async def test_a_broker_that_never_has_room_can_be_left() -> None:
         async def room(self) -> None:
             await asyncio.Event().wait()
 
-        def publish(self, *deliveries: Delivery) -> None:
-            self.taken += len(deliveries)
-            for delivery in deliveries:
+        def publish(self, outgoing: Sequence[Outgoing]) -> None:
+            self.taken += len(outgoing)
+            for delivery in outgoing:
                 delivery.settle(delivered=True)
 
         async def drain(self, timeout_s: float = 1.0) -> None:

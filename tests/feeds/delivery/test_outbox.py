@@ -6,12 +6,13 @@ from typing import Any
 
 import pytest
 
-from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries, records
+from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.impairment.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Client, Outgoing, records
 from plotfeed.feeds.recording.recorder import RawFile
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import InstantClock
@@ -33,26 +34,22 @@ class Link:
         self.takes = takes
         self.drained = 0
         self.carried: list[bytes] = []
-        self.kept: list[Delivery] = []
+        self.kept: list[Outgoing] = []
 
-    def publish(self, *deliveries: Delivery) -> None:
-        for delivery in deliveries:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+        for delivery in outgoing:
             if self.takes is None:
                 self.kept.append(delivery)
             else:
                 self.settle(delivery, delivered=self.takes)
 
-    def publish_together(self, _messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        self.publish(*made())
-        return False
-
     def carries(self, _message: Message) -> bool:
         return True
 
-    def waiting_of(self, _client: ClientCounters) -> int:
+    def waiting_of(self, _client: Client) -> int:
         return len(self.kept)
 
-    def settle(self, delivery: Delivery, *, delivered: bool) -> None:
+    def settle(self, delivery: Outgoing, *, delivered: bool) -> None:
         if delivered:
             delivery.leave()
             self.carried.append(delivery.message.payload)
@@ -65,7 +62,9 @@ class Link:
 class Case:
     """An outbox with everything around it, in simulated time."""
 
-    def __init__(self, links: Sequence[Link] = (), settings: Any = None, **more: Any) -> None:
+    def __init__(
+        self, links: Sequence[Link] = (), settings: Any = None, in_time: Any = None, **more: Any
+    ) -> None:
         self.now = InstantClock(0)
         self.schedule, self.totals = Schedule(), SessionCounters()
         self.entries: list[Sequence[pb.Sent]] = []
@@ -75,14 +74,18 @@ class Case:
             schedule=self.schedule,
             totals=self.totals,
             **more,
-            link=None if settings is None else LinkSettings.model_validate(settings),
-            impair=lambda link: Impairment(link, 1, "radar"),
         )
+        link = None if settings is None else LinkSettings.model_validate(settings)
+        self.uplink = Uplink(link, lambda link: Impairment(link, 1, "radar"), in_time)
 
     def send(self, *messages: Message) -> None:
-        self.outbox.send(
-            *messages, on_complete=lambda settled: self.entries.append(records(settled))
-        )
+        outgoing = self.uplink.passed(messages)
+        self.outbox.send(outgoing, lambda: self.entries.append(records(outgoing)))
+
+    def change(self, **settings: Any) -> None:
+        now_ns = self.now.now_ns()
+        for one in self.uplink.change(LinkSettings.model_validate(settings), now_ns):
+            self.outbox.let_go(one, now_ns)
 
     async def until(self, t_utc_ns: int) -> None:
         while (due_ns := self.schedule.next_due_ns()) is not None and due_ns <= t_utc_ns:
@@ -218,7 +221,7 @@ async def test_a_link_that_stalls_holds_what_comes_until_it_is_up_again() -> Non
     case.send(message(b"1"), message(b"2", due_utc_ns=MS))
     await case.until(50 * MS)
     assert (link.carried, case.outbox.on_the_way) == ([], 2)
-    case.outbox.change(LinkSettings(latency_ms=10.0, on_loss="stall"))
+    case.change(latency_ms=10.0, on_loss="stall")
     await case.until(100 * MS)
     assert link.carried == [b"1", b"2"]
     ((first, second),) = case.entries
@@ -231,7 +234,7 @@ async def test_a_client_without_a_link_gets_one_while_it_runs() -> None:
     link = Link()
     case = Case([link])
     case.send(message(b"1"))
-    case.outbox.change(LinkSettings(latency_ms=7.0))
+    case.change(latency_ms=7.0)
     case.send(message(b"2"))
     assert link.carried == [b"1"]
     await case.until(7 * MS)

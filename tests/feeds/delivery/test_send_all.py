@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries, records
-from plotfeed.feeds.delivery.outbox import Outbox, send_all
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.delivery.outbox import Departure, Outbox, send_all
 from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.impairment.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Client, Outgoing, records
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.timing.schedule import Schedule
@@ -25,28 +27,23 @@ DUE_NS = 7_000
 class Socket:
     """Takes all at once, some of it later, or all but some."""
 
-    def __init__(self, how: str, alone: bool) -> None:
-        self.how, self.alone = how, alone
+    def __init__(self, how: str, together: bool) -> None:
+        self.how, self.together = how, together
         self.carried: list[bytes] = []
         self.writes = 0
-        self._kept: list[Delivery] = []
+        self._kept: list[Outgoing] = []
 
-    def publish(self, *deliveries: Delivery) -> None:
-        for delivery in deliveries:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+        self.writes += 1
+        for delivery in outgoing:
             delivery.leave()
             self.carried.append(delivery.message.payload)
             if self.how == "later":
                 self._kept.append(delivery)
+            elif self.together and self.how == "at once":
+                delivery.taken(DUE_NS + 1000)
             else:
                 delivery.settle(delivered=self.how == "at once" or self._takes(delivery.message))
-
-    def publish_together(self, messages: Sequence[Message], made: MakeDeliveries) -> bool:
-        self.writes += 1
-        if self.alone or self.how != "at once":
-            self.publish(*made())
-            return False
-        self.carried += [message.payload for message in messages]
-        return True
 
     def settle_kept(self) -> None:
         for delivery in self._kept:
@@ -58,7 +55,7 @@ class Socket:
     def carries(self, _message: Message) -> bool:
         return True
 
-    def waiting_of(self, _client: ClientCounters) -> int:
+    def waiting_of(self, _client: Client) -> int:
         return 0
 
     def prepare(self, _messages: Sequence[Message]) -> None:
@@ -93,21 +90,28 @@ class Case:
                 totals=self.totals,
                 before_link=[lambda m: self.told.append(("before", m.payload, 0))],
                 after_link=[lambda m, t: self.told.append(("after", m.payload, t))],
-                link=None if link is None else LinkSettings.model_validate(link),
-                impair=lambda link, i=i: Impairment(link, 1, f"s{i}"),  # type: ignore[misc]
+            )
+            uplink = Uplink(
+                None if link is None else LinkSettings.model_validate(link),
+                lambda link, i=i: Impairment(link, 1, f"s{i}"),  # type: ignore[misc]
             )
             some = [
                 Message(topic=f"s{i}", payload=bytes((k, i)), content_type="x", due_utc_ns=DUE_NS)
                 for k in range(messages)
             ]
-            self.departures.append((outbox, some, self._keep(i)))
+            self.departures.append((outbox, uplink, some))
 
-    def _keep(self, i: int) -> Callable[[Any], None]:
-        def keep(settled: Any) -> None:
-            assert i not in self.entries
-            self.entries[i] = records(settled)
+    def handed(self) -> list[Departure]:
+        """What each hands over now, each time anew."""
+        return [
+            (outbox, outgoing, partial(self._keep, i, outgoing))
+            for i, (outbox, uplink, some) in enumerate(self.departures)
+            for outgoing in [uplink.passed(some)]
+        ]
 
-        return keep
+    def _keep(self, i: int, outgoing: Sequence[Outgoing]) -> None:
+        assert i not in self.entries
+        self.entries[i] = records(outgoing)
 
     def settle(self) -> None:
         for socket in self.sockets:
@@ -129,9 +133,9 @@ def test_together_as_one_by_one(how: list[tuple[str, bool]], clients: list[Any])
     for _ in range(2):
         for case in (together, apart):
             case.entries.clear()
-        send_all(together.departures)
-        for outbox, messages, on_complete in apart.departures:
-            outbox.send(*messages, on_complete=on_complete)
+        send_all(together.handed())
+        for outbox, outgoing, on_complete in apart.handed():
+            outbox.send(outgoing, on_complete)
         for case in (together, apart):
             case.settle()
             for socket in case.sockets:
@@ -149,17 +153,17 @@ def test_together_as_one_by_one(how: list[tuple[str, bool]], clients: list[Any])
 
 @pytest.mark.parametrize("clients", [1, 50])
 def test_each_socket_is_asked_once(clients: int) -> None:
-    case = Case([("at once", False)] * 2, [(2, None, ())] * clients)
-    send_all(case.departures)
+    case = Case([("at once", True)] * 2, [(2, None, ())] * clients)
+    send_all(case.handed())
     assert [socket.writes for socket in case.sockets] == [1, 1]
-    payloads = [message.payload for _, messages, _ in case.departures for message in messages]
+    payloads = [message.payload for _, _, messages in case.departures for message in messages]
     assert [socket.carried for socket in case.sockets] == [payloads, payloads]
     assert case.totals.messages == 2 * clients
 
 
 def test_what_leaves_is_on_its_way_before_anybody_is_told() -> None:
-    case = Case([("at once", False)], [(1, None, ())] * 3)
+    case = Case([("at once", True)], [(1, None, ())] * 3)
     seen: list[int] = []
-    keep = [lambda _: seen.append(len(case.sockets[0].carried))] * 3
-    send_all((outbox, m, on) for (outbox, m, _), on in zip(case.departures, keep, strict=True))
+    keep = lambda: seen.append(len(case.sockets[0].carried))  # noqa: E731
+    send_all([(outbox, outgoing, keep) for outbox, outgoing, _ in case.handed()])
     assert seen == [3, 3, 3]

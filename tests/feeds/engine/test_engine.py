@@ -11,6 +11,7 @@ import pytest
 from support.road import NS, START_NS
 
 from plotfeed import Engine, Observer, PlotfeedError, Scene, load, run
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example
@@ -30,24 +31,39 @@ def put(said: Said, message: Message) -> None:
     said.setdefault(message.topic, []).append((message.payload, message.due_utc_ns, properties))
 
 
-class BeforeLinks(Observer):
-    """What sensors hand to their links in a session."""
+Left = list[tuple[int, str, bytes]]
+"""When what left its link, by topic."""
+
+
+class BothSides(Observer):
+    """What sensors hand to their links in a session, and what leaves these."""
 
     def __init__(self) -> None:
         self.said: Said = {}
+        self.left: Left = []
 
     def before_link(self, message: Message) -> None:
         put(self.said, message)
 
+    def after_link(self, message: Message, sent_utc_ns: int) -> None:
+        if message.topic in self.said and not message.retain:
+            self.left.append((sent_utc_ns, message.topic, message.payload))
 
-def by_engine(engine: Engine, times_ns: Iterator[int]) -> Said:
+
+def what_left(batches: list[Batch]) -> tuple[Said, Left]:
+    """When all is done, as links may let go late what they held."""
     said: Said = {}
-    for t_ns in times_ns:
-        for batch in engine.until(t_ns):
-            for messages in batch.messages:
-                for message in messages:
-                    put(said, message)
-    return said
+    left: Left = []
+    for one in [one for batch in batches for outgoing in batch.messages for one in outgoing]:
+        if not one.copy:
+            put(said, one.handed)
+        if not one.fate:
+            left.append((one.due_utc_ns, one.message.topic, one.message.payload))
+    return said, sorted(left)
+
+
+def by_engine(engine: Engine, times_ns: Iterator[int]) -> tuple[Said, Left]:
+    return what_left([batch for t_ns in times_ns for batch in engine.until(t_ns)])
 
 
 def in_steps(step_ns: int) -> Iterator[int]:
@@ -59,7 +75,7 @@ def in_steps(step_ns: int) -> Iterator[int]:
 async def test_an_engine_makes_the_octets_of_a_session(name: str) -> None:
     path = ROOT / "examples" / "scenes" / name
     scene = example(name) if name in summaries() else load(path)
-    told = BeforeLinks()
+    told = BothSides()
     await run(
         scene,
         clock=InstantClock(START_NS),
@@ -67,8 +83,9 @@ async def test_an_engine_makes_the_octets_of_a_session(name: str) -> None:
         duration_s=DURATION_S,
         observers=[told],
     )
-    said = by_engine(Engine(scene, START_NS), in_steps(NS))
+    said, left = by_engine(Engine(scene, START_NS), in_steps(NS))
     assert said == told.said
+    assert left == sorted(told.left)
     assert said
 
 
@@ -84,20 +101,22 @@ def report(t_ns: int, step: int) -> bytes:
 
 
 COMMANDS = {
+    1: {"sensor": "passive", "set": {"link": {"down": True, "on_loss": "stall"}}},
     2: {"sensor": "active", "set": {"loss_db": 3.0}},
+    3: {"sensor": "active", "set": {"link": {"latency_ms": 40.0, "jitter_ms": 20.0}}},
     4: {"sensor": "mimo", "set": {"enabled": False}},
+    5: {"sensor": "passive", "set": {"link": {"down": False, "on_loss": "stall"}}},
     6: {"sensor": "active", "reset": True},
 }
 """Of section 4, by the second at which they come."""
 
 
-def with_input(engine: Engine, step: Callable[[], int]) -> Said:
+def with_input(engine: Engine, step: Callable[[], int]) -> tuple[Said, Left]:
     """What an engine says that is asked after steps of time, with a drone and commands."""
-    said: Said = {}
+    batches: list[Batch] = []
 
     def take(until_ns: int) -> None:
-        for topic, found in by_engine(engine, iter([until_ns])).items():
-            said.setdefault(topic, []).extend(found)
+        batches.extend(engine.until(until_ns))
 
     now_ns = START_NS
     for tenth in range(10 * DURATION_S):
@@ -110,7 +129,7 @@ def with_input(engine: Engine, step: Callable[[], int]) -> Said:
             command = json.dumps(COMMANDS[tenth // 10]).encode()
             assert engine.receive("plotfeed/control", command, t_ns) is None
     take(END_NS)
-    return said
+    return what_left(batches)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -121,20 +140,24 @@ def test_no_octet_depends_on_the_pace_at_which_it_is_asked(seed: int) -> None:
         Engine("section-4", START_NS), lambda: by_chance.choice([1, 10**6, 3 * 10**7, 10**8])
     )
     assert at_random == plain
+    held = [t_ns for t_ns, topic, _ in plain[1] if topic.startswith("plotfeed/passive/")]
+    assert not [t_ns for t_ns in held if START_NS + NS < t_ns < START_NS + 5 * NS]
+    assert held.count(START_NS + 5 * NS) > 1
     with_drone = Engine("section-4", START_NS)
     assert by_engine(with_drone, in_steps(NS)) != plain
 
 
 def test_engines_that_share_a_scene_say_together_what_one_says() -> None:
-    whole = with_input_free(Engine("field-day", START_NS))
+    whole, _ = with_input_free(Engine("field-day", START_NS))
     names = [sensor.id for sensor in example("field-day").sensor]
     parts: Said = {}
     for i in range(3):
-        parts |= with_input_free(Engine("field-day", START_NS, sensors=names[i::3], claims=i == 0))
+        engine = Engine("field-day", START_NS, sensors=names[i::3], claims=i == 0)
+        parts |= with_input_free(engine)[0]
     assert parts == whole
 
 
-def with_input_free(engine: Engine) -> Said:
+def with_input_free(engine: Engine) -> tuple[Said, Left]:
     return by_engine(engine, in_steps(NS // 4))
 
 

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 from support.brokers import free_port
+from support.deliveries import NOBODY
 from support.mqtt_client import listening
 from support.sessions import Start, every_broker
 from support.waiting import until
 
-from plotfeed.feeds.delivery.delivery import Delivery, MakeDeliveries
 from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.leased import NO_LEASE, LeasedLink, LeasedTransport
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -43,8 +44,9 @@ class Grant:
         self._granted.set()
 
 
-def delivery(text: bytes) -> Delivery:
-    return Delivery(Message("plotfeed/r/plots", text, "text/plain", 0), InstantClock(0), 1)
+def delivery(text: bytes) -> Outgoing:
+    message = Message("plotfeed/r/plots", text, "text/plain", 0)
+    return Outgoing(message, client=NOBODY, transports=1)
 
 
 @every_broker
@@ -64,8 +66,8 @@ async def test_the_next_holder_cuts_off_the_last_which_comes_back_by_a_new_lease
                     await until(lambda: not old.is_up)
                     await until(lambda: first.wanted == 2)  # it would, and may not
                     late, in_time = delivery(b"late"), delivery(b"in time")
-                    old.publish(late)
-                    new.publish(in_time)
+                    old.publish([late])
+                    new.publish([in_time])
                     await asyncio.to_thread(client.wait_for, lambda m: m.payload == b"in time")
                     assert new.is_up
                     assert late.fate == pb.UNDELIVERED
@@ -81,21 +83,17 @@ class Kept:
     def __init__(self) -> None:
         self.taken: list[bytes] = []
 
-    def publish(self, *deliveries: Delivery) -> None:
-        for each in deliveries:
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+        for each in outgoing:
             self.taken.append(each.message.payload)
             each.settle(delivered=True)
-
-    def publish_together(self, _: Sequence[Message], made: MakeDeliveries) -> bool:
-        self.publish(*made())
-        return False
 
 
 class Waits(Kept):
     """One whose broker is away."""
 
-    def publish(self, *deliveries: Delivery) -> None:
-        self.waiting = deliveries
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+        self.waiting = outgoing
 
 
 @pytest.mark.asyncio
@@ -104,18 +102,19 @@ async def test_no_way_out_takes_what_is_sent_without_a_lease() -> None:
     kept, grant = Kept(), Grant()
     leased = LeasedTransport(kept, grant)  # type: ignore[arg-type]
     sent, held_back = delivery(b"sent"), delivery(b"held back")
-    leased.publish(sent)
+    leased.publish([sent])
     grant.holds = False
-    leased.publish(held_back)
-    together = delivery(b"together")
-    assert not leased.publish_together([together.message], lambda: [together])
+    leased.publish([held_back])
     assert kept.taken == [b"sent"]
-    assert (sent.fate, held_back.fate, together.fate) == (pb.SENT, pb.UNDELIVERED, pb.UNDELIVERED)
+    assert (sent.fate, held_back.fate) == (pb.SENT, pb.UNDELIVERED)
     assert held_back.not_to == (NO_LEASE,)
 
 
-def message(due_utc_ns: int) -> Message:
-    return Message("plotfeed/r/plots", b"plots", "text/plain", due_utc_ns)
+def passed(*due_utc_ns: int) -> list[Outgoing]:
+    return [
+        Outgoing(Message("plotfeed/r/plots", b"plots", "text/plain", t_ns), i)
+        for i, t_ns in enumerate(due_utc_ns)
+    ]
 
 
 @pytest.mark.asyncio
@@ -123,13 +122,13 @@ async def test_what_did_not_leave_for_want_of_a_lease_is_told_once() -> None:
     """As of a worker that was frozen: it holds nothing when it wakes, until it has asked."""
     kept, grant = Kept(), Grant()
     outbox = Outbox(InstantClock(0), [LeasedTransport(kept, grant)])  # type: ignore[arg-type]
-    outbox.send(message(10))
+    outbox.send(passed(10))
     assert outbox.counters.take_not_sent() is None
     grant.holds = False
-    outbox.send(message(20))
-    outbox.send(message(30), message(40))
+    outbox.send(passed(20))
+    outbox.send(passed(30, 40))
     grant.holds = True
-    outbox.send(message(50))
+    outbox.send(passed(50))
     assert outbox.counters.take_not_sent() == (20, 40)
     assert outbox.counters.take_not_sent() is None
     assert len(kept.taken) == 2
@@ -138,7 +137,7 @@ async def test_what_did_not_leave_for_want_of_a_lease_is_told_once() -> None:
 def test_what_waits_for_a_broker_is_not_taken_for_sent() -> None:
     waits = Waits()
     outbox = Outbox(InstantClock(0), [waits])  # type: ignore[list-item]
-    outbox.send(message(10), message(20))
+    outbox.send(passed(10, 20))
     assert outbox.oldest_due_ns == 10
     first, second = waits.waiting
     first.settle(delivered=True)

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import pytest
 from support.brokers import free_port, has_ipv6, mosquitto, rumqttd
+from support.deliveries import NOBODY
 from support.udp_receiver import LOOPBACK_INTERFACE, interface_of
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.recording.record import CaptureSource
 from plotfeed.feeds.recording.record_sources import (
     BrokerSource,
@@ -25,7 +26,6 @@ from plotfeed.feeds.recording.record_sources import (
     rfc_3339_ns,
 )
 from plotfeed.feeds.scene.output_keys import Endpoint
-from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.udp import UdpError
@@ -251,7 +251,7 @@ async def heard_over_mqtt(port: int, versions: tuple[int, ...]) -> list[Recorded
             try:
                 await link.wait_until_up(PATIENCE_S)
                 for message in MESSAGES:
-                    link.publish(Delivery(message, WallClock(), 1))
+                    link.publish([Outgoing(message, client=NOBODY, transports=1)])
                 return await listener.wait_for(len(MESSAGES))
             finally:
                 running.cancel()

@@ -14,8 +14,8 @@ from support.replays import MS, Memory, message
 from support.udp_receiver import LOOPBACK_INTERFACE, heard, place, receiver
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.delivery.delivery import Transport
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Transport
 from plotfeed.feeds.replaying.destinations import (
     RecordedUdp,
     ReplayUdp,

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from support.road import START_NS, radar, rotating, scene, staring, waypoint
 
-from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
@@ -130,17 +129,15 @@ def at_work(made: Scene, which: list[int] | None = None) -> EmulatedSensors:
     return found
 
 
-def told(batches: list[Batch]) -> dict[str, list[Message]]:
+def in_stretches(sensors: EmulatedSensors, ends_ns: list[int]) -> dict[str, list[Message]]:
     """Messages of each sensor, in its order."""
     found: dict[str, list[Message]] = {}
-    for batch in batches:
-        for i, messages in zip(batch.sectors.sensor.tolist(), batch.messages, strict=True):
-            found.setdefault(batch.sensors[i], []).extend(messages)
+    for end_ns in ends_ns:
+        for batch in sensors.seen(end_ns):
+            of = batch.sectors.sensor.tolist()
+            for i, messages in zip(of, sensors.messages(batch), strict=True):
+                found.setdefault(batch.sensors[i], []).extend(messages)
     return found
-
-
-def in_stretches(sensors: EmulatedSensors, ends_ns: list[int]) -> dict[str, list[Message]]:
-    return told([batch for end_ns in ends_ns for batch in sensors.batches(end_ns)])
 
 
 END_NS = START_NS + DURATION_NS

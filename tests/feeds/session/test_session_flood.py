@@ -69,10 +69,10 @@ Octets = list[tuple[int, str, bytes]]
 
 def octets(session: AtWork) -> Octets:
     return [
-        (sector.sector.end_ns, message.topic, message.payload)
+        (sector.sector.end_ns, one.message.topic, one.message.payload)
         for sector in session.sectors
-        for messages in sector.messages
-        for message in messages
+        for outgoing in sector.messages
+        for one in outgoing
     ]
 
 

@@ -40,7 +40,7 @@ def message(text: str, kind: str = "air-traffic") -> Message:
 
 def publish(transport: HttpTransport, *texts: str) -> list[FollowedDelivery]:
     made = [FollowedDelivery(message(text)) for text in texts]
-    transport.publish(*made)
+    transport.publish(made)
     return made
 
 
@@ -133,7 +133,7 @@ async def test_what_waits_at_the_end_was_not_delivered() -> None:
 async def test_other_formats_are_left_to_others() -> None:
     transport = posting(free_port())
     other = FollowedDelivery(message("x", "f3411"))
-    transport.publish(other)
+    transport.publish([other])
     assert other.said == [True]
     assert other.not_to == ()
 

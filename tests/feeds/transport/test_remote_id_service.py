@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port
+from support.deliveries import taken
 from support.road import START_NS, flown, radar, scene, waypoint
 from support.waiting import kept_up, until
 
@@ -58,7 +59,7 @@ async def service(**keys: Any) -> AsyncIterator[RemoteIdTransport]:
     async with kept_up(transport.run()):
         await transport.wait_until_up()
         message = Message("radar/f3411", flights(), settings.content_type, NOW)
-        assert transport.publish_together([message], list)
+        assert taken(transport, message)
         yield transport
 
 
@@ -115,7 +116,7 @@ async def test_a_message_that_is_damaged_on_its_way_tells_nothing() -> None:
     async with service() as transport:
         carried = transport.settings.content_type
         damaged = Message("t", flights("radar-2").replace(b"{", b"["), carried, NOW)
-        assert transport.publish_together([damaged], list)
+        assert taken(transport, damaged)
         _, told = await ask(transport.settings.port, f"/uss/flights?{VIEW}")
     assert [each["id"] for each in told["flights"]] == ["radar-1"]
 

@@ -66,7 +66,7 @@ async def listening(
 
 def publish(transport: TakTransport, *events: bytes) -> list[FollowedDelivery]:
     made = [FollowedDelivery(Message("t", event, COT, 0)) for event in events]
-    transport.publish(*made)
+    transport.publish(made)
     return made
 
 

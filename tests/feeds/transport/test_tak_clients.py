@@ -56,7 +56,7 @@ async def test_pytak_receives_every_event_that_a_server_passes_on() -> None:
         await until(lambda: relay.clients or client.returncode is not None)
         async with kept_up(transport.run()):
             events = cot_events(TRACKS, RADAR)
-            transport.publish(*(FollowedDelivery(Message("t", e, COT, T_NS)) for e in events))
+            transport.publish([FollowedDelivery(Message("t", e, COT, T_NS)) for e in events])
             async with asyncio.timeout(PATIENCE_S):
                 said, complaints = await client.communicate()
     finally:

@@ -16,13 +16,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.brokers import free_port
 from support.cut_proxy import proxied
+from support.deliveries import NOBODY
 from support.mqtt_client import Client, listening
 from support.sessions import Start, every_broker, iotcore
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.transport import patience
 from plotfeed.feeds.transport.mqtt import last_wills
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -99,14 +99,14 @@ async def placed(
 
     def is_back(sensor: str) -> None:
         back.append(sensor)
-        link.publish(Delivery(status(sensor, "ONLINE"), WallClock(), 1))
+        link.publish([Outgoing(status(sensor, "ONLINE"), client=NOBODY, transports=1)])
 
     there = LastWills(link, {s: status(s, "OFFLINE") for s in sensors}, is_back)
     async with link.connected(PATIENCE_S):
         running = asyncio.create_task(there.run())
         await there.wait_until_up()
         for sensor in sensors:
-            link.publish(Delivery(status(sensor, "ONLINE"), WallClock(), 1))
+            link.publish([Outgoing(status(sensor, "ONLINE"), client=NOBODY, transports=1)])
         await link.drain(PATIENCE_S)
         try:
             yield there, back

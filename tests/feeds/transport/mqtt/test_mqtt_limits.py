@@ -53,7 +53,7 @@ async def test_what_waits_is_bounded_and_leaves_qos_0_alone() -> None:
             link.counts.dropped == len(deliveries.given_up) == 20_000 - 10_000 - MAX_UNACKNOWLEDGED
         )
         late = deliveries.make(qos=0)
-        link.publish(late)
+        link.publish([late])
         assert late.was_delivered
         assert late.sent_utc_ns is not None
     assert deliveries.unsettled == []

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from support.brokers import free_port
+from support.deliveries import NOBODY
 from support.sessions import Start, every_broker
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.gmqtt_client import PUBLISH, GmqttClient
@@ -171,6 +171,6 @@ async def test_however_long_properties_are_the_connection_stays(
             pairs = [("k", "v" * (octets - 6))]
             for payload in (b"1", b"2"):
                 message = Message("a", payload, "", 0, properties=pairs, qos=1)
-                link.publish(Delivery(message, WallClock(), 1))
+                link.publish([Outgoing(message, client=NOBODY, transports=1)])
                 await until(lambda payload=payload: payload in heard)  # type: ignore[misc]
             assert link.connections == 1

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,9 +14,11 @@ from support.scripted_broker import ScriptedBroker
 from support.waiting import until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.delivery import OnComplete, Settled, records
 from plotfeed.feeds.delivery.outbox import Outbox, send_all
+from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.impairment.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -21,6 +26,11 @@ from plotfeed.feeds.transport.mqtt.send_queue import MAX_UNSENT_OCTETS, SocketBu
 from plotfeed.proto import plotfeed_pb2 as pb
 
 CLIENTS, EACH = 20, 2
+
+
+def passed(messages: Sequence[Message]) -> list[Outgoing]:
+    """Messages after a link that does nothing."""
+    return Uplink(None, lambda link: Impairment(link, 1, "radar")).passed(messages)
 
 
 class Clients:
@@ -44,14 +54,12 @@ class Clients:
                     Message(topic=f"t{i}", payload=payload, content_type="x", due_utc_ns=0, qos=qos)
                 )
                 self.sent.append(payload)
-            departures.append((outbox, messages, self._keep(i)))
+            outgoing = passed(messages)
+            departures.append((outbox, outgoing, partial(self._keep, i, outgoing)))
         send_all(departures)
 
-    def _keep(self, i: int) -> OnComplete:
-        def keep(settled: Settled) -> None:
-            self.fates[i] += [one.fate for one in records(settled)]
-
-        return keep
+    def _keep(self, i: int, outgoing: Sequence[Outgoing]) -> None:
+        self.fates[i] += [one.fate for one in outgoing]
 
     @property
     def told(self) -> int:
@@ -108,8 +116,8 @@ async def test_each_client_is_told_what_waits_of_its_own() -> None:
         some = [
             Message(topic="t", payload=b"1234", content_type="x", due_utc_ns=0) for _ in range(9)
         ]
-        loud.send(*some)
-        quiet.send(*some[:2])
+        loud.send(passed(some))
+        quiet.send(passed(some[:2]))
         assert [loud.waiting, quiet.waiting] == [5, 2]
         assert [loud.counters.undelivered, quiet.counters.undelivered] == [4, 0]
         assert not any(other.waiting for other in others)

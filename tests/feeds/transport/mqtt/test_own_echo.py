@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, mosquitto_with
 from support.cut_proxy import proxied
+from support.deliveries import NOBODY
 from support.scene_files import radar, scene_file, scene_text
 from support.scripted_broker import ScriptedBroker, serving
 from support.sessions import AtWork, Start, at_work, iotcore, quiet_mosquitto
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.delivery.delivery import Delivery
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session import session as session_module
 from plotfeed.feeds.timing.clock import WallClock
@@ -146,7 +147,7 @@ async def test_where_the_subscription_is_not_granted_nobody_can_tell(
         async with link.connected(PATIENCE_S):
             while not complaints(caplog):
                 message = Message("plotfeed/north/plots", b"plots", "", clock.now_ns())
-                link.publish(Delivery(message, clock, 1))
+                link.publish([Outgoing(message, client=NOBODY, transports=1)])
                 await asyncio.sleep(0.01)
     assert complaints(caplog) == [
         "cannot tell whether anybody hears what is published on plotfeed/north/plots: "

@@ -9,13 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.deliveries import Deliveries
 
-from plotfeed.feeds.delivery.counters import ClientCounters
-from plotfeed.feeds.delivery.delivery import Delivery
+from plotfeed.feeds.delivery.outbox import Outbox
+from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
+from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.mqtt import send_queue
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
 
 POLICIES = ["drop-oldest", "drop-newest", "wait"]
+
+
+def client() -> Outbox:
+    return Outbox(InstantClock(0), [])
 
 
 class Bench:
@@ -32,7 +37,7 @@ class Bench:
         for _ in range(n):
             self.queue.put(self.deliveries.make(**how))  # type: ignore[arg-type]
 
-    def take(self) -> Delivery | None:
+    def take(self) -> Outgoing | None:
         found = self.queue.take()
         return None if found is None else found[0]
 
@@ -81,7 +86,7 @@ def test_it_does_what_the_simplest_queue_would_do(
     numbers = count()
     waiting: list[int] = []
     dropped: list[int] = []
-    sent: list[Delivery] = []
+    sent: list[Outgoing] = []
     for step in steps:
         if step == "put":
             bench.put()
@@ -161,7 +166,7 @@ def test_what_has_waited_too_long_is_dropped_and_nothing_else(
     """A number is time that passes. What was sent and comes back is as old as it was."""
     bench = Bench(policy=policy, max_age_s=5.0)
     since_s: list[float] = []
-    sent: list[Delivery] = []
+    sent: list[Outgoing] = []
     for step in steps:
         if step == "put":
             since_s.append(bench.now_s)
@@ -228,8 +233,8 @@ def test_all_that_waits_is_given_up_at_the_end() -> None:
 def test_no_client_takes_the_room_of_another(policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(send_queue, "OVERRUN", 0)
     bench = Bench(policy=policy, messages=3)
-    loud, quiet = ClientCounters(), ClientCounters()
-    made: dict[int, ClientCounters] = {}
+    loud, quiet = client(), client()
+    made: dict[int, Outbox] = {}
     for i in range(40):
         delivery = bench.deliveries.make(retain=i == 4, topic="status")
         delivery.client = made[i] = quiet if i in (4, 7, 21) else loud
@@ -245,7 +250,7 @@ def test_no_client_takes_the_room_of_another(policy: str, monkeypatch: pytest.Mo
 
 def test_messages_of_all_clients_leave_in_their_order_also_when_they_come_back() -> None:
     bench = Bench()
-    clients = [ClientCounters() for _ in range(3)]
+    clients = [client() for _ in range(3)]
     for i in range(12):
         delivery = bench.deliveries.make()
         delivery.client = clients[i * 7 % 3]
