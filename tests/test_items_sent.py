@@ -11,9 +11,9 @@ from support import road
 from support.random_scenes import random_tree
 
 from plotfeed.feeds.scene.examples import summaries
-from plotfeed.feeds.scene.outgoing import Outgoing
 from plotfeed.feeds.scene.scene import Scene, example, from_tree, load
 from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.feeds.scene.ways_out import WaysOut
 from plotfeed.proto.asterix.codec.decode import decode
 
 ROOT = Path(__file__).parents[1]
@@ -58,7 +58,7 @@ def listed() -> dict[int, set[str]]:
 def test_what_is_sent_is_what_is_listed() -> None:
     sent: defaultdict[int, set[str]] = defaultdict(set)
     for scene in scenes():
-        for message in road.fly(scene.sent_to(Outgoing()), SECONDS).messages:
+        for message in road.fly(scene.sent_to(WaysOut()), SECONDS).messages:
             if "/asterix/" in message.topic:
                 for record in decode(message.payload):
                     sent[record.category] |= {item.partition("/")[2] for item in record.items}

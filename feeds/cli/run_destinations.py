@@ -16,7 +16,6 @@ from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.scene.fields import split_address
-from plotfeed.feeds.scene.outgoing import Outgoing
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -26,6 +25,7 @@ from plotfeed.feeds.scene.track_output_keys import (
     TakServer,
     TrackDestination,
 )
+from plotfeed.feeds.scene.ways_out import WaysOut
 from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.transport.mqtt.address import without_secrets
 from plotfeed.proto.errors import PlotfeedError
@@ -72,7 +72,7 @@ class NamedDestinations(Protocol):
         """A recorded session whose inputs are taken in again."""
 
 
-def named_outgoing(scene: Scene, settings: NamedDestinations) -> Outgoing:
+def named_outgoing(scene: Scene, settings: NamedDestinations) -> WaysOut:
     """Destinations of the scene, or those that the command line names instead."""
     to = replace(scene.outgoing, waits=settings.wait)
     if settings.middleware is not None:
@@ -176,7 +176,7 @@ def introduce(scene: Scene, urls: dict[str, str], note: str) -> None:
     sys.stdout.flush()
 
 
-def _destinations(to: Outgoing) -> Iterator[tuple[str, str]]:
+def _destinations(to: WaysOut) -> Iterator[tuple[str, str]]:
     """Where messages go beside MQTT: by what, and where."""
     if to.middleware is not None:
         yield "SAPIENT", f"tcp://{to.middleware}, a connection each"

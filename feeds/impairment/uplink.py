@@ -27,7 +27,7 @@ class Uplink:
         impair: Callable[[LinkSettings], Impairment],
         in_time: InTime | None = None,
     ) -> None:
-        """Without `link`, messages leave at once; `impair` makes the impairment of a link."""
+        """Messages leave at once where `link` is None; `impair` makes the impairment of a link."""
         self.link = link
         """Its keys now."""
         self.json = json_of(link)

@@ -104,7 +104,7 @@ class Outgoing:
         self._unsettled = transports
 
     def begin(self, client: Client, transports: int, countdown: Countdown | None) -> None:
-        """Its client hands it to the link now, and to so many transports after that."""
+        """Note whose it is, who hands it to the link now, and to how many transports it goes."""
         self.client, self._unsettled, self.countdown = client, transports, countdown
 
     def duplicate(self) -> Outgoing:

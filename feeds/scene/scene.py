@@ -26,7 +26,6 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Site,
 )
-from plotfeed.feeds.scene.outgoing import DestinationTables, Outgoing, outgoing_of
 from plotfeed.feeds.scene.output_keys import Mqtt, PageKeys, SapientKeys
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
@@ -40,6 +39,7 @@ from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_trac
 from plotfeed.feeds.scene.story_keys import Story, usual_stories
 from plotfeed.feeds.scene.target_keys import Targets
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
+from plotfeed.feeds.scene.ways_out import DestinationTables, WaysOut, outgoing_of
 from plotfeed.feeds.scene.weather_keys import with_spells
 from plotfeed.feeds.scene.world_keys import WorldKeys
 from plotfeed.proto.errors import PlotfeedError
@@ -145,7 +145,7 @@ class Scene(DestinationTables, WorldKeys):
 
     _path: Path = PrivateAttr(default=Path())
     _files: Mapping[str, Path] | None = PrivateAttr(default=None)
-    _outgoing: Outgoing | None = PrivateAttr(default=None)
+    _outgoing: WaysOut | None = PrivateAttr(default=None)
     _text: str = PrivateAttr(default="")
 
     @classmethod
@@ -253,14 +253,14 @@ class Scene(DestinationTables, WorldKeys):
         return self._files is not None
 
     @property
-    def outgoing(self) -> Outgoing:
+    def outgoing(self) -> WaysOut:
         """DestinationTables by the scene's own keys, unless somebody has named others."""
         if self._outgoing is not None:
             return self._outgoing
         sources = self.telemetry.source
         return outgoing_of(self.mqtt, self.sapient, self, sources, self.file)
 
-    def sent_to(self, outgoing: Outgoing) -> Self:
+    def sent_to(self, outgoing: WaysOut) -> Self:
         """Copy it with other destinations; its text and keys do not change."""
         other = self.model_copy()
         other._outgoing = outgoing
@@ -268,7 +268,7 @@ class Scene(DestinationTables, WorldKeys):
 
     def enclosed(self, files: Mapping[str, Path]) -> Self:
         """Copy it as data: of its files it has these, by name, and nothing else outside."""
-        other = self.sent_to(Outgoing())
+        other = self.sent_to(WaysOut())
         other._files = dict(files)
         return other
 

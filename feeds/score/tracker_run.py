@@ -17,8 +17,8 @@ from typing import Any, Self
 from plotfeed.feeds.console.posix import end_group
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.scene.fields import frame_at, site_frame
-from plotfeed.feeds.scene.outgoing import Outgoing
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.ways_out import WaysOut
 from plotfeed.feeds.score.flights_told import FlightsTally
 from plotfeed.feeds.score.score_settings import ScoreSettings
 from plotfeed.feeds.score.scoring import score_run
@@ -153,7 +153,7 @@ def _scene_of(job: TrackerJob) -> Scene:
     scene = scene_of(job.level)
     general = scene.scene.model_copy(update={"seed": job.seed})
     mqtt = scene.mqtt.model_copy(update={"truth": False})  # no tracker is to know it
-    return scene.model_copy(update={"scene": general, "mqtt": mqtt}).sent_to(Outgoing())
+    return scene.model_copy(update={"scene": general, "mqtt": mqtt}).sent_to(WaysOut())
 
 
 class _Followed(Observer):

@@ -30,7 +30,7 @@ Q = TypeVar("Q", bound=QueuedDestination)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outgoing:
+class WaysOut:
     """Where a session sends, what opens the doors there, and whom it lets in and listens to."""
 
     broker: str | None = None
@@ -95,7 +95,7 @@ def outgoing_of(
     destinations: DestinationTables,
     sources: tuple[TelemetrySource, ...],
     file: Callable[[str], Path],
-) -> Outgoing:
+) -> WaysOut:
     """What a scene's keys say; `file` finds the files that they name."""
     names = (
         mqtt.ca_file,
@@ -104,7 +104,7 @@ def outgoing_of(
         mqtt.credentials_file,
     )
     ca, certificate, key, credentials = (None if n is None else file(n) for n in names)
-    return Outgoing(
+    return WaysOut(
         broker=mqtt.broker,
         port=mqtt.port if "port" in mqtt.model_fields_set else None,
         embedded=mqtt.embedded,
