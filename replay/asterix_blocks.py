@@ -121,7 +121,8 @@ def time_of_day_ns(block: bytes) -> int | None:
     """Time of a whole data block's first record; None if it has none, or none that is known."""
     finder = _finder(block[0]) if block else None
     at = finder.first_time(block, HEADER_OCTETS) if finder else None
-    octets = b"" if at is None else block[at : at + TIME_OCTETS]
-    time_ns = int.from_bytes(octets, "big") * LSB_NS
+    if at is None:
+        return None
+    time_ns = int.from_bytes(block[at : at + TIME_OCTETS], "big") * LSB_NS
     # Some senders write 86400.0 for midnight; what is beyond that is no time of day.
-    return time_ns % DAY_NS if len(octets) == TIME_OCTETS and time_ns <= DAY_NS else None
+    return time_ns % DAY_NS if time_ns <= DAY_NS else None

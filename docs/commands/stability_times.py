@@ -22,7 +22,7 @@ DAY_NS = 86_400 * NS
 def midnight() -> Case:
     t_ns = START_NS + DAY_NS - 1_000_000
     encoder = Encoder(CAT048, ("I048/140",), lsb={"I048/140": 7_812_500})
-    record = encoder.record(t_ns)
+    record = encoder.records({"I048/140": t_ns})
     lsb = int.from_bytes(record[-3:], "big")
     return Case(
         where="time of day 1 ms before midnight",

@@ -11,6 +11,7 @@ import numpy as np
 
 from plotfeed.models.state import Plots
 from plotfeed.proto.asterix.cat062 import Tracks
+from plotfeed.proto.asterix.codec.encode import Slot, profile
 from plotfeed.proto.asterix.codec.layout import (
     Category,
     Characters,
@@ -20,7 +21,6 @@ from plotfeed.proto.asterix.codec.layout import (
     Item,
     Repetitive,
 )
-from plotfeed.proto.asterix.codec.profile import Slot, profile
 
 ETHERNET, UDP = 14, 8
 

@@ -6,8 +6,8 @@ in one pass over the input, and no length or count allocates more than the input
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, repeat
 from typing import Any, NamedTuple, TypeAlias
 
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -15,19 +15,15 @@ from plotfeed.proto.asterix.codec.layout import (
     FX,
     HEADER_OCTETS,
     Category,
-    Characters,
     Compound,
     Explicit,
     Extended,
     Fixed,
-    Group,
     Item,
-    Named,
-    Quantity,
     Repetitive,
     Undecoded,
 )
-from plotfeed.proto.asterix.codec.readers import BROKEN, FURTHER, Plans, Reader
+from plotfeed.proto.asterix.codec.readers import BROKEN, Plans, Reader
 from plotfeed.proto.errors import DecodeError
 
 Value: TypeAlias = "int | float | str | bytes | dict[str, Value] | list[Value]"
@@ -72,6 +68,14 @@ class Record(NamedTuple):
         return value
 
 
+class Place(NamedTuple):
+    """Where an item lies: its first octet, and the one after its last."""
+
+    item: Item
+    at: int
+    end: int
+
+
 def blocks(data: bytes) -> Iterator[Block]:
     """The data blocks that lie back to back in `data`."""
     at = 0
@@ -106,9 +110,9 @@ def records_in(block: Block, categories: Mapping[int, Category] = CATEGORIES) ->
             items, at = read(body, start)
         except BROKEN:
             items = {}
-        if not items or at > octets:  # says what is wrong
-            cursor = _Cursor(body, start, origin)
-            items, at = cursor.record(category), cursor.at
+        if not items or at > octets:
+            list(Places(body, origin).of_record(category, start))  # raises what is wrong
+            raise DecodeError(f"a record of category {number} is broken", at_octet=origin + start)
         yield Record(number, items, body[start:at], origin + start)
 
 
@@ -131,11 +135,11 @@ def _plans_of(category: Category) -> Reader:
 
 def _is_track(body: bytes, at: int) -> bool:
     """Whether a record of 001 has I001/020, behind I001/010, that says so."""
-    flags = at
-    while body[at] & FX:
+    flags = body[at]
+    while at < len(body) and body[at] & FX:
         at += 1
-    source = 2 if body[flags] & 0x80 else 0
-    return bool(body[flags] & 0x40 and body[at + 1 + source] & 0x80)
+    says = at + 1 + (2 if flags & 0x80 else 0)
+    return bool(flags & 0x40 and says < len(body) and body[says] & 0x80)
 
 
 def decode(data: bytes, categories: Mapping[int, Category] = CATEGORIES) -> list[Record]:
@@ -163,129 +167,95 @@ def decode_lenient(
     return records, errors
 
 
-class _Cursor:
-    """Reads one record; `at` is the next octet of `body`, `origin` where body is in the input."""
+class Places:
+    """Finds where items lie in octets, without their values; a DecodeError says what is broken.
 
-    __slots__ = ("at", "body", "origin")
+    `origin` is where the octets start in the input: errors count from its beginning.
+    """
 
-    def __init__(self, body: bytes, at: int, origin: int) -> None:
-        self.body, self.at, self.origin = body, at, origin
+    __slots__ = ("_octets", "_origin")
 
-    def error(self, message: str) -> DecodeError:
-        return DecodeError(message, at_octet=self.origin + self.at)
+    def __init__(self, octets: bytes, origin: int = 0) -> None:
+        self._octets, self._origin = octets, origin
 
-    def take(self, octets: int, name: str) -> bytes:
-        piece = self.body[self.at : self.at + octets]
-        if len(piece) < octets:
-            raise self.error(f"{name} needs {octets} octets, {len(piece)} are left of its block")
-        self.at += octets
-        return piece
-
-    def record(self, category: Category) -> dict[str, Value]:
+    def of_record(self, category: Category, at: int) -> Iterator[Place]:
+        """The items of the record that begins there, one by one up to the first that is broken."""
         name = f"a record of category {category.number}"
-        items: dict[str, Value] = {}
-        slots = category.uap
-        with contextlib.suppress(IndexError):
-            if category.track_uap and _is_track(self.body, self.at):
-                slots = category.track_uap
-        for item in self.present(slots, name):
-            items[item.name] = self.item(item)
+        is_track = category.track_uap and _is_track(self._octets, at)
+        items, behind = self._present(category.track_uap if is_track else category.uap, name, at)
         if not items:
-            raise self.error(f"{name} has no items")
-        return items
+            raise self._error(f"{name} has no items", behind)
+        yield from self._each(items, behind)
 
-    def present(self, slots: Sequence[Item | None], name: str) -> list[Item]:
-        """What the flags say is there; they end with the first octet whose FX is clear."""
-        found: list[Item] = []
-        first = 0
-        more = True
-        while more:
-            octet = self.take(1, name)[0]
-            for place in range(7):
-                if not octet >> (7 - place) & 1:
-                    continue
-                item = slots[first + place] if first + place < len(slots) else None
+    def of_compound(self, item: Compound, at: int) -> Iterator[Place]:
+        """The subfields of the item that begins there, in the same way."""
+        yield from self._each(*self._present(item.subfields, item.name, at))
+
+    def _each(self, items: Sequence[Item], at: int) -> Iterator[Place]:
+        for item in items:
+            end = self._end(item, at)
+            yield Place(item, at, end)
+            at = end
+
+    def _present(
+        self, slots: Sequence[Item | None], name: str, at: int
+    ) -> tuple[Sequence[Item], int]:
+        """The items that flags name, and the octet behind the flags, whose last has no FX."""
+        octets, end = self._octets, at
+        while end < len(octets) and octets[end] & FX:
+            end += 1
+        end = self._behind(end, 1, name)
+        items: list[Item] = []
+        for number, flag in enumerate(f"{octet >> 1:07b}" for octet in octets[at:end]):
+            for place in (7 * number + bit for bit, is_set in enumerate(flag) if is_set == "1"):
+                item = slots[place] if place < len(slots) else None
                 if item is None:
-                    self.at -= 1
-                    raise self.error(f"{name} has flag {first + place + 1}, which is not assigned")
-                found.append(item)
-            first += 7
-            more = bool(octet & FX)
-        return found
+                    what = f"{name} has flag {place + 1}, which is not assigned"
+                    raise self._error(what, at + number)
+                items.append(item)
+        return items, end
 
-    def item(self, item: Item) -> Value:
+    def _end(self, item: Item, at: int) -> int:
+        """The octet after the item that begins there."""
+        name = item.name
         match item:
-            case Fixed(name, group):
-                return _values(group, self.take(group.octets, name))
-            case Extended():
-                return self.extended(item)
-            case Repetitive():
-                return self.repetitive(item)
-            case Explicit(name):
-                return self.explicit(name)
-            case Compound(name, subfields):
-                return {sub.name: self.item(sub) for sub in self.present(subfields, name)}
+            case Fixed(_, group):
+                return self._behind(at, group.octets, name)
+            case Explicit():
+                behind = self._behind(at, 1, name)
+                length = self._octets[at]
+                if not length:
+                    what = f"{name} says that it is 0 octets long, which counts at least itself"
+                    raise self._error(what, at)
+                return self._behind(behind, length - 1, name)
+            case Compound(_, subfields):
+                items, at = self._present(subfields, name, at)
+                for each in items:
+                    at = self._end(each, at)
+                return at
             case Undecoded(_, of):
-                start = self.at
-                self.item(of)
-                return self.body[start : self.at]
+                return self._end(of, at)
+            case Repetitive(_, group) if not group.fx:
+                behind = self._behind(at, 1, name)
+                for _ in range(self._octets[at]):
+                    behind = self._behind(behind, group.octets, name)
+                return behind
+            case Repetitive(_, group):
+                sizes: Iterator[int] = repeat(group.octets)
+            case Extended(_, groups):
+                # A newer edition than the layout's has further groups of one octet, as all have.
+                sizes = chain((group.octets for group in groups), repeat(1))
+        for octets in sizes:
+            at = self._behind(at, octets, name)
+            if not self._octets[at - 1] & FX:
+                break
+        return at
 
-    def extended(self, item: Extended) -> Value:
-        values: dict[str, Value] = {}
-        for group in item.groups:
-            octets = self.take(group.octets, item.name)
-            for part, right in group.fields:
-                values[part.name] = _value(part, int.from_bytes(octets, "big") >> right)
-            if not octets[-1] & FX:
-                return values
-        # A newer edition than the layout's: its groups are of one octet each, as all have been.
-        start = self.at
-        while self.take(1, item.name)[0] & FX:
-            pass
-        values[FURTHER] = self.body[start : self.at]
-        return values
+    def _behind(self, at: int, octets: int, name: str) -> int:
+        left = len(self._octets) - at
+        if left < octets:
+            raise self._error(f"{name} needs {octets} octets, {left} are left of its block", at)
+        return at + octets
 
-    def repetitive(self, item: Repetitive) -> Value:
-        group = item.group
-        if not group.fx:
-            count = self.take(1, item.name)[0]
-            return [_values(group, self.take(group.octets, item.name)) for _ in range(count)]
-        values: list[Value] = []
-        more = True
-        while more:
-            octets = self.take(group.octets, item.name)
-            values.append(_values(group, octets))
-            more = bool(octets[-1] & FX)
-        return values
-
-    def explicit(self, name: str) -> Value:
-        length = self.take(1, name)[0]
-        if not length:
-            self.at -= 1
-            raise self.error(f"{name} says that it is 0 octets long, which counts at least itself")
-        return self.take(length - 1, name)
-
-
-def _values(group: Group, octets: bytes) -> Value:
-    raw = int.from_bytes(octets, "big")
-    if len(group.fields) == 1:
-        part, right = group.fields[0]
-        return _value(part, raw >> right)
-    return {part.name: _value(part, raw >> right) for part, right in group.fields}
-
-
-def _value(part: Named, raw: int) -> Value:
-    """The value of a part whose last bit is the last of `raw`."""
-    raw &= (1 << part.bits) - 1
-    match part:
-        case Quantity():
-            if part.signed and raw >> part.bits - 1:
-                raw -= 1 << part.bits
-            return part.value(raw)
-        case Characters():
-            each = part.bits_each
-            mask = (1 << each) - 1
-            places = range(part.bits - each, -1, -each)
-            return "".join(part.alphabet[raw >> place & mask] for place in places)
-        case _:
-            return raw
+    def _error(self, message: str, at: int) -> DecodeError:
+        return DecodeError(message, at_octet=self._origin + at)

@@ -1,26 +1,37 @@
-"""Values to octets, by two paths to the same octets, and records to data blocks.
+"""Values to octets, column by column: records of a fixed choice of items, and data blocks of them.
 
-An `Encoder` is for one profile: fixed items, fixed length.
+Every record of a profile has one length and one FSPEC. What its values are is worked out with NumPy
+for all records at once, and put into a record of zeros as big-endian words.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+from dataclasses import dataclass, field
+from itertools import accumulate, chain, groupby, pairwise
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.state import Floats, Ints
-from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
-from plotfeed.proto.asterix.codec.profile import profile
-from plotfeed.proto.asterix.codec.scalar import ScalingRule, compiled
-from plotfeed.proto.asterix.codec.vector import VectorEncoder
+from plotfeed.proto.asterix.codec.layout import (
+    HEADER_OCTETS,
+    Category,
+    Characters,
+    Compound,
+    Extended,
+    Fixed,
+    Group,
+    Item,
+    Named,
+    Overflow,
+    Quantity,
+    Repetitive,
+)
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.units import with_rounding
-
-CROSSOVER = 40
-"""Records from which on the vector path is the faster one; tests/benchmarks/bench_asterix.py."""
 
 UDP_OCTETS = 1400
 """A data block of this length goes into one datagram on any common link."""
@@ -30,32 +41,8 @@ MAX_OCTETS = 0xFFFF
 Constant: TypeAlias = "float | str | Sequence[float] | Sequence[str]"
 """What a part is in all records, or in those of each source that records may be of."""
 
-
-class StatedDeviations:
-    """How standard deviations are stated of values that travel as multiples of an LSB.
-
-    With what the value's own rounding adds, rounded up to their own LSB, of which there are at
-    most so many: never as 0, which would say that the value is exact.
-    """
-
-    def __init__(self, columns: Sequence[tuple[int, ScalingRule, ScalingRule]]) -> None:
-        """The place of each column of deviations, its own rule, and that of its value."""
-        self._places = [place for place, _, _ in columns]
-
-        def each_of(numbers: Iterable[float]) -> Floats:
-            return np.array(list(numbers), np.float64)[:, None]
-
-        self._value_lsb = each_of(value.lsb for _, _, value in columns)
-        self._lsb = each_of(own.lsb for _, own, _ in columns)
-        self._most = each_of(own.high for _, own, _ in columns)
-
-    def put_in(self, values: list[Any]) -> None:
-        """State those among the columns, (n,) each. What is NaN stays so."""
-        sigmas = np.array([values[place] for place in self._places], np.float64)
-        rounded = with_rounding(sigmas, self._value_lsb)
-        steps = np.minimum(np.ceil(rounded / self._lsb), self._most)
-        for place, stated in zip(self._places, steps * self._lsb, strict=True):
-            values[place] = stated
+MAX_REPETITIONS = 255  # the octet that counts them holds no more
+WORD_OCTETS = (1, 2, 4, 8)
 
 
 class Encoder:
@@ -85,33 +72,20 @@ class Encoder:
         drawn = profile(category, paths)
         if unknown := {*constants, *lsb} - {slot.path for slot in drawn.slots}:
             raise EncodeError("the profile has no such part", field=min(unknown))
-        self.sources = sources_of(constants.values())
-        """How many sources there are."""
-        templates = [drawn.template] * self.sources
-        rules: list[ScalingRule] = []
-        for slot in drawn.slots:
-            rule = ScalingRule.of(slot, lsb.get(slot.path))
-            if slot.path not in constants:
-                rules.append(rule)
-                continue
-            bits = [rule.integer(value) << slot.right for value in each(constants[slot.path])]
-            bits = bits * self.sources if len(bits) == 1 else bits
-            templates = [have | more for have, more in zip(templates, bits, strict=True)]
         self.category = category.number
         self.record_length = drawn.octets
-        self.columns = tuple(rule.path for rule in rules)
-        self._deviations = _stated(rules, deviations or {})
-        self._few, self._constants = compiled(drawn.octets, templates, rules)
-        self._many = None
-        if not any(rule.text for rule in rules):  # no machine word holds text
-            self._many = VectorEncoder(drawn.octets, templates, rules).records
-
-    def record(self, *values: Any) -> bytes:
-        """One record of the first source, of one value a column in the order of `columns`."""
-        columns = [[value] for value in values]
-        if self._deviations is not None:
-            self._deviations.put_in(columns)
-        return self._few(self._constants[:1], columns)
+        stamped = [slot for slot in drawn.slots if slot.path in constants]
+        varying = [slot for slot in drawn.slots if slot.path not in constants]
+        self.columns = tuple(slot.path for slot in varying)
+        fixed = [_array(constants[slot.path], slot.path) for slot in stamped]
+        self.sources = _rows(fixed, "constants of {} sources", "constants")
+        """How many sources there are."""
+        octets, width = drawn.octets, _width(drawn.octets)
+        bare = drawn.template.to_bytes(octets, "big").ljust(width, b"\0")
+        self._templates = np.repeat(np.frombuffer(bare, f"V{width}"), self.sources)
+        _Columns(octets, stamped, lsb).put_into(self._templates, fixed)
+        self._columns = _Columns(octets, varying, lsb)
+        self._deviations = _stated(self._columns, deviations or {})
 
     def records(self, columns: Mapping[str, ArrayLike], sources: Ints | None = None) -> bytes:
         """The records of columns by path; each (n,), or one number or text for all records.
@@ -119,65 +93,390 @@ class Encoder:
         `sources` are the numbers of the records' sources, (n,); there may be one alone.
         """
         try:
-            values: list[Any] = [columns[path] for path in self.columns]
+            values = [_array(columns[path], path) for path in self.columns]
         except KeyError as error:
             raise EncodeError("a column is missing", field=error.args[0]) from None
-        if str in map(type, values):  # a text for all records has a length, but not a column's
-            values = [np.asarray(c, np.object_) if isinstance(c, str) else c for c in values]
         if self.sources == 1:
             sources = None
         elif sources is None:
             raise EncodeError(f"which of {self.sources} sources is not said", field="records")
         alike = values if sources is None else [*values, sources]
-        try:
-            lengths = set(map(len, alike))
-        except TypeError:  # a number for all records has no length
-            lengths = {len(column) for column in alike if not _is_one(column)} or {1}
-            n = max(lengths)
-            values = [np.broadcast_to(np.asarray(c), n) if _is_one(c) else c for c in values]
-        if len(lengths) > 1:
-            raise EncodeError(f"columns of different lengths, {sorted(lengths)}", field="records")
+        n = _rows(alike, "columns of different lengths, {}", "records")
         if self._deviations is not None:
             self._deviations.put_in(values)
-        n = lengths.pop() if lengths else 1
-        if n >= CROSSOVER and self._many is not None:
-            return self._many(values, n, sources)
-        held = self._constants
-        constants = held * n if sources is None else [held[i] for i in sources.tolist()]
-        # Python's own numbers cost less than NumPy's one by one.
-        values = [c.tolist() if isinstance(c, np.ndarray) else c for c in values]
-        return self._few(constants, values)
+        templates = self._templates
+        records = np.repeat(templates, n) if sources is None else templates[sources]
+        return self._columns.put_into(records, values)
 
 
-def _stated(rules: Sequence[ScalingRule], deviations: Mapping[str, str]) -> StatedDeviations | None:
-    """What states those deviations which are among the columns, if there are any."""
-    by_path = {rule.path: rule for rule in rules}
-    found = []
-    for place, rule in enumerate(rules):
-        if rule.path in deviations:
-            value = by_path.get(deviations[rule.path])
-            if value is None:
-                raise EncodeError("a standard deviation of what is not sent", field=rule.path)
-            found.append((place, rule, value))
-    return StatedDeviations(found) if found else None
+def _array(column: ArrayLike, path: str) -> NDArray[Any]:
+    """A column as an array of one dimension, or of none where it is one value for all."""
+    try:
+        values = np.asarray(column)
+    except ValueError:  # lists in a list
+        values = np.empty((0, 0))
+    if values.ndim > 1:
+        raise EncodeError("a column is one-dimensional", field=path)
+    return values
 
 
-def each(constant: Constant) -> Sequence[float | str]:
-    """The values of a constant: one for each source, or one alone."""
-    return (constant,) if isinstance(constant, int | float | str) else constant
-
-
-def sources_of(constants: Iterable[Constant]) -> int:
-    """How many sources those constants are of."""
-    lengths = {len(each(c)) for c in constants if not isinstance(c, int | float | str)} or {1}
+def _rows(columns: Sequence[NDArray[Any]], wrong: str, name: str) -> int:
+    """How long columns are, all of which are alike; 1 of nothing but single values."""
+    lengths = {len(column) for column in columns if column.ndim} or {1}
     if len(lengths) > 1:
-        raise EncodeError(f"constants of {sorted(lengths)} sources", field="constants")
+        raise EncodeError(wrong.format(sorted(lengths)), field=name)
     return lengths.pop()
 
 
-def _is_one(column: Any) -> bool:
-    """Whether it is one value for all records."""
-    return not (column.ndim if isinstance(column, np.ndarray) else hasattr(column, "__len__"))
+class StatedDeviations:
+    """How standard deviations are stated of values that travel as multiples of an LSB.
+
+    With what the value's own rounding adds, rounded up to their own LSB, of which there are at
+    most so many: never as 0, which would say that the value is exact.
+    """
+
+    def __init__(self, places: Sequence[int], lsb: Floats, most: Floats, value_lsb: Floats) -> None:
+        """The place of each column of deviations, its LSB and most, and the LSB of its value."""
+        self._places, self._lsb, self._most, self._value_lsb = places, lsb, most, value_lsb
+
+    def put_in(self, values: list[NDArray[Any]]) -> None:
+        """State those among the columns, (n,) each. What is NaN stays so."""
+        sigmas = np.array([values[place] for place in self._places], np.float64)
+        rounded = with_rounding(sigmas, self._value_lsb)
+        steps = np.minimum(np.ceil(rounded / self._lsb), self._most)
+        for place, stated in zip(self._places, steps * self._lsb, strict=True):
+            values[place] = stated
+
+
+def _stated(columns: _Columns, deviations: Mapping[str, str]) -> StatedDeviations | None:
+    """What states those deviations which are among the columns, if there are any."""
+    paths = [slot.path for slot in columns.slots]
+    places = [place for place, path in enumerate(paths) if path in deviations]
+    if not places:
+        return None
+    for place in places:
+        if deviations[paths[place]] not in paths:
+            raise EncodeError("a standard deviation of what is not sent", field=paths[place])
+    whose = [paths.index(deviations[paths[place]]) for place in places]
+    lsb = np.array(columns.lsb, np.float64)[:, None]
+    most = np.array([_rule(columns.slots[place].part).high for place in places], np.float64)
+    return StatedDeviations(places, lsb[places], most[:, None], lsb[whose])
+
+
+class _Columns:
+    """Puts columns of values into records, in which their bits are 0."""
+
+    def __init__(self, octets: int, slots: Sequence[Slot], lsb: Mapping[str, float]) -> None:
+        self.slots = slots
+        self.lsb = [lsb.get(slot.path, _own_lsb(slot.part)) for slot in slots]
+        """In the column's unit; an int of a column of integers."""
+        self._octets = octets
+        kinds: dict[type, list[int]] = {float: [], int: [], str: []}
+        for place in sorted(range(len(slots)), key=lambda place: slots[place].octets):
+            is_text = isinstance(slots[place].part, Characters)
+            kinds[str if is_text else type(self.lsb[place])].append(place)
+        self._texts = kinds.pop(str)
+        self._numbers = [
+            (which, _Numbers([slots[i] for i in which], [self.lsb[i] for i in which], octets))
+            for which in kinds.values()
+            if which
+        ]
+
+    def put_into(self, records: NDArray[np.void], values: Sequence[NDArray[Any]]) -> bytes:
+        """The octets of records, (n,), with those values, (n,) or () each."""
+        for which, numbers in self._numbers:
+            numbers.put_into(records, [values[place] for place in which])
+        if not self._texts and records.itemsize == self._octets:
+            return records.tobytes()
+        octets = records.view(np.uint8).reshape(len(records), records.itemsize)
+        for place in self._texts:
+            slot = self.slots[place]
+            end = self._octets - slot.right // 8
+            octets[:, end - slot.octets : end] |= _text(slot, values[place], len(records))
+        return octets[:, : self._octets].tobytes()
+
+
+class _Numbers:
+    """Columns of numbers, all of floats or all of integers: all are worked out in one call.
+
+    Each is ORed into a big-endian word that ends with its last octet; neighbours have 0 there.
+    """
+
+    def __init__(self, slots: Sequence[Slot], lsb: Sequence[float], octets: int) -> None:
+        self._slots = slots
+        self._is_whole = isinstance(lsb[0], int)
+        self._lsb = self._each(lsb)
+        self._counts_lsb = not self._is_whole or bool((self._lsb != 1).any())
+        rules = [_rule(slot.part) for slot in slots]
+        self._wrapped = [
+            (i, rule.high + 1) for i, rule in enumerate(rules) if rule.overflow is Overflow.WRAP
+        ]
+        self._low, self._high = (
+            self._each([rule.low for rule in rules]),
+            self._each([rule.high for rule in rules]),
+        )
+        self._refused = np.array([[rule.overflow is Overflow.REFUSE] for rule in rules])
+        self._mask = np.array([[(1 << slot.part.bits) - 1] for slot in slots], np.uint64)
+        sizes, offsets, shifts = zip(*(_word(slot, octets) for slot in slots), strict=True)
+        self._shift = np.array(shifts, np.uint64)[:, None]
+        ends = accumulate(len(list(run)) for _, run in groupby(sizes))
+        self._runs = [(first, after, sizes[first]) for first, after in pairwise(chain([0], ends))]
+        """Columns of words of one size that follow each other: first, the one after, the size."""
+        self._words = np.dtype(
+            {
+                "names": [slot.path for slot in slots],
+                "formats": [f"u{size}" for size in sizes],
+                "offsets": offsets,
+                "itemsize": _width(octets),
+            }
+        )
+
+    def _each(self, numbers: Sequence[float]) -> NDArray[Any]:
+        """A number a column, (k, 1); of a great integer the next float towards 0."""
+        if self._is_whole:
+            return np.array(numbers, np.int64)[:, None]
+        near = [(number, float(number)) for number in numbers]
+        below = [f if abs(f) <= abs(number) else math.nextafter(f, 0) for number, f in near]
+        return np.array(below, np.float64)[:, None]
+
+    def put_into(self, records: NDArray[np.void], values: Sequence[NDArray[Any]]) -> None:
+        """Put values, (n,) or () each, into records, (n,)."""
+        table = np.empty((len(self._slots), len(records)), self._lsb.dtype)
+        kinds, wanted = ("iub", "an integer") if self._is_whole else ("fiub", "a number")
+        for slot, row, column in zip(self._slots, table, values, strict=True):
+            if column.dtype.kind not in kinds and column.size:
+                raise EncodeError(f"{column.flat[0]!r} is not {wanted}", field=slot.path)
+            row[:] = column
+        with np.errstate(over="ignore", invalid="ignore"):
+            if not self._is_whole:
+                np.rint(np.divide(table, self._lsb, out=table), out=table)
+            elif self._counts_lsb:
+                quotient = table // self._lsb
+                table = quotient + (2 * (table - quotient * self._lsb) + (quotient & 1) > self._lsb)
+            for row, modulus in self._wrapped:
+                np.mod(table[row], modulus, out=table[row])
+        kept = np.minimum(np.maximum(table, self._low), self._high)
+        changed = kept != table
+        if changed.any():
+            self._check(changed & ~np.isfinite(table), values, "is not a finite number")
+            self._check(changed & self._refused, values, "is not within {:.12g} to {:.12g}")
+        bits = (kept.astype(np.int64).view(np.uint64) & self._mask) << self._shift
+        words = records.view(self._words)
+        for first, after, size in self._runs:
+            swapped = bits[first:after].astype(f">u{size}").view(f"u{size}")
+            for slot, integers in zip(self._slots[first:after], swapped, strict=True):
+                word = words[slot.path]
+                word |= integers
+
+    def _check(self, bad: NDArray[np.bool_], values: Sequence[NDArray[Any]], what: str) -> None:
+        if not bad.any():
+            return
+        place, row = np.argwhere(bad)[0]
+        slot, step = self._slots[place], self._lsb[place, 0]
+        value = np.broadcast_to(values[place], bad.shape[1])[row].item()
+        shown = f"{value:.12g}" if isinstance(value, float) else value
+        limits = (float(limit[place, 0] * step) for limit in (self._low, self._high))
+        raise EncodeError(f"{shown} {what.format(*limits)}", field=slot.path)
+
+
+class _Rule(NamedTuple):
+    """What becomes of an integer that is not from `low` to `high`."""
+
+    overflow: Overflow
+    low: int
+    high: int
+
+
+def _rule(part: Named) -> _Rule:
+    if isinstance(part, Quantity):
+        if part.overflow is Overflow.WRAP:
+            return _Rule(part.overflow, 0, (part.modulus or 1 << part.bits) - 1)
+        return _Rule(part.overflow, *part.limits)
+    return _Rule(Overflow.REFUSE, 0, (1 << part.bits) - 1)
+
+
+def _own_lsb(part: Named) -> float:
+    """Of a column that says nothing else: a float of a quantity, 1 of what is an integer."""
+    return float(part.lsb) if isinstance(part, Quantity) else 1
+
+
+def _width(octets: int) -> int:
+    """Octets in which a record is put together: a word of any size has room in them."""
+    return max(octets, WORD_OCTETS[-1])
+
+
+def _word(slot: Slot, octets: int) -> tuple[int, int, int]:
+    """Octets and offset of the word for a slot, and how far its last bit is from the word's."""
+    size = next((size for size in WORD_OCTETS if size >= slot.octets), 0)
+    if not size:
+        raise EncodeError(f"{slot.part.bits} bits are more than a word holds", field=slot.path)
+    end = octets - slot.right // 8
+    offset = max(0, end - size)
+    return size, offset, slot.right % 8 + 8 * (offset + size - end)
+
+
+def _text(slot: Slot, column: NDArray[Any], n: int) -> NDArray[np.uint8]:
+    """The octets in which each of n texts has bits; (n, k)."""
+    part, found = slot.part, []
+    assert isinstance(part, Characters)  # noqa: S101 - for mypy  # nosec B101
+    for value in np.broadcast_to(column, n).tolist():
+        if not isinstance(value, str) or len(value) != part.count:
+            raise EncodeError(f"{value!r} is not a text of {part.count}", field=slot.path)
+        bits = 0
+        for character in value:
+            place = part.alphabet.find(character)
+            if place < 0:
+                raise EncodeError(f"{value!r} has {character!r}, which it cannot", field=slot.path)
+            bits = bits << part.bits_each | place
+        found.append((bits << slot.right % 8).to_bytes(slot.octets, "big"))
+    return np.frombuffer(b"".join(found), np.uint8).reshape(n, slot.octets)
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """Where a named part lies: its path, and the bits of the record to its right."""
+
+    path: str
+    part: Named
+    right: int
+
+    @property
+    def octets(self) -> int:
+        """In how many octets it has bits."""
+        return -(-(self.right % 8 + self.part.bits) // 8)
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Records of `octets` octets; `template` is one of them as an integer, with every slot zero."""
+
+    octets: int
+    template: int
+    slots: tuple[Slot, ...]
+
+
+def profile(category: Category, paths: Iterable[str]) -> Profile:
+    """The profile with those items.
+
+    A path is an item ("I048/040"), a subfield of a compound ("I048/130/PRL") or a part of an
+    extended item, which takes the item up to and including that part's group ("I048/020/ME").
+    What is repetitive is followed by how often: "I016/410*2" has the slots of "I016/410/0" and
+    "I016/410/1".
+    """
+    chosen = dict(map(_split, paths))
+    drawing = _Drawing(chosen)
+    places = [
+        place
+        for place, item in enumerate(category.uap)
+        if item and any(is_at(path, item.name) for path in chosen)
+    ]
+    drawing.flags(places)
+    for place in places:
+        item = category.uap[place]
+        if item is not None:
+            drawing.item(item)
+    if unknown := chosen.keys() - drawing.used:
+        raise EncodeError(f"category {category.number} has no such item", field=min(unknown))
+    return drawing.profile()
+
+
+def _split(path: str) -> tuple[str, int | None]:
+    """A path and how often what it names is repeated; None if it does not say."""
+    name, star, times = path.partition("*")
+    if not star:
+        return path, None
+    if not times.isdecimal() or not 0 <= int(times) <= MAX_REPETITIONS:
+        raise EncodeError(f"repeated not 0 to {MAX_REPETITIONS} times", field=path)
+    return name, int(times)
+
+
+@dataclass(slots=True)
+class _Drawing:
+    """A record as it is put together from left to right."""
+
+    chosen: Mapping[str, int | None]
+    used: set[str] = field(default_factory=set)
+    octets: int = 0
+    bits: int = 0
+    slots: list[tuple[str, Named, int]] = field(default_factory=list)
+    """Path, part, and where the part ends, in bits from the start."""
+
+    def profile(self) -> Profile:
+        end = self.octets * 8
+        slots = tuple(Slot(path, part, end - stop) for path, part, stop in self.slots)
+        return Profile(self.octets, self.bits, slots)
+
+    def append(self, octets: int, bits: int) -> None:
+        self.octets += octets
+        self.bits = self.bits << octets * 8 | bits
+
+    def flags(self, places: Sequence[int]) -> None:
+        """The octets of seven flags and FX that announce those places, counted from 0."""
+        last = max(places, default=0) // 7
+        for octet in range(last + 1):
+            bits = sum(1 << 7 - place % 7 for place in places if place // 7 == octet)
+            self.append(1, bits | (octet < last))
+
+    def group(self, prefix: str, group: Group, *, more: bool = False, named: bool = False) -> None:
+        """A group; its only part needs no name unless `named`. `more` is its extension bit."""
+        self.append(group.octets, int(more))
+        end = self.octets * 8
+        for part, right in group.fields:
+            path = f"{prefix}/{part.name}" if named or len(group.fields) > 1 else prefix
+            self.slots.append((path, part, end - right))
+
+    def item(self, item: Item, path: str = "") -> None:
+        """An item, or a subfield at `path`."""
+        path = path or item.name
+        self.used.add(path)
+        match item:
+            case Fixed(_, group):
+                self.group(path, group)
+            case Extended(_, groups):
+                self.extended(path, groups)
+            case Repetitive(_, group):
+                self.repetitive(path, group)
+            case Compound():
+                self.compound(item)
+            case _:
+                raise EncodeError("an item of no fixed length fits no profile", field=path)
+
+    def extended(self, path: str, groups: Sequence[Group]) -> None:
+        last = 0
+        for index, group in enumerate(groups):
+            paths = {f"{path}/{part.name}" for part, _ in group.fields}
+            if found := paths & self.chosen.keys():
+                self.used |= found
+                last = index
+        for index, group in enumerate(groups[: last + 1]):
+            self.group(path, group, more=index < last, named=True)
+
+    def repetitive(self, path: str, group: Group) -> None:
+        times = self.chosen.get(path)
+        if times is None or (group.fx and not times):
+            raise EncodeError("say how often it is repeated, such as *1", field=path)
+        if not group.fx:
+            self.append(1, times)
+        for index in range(times):
+            self.group(f"{path}/{index}", group, more=group.fx and index < times - 1)
+
+    def compound(self, item: Compound) -> None:
+        subfields = {
+            place: sub
+            for place, sub in enumerate(item.subfields)
+            if sub and any(is_at(path, f"{item.name}/{sub.name}") for path in self.chosen)
+        }
+        if not subfields:
+            asked = min(path for path in self.chosen if is_at(path, item.name))
+            raise EncodeError("name a subfield that it has", field=asked)
+        self.flags(list(subfields))
+        for sub in subfields.values():
+            self.item(sub, f"{item.name}/{sub.name}")
+
+
+def is_at(path: str, name: str) -> bool:
+    """Whether a path is that of `name` or of something in it."""
+    return path == name or path.startswith(f"{name}/")
 
 
 def blocks_of(
@@ -186,7 +485,7 @@ def blocks_of(
     """Data blocks of whole records, in their order, each no longer than `max_octets`."""
     step = records_a_block(record_length, max_octets) * record_length
     return [
-        header(category, len(body)) + body
+        (category << 16 | HEADER_OCTETS + len(body)).to_bytes(HEADER_OCTETS, "big") + body
         for start in range(0, len(records), step)
         for body in [records[start : start + step]]
     ]
@@ -195,8 +494,7 @@ def blocks_of(
 def blocks_of_one(encoder: Encoder, records: bytes) -> list[bytes]:
     """A data block for each of an encoder's records, in their order."""
     length = encoder.record_length
-    head = header(encoder.category, length)
-    return [head + records[start : start + length] for start in range(0, len(records), length)]
+    return blocks_of(encoder.category, records, length, HEADER_OCTETS + length)
 
 
 def records_a_block(record_length: int, max_octets: int) -> int:
@@ -207,8 +505,3 @@ def records_a_block(record_length: int, max_octets: int) -> int:
             field="max_octets",
         )
     return (max_octets - HEADER_OCTETS) // record_length
-
-
-def header(category: int, octets: int) -> bytes:
-    """What comes before the records of a data block, which are so many octets."""
-    return (category << 16 | HEADER_OCTETS + octets).to_bytes(HEADER_OCTETS, "big")

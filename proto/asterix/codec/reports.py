@@ -21,12 +21,10 @@ from plotfeed.proto.asterix.codec.encode import (
     Constant,
     Encoder,
     blocks_of,
-    blocks_of_one,
-    header,
+    is_at,
     records_a_block,
 )
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
-from plotfeed.proto.asterix.codec.profile import is_at
 from plotfeed.proto.errors import EncodeError
 
 
@@ -101,31 +99,26 @@ class Reports:
     def blocks(self, columns: Mapping[str, ArrayLike]) -> list[bytes]:
         """Data blocks of the rows of columns by path, in their order, all of the one source."""
         encoder = self._encoder_for(columns)
-        records = encoder.records(columns)
-        if self._one_a_block:
-            return blocks_of_one(encoder, records)
-        length = encoder.record_length
-        return blocks_of(encoder.category, records, length, self._max_octets[0])
+        records, length = encoder.records(columns), encoder.record_length
+        return blocks_of(encoder.category, records, length, self._limit(0, length))
 
     def blocks_by(self, columns: Mapping[str, ArrayLike], parts: Parts) -> list[list[bytes]]:
         """Data blocks of each part of the rows of columns by path, in their order."""
         encoder = self._encoder_for(columns)
         records = encoder.records(columns, parts.of_rows() if encoder.sources > 1 else None)
+        number, length = encoder.category, encoder.record_length
+        return [
+            blocks_of(number, records[first * length : after * length], length, limit)
+            for (first, after), source in zip(parts.edges(), parts.sources.tolist(), strict=True)
+            for limit in [self._limit(source, length)]
+        ]
+
+    def _limit(self, source: int, record_length: int) -> int:
+        """What a data block of a source may hold, in octets."""
         if self._one_a_block:
-            blocks = blocks_of_one(encoder, records)
-            return [blocks[start:end] for start, end in parts.edges()]
-        number, length, most = encoder.category, encoder.record_length, self._max_octets
-        limits = most * len(parts) if len(most) == 1 else [most[i] for i in parts.sources.tolist()]
-        found: list[list[bytes]] = []
-        for (first, after), limit in zip(parts.edges(), limits, strict=True):
-            of_part = records[first * length : after * length]
-            if not of_part:
-                found.append([])
-            elif len(of_part) <= limit - HEADER_OCTETS:
-                found.append([header(number, len(of_part)) + of_part])
-            else:
-                found.append(blocks_of(number, of_part, length, limit))
-        return found
+            return HEADER_OCTETS + record_length
+        most = self._max_octets
+        return most[source] if len(most) > 1 else most[0]
 
     def _encoder_for(self, columns: Iterable[str]) -> Encoder:
         key = tuple(columns)

@@ -14,7 +14,7 @@ from support.asterix_input import every_path, numeric_slots, text_constants
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode
-from plotfeed.proto.asterix.codec.encode import CROSSOVER, Encoder, blocks_of
+from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
     Category,
@@ -28,32 +28,35 @@ from plotfeed.proto.asterix.codec.layout import (
 from plotfeed.proto.asterix.layout_048 import CAT048
 from plotfeed.proto.errors import EncodeError
 
-MANY = CROSSOVER + 5
+MANY = 45
 RHO, THETA, TIME, HEIGHT = "I048/040/RHO", "I048/040/THETA", "I048/140", "I048/110"
 EVERYTHING = {
     c.number: Encoder(c, every_path(c), constants=text_constants(c)) for c in CATEGORIES.values()
 }
 
 
-def both_ways(encoder: Encoder, columns: Mapping[str, list[Any]]) -> bytes:
-    """The records, from both paths, which must agree; columns must be short."""
+def row_by_row(encoder: Encoder, columns: Mapping[str, Any]) -> bytes:
+    """The records, each encoded by itself, of values that are no arrays."""
+    rows = zip(*(columns[path] for path in encoder.columns), strict=True)
+    return b"".join(encoder.records(dict(zip(encoder.columns, row, strict=True))) for row in rows)
+
+
+def encoded(encoder: Encoder, columns: Mapping[str, list[Any]]) -> bytes:
+    """The records, which are the same one by one, often, and from arrays."""
     few = encoder.records(columns)
-    n = len(few) // encoder.record_length
-    assert 0 < n < CROSSOVER
-    repeats = -(-MANY // n)
+    repeats = -(-MANY // (len(few) // encoder.record_length))
     many = encoder.records({path: list(c) * repeats for path, c in columns.items()})
     assert many == few * repeats
     arrays = {path: np.array(list(c) * repeats) for path, c in columns.items()}
     assert encoder.records(arrays) == many
-    one = [encoder.record(*row) for row in zip(*(columns[p] for p in encoder.columns), strict=True)]
-    assert b"".join(one) == few
+    assert row_by_row(encoder, columns) == few
     return few
 
 
 def decoded(encoder: Encoder, path: str, value: Any) -> Any:
     """One value there and back, the other columns being 0."""
     columns: dict[str, list[Any]] = {column: [0] for column in encoder.columns}
-    records = both_ways(encoder, columns | {path: [value]})
+    records = encoded(encoder, columns | {path: [value]})
     blocks = blocks_of(encoder.category, records, encoder.record_length)
     return decode(blocks[0])[0].get(path)
 
@@ -65,7 +68,7 @@ def refused(encoder: Encoder, path: str, value: Any) -> None:
             encoder.records(columns | {encoder.columns[-1]: [columns[encoder.columns[-1]]] * rows})
         assert caught.value.field == path
     with pytest.raises(EncodeError) as caught:
-        encoder.record(*columns.values())
+        encoder.records(columns)
     assert caught.value.field == path
 
 
@@ -84,7 +87,7 @@ def test_every_item_comes_back_as_it_went(category: Category, seed: int) -> None
         drawn = [draw.choice([low, high, 0, draw.randint(low, high)]) for _ in range(2)]
         columns[slot.path] = [part.value(n) if isinstance(part, Quantity) else n for n in drawn]
     assert tuple(columns) == encoder.columns
-    records = both_ways(encoder, columns)
+    records = encoded(encoder, columns)
     texts = text_constants(category)
     for row, record in enumerate(
         decode(blocks_of(encoder.category, records, len(records) // 2)[0])
@@ -184,7 +187,7 @@ NANOSECONDS = Encoder(CAT048, (TIME,), lsb={TIME: 7_812_500})
 @given(st.integers(0, 2**62), st.sampled_from([0, 3_906_249, 3_906_250, 3_906_251]))
 def test_time_from_nanoseconds_is_exact(start: int, rest: int) -> None:
     t_ns = start // 7_812_500 * 7_812_500 + rest
-    records = both_ways(NANOSECONDS, {TIME: [t_ns]})
+    records = encoded(NANOSECONDS, {TIME: [t_ns]})
     expected = round(Fraction(t_ns, 7_812_500)) % DAY_LSB
     assert int.from_bytes(records[-3:], "big") == expected
 
@@ -192,7 +195,7 @@ def test_time_from_nanoseconds_is_exact(start: int, rest: int) -> None:
 @given(st.integers(1, 2000), st.integers(0, 10**9))
 def test_integer_columns_of_any_lsb_round_half_to_even(lsb: int, value: int) -> None:
     encoder = Encoder(CAT048, (TIME,), lsb={TIME: lsb})
-    records = both_ways(encoder, {TIME: [value]})
+    records = encoded(encoder, {TIME: [value]})
     assert int.from_bytes(records[-3:], "big") == round(Fraction(value, lsb)) % DAY_LSB
 
 
@@ -200,8 +203,8 @@ def test_integer_columns_refuse_floats() -> None:
     refused(NANOSECONDS, TIME, 1e9)
 
 
-@given(n=st.sampled_from([1, 2, CROSSOVER - 1, CROSSOVER, 200]), seed=st.integers(0, 2**32 - 1))
-def test_arrays_lists_and_both_paths_give_the_same_octets(n: int, seed: int) -> None:
+@given(n=st.sampled_from([1, 2, 39, 200]), seed=st.integers(0, 2**32 - 1))
+def test_arrays_lists_and_single_values_give_the_same_octets(n: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     columns: dict[str, Any] = {
         TIME: rng.uniform(-1e5, 1e6, n),
@@ -213,8 +216,7 @@ def test_arrays_lists_and_both_paths_give_the_same_octets(n: int, seed: int) -> 
     }
     records = POSITION.records(columns)
     assert records == POSITION.records({path: c.tolist() for path, c in columns.items()})
-    rows = zip(*(columns[path].tolist() for path in POSITION.columns), strict=True)
-    assert records == b"".join(POSITION.record(*row) for row in rows)
+    assert records == row_by_row(POSITION, {path: c.tolist() for path, c in columns.items()})
 
 
 def test_one_number_stands_for_all_rows() -> None:
@@ -253,7 +255,7 @@ def test_profiles_refuse_what_they_cannot_hold() -> None:
 
 def test_a_profile_of_constants_alone_is_one_record() -> None:
     source = Encoder(CAT048, ("I048/010",), constants={"I048/010/SAC": 1, "I048/010/SIC": 2})
-    assert source.record() == source.records({}) == bytes([0x80, 1, 2])
+    assert source.records({}) == bytes([0x80, 1, 2])
 
 
 def test_extended_items_go_as_far_as_the_parts_that_are_chosen() -> None:
@@ -273,7 +275,7 @@ def test_parts_of_any_width_may_straddle_words(bits: int) -> None:
         exact = float(value) if abs(value) < 2**53 else value
         if float(exact) != value:
             continue
-        records = both_ways(
+        records = encoded(
             encoder,
             {"I001/000/BEFORE": [5], "I001/000/MIDDLE": [float(value)], "I001/000/AFTER": [9]},
         )

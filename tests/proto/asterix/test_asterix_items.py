@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.asterix_rule import record_by_rule
 
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import FURTHER, Block, Value, _Cursor, decode, records_in
+from plotfeed.proto.asterix.codec.decode import Block, Value, decode, records_in
 from plotfeed.proto.asterix.codec.layout import Category
-from plotfeed.proto.asterix.codec.readers import OFTEN
+from plotfeed.proto.asterix.codec.readers import FURTHER, OFTEN
 from plotfeed.proto.asterix.layout_025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.layout_062 import CAT062, CAT062_1_18
 from plotfeed.proto.errors import DecodeError
@@ -153,8 +154,7 @@ def test_what_comes_often_and_is_cut_off_says_the_same(vector: dict[str, Any]) -
     category, body = AS_LIBASTERIX[block[0]], block[3:]
     decode(block * (OFTEN + 1), AS_LIBASTERIX)
     for length in range(1, len(body), 7):
-        rule = _Cursor(body[:length], 0, 0)
         with pytest.raises(DecodeError) as expected:
-            rule.record(category)
+            record_by_rule(category, body[:length])
         with pytest.raises(DecodeError, match=re.escape(str(expected.value))):
             list(records_in(Block(block[0], body[:length], 0), AS_LIBASTERIX))

@@ -14,9 +14,10 @@ from support.given_recordings import EVERY_CAPTURE, EVERY_FRAME, RadarCapture
 
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import FURTHER, Record, Value, blocks, decode
+from plotfeed.proto.asterix.codec.decode import Record, Value, blocks, decode
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
+from plotfeed.proto.asterix.codec.readers import FURTHER
 from plotfeed.proto.asterix.layout_015 import CAT015
 from plotfeed.proto.asterix.layout_025 import CAT025
 from plotfeed.proto.asterix.layout_048 import CAT034, CAT048

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from plotfeed.proto.asterix.codec.decode import decode
-from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
+from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of, profile
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.profile import profile
 from plotfeed.proto.asterix.layout_062 import CAT062
 from plotfeed.proto.asterix.layout_205 import CAT205
 from plotfeed.proto.errors import EncodeError
@@ -31,7 +30,7 @@ def test_members_of_repetitive_items_are_slots() -> None:
         "I001/020/1",
     ]
     encoder = Encoder(REPEATING, ("I001/010*2", "I001/020*2"))
-    record = encoder.record(1, 2, 3, 4, 5, 6)
+    record = encoder.records(dict(zip(paths, (1, 2, 3, 4, 5, 6), strict=True)))
     assert record == bytes([0xC0, 2, 0x12, 0x34, 0x0B, 0x0C])
     (back,) = decode(blocks_of(1, record, len(record))[0], {1: REPEATING})
     assert [back.get(path) for path in paths] == [1, 2, 3, 4, 5, 6]
@@ -40,7 +39,7 @@ def test_members_of_repetitive_items_are_slots() -> None:
 
 
 def test_no_members_are_a_count_of_0() -> None:
-    assert Encoder(REPEATING, ("I001/010*0",)).record() == bytes([0x80, 0])
+    assert Encoder(REPEATING, ("I001/010*0",)).records({}) == bytes([0x80, 0])
 
 
 @pytest.mark.parametrize("path", ["I001/010", "I001/010*256", "I001/010*x", "I001/020*0"])
@@ -51,7 +50,7 @@ def test_a_repetition_says_how_often(path: str) -> None:
 
 def test_extended_subfields_of_compound_items_go_as_far_as_asked() -> None:
     encoder = Encoder(CAT062, ("I062/380/TIS", "I062/380/ADR"))
-    record = encoder.record(0xABCDEF, 1, 0)
+    record = encoder.records(dict(zip(encoder.columns, (0xABCDEF, 1, 0), strict=True)))
     assert record == bytes([0x01, 0x10, 0x81, 0x80, 0xAB, 0xCD, 0xEF, 0x80])
     assert encoder.columns == ("I062/380/ADR", "I062/380/TIS/NAV", "I062/380/TIS/NVB")
 
@@ -76,7 +75,7 @@ def test_text_is_a_column_too(n: int) -> None:
 @pytest.mark.parametrize("name", ["short", "too long", "2437.0\u20ac", 5, None])
 def test_text_that_does_not_fit_is_refused(name: object) -> None:
     with pytest.raises(EncodeError, match="I205/090"):
-        CHANNEL.record(1, name)
+        CHANNEL.records({"I205/040": 1, "I205/090": name})
 
 
 def test_a_number_of_any_kind_stands_for_all_records() -> None:
