@@ -24,9 +24,10 @@ from plotfeed.models.plain_tracker import LocatedPlots, PlainMotion, PlainTracke
 from plotfeed.models.state import Plots
 from plotfeed.models.track_lives import TrackRule
 from plotfeed.models.tracks import TrackStates
-from plotfeed.proto.asterix.cat062 import TrackEncoder062, Tracks
+from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.plot_messages import batch_in, plots_of_batch
+from plotfeed.proto.tracks.told_tracks import Tracks
 
 NS = 1_000_000_000
 ACCELERATION_M_S2 = 3.0

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING
 
-from plotfeed.models.state import Floats
+from plotfeed.proto.lazy_numpy import np
+
+if TYPE_CHECKING:
+    from plotfeed.models.state import Floats
+
 
 FOOT_M = 0.3048  # m, exact; international yard and pound agreement, 1959
 NM_M = 1852.0  # m, exact; BIPM, The International System of Units

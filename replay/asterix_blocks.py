@@ -105,7 +105,6 @@ def _headers(payload: bytes) -> Iterator[tuple[int, int]]:
         at += length
 
 
-TIME_OCTETS = 3
 LSB_NS = 7_812_500  # 1/128 s
 KNOWN_CATEGORIES = frozenset((*CATEGORIES, *OTHER_CATEGORIES))
 """Categories of which it is known where their records end."""
@@ -121,8 +120,6 @@ def time_of_day_ns(block: bytes) -> int | None:
     """Time of a whole data block's first record; None if it has none, or none that is known."""
     finder = _finder(block[0]) if block else None
     at = finder.first_time(block, HEADER_OCTETS) if finder else None
-    if at is None:
-        return None
-    time_ns = int.from_bytes(block[at : at + TIME_OCTETS], "big") * LSB_NS
+    time_ns = DAY_NS + 1 if at is None else LSB_NS * int.from_bytes(block[at : at + 3], "big")
     # Some senders write 86400.0 for midnight; what is beyond that is no time of day.
     return time_ns % DAY_NS if time_ns <= DAY_NS else None

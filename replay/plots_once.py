@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from plotfeed.proto.asterix.decode_plots import PLOT_ITEMS
+from plotfeed.proto.asterix.categories import PLOT_ITEMS
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.replay.plots_csv import Selection, plots_in
 from plotfeed.replay.recorded import PLOT_TABLES, Recorded, TableName

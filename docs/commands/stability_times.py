@@ -9,8 +9,8 @@ from stability_case import Case
 from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.truth import fit_velocity
+from plotfeed.proto.asterix.cat048 import CAT048
 from plotfeed.proto.asterix.codec.encode import Encoder
-from plotfeed.proto.asterix.layout_048 import CAT048
 
 NS = 1_000_000_000
 START_NS = 1_767_225_600 * NS

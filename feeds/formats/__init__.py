@@ -1,9 +1,9 @@
 """Formats, from plots to messages and back, and `FORMATS`, their one table.
 
-A new category of ASTERIX is two new files, its layout with its encoder and its format, and a line:
+A new category of ASTERIX is its layout, its encoder and its format, all in one file, and a line:
 `register(FORMAT, ActiveRadarKeys)`, after which scenes may ask for it. One that comes with plotfeed
-has that line as a row of `FORMATS`, its facts in `scene.report_formats`, its layout in
-`proto.asterix.categories`, and its name among the `formats` of the sensors that report in it.
+is a file in `proto.asterix`, a row of `ASTERIX_FORMATS` there, how sensors speak it here, a row of
+`FORMATS`, and its name among the `formats` of the sensors that report in it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
-from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.decode_plots import PLOT_ITEMS, plots_in_asterix
+from plotfeed.proto.asterix.categories import know
+from plotfeed.proto.asterix.decode_plots import plots_in_asterix
 from plotfeed.proto.plot_messages import plots_in_batch
 
 FORMATS: dict[str, Format] = {
@@ -55,9 +55,7 @@ def register(row: Format, *sensors: type[SensorKeys]) -> None:
     if row.name in FORMATS:
         raise ValueError(f"there is a format {row.name} already")
     FORMATS[row.name], REPORT_FORMATS[row.name] = row, row.facts
-    CATEGORIES.update({layout.number: layout for layout in row.layouts})
-    if row.plot_items is not None:
-        PLOT_ITEMS[next(iter(row.facts.categories))] = row.plot_items
+    know(row.facts)
     for keys in sensors:
         keys.formats += (row.name,)
 

@@ -24,8 +24,7 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
-from plotfeed.proto.asterix.cat025 import StatusEncoder025
-from plotfeed.proto.asterix.layout_025 import CAT025, CAT025_HALF_TURN
+from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
 from plotfeed.proto.utc import NS
 
 EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}

@@ -12,15 +12,13 @@ import numpy as np
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.user_properties import Address, SectorProperties, SectorStamp
-from plotfeed.feeds.scene.report_formats import ReportFormat
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Ints
-from plotfeed.proto.asterix.codec.layout import Category
-from plotfeed.proto.asterix.decode_plots import PlotItems
 from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.measured_plots import MeasuredPlots
+from plotfeed.proto.report_format import ReportFormat
 from plotfeed.proto.utc import NS
 
 MAX_BLOCK_OCTETS = 65535
@@ -97,10 +95,6 @@ class Format:
 
     None for a format of tracks.
     """
-    layouts: tuple[Category, ...] = ()
-    """Of ASTERIX, where `proto.asterix.categories` does not have them."""
-    plot_items: PlotItems | None = None
-    """Where records of its own category tell of plots, where `decode_plots` does not have it."""
     late: Callable[[Scene, Message, int], Message | None] | None = None
     """A message as it may leave at a time, or None if it is dropped then, where that matters."""
     announcer: Callable[[Scene, Sensor], Announcer] | None = None

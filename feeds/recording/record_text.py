@@ -7,6 +7,8 @@ from functools import cache
 from typing import Any
 
 from plotfeed.feeds.console.printed import printable
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record
 from plotfeed.proto.asterix.codec.layout import (
@@ -19,8 +21,6 @@ from plotfeed.proto.asterix.codec.layout import (
     Undecoded,
     is_time_of_day,
 )
-from plotfeed.proto.asterix.layout_025 import CAT025_HALF_TURN
-from plotfeed.proto.asterix.layout_062 import CAT062_1_18
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.asterix.standard import Meaning, StandardCategories, standard
 

@@ -5,11 +5,7 @@ How messages are made and read stands with each format, in the table `feeds.form
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
-
-from plotfeed.proto.asterix.cat048 import RHO_LSB_M
+from plotfeed.proto.asterix.categories import ASTERIX_FORMATS
 from plotfeed.proto.content_types import (
     COT,
     GEOJSON,
@@ -17,68 +13,11 @@ from plotfeed.proto.content_types import (
     PLOT_BATCH,
     SAPIENT_MESSAGE,
     TRACK_BATCH,
-    asterix_content_type,
     json_content_type,
     protobuf_content_type,
 )
+from plotfeed.proto.report_format import ReportFormat
 from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
-
-
-@dataclass(frozen=True, slots=True)
-class SentCategory:
-    """A category of ASTERIX that a format brings, and from which of its sensors."""
-
-    summary: str
-    rotates: bool = False
-    """Only of a beam that turns."""
-    has_illuminators: bool = False
-    """Only of a receiver of echoes whose transmitters stand elsewhere."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportFormat:
-    """A format as scenes name it, and what its messages can and cannot say."""
-
-    name: str
-    """As in a sensor's `report`."""
-    topic: str
-    """End of the topic of the messages that hold plots or tracks, behind prefix and sensor."""
-    content_type: str
-    """Of those messages."""
-    summary: str
-    """What they are."""
-    inbox: str = ""
-    """End of the topics on which sensors are asked something in it; empty for none."""
-    message: str = ""
-    """The protobuf message that they are; empty for ASTERIX, XML and JSON."""
-    schema: Mapping[str, Any] | None = None
-    """Of JSON."""
-    categories: Mapping[int, SentCategory] = field(default_factory=dict)
-    """Of ASTERIX: the format's own category first, then its companions, and what they bring."""
-    tells_tracks: bool = False
-    """It brings tracks, and no plots."""
-    tells_heights: bool = False
-    tells_run_lengths: bool = False
-    """Over how much azimuth the beam saw the target."""
-    needs_azimuth: bool = False
-    range_step_m: float = 0.0
-    """In which it counts ranges; 0 if that is finer than any sensor."""
-
-
-def asterix(categories: Mapping[int, SentCategory], **says: Any) -> ReportFormat:
-    """A format of ASTERIX: its own category, which names it, and those that come with it.
-
-    `says` are what its messages can and cannot say, by the names of `ReportFormat`.
-    """
-    own = next(iter(categories))
-    return ReportFormat(
-        name=f"asterix-{own:03d}",
-        topic=f"asterix/{own:03d}",
-        content_type=asterix_content_type(own),
-        summary=categories[own].summary,
-        categories=categories,
-        **says,
-    )
 
 
 def tracks_in_json(name: str, schema: str, summary: str, kind: str = JSON) -> ReportFormat:
@@ -93,34 +32,10 @@ def tracks_in_json(name: str, schema: str, summary: str, kind: str = JSON) -> Re
     )
 
 
-STATUS = SentCategory("that the sensor works, and where it stands")
-
 REPORT_FORMATS: dict[str, ReportFormat] = {
     row.name: row
     for row in (
-        asterix(
-            {
-                15: SentCategory("measurement plots"),
-                16: SentCategory(
-                    "transmitters, receivers and pairs of a passive radar", has_illuminators=True
-                ),
-                25: STATUS,
-            }
-        ),
-        asterix(
-            {
-                48: SentCategory("target reports"),
-                34: SentCategory("north marker and sector crossings", rotates=True),
-            },
-            tells_heights=True,
-            tells_run_lengths=True,
-            range_step_m=RHO_LSB_M,
-        ),
-        asterix(
-            {62: SentCategory("tracks"), 63: SentCategory("that the sensor works")},
-            tells_tracks=True,
-        ),
-        asterix({205: SentCategory("bearings"), 25: STATUS}, needs_azimuth=True),
+        *ASTERIX_FORMATS,
         ReportFormat(
             name="plots",
             topic="plots",

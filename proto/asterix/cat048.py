@@ -1,21 +1,102 @@
-"""Categories 048 and 034, a radar's plots, north markers and sectors: encoders.
+"""Categories 048 and 034, a radar's plots, north markers and sectors: layouts, encoders, format.
 
 A radar sends the plots of a sector first and then the sector message with the azimuth at which
 that sector ends, both in one datagram; at north it sends a north marker.
+
+EUROCONTROL SUR.ET1.ST05.2000-STD-04-01 (ASTERIX part 4), monoradar target reports, standard UAP,
+editions 1.21 to 1.32, and SUR.ET1.ST05.2000-STD-02b-01 (part 2b), monoradar service messages,
+editions 1.27 to 1.29. The clause of an item is 5.2.<item>; `codec.layout` explains the tables.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from plotfeed.models.state import Ints, Plots
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Constant, Encoder, blocks_of_one
+from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position, measured
-from plotfeed.proto.asterix.layout_048 import CAT034, CAT048
+from plotfeed.proto.lazy_numpy import np
+from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import FOOT_M, NM_M, TIME_LSB_NS
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from plotfeed.models.state import Ints, Plots
+
+CAT048 = category(
+    48,
+    """
+FRN  item      octets  parts: bits, LSB and unit
+1    I048/010  2       SAC 8, SIC 8
+2    I048/140  3       TOD 24: 1/128 s modulo 86400
+3    I048/020  1+FX    TYP 3, SIM, RDP, SPI, RAB | TST, ERR, XPP, ME, MI, FOEFRI 2 | ADSBEP,
+                       ADSBVAL, SCNEP, SCNVAL, PAIEP, PAIVAL, _1 | ACASXVEP, ACASXVVAL 4, POXPREP,
+                       POXPRVAL | POACTEP, POACTVAL, DTFXPREP, DTFXPRVAL, DTFACTEP, DTFACTVAL, _1 |
+                       IRMXPREP, IRMXPRVAL, IRMACTEP, IRMACTVAL, _3
+4    I048/040  4       RHO 16: 1/256 NM, THETA 16: 360/2^16 deg wraps
+5    I048/070  2       V, G, L, _1, MODE3A 4x3
+6    I048/090  2       V, G, FL ±14: 1/4 FL refused
+7    I048/130  1+n     SRL 8: 180/2^12 deg; SRR 8; SAM ±8: 1 dBm; PRL 8: 180/2^12 deg; PAM ±8: 1
+                       dBm; RPD ±8: 1/256 NM; APD ±8: 180/2^13 deg
+8    I048/220  3       ADDRESS 24
+9    I048/240  6       IDENTIFICATION 8x6
+10   I048/250  1+8n    repeated: MBDATA 56, BDS1 4, BDS2 4
+11   I048/161  2       _4, TRN 12
+12   I048/042  4       X ±16: 1/128 NM, Y ±16: 1/128 NM
+13   I048/200  4       GSP 16: 2^-14 NM/s, HDG 16: 360/2^16 deg wraps
+14   I048/170  1+FX    CNF, RAD 2, DOU, MAH, CDM 2 | TRE, GHO, SUP, TCC, _3
+15   I048/210  4       SIGX 8: 1/128 NM, SIGY 8: 1/128 NM, SIGV 8: 2^-14 NM/s, SIGH 8: 180/2^11 deg
+16   I048/030  1+FX    repeated: WE 7
+17   I048/080  2       _4, QA4, QA2, QA1, QB4, QB2, QB1, QC4, QC2, QC1, QD4, QD2, QD1
+18   I048/100  4       V, G, _2, MODEC 12, _4, QC1, QA1, QC2, QA2, QC4, QA4, QB1, QD1, QB2, QD2,
+                       QB4, QD4
+19   I048/110  2       _2, HEIGHT ±14: 25 ft
+20   I048/120  1+n     CAL (D, _5, CAL ±10: 1 m/s); RDS (repeated: DOP 16: 1 m/s refused, AMB 16: 1
+                       m/s refused, FRQ 16: 1 MHz refused)
+21   I048/230  2       COM 3, STAT 3, SI, _1, MSSC, ARC, AIC, B1A, B1B 4
+22   I048/260  7       ADVISORY 56
+23   I048/055  1       V, G, L, MODE1 5
+24   I048/050  2       V, G, L, _1, MODE2 4x3
+25   I048/065  1       _3, QA4, QA2, QA1, QB2, QB1
+26   I048/060  2       _4, QA4, QA2, QA1, QB4, QB2, QB1, QC4, QC2, QC1, QD4, QD2, QD1
+27   I048/SP   1+n     octets behind their count
+28   I048/RE   1+n     octets behind their count
+""",
+)
+"""Codes of modes 2, 3/A and C are octal and Gray. I048/110 is above mean sea level. Of what ends in
+EP, a bit says whether the value after it is populated.
+"""
+
+CAT034 = category(
+    34,
+    """
+FRN  item      octets  parts: bits, LSB and unit
+1    I034/010  2       SAC 8, SIC 8
+2    I034/000  1       TYPE 8
+3    I034/030  3       TOD 24: 1/128 s modulo 86400
+4    I034/020  1       SECTOR 8: 360/2^8 deg wraps
+5    I034/041  2       PERIOD 16: 1/128 s refused
+6    I034/050  1+n     COM (NOGO, RDPC, RDPR, OVLRDP, OVLXMT, MSC, TSV, _1); -; -; PSR (ANT, CHAB
+                       2, OVL, MSC, _3); SSR (ANT, CHAB 2, OVL, MSC, _3); MDS (ANT, CHAB 2, OVLSUR,
+                       MSC, SCF, DLF, OVLSCF, OVLDLF, _7)
+7    I034/060  1+n     COM (_1, REDRDP 3, REDXMT 3, _1); -; -; PSR (POL, REDRAD 3, STC 2, _2); SSR
+                       (REDRAD 3, _5); MDS (REDRAD 3, CLU, _4)
+8    I034/070  1+2n    repeated: TYP 5, COUNT 11
+9    I034/100  8       RHOST 16: 1/256 NM, RHOEND 16: 1/256 NM, THETAST 16: 360/2^16 deg wraps,
+                       THETAEND 16: 360/2^16 deg wraps
+10   I034/110  1       TYP 8
+11   I034/120  8       HGT ±16: 1 m refused, LAT ±24: 180/2^23 deg refused, LON ±24: 360/2^24 deg
+                       wraps
+12   I034/090  2       RNG ±8: 1/128 NM refused, AZM ±8: 180/2^13 deg refused
+13   I034/RE   1+n     octets behind their count
+14   I034/SP   1+n     octets behind their count
+""",
+)
+"""I034/000 is 1 for a north marker, 2 for a sector crossing. I034/120 is in WGS-84, and
+its height above the ellipsoid.
+"""
 
 RHO_LSB_M = NM_M / 256  # I048/040
 PRIMARY = 1  # I048/020/TYP: single primary detection
@@ -28,6 +109,37 @@ OPTIONAL = {
     "I048/120/CAL/CAL": "range_rate_m_s",
 }
 """Parts that are sent where their columns are measured."""
+
+
+FORMAT = asterix(
+    {
+        48: SentCategory("target reports"),
+        34: SentCategory("north marker and sector crossings", rotates=True),
+    },
+    layouts=(CAT048, CAT034),
+    tells_heights=True,
+    tells_run_lengths=True,
+    range_step_m=RHO_LSB_M,
+    plot_items=PlotItems(
+        time="I048/140",
+        columns={
+            "range_m": "I048/040/RHO",
+            "azimuth_deg": "I048/040/THETA",
+            "altitude_m": "I048/110",
+            "range_rate_m_s": "I048/120/CAL/CAL",
+            "amplitude_dbm": "I048/130/PAM",
+            "identity": "I048/240",
+            "mode_3a": "I048/070/MODE3A",
+            "address": "I048/220",
+            "track": "I048/161",
+            "flight_level": "I048/090/FL",
+            "ssr_amplitude_dbm": "I048/130/SAM",
+            "east_m": "I048/042/X",
+            "north_m": "I048/042/Y",
+        },
+        units={"range_m": NM_M, "altitude_m": FOOT_M, "east_m": NM_M, "north_m": NM_M},
+    ),
+)
 
 
 class PlotEncoder048:

@@ -1,21 +1,51 @@
-"""Category 129, unmanned aircraft that say where they are, one record a block: encoder.
+"""Category 129, unmanned aircraft that say where they are: layout and encoder.
 
 An accuracy (circular error, 50 %) of 0 says unknown or above 255 m; it is rounded up. Sent from the
 air, the source is 0/0.
+
+EUROCONTROL-SPEC-0149-29, edition 1.2; `codec.layout` explains the table. No decoder that the tests
+can run reads the category: the layout is as published descriptions of edition 1.2 have it.
+
+I129/090 is above mean sea level, I129/100 above ground; I129/185 is east and north. No encoding is
+stated for a serial number; it is read as ASCII. The standard gives I129/120 one octet in a table
+but three in its description, which is followed here; it describes the first of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
+from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.codec.reports import Reports, checked_position
-from plotfeed.proto.asterix.layout_129 import CAT129
 from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.units import TIME_LSB_NS
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+CAT129 = category(
+    129,
+    """
+FRN  item      octets  parts: bits, LSB and unit
+1    I129/010  2       SAC 8, SIC 8
+2    I129/015  2       DAC 8, DIC 8
+3    I129/020  3       MANUFACTURER 3x8
+4    I129/030  3       MODEL 3x8
+5    I129/040  12      SERIAL 12x8
+6    I129/050  2       COUNTRY 2x8
+7    I129/070  3       TOD 24: 1/128 s modulo 86400
+8    I129/080  8       LAT ±32: 180/2^30 deg refused, LON ±32: 180/2^30 deg refused
+9    I129/090  3       ALTITUDE ±24: 0.1 m
+10   I129/100  3       HEIGHT ±24: 0.1 m
+11   I129/110  2       ACCURACY 16: 1 m
+12   I129/120  3       UCC 2, ARC 2, AEC 4, _16
+13   I129/SP   1+n     octets behind their count
+14   I129/185  5       VX ±20: 0.01 m/s, VY ±20: 0.01 m/s
+15   I129/220  3       _4, VZ ±20: 0.01 m/s
+""",
+)
 
 SERIAL_LENGTH, MAKER_LENGTH, COUNTRY_LENGTH = 12, 3, 2
 MOST_ACCURACY_M = 255.0

@@ -1,15 +1,21 @@
-"""Category 205, bearings of radio direction finders, one record a data block: encoder."""
+"""Category 205, bearings of radio direction finders, a record a block: layout, encoder, format.
+
+EUROCONTROL-SPEC-0149, category 205, edition 1.0; `codec.layout` explains the table. I205/030 is the
+time of transmission, not of measurement. A bearing starts at I205/050 (I205/070) or at I205/060
+(I205/080), which are positions of the sensor in messages of types 2 and 5. The category has no item
+for the error of a bearing, the time of its measurement or what the emission says.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from plotfeed.models.state import Floats, Ints, Plots, Texts
+from plotfeed.proto.asterix.cat025 import CAT025, STATUS
 from plotfeed.proto.asterix.codec.encode import Constant
+from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.codec.reports import (
     Parts,
     Reports,
@@ -17,9 +23,42 @@ from plotfeed.proto.asterix.codec.reports import (
     looked_up,
     measured,
 )
-from plotfeed.proto.asterix.layout_205 import CAT205
 from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.lazy_numpy import np
+from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import TIME_LSB_NS, decibels
+
+if TYPE_CHECKING:
+    from plotfeed.models.state import Floats, Ints, Plots, Texts
+
+CAT205 = category(
+    205,
+    """
+FRN  item      octets  parts: bits, LSB and unit
+1    I205/010  2       SAC 8, SIC 8
+2    I205/015  1       SID 8
+3    I205/000  1       TYPE 8
+4    I205/030  3       TOD 24: 1/128 s modulo 86400
+5    I205/040  1       NUMBER 8
+6    I205/090  7       CHANNEL 7x8
+7    I205/050  8       LAT ±32: 180/2^25 deg refused, LON ±32: 180/2^25 deg refused
+8    I205/060  6       X ±24: 1/2 m, Y ±24: 1/2 m
+9    I205/070  2       BEARING 16: 0.01 deg modulo 360
+10   I205/080  2       BEARING 16: 0.01 deg modulo 360
+11   I205/100  1       QUALITY 8
+12   I205/110  1       RADIUS 8: 100 m
+13   I205/120  1+1n    repeated: SENSOR 8
+14   I205/130  8       LAT ±32: 180/2^25 deg refused, LON ±32: 180/2^25 deg refused
+15   I205/140  6       X ±24: 1/2 m, Y ±24: 1/2 m
+16   I205/150  1       RADIUS 8: 100 m
+17   I205/160  2       TRN 16
+18   I205/170  1       SENSOR 8
+19   I205/180  2       LEVEL ±16: 0.01 dBµV
+20   I205/190  1       QUALITY 8
+21   I205/200  2       ELEVATION ±16: 0.01 deg
+22   I205/SP   1+n     octets behind their count
+""",
+)
 
 DBUV_AT_0_DBM = 90 + 10 * math.log10(50)  # 0 dBm into 50 ohm, over 1 µV
 BEST_QUALITY = 255
@@ -31,6 +70,23 @@ class Message205(IntEnum):
 
     SYSTEM_BEARING = 2
     SENSOR_DATA = 5
+
+
+FORMAT = asterix(
+    {205: SentCategory("bearings"), 25: STATUS},
+    layouts=(CAT205, CAT025),
+    needs_azimuth=True,
+    plot_items=PlotItems(
+        time="I205/030",
+        columns={
+            "azimuth_deg": "I205/070",
+            "elevation_deg": "I205/200",
+            "identity": "I205/090",
+        },
+        plots_alone=("I205/000", (Message205.SYSTEM_BEARING, Message205.SENSOR_DATA)),
+    ),
+)
+"""Its time is that of sending."""
 
 
 class BearingEncoder205:

@@ -1,17 +1,25 @@
-"""The categories that are read: a new one is a layout, an encoder, and a row here."""
+"""The categories that are read, each of which stands in a file of its own, and formats of them."""
 
+from plotfeed.proto.asterix import cat015, cat048, cat062, cat129, cat205
 from plotfeed.proto.asterix.codec.layout import Category
-from plotfeed.proto.asterix.layout_015 import CAT015
-from plotfeed.proto.asterix.layout_016 import CAT016
-from plotfeed.proto.asterix.layout_025 import CAT025
-from plotfeed.proto.asterix.layout_048 import CAT034, CAT048
-from plotfeed.proto.asterix.layout_062 import CAT062
-from plotfeed.proto.asterix.layout_063 import CAT063
-from plotfeed.proto.asterix.layout_129 import CAT129
-from plotfeed.proto.asterix.layout_205 import CAT205
+from plotfeed.proto.report_format import PlotItems, ReportFormat
 
-CATEGORIES: dict[int, Category] = {
-    category.number: category
-    for category in (CAT015, CAT016, CAT025, CAT034, CAT048, CAT062, CAT063, CAT129, CAT205)
-}
+ASTERIX_FORMATS = (cat015.FORMAT, cat048.FORMAT, cat062.FORMAT, cat205.FORMAT)
+CATEGORIES: dict[int, Category] = {129: cat129.CAT129}
 """The newest edition of each. For another, give a reader `CATEGORIES | {62: CAT062_1_18}`."""
+PLOT_ITEMS: dict[int, PlotItems] = {}
+"""What tells of plots, by category."""
+TRACK_ITEMS: dict[int, PlotItems] = {}
+"""What tells of tracks."""
+
+
+def know(format_: ReportFormat) -> None:
+    """Read the categories of a format."""
+    CATEGORIES.update({layout.number: layout for layout in format_.layouts})
+    if format_.plot_items is not None:
+        read = TRACK_ITEMS if format_.tells_tracks else PLOT_ITEMS
+        read[next(iter(format_.categories))] = format_.plot_items
+
+
+for each in ASTERIX_FORMATS:
+    know(each)

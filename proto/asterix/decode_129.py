@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from plotfeed.proto.asterix.cat129 import CAT129
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
-from plotfeed.proto.asterix.layout_129 import CAT129
 from plotfeed.proto.errors import DecodeError
 
 CATEGORY = 129

@@ -3,103 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
-from plotfeed.proto.asterix.cat015 import MEASUREMENT_PLOT, Geometry
-from plotfeed.proto.asterix.cat205 import Message205
-from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.cat015 import Geometry
+from plotfeed.proto.asterix.categories import CATEGORIES, PLOT_ITEMS, TRACK_ITEMS
 from plotfeed.proto.asterix.codec.decode import Record, decode, decode_lenient
 from plotfeed.proto.asterix.codec.layout import Compound, Fixed, Item, Named, Quantity
 from plotfeed.proto.measured_plots import MeasuredPlots
-from plotfeed.proto.units import FOOT_M, NM_M
+from plotfeed.proto.report_format import PlotItems
 from plotfeed.proto.utc import NS, nearest_utc_ns
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlotItems:
-    """Paths into the records of a category to what they tell of plots."""
-
-    time: str
-    """Path of the time of day, in seconds."""
-    columns: Mapping[str, str]
-    """The path of each column of plots."""
-    units: Mapping[str, float] = field(default_factory=dict)
-    """What one is of a column, in the column's own unit, where that is not the layout's."""
-    plots_alone: tuple[str, tuple[int, ...]] = ("", ())
-    """A part, and the values by which it says that a record is a plot; all are, without one."""
-
-
-PLOT_ITEMS: dict[int, PlotItems] = {
-    15: PlotItems(
-        time="I015/145",
-        columns={
-            "range_m": "I015/625/R",
-            "sigma_range_m": "I015/625/SDR",
-            "azimuth_deg": "I015/627/AZ",
-            "sigma_azimuth_deg": "I015/627/SDASZ",
-            "elevation_deg": "I015/628/EL",
-            "sigma_elevation_deg": "I015/628/SDEL",
-            "height_m": "I015/601/GH",
-            "range_rate_m_s": "I015/626/DV",
-            "sigma_range_rate_m_s": "I015/626/SDDV",
-            "amplitude_dbm": "I015/630/RPP",
-            "snr_db": "I015/630/RPS",
-            "channel": "I015/400/PID",
-        },
-        plots_alone=("I015/000/MT", (MEASUREMENT_PLOT,)),
-    ),
-    48: PlotItems(
-        time="I048/140",
-        columns={
-            "range_m": "I048/040/RHO",
-            "azimuth_deg": "I048/040/THETA",
-            "altitude_m": "I048/110",
-            "range_rate_m_s": "I048/120/CAL/CAL",
-            "amplitude_dbm": "I048/130/PAM",
-            "identity": "I048/240",
-            "mode_3a": "I048/070/MODE3A",
-            "address": "I048/220",
-            "track": "I048/161",
-            "flight_level": "I048/090/FL",
-            "ssr_amplitude_dbm": "I048/130/SAM",
-            "east_m": "I048/042/X",
-            "north_m": "I048/042/Y",
-        },
-        units={"range_m": NM_M, "altitude_m": FOOT_M, "east_m": NM_M, "north_m": NM_M},
-    ),
-    205: PlotItems(
-        time="I205/030",
-        columns={
-            "azimuth_deg": "I205/070",
-            "elevation_deg": "I205/200",
-            "identity": "I205/090",
-        },
-        plots_alone=("I205/000", (Message205.SYSTEM_BEARING, Message205.SENSOR_DATA)),
-    ),
-}
-"""What tells of plots, by category. The time of 205 is that of sending."""
-TRACK_ITEMS = PlotItems(
-    time="I062/070",
-    columns={
-        "track": "I062/040",
-        "latitude_deg": "I062/105/LAT",
-        "longitude_deg": "I062/105/LON",
-        "east_m": "I062/100/X",
-        "north_m": "I062/100/Y",
-        "velocity_east_m_s": "I062/185/VX",
-        "velocity_north_m_s": "I062/185/VY",
-        "height_m": "I062/130",
-        "climb_m_s": "I062/220",
-        "flight_level": "I062/136",
-        "mode_3a": "I062/060/MODE3A",
-        "address": "I062/380/ADR",
-        "identity": "I062/245/CHR",
-    },
-    units={"height_m": FOOT_M, "climb_m_s": FOOT_M / 60},
-)
-"""Of 062, whose tracks are no plots and have rows in tables alone."""
 MULTISTATIC = {"range_m": "bistatic_range_m", "sigma_range_m": "sigma_bistatic_range_m"}
 """Columns that the ranges of 015 are of, where a record says that its sensor is multistatic."""
 
@@ -153,7 +67,7 @@ def _plots_of(records: list[Record], near_utc_ns: int) -> MeasuredPlots:
 
 
 def _items_of(record: Record) -> PlotItems | None:
-    return TRACK_ITEMS if record.category == 62 else PLOT_ITEMS.get(record.category)
+    return PLOT_ITEMS.get(record.category) or TRACK_ITEMS.get(record.category)
 
 
 def _is_plot(record: Record) -> bool:

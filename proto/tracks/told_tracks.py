@@ -9,8 +9,35 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models.state import Floats
-from plotfeed.proto.asterix.cat062 import Tracks
+from plotfeed.models.state import Bools, Columns, Floats, Ints
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracks(Columns):
+    """Tracks of a sensor at their own times; columns (n,), NaN for what it does not estimate.
+
+    East and north are from the system's reference point, height is above the WGS-84 ellipsoid,
+    age is that of the last plot in a track. `coasted` tracks are predicted without one, `first`
+    and `last` reports begin and end a track.
+    """
+
+    track: Ints
+    t_utc_ns: Ints
+    latitude_deg: Floats
+    longitude_deg: Floats
+    east_m: Floats
+    north_m: Floats
+    velocity_east_m_s: Floats
+    velocity_north_m_s: Floats
+    height_m: Floats
+    climb_m_s: Floats
+    age_s: Floats
+    sigma_east_m: Floats
+    sigma_north_m: Floats
+    tentative: Bools
+    coasted: Bools
+    first: Bools
+    last: Bools
 
 
 @dataclass(frozen=True, kw_only=True)

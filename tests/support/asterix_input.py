@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
 
 from plotfeed.models.state import Plots
-from plotfeed.proto.asterix.cat062 import Tracks
 from plotfeed.proto.asterix.codec.encode import Slot, profile
 from plotfeed.proto.asterix.codec.layout import (
+    DAY_LSB,
     Category,
     Characters,
     Compound,
+    Explicit,
     Extended,
     Fixed,
+    Group,
     Item,
     Repetitive,
+    is_time_of_day,
 )
+from plotfeed.proto.tracks.told_tracks import Tracks
 
 ETHERNET, UDP = 14, 8
 
@@ -99,3 +105,46 @@ def tracks(**columns: Any) -> Tracks:
     ) | dict.fromkeys(("velocity_east_m_s", "velocity_north_m_s"), 0.0)
     given = filled | flags | zeros | {"track": 1, "t_utc_ns": 0} | columns
     return Tracks(**{name: np.broadcast_to(np.asarray(v), (n,)) for name, v in given.items()})
+
+
+def flags_of(chosen: set[int]) -> bytes:
+    """The octets that say that those items are there, counted from 0."""
+    octets = [0] * (max(chosen, default=0) // 7 + 1)
+    for slot in chosen:
+        octets[slot // 7] |= 0x80 >> slot % 7
+    return bytes(octet | (i < len(octets) - 1) for i, octet in enumerate(octets))
+
+
+def group_octets(group: Group, rng: Random, *, more: bool) -> bytes:
+    """Any octets; its extension bit, if it has one, says whether another follows."""
+    octets = rng.randbytes(group.octets)
+    return octets[:-1] + bytes([octets[-1] & 0xFE | more]) if group.fx else octets
+
+
+def item_octets(item: Item, rng: Random) -> bytes:
+    """Any octets that the item can be."""
+    match item:
+        case Fixed(_, group) if is_time_of_day(item):
+            return rng.randrange(DAY_LSB).to_bytes(group.octets, "big")
+        case Fixed(_, group):
+            return rng.randbytes(group.octets)
+        case Extended(_, groups):
+            n = rng.randint(1, len(groups))
+            return b"".join(group_octets(groups[i], rng, more=i < n - 1) for i in range(n))
+        case Repetitive(_, group):
+            n = rng.randint(1, 3)
+            parts = [group_octets(group, rng, more=i < n - 1) for i in range(n)]
+            return (b"" if group.fx else bytes([n])) + b"".join(parts)
+        case Explicit():
+            inside = rng.randbytes(rng.randrange(6))
+            return bytes([len(inside) + 1]) + inside
+        case Compound(_, subfields):
+            return slots_octets(subfields, rng)
+
+
+def slots_octets(slots: Sequence[Item | None], rng: Random, *always: int) -> bytes:
+    """Flags, and what they say is there: any items, and those."""
+    assigned = {i: item for i, item in enumerate(slots) if item is not None}
+    chosen = {*rng.sample(list(assigned), rng.randint(1, len(assigned))), *always}
+    items = (item_octets(assigned[i], rng) for i in sorted(chosen))
+    return flags_of(chosen) + b"".join(items)

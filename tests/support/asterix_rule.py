@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from plotfeed.proto.asterix.codec.decode import Places, Value
+from plotfeed.proto.asterix.codec.decode import ItemPlaces, Value
 from plotfeed.proto.asterix.codec.layout import (
     Category,
     Characters,
@@ -28,7 +28,7 @@ def record_by_rule(category: Category, body: bytes) -> tuple[dict[str, Value], i
     Raises `DecodeError`.
     """
     items, end = {}, 0
-    for item, at, end in Places(body).of_record(category, 0):
+    for item, at, end in ItemPlaces(body).of_record(category, 0):
         items[item.name] = item_by_rule(item, body[at:end])
     return items, end
 
@@ -46,7 +46,7 @@ def item_by_rule(item: Item, octets: bytes) -> Value:
         case Explicit() | Undecoded():
             return octets[isinstance(item, Explicit) :]
         case Compound():
-            places = Places(octets).of_compound(item, 0)
+            places = ItemPlaces(octets).of_compound(item, 0)
             return {each.name: item_by_rule(each, octets[at:end]) for each, at, end in places}
 
 

@@ -7,55 +7,13 @@ from collections.abc import Iterator
 from typing import Any
 
 from asterix import base  # type: ignore[import-not-found]
+from support.asterix_input import slots_octets
 
 from plotfeed.proto.asterix.codec.decode import Block, records_in
-from plotfeed.proto.asterix.codec.layout import (
-    Compound,
-    Explicit,
-    Extended,
-    Group,
-    Item,
-    Repetitive,
-)
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.asterix.standard import standard, tables
 
 RECORDS = 40
-
-
-def octets_of(item: Item, draw: random.Random) -> bytes:
-    match item:
-        case Explicit():
-            return b"\x01"
-        case Compound(_, subfields):
-            return flagged(list(subfields), draw)
-        case Extended(_, groups):
-            wanted = draw.randint(1, len(groups))
-            return b"".join(group_of(g, draw, n < wanted) for n, g in enumerate(groups[:wanted], 1))
-        case Repetitive(_, group):
-            times = draw.randint(1, 3)
-            all_of = [group_of(group, draw, n < times) for n in range(1, times + 1)]
-            return (b"" if group.fx else bytes([times])) + b"".join(all_of)
-        case _:
-            return group_of(item.group, draw, False)
-
-
-def group_of(group: Group, draw: random.Random, more: bool) -> bytes:
-    octets = bytearray(draw.randbytes(group.octets))
-    if group.fx:
-        octets[-1] = octets[-1] & 0xFE | more
-    return bytes(octets)
-
-
-def flagged(slots: list[Any], draw: random.Random, always: int = 0) -> bytes:
-    wanted = {n for n, item in enumerate(slots) if item and draw.random() < 0.5} | {always}
-    wanted = {n for n in wanted if slots[n]} or {next(n for n, i in enumerate(slots) if i)}
-    last = max(wanted) // 7
-    flags = bytes(
-        sum(128 >> n % 7 for n in wanted if n // 7 == octet) | (octet < last)
-        for octet in range(last + 1)
-    )
-    return flags + b"".join(octets_of(slots[n], draw) for n in sorted(wanted))
 
 
 def leaves(variation: Any) -> Iterator[Any]:
@@ -154,9 +112,9 @@ def compared(number: int, draw: random.Random) -> tuple[int, str]:
     newest = max(known[0].manifest["CATS"][number], key=lambda each: each.cv_edition)
     count = 0
     for _ in range(RECORDS):
-        body = flagged(list(found.category.uap), draw)
+        body = slots_octets(found.category.uap, draw)
         if number == 1:  # a plot, whose profile that is
-            body = flagged([None, None, *found.category.uap[2:]], draw, 2)
+            body = slots_octets([None, None, *found.category.uap[2:]], draw, 2)
         (record,) = records_in(Block(number, body, 0), {number: found.category})
         profile = newest.cv_uap
         kind = profile.cv_uaps["plot"] if hasattr(profile, "cv_uaps") else profile.cv_record

@@ -1,43 +1,73 @@
-"""The second file: category 250 as a format that sensors report in."""
+"""The one file: category 250, plots of a radar that does not exist, as sensors report in it."""
 
 from __future__ import annotations
-
-from toy_category.cat250 import CAT250, PlotEncoder250
 
 from plotfeed.feeds.formats import Batch, Format, SectorFormat
 from plotfeed.feeds.formats.message_format import max_block_octets
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.report_formats import SentCategory, asterix
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.proto.asterix.decode_plots import PlotItems, plots_in_asterix
+from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.asterix.codec.reports import Reports, measured
+from plotfeed.proto.asterix.decode_plots import plots_in_asterix
+from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
+from plotfeed.proto.units import TIME_LSB_NS
+
+CAT250 = category(
+    250,
+    """
+FRN  item      octets  parts: bits, LSB and unit
+1    I250/010  2       SAC 8, SIC 8
+2    I250/020  3       TOD 24: 1/128 s modulo 86400
+3    I250/030  4       R 16: 1 m, AZ 16: 360/2^16 deg wraps
+4    I250/040  2       EL ±16: 180/2^15 deg
+""",
+)
 
 
 class Asterix250(SectorFormat):
-    """Plots of category 250, and nothing besides."""
+    """Plots as I250/010, 020, 030, and 040 if they have elevations, and nothing besides."""
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
         super().__init__(scene, sensor)
-        most = max_block_octets(scene, sensor)
-        self._plots = PlotEncoder250(sensor.sac, sensor.sic, max_octets=most)
+        self._reports = Reports(
+            CAT250,
+            ("I250/010", "I250/020", "I250/030"),
+            ("I250/040",),
+            constants={"I250/010/SAC": sensor.sac, "I250/010/SIC": sensor.sic},
+            lsb={"I250/020": TIME_LSB_NS},
+            max_octets=max_block_octets(scene, sensor),
+        )
 
     def messages_of(self, batch: Batch) -> list[Message]:
         """Blocks of category 250."""
-        blocks = [(250, block) for block in self._plots.blocks(batch.plots)]
+        plots = batch.plots
+        if not len(plots):
+            return []
+        columns = {
+            "I250/020": plots.t_utc_ns,
+            "I250/030/R": plots.range_m,
+            "I250/030/AZ": plots.azimuth_deg,
+            **measured(plots, {"I250/040": "elevation_deg"}),
+        }
+        blocks = [(250, block) for block in self._reports.blocks(columns)]
         return self.topics.asterix(batch.stamp, blocks)
 
 
 FORMAT = Format(
-    facts=asterix({250: SentCategory("plots of a radar that does not exist")}, range_step_m=1.0),
+    facts=asterix(
+        {250: SentCategory("plots of a radar that does not exist")},
+        layouts=(CAT250,),
+        plot_items=PlotItems(
+            time="I250/020",
+            columns={
+                "range_m": "I250/030/R",
+                "azimuth_deg": "I250/030/AZ",
+                "elevation_deg": "I250/040",
+            },
+        ),
+        range_step_m=1.0,
+    ),
     maker=Asterix250.of_sensors,
     plots_in=plots_in_asterix,
-    layouts=(CAT250,),
-    plot_items=PlotItems(
-        time="I250/020",
-        columns={
-            "range_m": "I250/030/R",
-            "azimuth_deg": "I250/030/AZ",
-            "elevation_deg": "I250/040",
-        },
-    ),
 )

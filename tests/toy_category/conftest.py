@@ -12,8 +12,7 @@ from plotfeed.feeds.formats import FORMATS, register
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys
-from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.decode_plots import PLOT_ITEMS
+from plotfeed.proto.asterix.categories import CATEGORIES, PLOT_ITEMS
 
 
 @pytest.fixture(autouse=True)

@@ -1,4 +1,4 @@
-"""A category of two files and a line is sent, read, shown, told of, charted and tabulated."""
+"""A category of one file and a line is sent, read, shown, told of, charted and tabulated."""
 
 from __future__ import annotations
 

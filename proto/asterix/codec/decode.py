@@ -68,7 +68,7 @@ class Record(NamedTuple):
         return value
 
 
-class Place(NamedTuple):
+class ItemPlace(NamedTuple):
     """Where an item lies: its first octet, and the one after its last."""
 
     item: Item
@@ -111,7 +111,7 @@ def records_in(block: Block, categories: Mapping[int, Category] = CATEGORIES) ->
         except BROKEN:
             items = {}
         if not items or at > octets:
-            list(Places(body, origin).of_record(category, start))  # raises what is wrong
+            list(ItemPlaces(body, origin).of_record(category, start))  # raises what is wrong
             raise DecodeError(f"a record of category {number} is broken", at_octet=origin + start)
         yield Record(number, items, body[start:at], origin + start)
 
@@ -167,7 +167,7 @@ def decode_lenient(
     return records, errors
 
 
-class Places:
+class ItemPlaces:
     """Finds where items lie in octets, without their values; a DecodeError says what is broken.
 
     `origin` is where the octets start in the input: errors count from its beginning.
@@ -178,7 +178,7 @@ class Places:
     def __init__(self, octets: bytes, origin: int = 0) -> None:
         self._octets, self._origin = octets, origin
 
-    def of_record(self, category: Category, at: int) -> Iterator[Place]:
+    def of_record(self, category: Category, at: int) -> Iterator[ItemPlace]:
         """The items of the record that begins there, one by one up to the first that is broken."""
         name = f"a record of category {category.number}"
         is_track = category.track_uap and _is_track(self._octets, at)
@@ -187,14 +187,14 @@ class Places:
             raise self._error(f"{name} has no items", behind)
         yield from self._each(items, behind)
 
-    def of_compound(self, item: Compound, at: int) -> Iterator[Place]:
+    def of_compound(self, item: Compound, at: int) -> Iterator[ItemPlace]:
         """The subfields of the item that begins there, in the same way."""
         yield from self._each(*self._present(item.subfields, item.name, at))
 
-    def _each(self, items: Sequence[Item], at: int) -> Iterator[Place]:
+    def _each(self, items: Sequence[Item], at: int) -> Iterator[ItemPlace]:
         for item in items:
             end = self._end(item, at)
-            yield Place(item, at, end)
+            yield ItemPlace(item, at, end)
             at = end
 
     def _present(

@@ -10,12 +10,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate, chain, groupby, pairwise
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from plotfeed.models.state import Floats, Ints
 from plotfeed.proto.asterix.codec.layout import (
     HEADER_OCTETS,
     Category,
@@ -31,7 +27,13 @@ from plotfeed.proto.asterix.codec.layout import (
     Repetitive,
 )
 from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.units import with_rounding
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from plotfeed.models.state import Floats, Ints
 
 UDP_OCTETS = 1400
 """A data block of this length goes into one datagram on any common link."""
@@ -296,7 +298,7 @@ def _rule(part: Named) -> _Rule:
 
 
 def _own_lsb(part: Named) -> float:
-    """Of a column that says nothing else: a float of a quantity, 1 of what is an integer."""
+    """The LSB of a part in its layout: a float of a quantity, the integer 1 of any other."""
     return float(part.lsb) if isinstance(part, Quantity) else 1
 
 
@@ -342,7 +344,7 @@ class Slot:
 
     @property
     def octets(self) -> int:
-        """In how many octets it has bits."""
+        """Number of octets in which the part has bits."""
         return -(-(self.right % 8 + self.part.bits) // 8)
 
 

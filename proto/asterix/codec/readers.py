@@ -2,7 +2,7 @@
 
 A reader takes the octets of a block's body and where its item begins, and gives the value and where
 the item ends; words of fixed length that follow each other are unpacked at once. What is cut off or
-broken raises `BROKEN` without a word; `codec.decode.Places` says what is wrong.
+broken raises `BROKEN` without a word; `codec.decode.ItemPlaces` says what is wrong.
 """
 
 from __future__ import annotations

@@ -10,12 +10,8 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from plotfeed.models.state import Columns, Floats, Ints
 from plotfeed.proto.asterix.codec.encode import (
     UDP_OCTETS,
     Constant,
@@ -26,6 +22,12 @@ from plotfeed.proto.asterix.codec.encode import (
 )
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
 from plotfeed.proto.errors import EncodeError
+from plotfeed.proto.lazy_numpy import np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from plotfeed.models.state import Columns, Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,9 @@ import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from plotfeed.proto.asterix.cat062 import CAT062
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import Places
+from plotfeed.proto.asterix.codec.decode import ItemPlaces
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
     HEADER_OCTETS,
@@ -17,7 +18,6 @@ from plotfeed.proto.asterix.codec.layout import (
     is_time_of_day,
 )
 from plotfeed.proto.asterix.codec.readers import BROKEN, Plans
-from plotfeed.proto.asterix.layout_062 import CAT062
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 
@@ -61,7 +61,7 @@ class TimeFinder:
         with contextlib.suppress(DecodeError):
             return next(iter(self.find(body, at).of_day), None)
         with contextlib.suppress(DecodeError):
-            for item, start, _ in Places(body).of_record(self._category, at):
+            for item, start, _ in ItemPlaces(body).of_record(self._category, at):
                 if item.name in self._times:
                     return start
         return None
@@ -165,7 +165,7 @@ _PLAN_OFFSETS = Plans(_PLAN.subfields, offsets=True).read
     if isinstance(subfield, Repetitive) and subfield.name == PLANNED
 )
 _PARTS = {part.name: (right, (1 << part.bits) - 1) for part, right in _ELEMENT.fields}
-"""Places of the parts of a planned time from the right, and their masks."""
+"""ItemPlaces of the parts of a planned time from the right, and their masks."""
 
 
 def _planned_times(body: bytes, at: int) -> list[int]:

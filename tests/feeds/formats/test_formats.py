@@ -5,8 +5,7 @@ import pytest
 from plotfeed.feeds.formats import FORMATS, carries_plots
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors import SENSORS, SensorKeys
-from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.decode_plots import PLOT_ITEMS
+from plotfeed.proto.asterix.categories import CATEGORIES, PLOT_ITEMS
 
 
 def test_every_format_that_scenes_know_is_made_and_the_other_way_round() -> None:

@@ -16,8 +16,7 @@ from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.cat025 import StatusEncoder025
-from plotfeed.proto.asterix.layout_025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN, StatusEncoder025
 
 TOPICS = [
     "plotfeed/radar/asterix/048",

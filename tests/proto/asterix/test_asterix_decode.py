@@ -7,6 +7,7 @@ import sys
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.asterix_input import flags_of
 from support.asterix_rule import record_by_rule
 
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -198,12 +199,7 @@ def test_a_count_that_outnumbers_the_input_allocates_nothing() -> None:
 def test_compiled_readers_read_what_the_rule_reads(category: Category, data: st.DataObject) -> None:
     # Flags of items that are there, so that most of what is drawn is read to its end.
     wanted = data.draw(st.sets(st.sampled_from([n for n, i in enumerate(category.uap) if i])))
-    last = max(wanted, default=0) // 7
-    flags = bytes(
-        sum(128 >> n % 7 for n in wanted if n // 7 == octet) | (octet < last)
-        for octet in range(last + 1)
-    )
-    body = flags + data.draw(st.binary(max_size=400) | st.just(bytes(400)))
+    body = flags_of(wanted) + data.draw(st.binary(max_size=400) | st.just(bytes(400)))
     try:
         items, end = record_by_rule(category, body)
     except DecodeError as error:

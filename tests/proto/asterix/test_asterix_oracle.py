@@ -12,18 +12,17 @@ from support.asterix_input import every_path, numeric_slots, plots, text_constan
 from support.asterix_readers import items_of, read_blocks, values_of
 from support.given_recordings import EVERY_CAPTURE, EVERY_FRAME, RadarCapture
 
-from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.cat015 import CAT015
+from plotfeed.proto.asterix.cat025 import CAT025
+from plotfeed.proto.asterix.cat048 import CAT034, CAT048, PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.cat062 import CAT062_1_18
+from plotfeed.proto.asterix.cat063 import CAT063
+from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, Value, blocks, decode
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
 from plotfeed.proto.asterix.codec.readers import FURTHER
-from plotfeed.proto.asterix.layout_015 import CAT015
-from plotfeed.proto.asterix.layout_025 import CAT025
-from plotfeed.proto.asterix.layout_048 import CAT034, CAT048
-from plotfeed.proto.asterix.layout_062 import CAT062_1_18
-from plotfeed.proto.asterix.layout_063 import CAT063
-from plotfeed.proto.asterix.layout_205 import CAT205
 from plotfeed.proto.units import FOOT_M, NM_M
 from plotfeed.replay.files import open_recording
 

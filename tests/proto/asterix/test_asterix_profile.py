@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from plotfeed.proto.asterix.cat062 import CAT062
+from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of, profile
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.layout_062 import CAT062
-from plotfeed.proto.asterix.layout_205 import CAT205
 from plotfeed.proto.errors import EncodeError
 
 REPEATING = category(

@@ -13,11 +13,16 @@ from hypothesis import strategies as st
 from support.asterix_readers import items_of, read_blocks, values_of
 
 from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
-from plotfeed.proto.asterix.cat025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.cat025 import (
+    CAT025,
+    CAT025_HALF_TURN,
+    Operation,
+    State,
+    StatusEncoder025,
+)
 from plotfeed.proto.asterix.cat063 import Condition, SensorStatus, SensorStatusEncoder063
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.layout import Category
-from plotfeed.proto.asterix.layout_025 import CAT025, CAT025_HALF_TURN
 from plotfeed.proto.errors import EncodeError
 
 MIDNIGHT_NS = 1_700_006_400 * 10**9

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from random import Random
@@ -9,7 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from support.asterix_input import udp_payloads
+from support.asterix_input import slots_octets, udp_payloads
 from support.given_recordings import CAPTURES, FRAMES
 
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -17,13 +16,6 @@ from plotfeed.proto.asterix.codec.decode import Record, blocks, decode, records_
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
     Category,
-    Compound,
-    Explicit,
-    Extended,
-    Fixed,
-    Group,
-    Item,
-    Repetitive,
     is_time_of_day,
 )
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer, TimeFinder
@@ -50,47 +42,6 @@ SHIFTS = st.one_of(
 
 def block(category: int, body: bytes) -> bytes:
     return bytes([category]) + (len(body) + 3).to_bytes(2, "big") + body
-
-
-def flags_of(chosen: set[int]) -> bytes:
-    octets = [0] * (max(chosen) // 7 + 1)
-    for slot in chosen:
-        octets[slot // 7] |= 0x80 >> slot % 7
-    return bytes(octet | (i < len(octets) - 1) for i, octet in enumerate(octets))
-
-
-def group_octets(group: Group, rng: Random, *, more: bool) -> bytes:
-    """Any octets; its extension bit, if it has one, says whether another follows."""
-    octets = rng.randbytes(group.octets)
-    return octets[:-1] + bytes([octets[-1] & 0xFE | more]) if group.fx else octets
-
-
-def item_octets(item: Item, rng: Random) -> bytes:
-    match item:
-        case Fixed(_, group) if is_time_of_day(item):
-            return rng.randrange(DAY_LSB).to_bytes(group.octets, "big")
-        case Fixed(_, group):
-            return rng.randbytes(group.octets)
-        case Extended(_, groups):
-            n = rng.randint(1, len(groups))
-            return b"".join(group_octets(groups[i], rng, more=i < n - 1) for i in range(n))
-        case Repetitive(_, group):
-            n = rng.randint(1, 3)
-            parts = [group_octets(group, rng, more=i < n - 1) for i in range(n)]
-            return (b"" if group.fx else bytes([n])) + b"".join(parts)
-        case Explicit():
-            inside = rng.randbytes(rng.randrange(6))
-            return bytes([len(inside) + 1]) + inside
-        case Compound(_, subfields):
-            return slots_octets(subfields, rng)
-
-
-def slots_octets(slots: Sequence[Item | None], rng: Random) -> bytes:
-    """Flags, and what they say is there."""
-    assigned = {i: item for i, item in enumerate(slots) if item is not None}
-    chosen = set(rng.sample(list(assigned), rng.randint(1, len(assigned))))
-    items = (item_octets(assigned[i], rng) for i in sorted(chosen))
-    return flags_of(chosen) + b"".join(items)
 
 
 def some_blocks(seed: int) -> bytes:
