@@ -6,20 +6,37 @@ Editions to 0.26 have another order of items, and nothing in a block tells which
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-from plotfeed.proto.asterix.codec.decode import Record, Value, decode
+from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.units import FOOT_M, NM_M
 
-CAT021 = OTHER_CATEGORIES[21]
+CAT021 = category(
+    21,
+    """
+FRN  item      octets  parts: bits, LSB and unit
+6    I021/130  6       LAT ±24: 180/2^23 deg, LON ±24: 180/2^23 deg
+7    I021/131  8       LAT ±32: 180/2^30 deg, LON ±32: 180/2^30 deg
+11   I021/080  3       ADDRESS 24
+16   I021/140  2       HEIGHT ±16: 6.25 ft
+21   I021/145  2       FL ±16: 1/4 FL
+24   I021/155  2       RE, RATE ±15: 6.25 ft/min
+25   I021/157  2       RE, RATE ±15: 6.25 ft/min
+26   I021/160  4       RE, SPEED 15: 2^-14 NM/s, TRACK 16: 360/2^16 deg
+29   I021/170  6       IDENT 8x6
+30   I021/020  1       EMITTER 8
+""",
+    base=OTHER_CATEGORIES[21],
+)
+"""Its other items are octets."""
 DAY_S = 86_400
 TIMES = ("I021/073", "I021/071", "I021/075", "I021/077")
 """Items of time, by how near they are to when the position was measured."""
-POSITIONS_DEG = {"I021/131": 180 / 2**30, "I021/130": 180 / 2**23}
-"""Items of position and their least significant bits, the finest first."""
+POSITIONS = ("I021/131", "I021/130")
+"""Items of position, the finer first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,65 +73,29 @@ def read_021(data: bytes) -> list[AircraftReport]:
 
 
 def _report(record: Record) -> AircraftReport | None:
-    items = record.items
-    named = next((name for name in POSITIONS_DEG if name in items), None)
-    address = _octets(items, "I021/080")
-    if not address or named is None:
+    def number(*paths: str) -> float:
+        """The first of the numbers that was sent."""
+        found = (value for path in paths if isinstance(value := record.get(path), float))
+        return next(found, math.nan)
+
+    address, emitter, callsign = map(record.get, ("I021/080", "I021/020", "I021/170"))
+    latitude_deg, longitude_deg = (
+        number(*(f"{position}/{name}" for position in POSITIONS)) for name in ("LAT", "LON")
+    )
+    if not isinstance(address, int) or math.isnan(latitude_deg):
         return None
-    place, lsb_deg = _octets(items, named), POSITIONS_DEG[named]
-    half = len(place) // 2
-    latitude_deg, longitude_deg = (_signed(p) * lsb_deg for p in (place[:half], place[half:]))
-    time_s = next((items[name] for name in TIMES if name in items), None)
-    east, north = _over_ground(_octets(items, "I021/160"))
+    time_s = number(*TIMES)
+    speed_m_s, track = number("I021/160/SPEED") * NM_M, math.radians(number("I021/160/TRACK"))
     return AircraftReport(
-        icao=address.hex(),
-        callsign=_callsign(_octets(items, "I021/170")),
-        emitter=int.from_bytes(_octets(items, "I021/020"), "big"),
-        t_of_day_s=time_s if isinstance(time_s, float) and time_s <= DAY_S else math.nan,
+        icao=f"{address:06x}",
+        callsign=callsign.replace("?", " ").strip() if isinstance(callsign, str) else "",
+        emitter=emitter if isinstance(emitter, int) else 0,
+        t_of_day_s=time_s if time_s <= DAY_S else math.nan,
         latitude_deg=latitude_deg,
         longitude_deg=longitude_deg,
-        height_m=_scaled(_octets(items, "I021/140"), 6.25 * FOOT_M),
-        flight_level_m=_scaled(_octets(items, "I021/145"), 25 * FOOT_M),
-        velocity_east_m_s=east,
-        velocity_north_m_s=north,
-        climb_m_s=_climb_m_s(_octets(items, "I021/157") or _octets(items, "I021/155")),
+        height_m=number("I021/140") * FOOT_M,
+        flight_level_m=number("I021/145") * 100 * FOOT_M,
+        velocity_east_m_s=speed_m_s * math.sin(track),
+        velocity_north_m_s=speed_m_s * math.cos(track),
+        climb_m_s=number("I021/157/RATE", "I021/155/RATE") * FOOT_M / 60,
     )
-
-
-def _octets(items: Mapping[str, Value], name: str) -> bytes:
-    """The octets of an item; none if it is not there."""
-    value = items.get(name, b"")
-    return value if isinstance(value, bytes) else b""
-
-
-def _signed(octets: bytes) -> int:
-    return int.from_bytes(octets, "big", signed=True)
-
-
-def _scaled(octets: bytes, lsb: float) -> float:
-    return _signed(octets) * lsb if octets else math.nan
-
-
-def _over_ground(octets: bytes) -> tuple[float, float]:
-    """East and north, m/s, of ground speed in NM/s and track angle; the first bit is "exceeded"."""
-    if not octets:
-        return math.nan, math.nan
-    speed_m_s = (int.from_bytes(octets[:2], "big") & 0x7FFF) * 2**-14 * NM_M
-    track = math.radians(int.from_bytes(octets[2:], "big") * 360 / 2**16)
-    return speed_m_s * math.sin(track), speed_m_s * math.cos(track)
-
-
-def _climb_m_s(octets: bytes) -> float:
-    """Vertical rate of 15 bits behind "exceeded", 6.25 feet a minute each."""
-    if not octets:
-        return math.nan
-    value = int.from_bytes(octets, "big") & 0x7FFF
-    return (value - (value >> 14 << 15)) * 6.25 * FOOT_M / 60
-
-
-def _callsign(octets: bytes) -> str:
-    """Eight characters of six bits, as in Mode S."""
-    value = int.from_bytes(octets, "big")
-    codes = [value >> shift & 0x3F for shift in range(42, -1, -6)]
-    letters = (chr(c + 64) if 1 <= c <= 26 else chr(c) if 48 <= c <= 57 else " " for c in codes)
-    return "".join(letters).strip()
