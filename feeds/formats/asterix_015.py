@@ -66,7 +66,7 @@ class Status025:
         )
         if len(due):
             numbers = self._numbers[sectors.sensor[due]]
-            blocks = self._encoder.regular_blocks(sectors.end_ns[due], numbers)
+            blocks = self._encoder.blocks(sectors.end_ns[due], numbers)
             for i, block in zip(due.tolist(), blocks, strict=True):
                 found[i].append((25, block))
 

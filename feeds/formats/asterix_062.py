@@ -18,7 +18,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.beam import Sectors
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
-from plotfeed.proto.asterix.cat063 import SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.cat063 import StatusEncoder063
 from plotfeed.proto.asterix.codec.reports import Parts
 
 
@@ -32,10 +32,9 @@ class Asterix062:
         self._numbers = numbers_of(sensors)
         self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
         source = [s.sac for s in sensors.values()], [s.sic for s in sensors.values()]
-        self._statuses = {i: SensorStatus(sac=s.sac, sic=s.sic) for i, s in sensors.items()}
         most = [max_block_octets(scene, sensor) for sensor in sensors.values()]
         self._encoder = TrackEncoder062(*source, max_octets=most)
-        self._service = SensorStatusEncoder063(*source, max_octets=most)
+        self._service = StatusEncoder063(*source)
 
     def messages(self, batch: Batch) -> list[list[Message]]:
         """Blocks of category 062, then 063 where it is due."""
@@ -57,10 +56,7 @@ class Asterix062:
 
     def _add_service(self, found: list[Blocks], sectors: Sectors) -> None:
         due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
-        sensors = sectors.sensor[due]
-        statuses = [self._statuses[sensor] for sensor in sensors.tolist()]
-        parts = Parts(np.arange(len(due) + 1), self._numbers[sensors])
         if len(due):
-            service = self._service.blocks_by(sectors.end_ns[due], statuses, parts)
-            for i, blocks in zip(due.tolist(), service, strict=True):
-                found[i].extend((63, block) for block in blocks)
+            service = self._service.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
+            for i, block in zip(due.tolist(), service, strict=True):
+                found[i].append((63, block))

@@ -19,7 +19,6 @@ from plotfeed.proto.asterix.cat025 import CAT025, STATUS
 from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.codec.reports import Parts, Reports, looked_up, measured
-from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import TIME_LSB_NS, decibels
@@ -84,8 +83,8 @@ FRN  item      octets  parts: bits, LSB and unit
 )
 
 MEASUREMENT_PLOT = 1  # I015/000/MT
-ACTUAL, SIMULATED = 0, 3  # I015/020/TTAX
-MOST_PROBABLE_PCT = 100
+SIMULATED = 3  # I015/020/TTAX
+SURE_PCT = 100  # I015/300/PRB
 OBSERVATIONS = 1 << 24  # I015/400/ON counts so far, then from 0
 
 
@@ -173,10 +172,10 @@ class PlotEncoder015:
     multistatic sensor has 400 too: the pair of a plot's channel, and a count of observations. The
     standard leaves the sign of DV open: here a positive one recedes.
 
-    `pairs` has the pair of each channel, by default the channel itself. `classes` has the class
-    of each kind of plot, by agreement with the receiver; without it no class is sent. It is
-    `class_probability_pct` probable where plots do not say how probable theirs is. Several
-    sensors have a SAC, SIC, manner of scanning and limit of octets each, in sequences.
+    A pair is the channel of a plot. `classes` has the class of each kind of plot, by agreement with
+    the receiver; without it no class is sent. Plots that do not say how probable theirs is are sure
+    of it. Several sensors have a SAC, SIC, manner of scanning and limit of octets each, in
+    sequences.
     """
 
     def __init__(
@@ -186,20 +185,10 @@ class PlotEncoder015:
         *,
         geometry: Geometry = Geometry.MONOSTATIC,
         scanning: Scanning | Sequence[Scanning] = Scanning.STATIC,
-        simulated: bool = True,
-        pairs: Mapping[int, int] | None = None,
         classes: Mapping[str, int] | None = None,
-        class_probability_pct: int = 100,
         max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
-        self._pairs = pairs
         self._classes = classes
-        if not 0 <= class_probability_pct <= MOST_PROBABLE_PCT:
-            raise EncodeError(
-                f"{class_probability_pct} is not from 0 to {MOST_PROBABLE_PCT}",
-                field="I015/300/0/PRB",
-            )
-        self._class_probability_pct = class_probability_pct
         self._multistatic = geometry is Geometry.MULTISTATIC
         ranges = dict(zip(("I015/625/R", "I015/625/SDR"), RANGES.get(geometry, ()), strict=False))
         self._optional = ranges | OPTIONAL
@@ -214,7 +203,7 @@ class PlotEncoder015:
                 "I015/000/MT": MEASUREMENT_PLOT,
                 "I015/000/RG": 0,
                 "I015/020/MOMU": geometry,
-                "I015/020/TTAX": SIMULATED if simulated else ACTUAL,
+                "I015/020/TTAX": SIMULATED,
                 "I015/020/SCD": scanning,
             },
             lsb={"I015/145": TIME_LSB_NS},
@@ -243,20 +232,15 @@ class PlotEncoder015:
         snr = measured(plots, {"I015/630/RPS": "snr"})
         columns |= {path: decibels(ratio) for path, ratio in snr.items()}
         if self._multistatic:
-            path = "I015/400/PID"
-            columns[path] = plots.channel
-            if self._pairs is not None:
-                columns[path] = looked_up(self._pairs, plots.channel, "pair for channel", path)
+            columns["I015/400/PID"] = plots.channel
             columns["I015/400/ON"] = parts.numbered_from(first_observation) % OBSERVATIONS
         if self._classes is not None and any(plots.kind):
             path = "I015/300/0/CLS"
             columns[path] = looked_up(self._classes, plots.kind, "class for kind", path)
-            columns["I015/300/0/PRB"] = self._probabilities_pct(plots)
+            stated = plots.kind_probability
+            columns["I015/300/0/PRB"] = (
+                np.full(len(plots), SURE_PCT)
+                if stated is None
+                else np.rint(SURE_PCT * np.nan_to_num(stated)).astype(np.int64)
+            )
         return self._reports.blocks_by(columns, parts)
-
-    def _probabilities_pct(self, plots: Plots) -> Ints:
-        """Probabilities of classes, whole percent; 0 of what has no class."""
-        stated = plots.kind_probability
-        if stated is None:
-            return np.full(len(plots), self._class_probability_pct, np.int64)
-        return np.rint(100 * np.nan_to_num(stated)).astype(np.int64)

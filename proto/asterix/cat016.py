@@ -125,7 +125,7 @@ class SystemEncoder016:
 
     def blocks_by(self, t_utc_ns: Ints, sources: Ints) -> list[list[bytes]]:
         """The composition of systems, by their numbers, then their components, at times (m,)."""
-        each = Parts(np.arange(len(sources) + 1), sources)
+        each = Parts.one_each(sources)
         of_both = [of.blocks_by({"I016/140": t_utc_ns}, each) for of in self._messages]
         return [[*first, *second] for first, second in zip(*of_both, strict=True)]
 

@@ -9,10 +9,8 @@ in the LSB of the longitude in I025/600.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import Constant
 from plotfeed.proto.asterix.codec.layout import Category, category
 from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position
 from plotfeed.proto.lazy_numpy import np
@@ -57,25 +55,8 @@ STATUS = SentCategory("that the sensor works, and where it stands")
 SERVICE_AND_SYSTEM_STATUS = 1  # I025/000/RTYP
 
 
-class Operation(IntEnum):
-    """What a system is used for, I025/100/OPS."""
-
-    OPERATIONAL = 0
-    STANDBY = 1
-    MAINTENANCE = 2
-
-
-class State(IntEnum):
-    """How a system or a service does, I025/100."""
-
-    RUNNING = 0
-    FAILED = 1
-    DEGRADED = 2
-    UNDEFINED = 3
-
-
 class StatusEncoder025:
-    """Status reports, as I025/010, 000, 070, 100, 600 and 610, and of errors 105.
+    """Periodic status reports of systems that run, as I025/010, 000, 070, 100, 600 and 610.
 
     The height of the system's reference point is above the WGS-84 ellipsoid, and mean sea level
     lies `geoid_undulation_m` above that there. `category` is CAT025 or CAT025_HALF_TURN. Several
@@ -95,67 +76,27 @@ class StatusEncoder025:
     ) -> None:
         checked_position(latitude_deg, longitude_deg, field="I025/600")
         above_sea_m = np.atleast_1d(np.subtract(height_m, geoid_undulation_m))
-        self._constants: dict[str, Constant] = {
-            "I025/010/SAC": sac,
-            "I025/010/SIC": sic,
-            "I025/000/RTYP": SERVICE_AND_SYSTEM_STATUS,
-            "I025/600/LAT": latitude_deg,
-            "I025/600/LON": longitude_deg,
-            "I025/610": above_sea_m.tolist(),
-        }
-        self._category = category
-        self._by_errors: dict[int, Reports] = {}
-        self._reports(0)
+        operational_and_running = ("NOGO", "OPS", "SSTAT", "SYSTAT", "SESTAT")
+        self._reports = Reports(
+            category,
+            (
+                *("I025/010", "I025/000", "I025/070", "I025/100", "I025/100/SYSTAT"),
+                *("I025/600", "I025/610"),
+            ),
+            constants={
+                "I025/010/SAC": sac,
+                "I025/010/SIC": sic,
+                "I025/000/RTYP": SERVICE_AND_SYSTEM_STATUS,
+                "I025/000/RG": 0,
+                **{f"I025/100/{name}": 0 for name in operational_and_running},
+                "I025/600/LAT": latitude_deg,
+                "I025/600/LON": longitude_deg,
+                "I025/610": above_sea_m.tolist(),
+            },
+            lsb={"I025/070": TIME_LSB_NS},
+        )
 
-    def block(
-        self,
-        t_utc_ns: int,
-        *,
-        released: bool = True,
-        operation: Operation = Operation.OPERATIONAL,
-        service: State = State.RUNNING,
-        system: State = State.RUNNING,
-        errors: Sequence[int] = (),
-        event: bool = False,
-    ) -> bytes:
-        """Data block of a report; `released` for operational use, `event` if it is not periodic.
-
-        `errors` are values of I025/105, such as 2 for an invalid source of time.
-        """
-        columns = {
-            "I025/000/RG": int(event),
-            "I025/070": t_utc_ns,
-            "I025/100/NOGO": int(not released),
-            "I025/100/OPS": operation,
-            "I025/100/SSTAT": service,
-            "I025/100/SYSTAT": system,
-            "I025/100/SESTAT": service,
-        }
-        columns |= {f"I025/105/{index}": error for index, error in enumerate(errors)}
-        (block,) = self._reports(len(errors)).blocks(columns)
-        return block
-
-    def regular_blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
-        """Data blocks of periodic reports of systems that run, by their numbers, at times (m,)."""
-        columns: dict[str, ArrayLike] = {
-            "I025/000/RG": 0,
-            "I025/070": t_utc_ns,
-            "I025/100/NOGO": 0,
-            "I025/100/OPS": Operation.OPERATIONAL,
-            "I025/100/SSTAT": State.RUNNING,
-            "I025/100/SYSTAT": State.RUNNING,
-            "I025/100/SESTAT": State.RUNNING,
-        }
-        each = Parts(np.arange(len(sources) + 1), sources)
-        return [block for (block,) in self._reports(0).blocks_by(columns, each)]
-
-    def _reports(self, errors: int) -> Reports:
-        if errors not in self._by_errors:
-            items = ("I025/010", "I025/000", "I025/070", "I025/100/SYSTAT", "I025/600", "I025/610")
-            self._by_errors[errors] = Reports(
-                self._category,
-                (*items, f"I025/105*{errors}") if errors else items,
-                constants=self._constants,
-                lsb={"I025/070": TIME_LSB_NS},
-            )
-        return self._by_errors[errors]
+    def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
+        """A data block for each of these times, (m,), of systems by their numbers, (m,)."""
+        found = self._reports.blocks_by({"I025/070": t_utc_ns}, Parts.one_each(sources))
+        return [block for (block,) in found]

@@ -156,7 +156,6 @@ class PlotEncoder048:
         sac: int | Sequence[int],
         sic: int | Sequence[int],
         *,
-        simulated: bool = True,
         max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
         self._reports = Reports(
@@ -167,7 +166,7 @@ class PlotEncoder048:
                 "I048/010/SAC": sac,
                 "I048/010/SIC": sic,
                 "I048/020/TYP": PRIMARY,
-                "I048/020/SIM": int(simulated),
+                "I048/020/SIM": 1,
                 "I048/020/RDP": 0,
                 "I048/020/SPI": 0,
                 "I048/020/RAB": 0,

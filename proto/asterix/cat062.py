@@ -156,7 +156,6 @@ class TrackEncoder062:
         sac: int | Sequence[int],
         sic: int | Sequence[int],
         *,
-        simulated: bool = True,
         max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
         status = {f"I062/080/{name}": 0 for name in STATUS_OF_OTHERS.split()}
@@ -179,7 +178,7 @@ class TrackEncoder062:
                 **status,
                 "I062/080/MON": MONOSENSOR,
                 "I062/080/MRH": GEOMETRIC_HEIGHT,
-                "I062/080/SIM": int(simulated),
+                "I062/080/SIM": 1,
             },
             lsb={
                 "I062/070": TIME_LSB_NS,

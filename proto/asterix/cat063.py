@@ -7,14 +7,11 @@ fewer groups of I063/060.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Constant
+from plotfeed.proto.asterix.codec.encode import Constant
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.codec.reports import Parts, Reports
-from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.units import TIME_LSB_NS
 
 if TYPE_CHECKING:
@@ -42,66 +39,29 @@ FRN  item      octets  parts: bits, LSB and unit
 )
 
 
-class Condition(IntEnum):
-    """How a sensor is connected, I063/060/CON."""
+class StatusEncoder063:
+    """Status of sensors that track, as I063/010, 030, 050 and the first octet of 060: operational.
 
-    OPERATIONAL = 0
-    DEGRADED = 1
-    INITIALISING = 2
-    NOT_CONNECTED = 3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorStatus:
-    """A sensor by its source, and how it does; `radar_fails` is of its primary radar."""
-
-    sac: int
-    sic: int
-    condition: Condition = Condition.OPERATIONAL
-    radar_fails: bool = False
-
-
-class SensorStatusEncoder063:
-    """Sensors' status, a record a sensor, as I063/010, 030, 050 and the first octet of 060.
-
-    The source is that of the system which says so. Several systems have a SAC, SIC and limit of
-    octets each, in sequences.
+    Who says so is the sensor itself. Several sensors have a SAC and SIC each, in sequences.
     """
 
-    def __init__(
-        self,
-        sac: int | Sequence[int],
-        sic: int | Sequence[int],
-        *,
-        max_octets: int | Sequence[int] = UDP_OCTETS,
-    ) -> None:
+    def __init__(self, sac: int | Sequence[int], sic: int | Sequence[int]) -> None:
         flags: dict[str, Constant] = {
-            f"I063/060/{name}": 0 for name in ("SSR", "MDS", "ADS", "MLT")
+            f"I063/060/{name}": 0 for name in ("CON", "PSR", "SSR", "MDS", "ADS", "MLT")
+        }
+        sources = {
+            f"I063/{item}/{name}": code
+            for item in ("010", "050")
+            for name, code in (("SAC", sac), ("SIC", sic))
         }
         self._reports = Reports(
             CAT063,
             ("I063/010", "I063/030", "I063/050", "I063/060"),
-            constants=flags | {"I063/010/SAC": sac, "I063/010/SIC": sic},
+            constants=flags | sources,
             lsb={"I063/030": TIME_LSB_NS},
-            max_octets=max_octets,
         )
 
-    def blocks(self, t_utc_ns: int, sensors: Sequence[SensorStatus]) -> list[bytes]:
-        """Data blocks of all sensors of one system, in their order, within `max_octets`."""
-        times = np.full(len(sensors), t_utc_ns, np.int64)
-        return self.blocks_by(times, sensors, Parts.whole(len(sensors)))[0]
-
-    def blocks_by(
-        self, t_utc_ns: Ints, sensors: Sequence[SensorStatus], parts: Parts
-    ) -> list[list[bytes]]:
-        """Data blocks of each part of the sensors, whose status is of times, (n,)."""
-        return self._reports.blocks_by(
-            {
-                "I063/030": t_utc_ns,
-                "I063/050/SAC": [sensor.sac for sensor in sensors],
-                "I063/050/SIC": [sensor.sic for sensor in sensors],
-                "I063/060/CON": [sensor.condition for sensor in sensors],
-                "I063/060/PSR": [int(sensor.radar_fails) for sensor in sensors],
-            },
-            parts,
-        )
+    def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
+        """A data block for each of these times, (m,), of sensors by their numbers, (m,)."""
+        found = self._reports.blocks_by({"I063/030": t_utc_ns}, Parts.one_each(sources))
+        return [block for (block,) in found]

@@ -44,6 +44,11 @@ class Parts:
         """All rows in one part, of the one source."""
         return cls(np.array([0, rows], np.int64), np.zeros(1, np.int64))
 
+    @classmethod
+    def one_each(cls, sources: Ints) -> Self:
+        """A row for each of these sources, (m,), in a part of its own."""
+        return cls(np.arange(len(sources) + 1), sources)
+
     def __len__(self) -> int:
         """How many there are."""
         return len(self.sources)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 import pytest_asyncio
 from hypothesis import given
@@ -141,7 +142,7 @@ def test_longitudes_of_025_are_read_as_their_sender_wrote_them() -> None:
     encoder = StatusEncoder025(
         1, 2, latitude_deg=40.45, longitude_deg=-3.73, height_m=650.0, category=CAT025_HALF_TURN
     )
-    block = encoder.block(0)
+    (block,) = encoder.blocks(np.array([0]), np.array([0]))
 
     def longitude_deg(*editions: str) -> float:
         (line,) = message_lines(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from support.asterix_input import plots
 from support.asterix_readers import items_of, read_blocks, values_of
 
-from plotfeed.proto.asterix.cat205 import BearingEncoder205, Message205
+from plotfeed.proto.asterix.cat205 import BearingEncoder205
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.errors import EncodeError
 
@@ -31,24 +31,6 @@ def test_each_bearing_has_a_block_of_its_own_and_a_number() -> None:
     assert len(blocks) == len(records) == 300
     assert [r.get("I205/040") for r in records] == [(250 + row) % 256 for row in range(300)]
     np.testing.assert_allclose([r.get("I205/070") for r in records], np.arange(300.0))
-
-
-def test_a_bearing_of_the_system() -> None:
-    encoder = BearingEncoder205(25, 3, **SITE, message=Message205.SYSTEM_BEARING, sensor=4)
-    record = one(encoder, azimuth_deg=12.34)
-    assert (record.get("I205/000"), record.get("I205/170")) == (2, 4)
-
-
-def test_channels_have_names() -> None:
-    encoder = BearingEncoder205(1, 1, **SITE, channel_names={0: "2437.00", 1: "5805.00"})
-    blocks = encoder.blocks(plots(channel=[1, 0] * 60, azimuth_deg=1.0), 0)
-    names = [decode(block)[0].get("I205/090") for block in blocks]
-    assert names == ["5805.00", "2437.00"] * 60
-    with pytest.raises(EncodeError, match="I205/090: no name for channel 2"):
-        encoder.blocks(plots(channel=2), 0)
-    wrong = BearingEncoder205(1, 1, **SITE, channel_names={0: "2437"})
-    with pytest.raises(EncodeError, match="I205/090"):
-        wrong.blocks(plots(azimuth_deg=1.0), 0)
 
 
 @given(st.floats(-720, 720))
@@ -85,8 +67,7 @@ def test_no_plots_make_no_blocks() -> None:
 
 
 def test_asterix_decoder_reads_bearings() -> None:
-    encoder = BearingEncoder205(25, 3, **SITE, sensor=4, channel_names={0: "2437.00"})
-    blocks = encoder.blocks(
+    blocks = ENCODER.blocks(
         plots(azimuth_deg=[123.456], amplitude_dbm=-80.0, snr=1e4, elevation_deg=-1.25), 10**9
     )
     ((record,),) = read_blocks(blocks)
@@ -96,10 +77,8 @@ def test_asterix_decoder_reads_bearings() -> None:
         "I205/000": [5],
         "I205/030": [1.0],
         "I205/040": [0],
-        "I205/090": ["2437.00"],
         "I205/050": pytest.approx([40.45, -3.73], abs=3e-6),
         "I205/070": pytest.approx([123.46]),
-        "I205/170": [4],
         "I205/180": pytest.approx([26.99]),
         "I205/190": [255],
         "I205/200": pytest.approx([-1.25]),

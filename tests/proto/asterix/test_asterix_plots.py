@@ -36,10 +36,6 @@ def test_a_plot_of_a_3d_radar_has_all_its_items() -> None:
     }
 
 
-def test_a_live_sensor_is_not_simulated() -> None:
-    assert one_plot(PlotEncoder048(1, 2, simulated=False), range_m=1.0).get("I048/020/SIM") == 0
-
-
 @pytest.mark.parametrize(
     ("columns", "items"),
     [

@@ -16,7 +16,7 @@ from plotfeed.proto.errors import EncodeError
 
 MANY = 100
 MONOSTATIC = PlotEncoder015(25, 3)
-MULTISTATIC = PlotEncoder015(25, 3, geometry=Geometry.MULTISTATIC, pairs={0: 7})
+MULTISTATIC = PlotEncoder015(25, 3, geometry=Geometry.MULTISTATIC)
 BEARINGS = PlotEncoder015(25, 3, geometry=Geometry.OTHER)
 MEASURED = {
     "sigma_range_m": 1.0,
@@ -57,18 +57,15 @@ def test_a_plot_has_all_that_is_measured() -> None:
     }
 
 
-def test_a_live_sensor_is_not_simulated() -> None:
-    encoder = PlotEncoder015(1, 1, simulated=False)
-    assert decode(encoder.blocks(plots(range_m=1.0))[0])[0].get("I015/020/TTAX") == 0
-
-
 def test_a_passive_radar_sends_bistatic_ranges_with_pairs_and_numbers() -> None:
-    measured = plots(bistatic_range_m=[-1.5, 2.5], range_m=[9.0, 9.0], sigma_bistatic_range_m=4.0)
+    measured = plots(
+        bistatic_range_m=[-1.5, 2.5], range_m=9.0, sigma_bistatic_range_m=4.0, channel=[4, 5]
+    )
     (block,) = MULTISTATIC.blocks(measured, first_observation=2**24 - 1)
     first, second = decode(block)
     assert first.get("I015/625") == {"R": -1.5, "SDR": 4.1}
-    assert first.get("I015/400") == {"PID": 7, "ON": 2**24 - 1}
-    assert second.get("I015/400") == {"PID": 7, "ON": 0}
+    assert first.get("I015/400") == {"PID": 4, "ON": 2**24 - 1}
+    assert second.get("I015/400") == {"PID": 5, "ON": 0}
 
 
 def test_microphones_send_no_range() -> None:
@@ -77,15 +74,7 @@ def test_microphones_send_no_range() -> None:
     assert record.get("I015/625") is None
 
 
-def test_channels_are_their_own_pairs_unless_told() -> None:
-    encoder = PlotEncoder015(1, 1, geometry=Geometry.MULTISTATIC)
-    (block,) = encoder.blocks(plots(channel=[4, 5], bistatic_range_m=1.0))
-    assert [record.get("I015/400/PID") for record in decode(block)] == [4, 5]
-
-
-def test_unknown_channels_and_kinds_are_refused() -> None:
-    with pytest.raises(EncodeError, match="I015/400/PID: no pair for channel 3"):
-        MULTISTATIC.blocks(plots(channel=3, bistatic_range_m=1.0))
+def test_unknown_kinds_are_refused() -> None:
     encoder = PlotEncoder015(1, 1, classes={"bird": 3})
     with pytest.raises(EncodeError, match="I015/300/0/CLS: no class for kind 'jet'"):
         encoder.blocks(plots(kind=np.array(["bird", "jet"], np.object_)))
@@ -111,9 +100,8 @@ def test_no_plots_make_no_blocks() -> None:
 
 
 def test_bad_settings_are_refused_at_once() -> None:
-    for settings in ({"max_octets": 30}, {"class_probability_pct": 128}):
-        with pytest.raises(EncodeError):
-            PlotEncoder015(1, 1, **settings)
+    with pytest.raises(EncodeError):
+        PlotEncoder015(1, 1, max_octets=30)
     with pytest.raises(EncodeError, match="I015/010/SAC"):
         PlotEncoder015(256, 1)
 

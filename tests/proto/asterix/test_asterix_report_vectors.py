@@ -12,9 +12,9 @@ from support.asterix_input import plots, tracks
 
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
 from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
-from plotfeed.proto.asterix.cat025 import Operation, State, StatusEncoder025
+from plotfeed.proto.asterix.cat025 import StatusEncoder025
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
-from plotfeed.proto.asterix.cat063 import Condition, SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.cat063 import StatusEncoder063
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "reports.json").read_text())
@@ -40,7 +40,7 @@ def records(blocks: list[bytes]) -> bytes:
 def test_plots_in_015(vector: dict[str, Any], n: int) -> None:
     expected = bytes.fromhex(vector["block"])
     geometry = Geometry(vector["geometry"])
-    encoder = PlotEncoder015(*SOURCE, geometry=geometry, pairs={2: 7}, classes={"multirotor": 300})
+    encoder = PlotEncoder015(*SOURCE, geometry=geometry, classes={"multirotor": 300})
     many = plots(**repeated({"range_m": np.nan} | vector["plot"], n))
     sent = encoder.blocks(many, first_observation=41)
     if n == 1:
@@ -56,12 +56,12 @@ def test_plots_in_015(vector: dict[str, Any], n: int) -> None:
 @pytest.mark.parametrize("vector", VECTORS["bearings"], ids=lambda v: v["case"])
 def test_bearings_in_205(vector: dict[str, Any], n: int) -> None:
     expected = bytes.fromhex(vector["block"])
-    encoder = BearingEncoder205(*SOURCE, **SITE, sensor=9, channel_names={0: "2437.00"})
+    encoder = BearingEncoder205(*SOURCE, **SITE)
     sent = encoder.blocks(
         plots(**repeated(vector["plot"], n)), vector["sent_utc_ns"], first_report=255
     )
     assert sent[0] == expected
-    number = expected.index(b"\xff2437")
+    number = expected.index(b"\xff\x00\x73")
     assert {block[:number] + block[number + 1 :] for block in sent} == {
         expected[:number] + expected[number + 1 :]
     }
@@ -97,19 +97,9 @@ def test_systems_in_016() -> None:
     assert [block.hex() for block in encoder.blocks(SECOND_NS)] == system["blocks"]
 
 
-@pytest.mark.parametrize("vector", VECTORS["status"], ids=lambda v: v["case"])
-def test_status_in_025(vector: dict[str, Any]) -> None:
-    encoder = StatusEncoder025(*SOURCE, **SITE, height_m=652.0, geoid_undulation_m=52.0)
-    kinds = {"operation": Operation, "service": State, "system": State}
-    status = {
-        name: kinds[name](value) if name in kinds else value
-        for name, value in vector["status"].items()
-    }
-    assert encoder.block(SECOND_NS, **status).hex() == vector["block"]
-
-
-def test_sensors_in_063() -> None:
-    well = SensorStatus(sac=25, sic=4)
-    ill = SensorStatus(sac=25, sic=5, condition=Condition.DEGRADED, radar_fails=True)
-    (block,) = SensorStatusEncoder063(*SOURCE).blocks(SECOND_NS, [well, ill])
-    assert block.hex() == VECTORS["sensors"]
+def test_status_in_025_and_063() -> None:
+    system = StatusEncoder025(*SOURCE, **SITE, height_m=652.0, geoid_undulation_m=52.0)
+    once = np.array([SECOND_NS]), np.array([0])
+    assert [block.hex() for block in system.blocks(*once)] == [VECTORS["status"]]
+    tracker = StatusEncoder063(*SOURCE).blocks(*once)
+    assert [block.hex() for block in tracker] == [VECTORS["tracker"]]

@@ -16,11 +16,9 @@ from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder
 from plotfeed.proto.asterix.cat025 import (
     CAT025,
     CAT025_HALF_TURN,
-    Operation,
-    State,
     StatusEncoder025,
 )
-from plotfeed.proto.asterix.cat063 import Condition, SensorStatus, SensorStatusEncoder063
+from plotfeed.proto.asterix.cat063 import StatusEncoder063
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.errors import EncodeError
@@ -28,6 +26,7 @@ from plotfeed.proto.errors import EncodeError
 MIDNIGHT_NS = 1_700_006_400 * 10**9
 MAST = Component(identity=1, latitude_deg=40.45, longitude_deg=-3.73, height_m=700.0)
 PAIR = Pair(identity=1, transmitter=1, receiver=1)
+FIRST = np.array([0])
 STATUS = StatusEncoder025(25, 3, latitude_deg=40.45, longitude_deg=-3.73, height_m=700.0)
 
 
@@ -114,21 +113,13 @@ def test_a_system_that_cannot_be_sent_is_refused_at_once(wrong: dict[str, Any]) 
 
 
 def test_status_has_what_asterix_decoder_reads_of_it() -> None:
-    block = STATUS.block(
-        MIDNIGHT_NS + 10**9,
-        released=False,
-        operation=Operation.STANDBY,
-        service=State.DEGRADED,
-        system=State.FAILED,
-        errors=[2, 3],
-    )
-    ((record,),) = read_blocks([block])
+    blocks = STATUS.blocks(np.array([MIDNIGHT_NS + 10**9]), FIRST)
+    ((record,),) = read_blocks(blocks)
     assert {name: values_of(item) for name, item in items_of(record).items()} == {
         "I025/010": [25, 3],
         "I025/000": [1, 0],
         "I025/070": [1.0],
-        "I025/100": [1, 1, 2, 1, 2],
-        "I025/105": [2, 3],
+        "I025/100": [0, 0, 0, 0, 0],
         "I025/600": pytest.approx([40.45, -3.73], abs=5e-8),
         "I025/610": [700.0],
     }
@@ -136,7 +127,7 @@ def test_status_has_what_asterix_decoder_reads_of_it() -> None:
 
 def test_status_goes_round_the_globe() -> None:
     encoder = StatusEncoder025(1, 1, latitude_deg=-90.0, longitude_deg=179.0, height_m=-1e6)
-    (record,) = decode(encoder.block(0))
+    (record,) = decode(encoder.blocks(FIRST, FIRST)[0])
     assert record.get("I025/600") == {"LAT": -90.0, "LON": pytest.approx(179.0, abs=5e-8)}
     assert record.get("I025/610") == -8192.0
 
@@ -145,16 +136,10 @@ def test_status_goes_round_the_globe() -> None:
 def test_the_north_pole_is_as_near_as_the_item_can_say(edition: Category) -> None:
     place = {"longitude_deg": 0.0, "height_m": 0.0}
     pole = StatusEncoder025(1, 1, latitude_deg=90.0, **place, category=edition)
-    there = pole.block(0).find(bytes.fromhex("7fffffff00000000"))
+    there = pole.blocks(FIRST, FIRST)[0].find(bytes.fromhex("7fffffff00000000"))
     assert there > 0
     with pytest.raises(EncodeError, match=r"90\.1"):
         StatusEncoder025(1, 1, latitude_deg=90.1, **place, category=edition)
-
-
-@pytest.mark.parametrize("errors", [[256], [-1], [1] * 256])
-def test_errors_that_cannot_be_sent_are_refused(errors: list[int]) -> None:
-    with pytest.raises(EncodeError):
-        STATUS.block(0, errors=errors)
 
 
 @pytest.mark.parametrize("place", [(91.0, 0.0), (0.0, 181.0), (0.0, math.nan)])
@@ -163,27 +148,19 @@ def test_a_place_off_the_globe_is_refused(place: tuple[float, float]) -> None:
         StatusEncoder025(1, 1, latitude_deg=place[0], longitude_deg=place[1], height_m=0.0)
 
 
-def test_sensors_are_records_in_their_order() -> None:
-    encoder = SensorStatusEncoder063(25, 3, max_octets=100)
-    sensors = [
-        SensorStatus(sac=25, sic=sic, condition=Condition(sic % 4), radar_fails=bool(sic % 2))
-        for sic in range(256)
-    ]
-    blocks = encoder.blocks(MIDNIGHT_NS, sensors)
-    assert max(map(len, blocks)) <= 100
-    records = [record for block in blocks for record in decode(block)]
-    assert [r.get("I063/050/SIC") for r in records] == list(range(256))
-    assert [r.get("I063/060/CON") for r in records] == [sic % 4 for sic in range(256)]
-    assert [r.get("I063/060/PSR") for r in records] == [sic % 2 for sic in range(256)]
-    assert encoder.blocks(0, []) == []
+def test_each_sensor_that_tracks_says_so_itself() -> None:
+    encoder = StatusEncoder063([25, 26], [3, 4])
+    blocks = encoder.blocks(np.array([MIDNIGHT_NS, MIDNIGHT_NS + 10**9]), np.array([1, 0]))
+    first, second = (record for block in blocks for record in decode(block))
+    assert first.get("I063/050") == {"SAC": 26, "SIC": 4}
+    assert (second.get("I063/010/SIC"), second.get("I063/030")) == (3, 1.0)
 
 
 def test_asterix_decoder_reads_the_status_of_sensors() -> None:
-    sensor = SensorStatus(sac=25, sic=9, condition=Condition.NOT_CONNECTED)
-    ((record,),) = read_blocks(SensorStatusEncoder063(25, 3).blocks(10**9, [sensor]))
+    ((record,),) = read_blocks(StatusEncoder063(25, 3).blocks(np.array([10**9]), FIRST))
     assert {name: values_of(item) for name, item in items_of(record).items()} == {
         "I063/010": [25, 3],
         "I063/030": [1.0],
-        "I063/050": [25, 9],
-        "I063/060": [3, 0, 0, 0, 0, 0],
+        "I063/050": [25, 3],
+        "I063/060": [0, 0, 0, 0, 0, 0],
     }

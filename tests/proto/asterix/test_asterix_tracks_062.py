@@ -39,12 +39,6 @@ def test_what_is_not_estimated_is_not_sent() -> None:
     assert everything == always | {"130", "220", "290", "500"}
 
 
-def test_a_live_track_is_not_simulated() -> None:
-    live = TrackEncoder062(1, 1, simulated=False)
-    assert one(track=1).get("I062/080/SIM") == 1
-    assert decode(live.blocks(tracks(track=1))[0])[0].get("I062/080/SIM") == 0
-
-
 @pytest.mark.parametrize("name", ESTIMATED)
 def test_what_is_estimated_now_and_then_is_refused(name: str) -> None:
     with pytest.raises(EncodeError):

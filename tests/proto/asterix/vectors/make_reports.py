@@ -101,7 +101,7 @@ def plot_hex(momu: int, sent: dict[str, int]) -> str:
         "020": ((momu, 3, 3, 0, None),),
         "145": sent["TOA"],
         "300": [(sent["CLS"], 100)] if "CLS" in sent else None,
-        "400": (("PID", 7), ("ON", 41)) if momu == 1 else None,
+        "400": (("PID", 2), ("ON", 41)) if momu == 1 else None,
         "625": subfields(sent, R=24, SDR=24),
         "627": subfields(sent, AZ=16, SDASZ=16),
         "628": subfields(sent, EL=16, SDEL=16),
@@ -149,10 +149,8 @@ def direction_hex(sent: dict[str, int]) -> str:
         "000": 5,
         "030": sent["TOD"],
         "040": 255,
-        "090": "2437.00",
         "050": (("LAT", 7_540_427), ("LON", twos(-695_322, 32))),
         "070": sent["BEARING"],
-        "170": 9,
     }
     names = {"180": ("LEVEL", 16), "190": ("QUALITY", 8), "200": ("ELEVATION", 16)}
     items |= {item: twos(sent[n], bits) for item, (n, bits) in names.items() if n in sent}
@@ -246,40 +244,23 @@ def system_hexes() -> list[str]:
     return [block_hex(Cat_016_1_0, common | items) for items in (system, components)]
 
 
-STATUS: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
-    ("in operation", {}, {}),
-    (
-        "degraded",
-        {"released": False, "operation": 2, "service": 2, "system": 1, "errors": [2, 5]},
-        {"first": (1, 2, 2), "second": (1, 2), "errors": [2, 5]},
-    ),
-    ("an event", {"event": True}, {"event": 1}),
-]
-
-
-def status_hex(sent: dict[str, Any]) -> str:
+def status_hex() -> str:
     """A data block of one status."""
     items = {
         "010": SOURCE,
-        "000": (1, sent.get("event", 0)),
+        "000": (1, 0),
         "070": 128,
-        "100": ((*sent.get("first", (0, 0, 0)), None), (0, *sent.get("second", (0, 0)), None)),
+        "100": ((0, 0, 0, None), (0, 0, 0, None)),
         "600": (("LAT", 965_174_595), ("LON", twos(-44_500_633, 32))),
         "610": 2400,
     }
-    if "errors" in sent:
-        items["105"] = sent["errors"]
     return block_hex(Cat_025_1_6, items)
 
 
-def sensors_hex() -> str:
-    """A data block of two sensors."""
-    common = {"010": SOURCE, "030": 128}
-    return block_hex(
-        Cat_063_1_7,
-        common | {"050": (("SAC", 25), ("SIC", 4)), "060": ((0, 0, 0, 0, 0, 0, None),)},
-        common | {"050": (("SAC", 25), ("SIC", 5)), "060": ((1, 1, 0, 0, 0, 0, None),)},
-    )
+def tracker_hex() -> str:
+    """A data block of a sensor that works."""
+    items = {"010": SOURCE, "030": 128, "050": SOURCE, "060": ((0, 0, 0, 0, 0, 0, None),)}
+    return block_hex(Cat_063_1_7, items)
 
 
 def plots() -> list[dict[str, Any]]:
@@ -338,11 +319,8 @@ def main() -> None:
             "pairs": PAIRS,
             "blocks": system_hexes(),
         },
-        "status": [
-            {"case": case, "status": status, "block": status_hex(sent)}
-            for case, status, sent in STATUS
-        ],
-        "sensors": sensors_hex(),
+        "status": status_hex(),
+        "tracker": tracker_hex(),
     }
     VECTORS.write_text(json.dumps(vectors, indent=1) + "\n")
 
