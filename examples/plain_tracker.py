@@ -26,7 +26,7 @@ from plotfeed.models.track_lives import TrackRule
 from plotfeed.models.tracks import TrackStates
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.plot_messages import batch_in, plots_of_batch
+from plotfeed.proto.plot_messages import batch_in, plots_of_batches
 from plotfeed.proto.tracks.told_tracks import Tracks
 
 NS = 1_000_000_000
@@ -68,7 +68,7 @@ class Follower:
             (batch.scan * self.sectors + batch.sector + more) * self.period_ns // self.sectors
             for more in (0, 1)
         )
-        measured = plots_of_batch(batch)
+        measured = plots_of_batches([batch])
         plots = Plots.of(
             t_utc_ns=measured.t_utc_ns.astype(np.int64),
             **{name: np.array(getattr(measured, name)) for name in MEASURED},

@@ -118,17 +118,14 @@ def batch_in(payload: bytes) -> pb.PlotBatch:
 
 def plots_in_batch(payload: bytes, _near_utc_ns: int = 0) -> MeasuredPlots:
     """Plots of an encoded batch, whose times need none that is near; raises `DecodeError`."""
-    return plots_of_batch(batch_in(payload))
+    return plots_of_batches([batch_in(payload)])
 
 
-def plots_of_batch(batch: pb.PlotBatch) -> MeasuredPlots:
-    """Plots of a batch."""
+def plots_of_batches(batches: Sequence[pb.PlotBatch]) -> MeasuredPlots:
+    """Plots of batches, in their order."""
     return MeasuredPlots.of(
-        {
-            "t_utc_ns": plot.time_utc_ns,
-            "sensor": batch.sensor,
-            "channel": plot.channel,
-            **{field.name: value for field, value in plot.ListFields()},
-        }
+        {"t_utc_ns": plot.time_utc_ns, "sensor": batch.sensor, "channel": plot.channel}
+        | {field.name: value for field, value in plot.ListFields()}
+        for batch in batches
         for plot in batch.plots
     )

@@ -24,7 +24,7 @@ from section_4 import (
     scene_with,
 )
 
-from plotfeed.feeds.report.spreads import TWO_SIDED_95
+from plotfeed.feeds.lab.laws import TWO_SIDED_95
 from plotfeed.models.sensors.sensor_model import Prediction
 
 mpl.use("agg")

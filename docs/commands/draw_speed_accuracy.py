@@ -12,11 +12,10 @@ from typing import Any
 
 from pages import between, table
 
-from plotfeed.feeds.accuracy_chart.chart import charted
-from plotfeed.feeds.accuracy_chart.chart_command import as_values, verdict
-from plotfeed.feeds.accuracy_chart.chart_pictures import draw
-from plotfeed.feeds.accuracy_chart.stage import Effort, errors_text, ns_text, share_text
 from plotfeed.feeds.console.process import keep_freed
+from plotfeed.feeds.lab.chart import charted
+from plotfeed.feeds.lab.chart_command import as_values, draw_chart, verdict
+from plotfeed.feeds.lab.charted import Effort, errors_text, ns_text, share_text
 from plotfeed.feeds.scene.scene import example
 
 DOCS = Path(__file__).parents[1]
@@ -65,7 +64,7 @@ def main() -> None:
     """Measure once, draw, and write."""
     keep_freed()
     chart = charted(example("section-4"), Effort.usual(TARGETS))
-    draw(chart, PICTURES, "png")
+    draw_chart(chart, PICTURES, "png")
     between(PAGE, "charted", tables(as_values(chart)))
 
 

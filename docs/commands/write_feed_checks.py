@@ -27,16 +27,15 @@ from scipy.stats import binom
 
 import plotfeed.feeds.scene.examples
 from plotfeed.feeds.engine.simulation import simulate
+from plotfeed.feeds.lab.feed_checks import FALSE_RATE, check_feed, feed_checks, simulated_feed
+from plotfeed.feeds.lab.laws import share_interval
+from plotfeed.feeds.lab.live import LiveScore
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
-from plotfeed.feeds.report.spreads import share_interval
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.score.feed_checks import FALSE_RATE, check_feed, simulated_feed
-from plotfeed.feeds.score.feed_residuals import feed_checks
-from plotfeed.feeds.score.live_score import LiveScore
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.scoring.residuals import judged_wrong
+from plotfeed.models.residuals import judged_wrong
 from plotfeed.proto.utc import NS
 
 DOCS = Path(__file__).parents[1]

@@ -23,7 +23,7 @@ from section_4 import (
 )
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor
-from plotfeed.feeds.report.spreads import share_interval
+from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.scene.scene import example
 
 PAGE = Path(__file__).parents[1] / "section-4.md"

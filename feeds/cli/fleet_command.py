@@ -20,12 +20,12 @@ from plotfeed.feeds.fleet.fleet_link import FleetLink, health
 from plotfeed.feeds.fleet.fleet_parts import FleetSettings
 from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows, told_in
 from plotfeed.feeds.fleet.ray_workers import starter
+from plotfeed.feeds.lab.runs import connected
 from plotfeed.feeds.page.page_access import PageAddress, fixed_tokens
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.outputs import NO_BROKER, broker_address
 from plotfeed.feeds.session.session_part import FLEET
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.workers.ray_engine import connected
 from plotfeed.proto.errors import PlotfeedError
 
 CONNECT_S = 15.0

@@ -254,7 +254,7 @@ def check(scene: Path, **options: Any) -> int:
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as one JSON object.")
 def chart(scene: Path, **options: Any) -> int:
     """Chart speed against accuracy: every stage of SCENE, a TOML file, by other methods."""
-    from plotfeed.feeds.accuracy_chart.chart_command import print_chart
+    from plotfeed.feeds.lab.chart_command import print_chart
     from plotfeed.feeds.scene.scene import load
 
     print_chart(load(scene), **options)

@@ -288,7 +288,7 @@ def report(recording: Path, **options: Any) -> int:
 
     FILE is MCAP, made by run --record or by record: delays, losses, detection, errors of plots.
     """
-    from plotfeed.feeds.report.report_text import print_report
+    from plotfeed.feeds.lab.report import print_report
 
     return print_report(recording, **options)
 

@@ -189,7 +189,7 @@ def _runner(scene: Scene, settings: RunSettings) -> RunSession:
     """What runs it without a page: with a score beside it, if there is a tracker to hear."""
     if scene.page.tracks_topic is None or settings.broker == NO_BROKER:
         return run
-    from plotfeed.feeds.score.live_scoring import run_scored
+    from plotfeed.feeds.lab.live import run_scored
 
     return run_scored
 

@@ -164,8 +164,7 @@ def score(recording: Path, **options: Any) -> int:
     beside it, and draws its score against the level. What is in braces in COMMAND is filled in:
     {broker}, {host}, {port}, {prefix}, {topic}. The same command goes on after an interruption.
     """
-    from plotfeed.feeds.score.score_command import ScoreOptions, score_recording, settings_of
-    from plotfeed.feeds.score.score_profiles import load_profile
+    from plotfeed.feeds.lab.score import ScoreOptions, load_profile, score_recording, settings_of
 
     of_tracker = {name: options.pop(name) for name in TRACKER_NAMES}
     found = ScoreOptions(**options)
@@ -173,7 +172,7 @@ def score(recording: Path, **options: Any) -> int:
         if of_tracker["vary"]:
             raise click.UsageError("--vary needs --tracker")
         return score_recording(recording, found)
-    from plotfeed.feeds.score.tracker_sweep import TrackerSettings, score_tracker
+    from plotfeed.feeds.lab.studies import TrackerSettings, score_tracker
 
     for name in OF_FILES:
         if options[name]:

@@ -96,6 +96,6 @@ def sweep(scenes: tuple[Path, ...], **options: Any) -> int:
     Tables are Parquet, or CSV where that cannot be written. What is done is kept: the same command
     goes on after an interruption.
     """
-    from plotfeed.feeds.sweep.sweep_command import SweepSettings, run_sweep
+    from plotfeed.feeds.lab.studies import SweepSettings, run_sweep
 
     return run_sweep(scenes, SweepSettings(**options))

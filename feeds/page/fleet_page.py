@@ -12,6 +12,7 @@ import numpy as np
 from plotfeed.feeds.fleet.fleet_link import FleetLink, health
 from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows
 from plotfeed.feeds.formats import FORMATS
+from plotfeed.feeds.lab.evidence import plot_topics
 from plotfeed.feeds.page.connections import connections
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.recorded_sectors import nobody_s
@@ -25,7 +26,6 @@ from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.shown_settings import tell_settings
 from plotfeed.feeds.page.updates import NoControls
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recording.recorded_session import plot_topics
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS

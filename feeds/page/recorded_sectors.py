@@ -3,35 +3,49 @@
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, chain
+from itertools import accumulate, pairwise
 from operator import itemgetter
-from typing import NamedTuple
+from pathlib import Path
+from typing import NamedTuple, Self
 
 import numpy as np
-from google.protobuf.message import DecodeError as ProtobufDecodeError
 
-from plotfeed.feeds.recording.recorded_session import (
+from plotfeed.feeds.lab.asked import RecordedSettings
+from plotfeed.feeds.lab.evidence import (
     NO_PLOTS,
-    RecordedSession,
     SectorKey,
-    Truth,
     WaitingPlots,
-    measured_in,
-    name_in,
+    are_targets,
+    names_of,
+    plot_topics,
     sector_plots,
 )
+from plotfeed.feeds.lab.ledger_columns import (
+    LedgerTables,
+    ToldLooks,
+    ToldMessages,
+    ToldPlots,
+    tables_of,
+)
+from plotfeed.feeds.recording.session_again import recorded_scene
+from plotfeed.feeds.replaying.replay_settings import Selection
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.live_samples import fit_velocity
-from plotfeed.models.state import FALSE_ALARM, Floats, Ints, Looks, Plots, TruthState
+from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
+from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.proto.utc import DAY_NS, NS
+from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.recorded import WHAT_LEFT, Recorded
+from plotfeed.replay.plots_csv import plots_in
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 UNKNOWN_DRONE = -2
 """Of a plot of which nothing says whose it is; pages know it."""
@@ -54,20 +68,18 @@ class DroneNumbers:
         return number
 
 
-def plots_of(
-    measured: MeasuredPlots, truths: Sequence[pb.PlotTruth], drones: DroneNumbers
-) -> Plots:
+def plots_of(measured: MeasuredPlots, told: ToldPlots, drones: DroneNumbers) -> Plots:
     """Plots, and whose they are as the ledger says in the same order."""
-    merged = np.empty(len(truths), np.object_)
-    merged[:] = [tuple(map(drones.of, truth.merged_drones)) for truth in truths]
-    truth = Truth.of(truths)
-    range_m, azimuth_deg, elevation_deg = np.where(truth.of_drone, truth.values.T, np.nan)
-    return nobody_s(measured.but(t_utc_ns=truth.t_utc_ns)).but(
-        drone=_ints(drones.of(name) if (name := name_in(t)) else FALSE_ALARM for t in truths),
+    names = names_of(told)
+    is_target = are_targets(names)
+    merged = np.empty(len(told), np.object_)
+    merged[:] = [tuple(map(drones.of, each)) for each in told.merged_drones]
+    return nobody_s(measured.but(t_utc_ns=told.t_utc_ns)).but(
+        drone=_ints(drones.of(name) if name else FALSE_ALARM for name in names),
         merged_drones=merged,
-        true_range_m=_within(MOST_M, range_m),
-        true_azimuth_deg=_within(MOST_DEG, azimuth_deg),
-        true_elevation_deg=_within(MOST_DEG, elevation_deg),
+        true_range_m=_within(MOST_M, np.where(is_target, told.range_m, np.nan)),
+        true_azimuth_deg=_within(MOST_DEG, np.where(is_target, told.azimuth_deg, np.nan)),
+        true_elevation_deg=_within(MOST_DEG, np.where(is_target, told.elevation_deg, np.nan)),
     )
 
 
@@ -84,19 +96,19 @@ def nobody_s(measured: MeasuredPlots) -> Plots:
     )
 
 
-def looks_of(looks: Sequence[pb.Look], drones: DroneNumbers) -> Looks:
+def looks_of(told: ToldLooks, drones: DroneNumbers) -> Looks:
     """What the ledger says that sensors looked at."""
     return Looks(
-        drone=_ints(drones.of(name_in(look)) for look in looks),
-        channel=_ints(look.channel for look in looks),
-        t_utc_ns=_ints(look.time_utc_ns for look in looks),
-        range_m=np.nan_to_num(_within(MOST_M, (look.range_m for look in looks))),
-        azimuth_deg=_within(MOST_DEG, (look.azimuth_deg for look in looks)),
-        elevation_deg=_within(MOST_DEG, (look.elevation_deg for look in looks)),
-        snr=_ratio(look.snr_db for look in looks),
-        pd=np.nan_to_num(_within(1.0, (look.pd for look in looks))).clip(0.0),
-        detected=np.array([look.detected for look in looks], np.bool_),
-        emitted_utc_ns=_ints(look.emitted_utc_ns for look in looks),
+        drone=_ints(drones.of(name) for name in names_of(told)),
+        channel=told.channel,
+        t_utc_ns=told.t_utc_ns,
+        range_m=np.nan_to_num(_within(MOST_M, told.range_m)),
+        azimuth_deg=_within(MOST_DEG, told.azimuth_deg),
+        elevation_deg=_within(MOST_DEG, told.elevation_deg),
+        snr=_ratio(told.snr_db),
+        pd=np.nan_to_num(_within(1.0, told.pd)).clip(0.0),
+        detected=told.detected,
+        emitted_utc_ns=told.emitted_utc_ns,
     )
 
 
@@ -104,14 +116,113 @@ def _ints(values: Iterable[int]) -> Ints:
     return np.fromiter(values, np.int64)
 
 
-def _within(most: float, values: Iterable[float]) -> Floats:
-    column = values if isinstance(values, np.ndarray) else np.fromiter(values, np.float64)
+def _within(most: float, column: Floats) -> Floats:
     return np.where(np.abs(column) <= most, column, np.nan)
 
 
-def _ratio(decibels: Iterable[float]) -> Floats:
+def _ratio(decibels: Floats) -> Floats:
     ratio: Floats = 10.0 ** (_within(MOST_DB, decibels) / 10.0)
     return ratio
+
+
+def measured_in(message: Recorded) -> MeasuredPlots:
+    """The plots in a message; none if it cannot be read."""
+    try:
+        is_batch = message.topic.endswith("/plots")
+        found = plots_in_batch(message.payload) if is_batch else plots_in(message)
+    except DecodeError:
+        found = None
+    return NO_PLOTS if found is None else found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedSession:
+    """What there is to know of a recording before its messages are read one by one."""
+
+    path: Path
+    scene: Scene
+    start_ns: int
+    """Log time of its first message."""
+    end_ns: int
+    ledger: str | None
+    """The topic of the ledger; None if it holds none."""
+    carriers: Mapping[str, str]
+    """Sensors, by the topics from which their plots are taken."""
+    carried: tuple[Stage, ...]
+    """The stages at which they are."""
+    settings: RecordedSettings
+    notes: tuple[str, ...]
+    """Sentences on what of it is not shown."""
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Read it to its end; raises `PlotfeedError` in one line if it cannot be shown."""
+        try:
+            with McapReader(path) as log:
+                return cls._of(path, log)
+        except OSError as error:
+            raise PlotfeedError(f"{path.name}: {error.strerror or error}") from None
+        except PlotfeedError as error:
+            line = str(error).partition("\n")[0].removeprefix(f"{path}: ")
+            raise PlotfeedError(f"{path.name}: {line}") from None
+
+    @classmethod
+    def _of(cls, path: Path, log: McapReader) -> Self:
+        summary = log.summary()
+        scene = recorded_scene(path, log)
+        series = summary.counts.keys()
+        if summary.start_ns is None or summary.end_ns is None or not any(map(_is_sent, series)):
+            raise PlotfeedError("expected messages that sensors sent; it holds none")
+        if summary.end_ns > LATEST_UTC_NS:
+            raise PlotfeedError("expected times before the year 2262")
+        ledger = f"{scene.mqtt.prefix}/truth"
+        has_ledger = any(s.topic == ledger and s.stage in WHAT_LEFT for s in series)
+        has_before = any(s.stage is Stage.BEFORE for s in series)
+        carried = (Stage.BEFORE,) if has_ledger and has_before else WHAT_LEFT
+        carriers = _carriers(scene, {s.topic for s in series if s.stage in carried})
+        if not has_ledger and not carriers:
+            raise PlotfeedError(
+                f"no plots to show: expected the ledger, {scene.mqtt.prefix}/SENSOR/plots, "
+                "or ASTERIX 048, 015 or 205"
+            )
+        settings = RecordedSettings.read(scene, log)  # to the end, so that damage is known
+        return cls(
+            path=path,
+            scene=scene,
+            start_ns=summary.start_ns,
+            end_ns=summary.end_ns,
+            ledger=ledger if has_ledger else None,
+            carriers=carriers,
+            carried=carried,
+            settings=settings,
+            notes=tuple(_notes(scene, carriers, len(log.damage), has_ledger=has_ledger)),
+        )
+
+
+def _is_sent(series: ChannelKey) -> bool:
+    return Selection().takes(series.topic, series.content_type, series.stage)
+
+
+def _carriers(scene: Scene, topics: set[str]) -> dict[str, str]:
+    found = {}
+    for sensor in scene.sensor:
+        of_sensor = (f"{scene.mqtt.prefix}/{sensor.id}/{end}" for end in plot_topics())
+        topic = next((topic for topic in of_sensor if topic in topics), None)
+        if topic is not None:
+            found[topic] = sensor.id
+    return found
+
+
+def _notes(
+    scene: Scene, carriers: Mapping[str, str], damaged: int, *, has_ledger: bool
+) -> Iterable[str]:
+    if damaged:
+        yield f"Damaged places that are left out: {damaged}."
+    if not has_ledger:
+        yield "It holds no ledger: no truth, and nothing of what was lost, is known of it."
+    silent: Sequence[str] = [s.id for s in scene.sensor if s.id not in carriers.values()]
+    if silent:
+        yield f"It holds no plots of {', '.join(silent)} that can be read."
 
 
 FAR_NS = DAY_NS
@@ -130,15 +241,6 @@ class RecordedSector:
     sent: Sequence[pb.Sent]
     link: str | None
     """The link's keys then, in JSON, empty for none; None if that is not known."""
-
-
-class _Entry(NamedTuple):
-    """A sector as it was read."""
-
-    at_ns: int
-    told: pb.Ledger
-    """Without plots where those that were measured are not known."""
-    measured: MeasuredPlots
 
 
 class RecordedSectors:
@@ -160,49 +262,58 @@ class RecordedSectors:
 
     def until(self, t_ns: int) -> list[RecordedSector]:
         """What was known then, and is new since the last call."""
-        entries: list[_Entry] = []
+        ledgers: list[Recorded] = []
+        carried: list[Recorded] = []
         message = self._next or next(self._messages, None)
         while message is not None and message.log_time_ns <= t_ns:
-            entries += self._taken(message)
+            if message.topic == self._recording.ledger:
+                ledgers.append(message)
+            elif message.stage in self._recording.carried:
+                carried.append(message)
             message = next(self._messages, None)
         self.read_ns, self._next = t_ns, message
-        return list(self._sectors(entries))
-
-    def _taken(self, message: Recorded) -> Iterator[_Entry]:
-        if message.topic == self._recording.ledger:
-            yield from self._entry(message)
-        elif message.stage not in self._recording.carried:
-            return
-        elif self._recording.ledger is None:
-            yield self._alone(message)
-        else:
-            self._wait(message)
-
-    def _wait(self, message: Recorded) -> None:
-        """Keep plots until the ledger tells of them."""
-        sensor = self._recording.carriers[message.topic]
-        found = sector_plots(message, self._prefix, sensor)
-        if found is not None:
+        if self._recording.ledger is None:
+            return [self._alone(each) for each in carried]
+        for found in sector_plots(carried, self._whose):
             self._waiting.add(found)
+        return list(self._sectors(ledgers))
 
-    def _entry(self, message: Recorded) -> Iterator[_Entry]:
-        """Take an entry of the ledger; what is none, or of another time, is passed over."""
-        try:
-            told = pb.Ledger.FromString(message.payload)
-        except ProtobufDecodeError:
-            return
-        if not self._is_plausible(told):
-            return
-        key = SectorKey(self._prefix, told.sensor, told.scan, told.sector)
-        measured = self._waiting.take(key, Truth.of(told.plots))
-        if measured is None:
-            del told.plots[:]
-        yield _Entry(message.log_time_ns, told, NO_PLOTS if measured is None else measured)
+    def _whose(self, message: Recorded) -> tuple[str, str]:
+        return self._prefix, self._recording.carriers[message.topic]
 
-    def _alone(self, message: Recorded) -> _Entry:
+    def _sectors(self, ledgers: Sequence[Recorded]) -> Iterator[RecordedSector]:
+        """Entries of the ledger with their plots; those of other times are passed over."""
+        told = tables_of(message.payload for message in ledgers)
+        told = told.of(np.flatnonzero(self._are_plausible(told)))
+        of, numbers = told.entries, np.arange(len(told) + 1)
+        look_ends, plot_ends, sent_ends = (
+            np.searchsorted(table.entry, numbers).tolist()
+            for table in (told.looks, told.plots, told.messages)
+        )
+        parts, is_known = [NO_PLOTS], np.zeros(len(told.plots), np.bool_)
+        for i, (first, end) in enumerate(pairwise(plot_ends)):
+            key = SectorKey(self._prefix, of.sensor[i], int(of.scan[i]), int(of.sector[i]))
+            measured = self._waiting.take(key, told.plots.t_utc_ns[first:end])
+            is_known[first:end] = measured is not None
+            parts.append(NO_PLOTS if measured is None else measured)
+        plots = plots_of(MeasuredPlots.joined(parts), told.plots.rows(is_known), self._drones)
+        looks, sent = looks_of(told.looks, self._drones), sent_of(told.messages)
+        plot_ends = list(accumulate(map(len, parts)))
+        for i, payload in enumerate(of.payload.tolist()):
+            yield RecordedSector(
+                at_ns=ledgers[payload].log_time_ns,
+                sensor=of.sensor[i],
+                looks=looks.between(look_ends[i], look_ends[i + 1]),
+                plots=plots.between(plot_ends[i], plot_ends[i + 1]),
+                sent=sent[sent_ends[i] : sent_ends[i + 1]],
+                link=of.link[i],
+            )
+
+    def _alone(self, message: Recorded) -> RecordedSector:
         """Plots as they were delivered, and nothing besides."""
-        told = pb.Ledger(sensor=self._recording.carriers[message.topic])
-        told.messages.add(
+        measured, due_ns = measured_in(message), message.publish_time_ns
+        times_ns = [due_ns if t_ns is None else t_ns for t_ns in measured.t_utc_ns]
+        sent = pb.Sent(
             topic=message.topic,
             due_utc_ns=message.publish_time_ns,
             link_due_utc_ns=message.log_time_ns,
@@ -210,43 +321,39 @@ class RecordedSectors:
             delivered=True,
             fate=pb.SENT,
         )
-        measured, due_ns = measured_in(message), message.publish_time_ns
-        times_ns = [due_ns if t_ns is None else t_ns for t_ns in measured.t_utc_ns]
-        timed = measured.but(t_utc_ns=np.array(times_ns, np.int64))
-        return _Entry(message.log_time_ns, told, timed)
-
-    def _sectors(self, entries: Sequence[_Entry]) -> Iterator[RecordedSector]:
-        """Columns of all entries, made at once and cut."""
-        has_ledger = self._recording.ledger is not None
-        measured = MeasuredPlots.joined([NO_PLOTS, *(entry.measured for entry in entries)])
-        truths = list(chain.from_iterable(entry.told.plots for entry in entries))
-        plots = plots_of(measured, truths, self._drones) if has_ledger else nobody_s(measured)
-        told_looks = chain.from_iterable(entry.told.looks for entry in entries)
-        looks = looks_of(list(told_looks), self._drones)
-        plot_ends = accumulate(len(entry.measured) for entry in entries)
-        look_ends = accumulate(len(entry.told.looks) for entry in entries)
-        for entry, plot_end, look_end in zip(entries, plot_ends, look_ends, strict=True):
-            yield RecordedSector(
-                at_ns=entry.at_ns,
-                sensor=entry.told.sensor,
-                looks=looks.between(look_end - len(entry.told.looks), look_end),
-                plots=plots.between(plot_end - len(entry.measured), plot_end),
-                sent=entry.told.messages,
-                link=entry.told.link if has_ledger else None,
-            )
-
-    def _is_plausible(self, told: pb.Ledger) -> bool:
-        """Tell whether times of an entry are near those of the recording."""
-        first_ns, last_ns = self._recording.start_ns - FAR_NS, self._recording.end_ns + FAR_NS
-        times = chain(
-            (look.time_utc_ns for look in told.looks),
-            (look.emitted_utc_ns or first_ns for look in told.looks),
-            (plot.time_utc_ns for plot in told.plots),
-            (one.due_utc_ns for one in told.messages),
-            (one.sent_utc_ns or first_ns for one in told.messages),
-            (one.link_due_utc_ns or first_ns for one in told.messages),
+        return RecordedSector(
+            at_ns=message.log_time_ns,
+            sensor=self._recording.carriers[message.topic],
+            looks=looks_of(tables_of(()).looks, self._drones),
+            plots=nobody_s(measured.but(t_utc_ns=np.array(times_ns, np.int64))),
+            sent=[sent],
+            link=None,
         )
-        return all(first_ns <= t_ns <= last_ns for t_ns in times)
+
+    def _are_plausible(self, told: LedgerTables) -> Bools:
+        """Whether times of each entry are near those of the recording."""
+        first_ns, last_ns = self._recording.start_ns - FAR_NS, self._recording.end_ns + FAR_NS
+        good = np.ones(len(told), np.bool_)
+        for table, names in (
+            (told.looks, ("t_utc_ns", "emitted_utc_ns")),
+            (told.plots, ("t_utc_ns",)),
+            (told.messages, ("due_utc_ns", "sent_utc_ns", "link_due_utc_ns")),
+        ):
+            for name in names:
+                t_ns = getattr(table, name)
+                near = (t_ns >= first_ns) & (t_ns <= last_ns)
+                if name not in ("t_utc_ns", "due_utc_ns"):
+                    near |= t_ns == 0  # it is not told
+                good[table.entry[~near]] = False
+        return good
+
+
+def sent_of(told: ToldMessages) -> list[pb.Sent]:
+    """What became of messages, as a session tells it."""
+    names = [name for name in vars(told) if name not in ("entry", "flipped_bit", "not_to")]
+    columns = (getattr(told, name).tolist() for name in names)
+    rows = zip(*columns, strict=True)
+    return [pb.Sent(**dict(zip(names, row, strict=True))) for row in rows]
 
 
 KEPT = 12

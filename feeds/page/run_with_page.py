@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.lab.live import LiveScore, is_scored, scoring
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.connections import connections
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
+from plotfeed.feeds.page.recorded_sectors import RecordedSession
 from plotfeed.feeds.page.scene_outline import Basemap, load_basemap, pointing_of
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
@@ -21,13 +23,10 @@ from plotfeed.feeds.page.shown_tracks import tracks_to_show
 from plotfeed.feeds.page.time_marks import TimeMarks
 from plotfeed.feeds.page.updates import Controls, NoControls
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.score.live_score import LiveScore
-from plotfeed.feeds.score.live_scoring import is_scored, scoring
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over

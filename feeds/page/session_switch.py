@@ -12,10 +12,10 @@ from typing import Any
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.page_replay import EXPECTED, REFUSES, REPLAY_CONTROLS, PageReplay
+from plotfeed.feeds.page.recorded_sectors import RecordedSession
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recording.recorded_session import RecordedSession
 from plotfeed.feeds.recording.recorder import SUFFIX, Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import Scene, example, load

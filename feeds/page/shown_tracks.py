@@ -9,10 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from plotfeed.feeds.lab.track_reports import ToldTrack, tracks_in
 from plotfeed.feeds.page.shown import KEPT_NS
 from plotfeed.feeds.page.updates import COUNT_MASK, LAYOUTS, SectionKind, TrackFlag, section
-from plotfeed.feeds.score.track_decoding import tracks_in
-from plotfeed.feeds.score.track_table import ToldTrack
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats

@@ -18,6 +18,7 @@ from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.impairment.losses import LossChain
+from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.audience import CONCEALS, without_truth
 from plotfeed.feeds.page.recorded_sectors import RecordedSector
@@ -37,7 +38,6 @@ from plotfeed.feeds.page.updates import (
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.score.track_table import ToldTrack
 from plotfeed.models.state import Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 

@@ -40,12 +40,12 @@ from plotfeed.feeds.fleet.coordinator import Coordinator  # noqa: E402
 from plotfeed.feeds.fleet.fleet_parts import LATE, FleetSettings, Worker  # noqa: E402
 from plotfeed.feeds.fleet.partition import partition  # noqa: E402
 from plotfeed.feeds.fleet.ray_workers import starter  # noqa: E402
+from plotfeed.feeds.lab.runs import connected  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene  # noqa: E402
 from plotfeed.feeds.session.observer import Observer, RunningSession  # noqa: E402
 from plotfeed.feeds.session.session import run_over  # noqa: E402
 from plotfeed.feeds.session.session_part import SessionPart  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock  # noqa: E402
-from plotfeed.feeds.workers.ray_engine import connected  # noqa: E402
 
 RADARS, DRONES, SIMULATED_S, RUNS = 100, 50, 60.0, 4
 SPEEDUP, MOST_SCANS = 1.8, 2.0

@@ -21,13 +21,11 @@ import numpy as np
 from aims import aim, ratios, spread
 from scipy.spatial.distance import cdist
 
-from plotfeed.feeds.score.flights_told import Truths
-from plotfeed.feeds.score.score_settings import ScoreSettings
-from plotfeed.feeds.score.scoring import score_run
-from plotfeed.feeds.score.track_table import ReportedTracks, TracksRead
+from plotfeed.feeds.lab.flights import Truths
+from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
+from plotfeed.feeds.lab.track_reports import ReportedTracks, TracksRead
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.scoring.flight_paths import FlightPath
-from plotfeed.models.scoring.set_metrics import set_score
+from plotfeed.models.track_metrics import FlightPath, set_score
 
 DRONES, GHOSTS, SECONDS, REPEATS = 100, 10, 600, 3
 START_NS, NS, HOUR_S = 1_767_268_800_000_000_000, 1_000_000_000, 3600

@@ -19,10 +19,9 @@ from pathlib import Path
 
 from aims import aim, ratios, spread
 
-from plotfeed.feeds.sweep.levels import SweepLevel, levels_of
-from plotfeed.feeds.sweep.one_run import RunJob, RunPlan, run_once
-from plotfeed.feeds.sweep.varied_keys import VariedKey
-from plotfeed.feeds.workers.spread import spread as spread_over
+from plotfeed.feeds.lab.runs import SweepLevel, VariedKey, levels_of
+from plotfeed.feeds.lab.runs import spread as spread_over
+from plotfeed.feeds.lab.sweep import RunJob, RunPlan, run_once
 
 REPEATS, RUNS = 3, 30
 AIM = 1.8

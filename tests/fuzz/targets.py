@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from plotfeed.feeds.lab.track_reports import tracks_in
 from plotfeed.feeds.page.updates import ControlRequest, request_in
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.changes import changed, command_of, parsed
@@ -15,7 +16,6 @@ from plotfeed.feeds.scene.mapping_keys import TelemetryMapping
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
 from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
-from plotfeed.feeds.score.track_decoding import tracks_in
 from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions, Reader
 from plotfeed.feeds.telemetry.flights.flight import Log

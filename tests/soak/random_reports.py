@@ -24,8 +24,8 @@ from pages import between, table
 from support.judged_scenes import LINKS, JudgedScene, judged_scene
 from support.random_scenes import SECONDS
 
-from plotfeed.feeds.report.spreads import share_interval
-from plotfeed.feeds.report.verdicts import FALSE_VERDICTS
+from plotfeed.feeds.lab.checks import FALSE_VERDICTS
+from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.scene.sensors import SENSORS
 
 PAGE = Path(__file__).parents[2] / "docs" / "report.md"

@@ -12,9 +12,9 @@ from support.every_kind import EMITTER, RADAR, SENSORS, drones
 from support.road import START_NS, Road, Table, fly, held, radar, rotating, scene, staring
 from support.significance import Array, assert_chance, assert_standard_normal, assert_sum
 
-from plotfeed.feeds.accuracy_chart.case import error_law
-from plotfeed.feeds.accuracy_chart.stage_detection import detection_law
 from plotfeed.feeds.formats.sapient.sapient_node import detection_confidence_of, node_of
+from plotfeed.feeds.lab.charted import error_law
+from plotfeed.feeds.lab.methods import detection_law
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Emitter, Signature

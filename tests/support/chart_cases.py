@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.feeds.accuracy_chart.case import Case
-from plotfeed.feeds.accuracy_chart.sample import Places
-from plotfeed.feeds.accuracy_chart.stage import Effort
+from plotfeed.feeds.lab.charted import Case, Effort, Places
 from plotfeed.feeds.scene.scene import Scene, from_tree
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
 from plotfeed.models.state import Signatures

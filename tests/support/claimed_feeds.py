@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from plotfeed.feeds.engine.simulation import simulate
+from plotfeed.feeds.lab.feed_checks import FALSE_RATE, feed_checks, simulated_feed
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.score.feed_checks import FALSE_RATE, simulated_feed
-from plotfeed.feeds.score.feed_residuals import feed_checks
-from plotfeed.models.scoring.residuals import judged_wrong
+from plotfeed.models.residuals import judged_wrong
 
 SCENE = Path(__file__).parents[2] / "examples" / "scenes" / "feed-faults.toml"
 START_NS = 1_767_268_800 * 10**9

@@ -10,8 +10,8 @@ from pathlib import Path
 from support.ledgers import record_session, told
 from support.random_scenes import SECONDS, written_scene
 
-from plotfeed.feeds.report.figures import judged_of
-from plotfeed.feeds.report.verdicts import Judged
+from plotfeed.feeds.lab.checks import Judged
+from plotfeed.feeds.lab.figures import judged_of
 from plotfeed.feeds.scene.scene import load
 
 LINKS = "links"

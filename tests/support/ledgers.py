@@ -11,9 +11,8 @@ from support.links import OCTETS, due_times, passed
 from support.road import START_NS
 
 from plotfeed.feeds.impairment.link import Fate, Outcome
+from plotfeed.feeds.lab.figures import LedgerReport, read, report
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
-from plotfeed.feeds.report.figures import LedgerReport, report
-from plotfeed.feeds.report.ledger_reading import read
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run

@@ -15,6 +15,7 @@ from support import road
 from support.station import Station
 
 from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.scene_outline import Basemap
@@ -22,7 +23,6 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.changes import ControlError, changed
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.score.track_table import ToldTrack
 from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.models.truth import Trajectories

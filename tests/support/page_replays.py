@@ -12,7 +12,7 @@ from support.page_sessions import Begun
 from support.page_updates import Frame, read_frame
 from support.waiting import PATIENCE_S
 
-TRACKS = "lab/tracks"
+TRACKS = "lab/track_reports"
 SESSION_S = 20
 Act = Callable[["Viewer", Client, Begun], Any]
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from support.recordings import START_NS
 
-from plotfeed.feeds.score.flights_told import FlightsTally, Truths, read_truths
-from plotfeed.feeds.score.track_table import ToldTrack, TracksRead, TrackTable
+from plotfeed.feeds.lab.flights import FlightsTally, Truths, read_truths
+from plotfeed.feeds.lab.ledger_columns import tables_of
+from plotfeed.feeds.lab.track_reports import ToldTrack, TracksRead, TrackTable
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, enu_to_aer
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -60,11 +61,14 @@ def ledger_of(flights: Mapping[str, Flight], sensor: str = "radar") -> list[pb.L
     return entries
 
 
+def tally_of(flights: Mapping[str, Flight], stands: Mapping[str, LocalFrame]) -> FlightsTally:
+    tally = FlightsTally(stands)
+    tally.add(tables_of(entry.SerializeToString() for entry in ledger_of(flights)))
+    return tally
+
+
 def truths_of(flights: Mapping[str, Flight] = APART) -> Truths:
-    tally = FlightsTally({"radar": SITE})
-    for entry in ledger_of(flights):
-        tally.add(entry)
-    return tally.truths(site=SITE, scene="straight")
+    return tally_of(flights, {"radar": SITE}).truths(site=SITE, scene="straight")
 
 
 def report_of(

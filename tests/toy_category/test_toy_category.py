@@ -12,9 +12,9 @@ from support.asyncapi_rules import problems
 from support.road import Road, fly
 from toy_category.asterix_250 import FORMAT
 
-from plotfeed.feeds.accuracy_chart.chart import charted
-from plotfeed.feeds.accuracy_chart.stage import Effort
 from plotfeed.feeds.formats import FORMATS, carries_plots, register
+from plotfeed.feeds.lab.chart import charted
+from plotfeed.feeds.lab.charted import Effort
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.schema import text_of

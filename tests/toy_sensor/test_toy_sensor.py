@@ -14,8 +14,8 @@ from support.road import Road, fly
 from support.sapient_rules import checked
 from toy_sensor.lookout_keys import LookoutKeys
 
-from plotfeed.feeds.accuracy_chart.chart import charted
-from plotfeed.feeds.accuracy_chart.stage import Effort
+from plotfeed.feeds.lab.chart import charted
+from plotfeed.feeds.lab.charted import Effort
 from plotfeed.feeds.page.scene_outline import Placements, outline
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import register

@@ -9,8 +9,8 @@ from support import road
 from support.chromium import drawn, until
 from support.page_server import Served
 
+from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.page.updates import TrackFlag
-from plotfeed.feeds.score.track_table import ToldTrack
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -12,11 +12,10 @@ from support import road
 from support.asterix_input import tracks
 from support.page_updates import Frame, read_frame
 
+from plotfeed.feeds.lab.track_reports import MAX_OCTETS, ToldTrack
 from plotfeed.feeds.page.shown_tracks import MAX_TRACKS, ShownTracks, tracks_to_show
 from plotfeed.feeds.page.updates import SectionKind, TrackFlag
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.score.track_decoding import MAX_OCTETS
-from plotfeed.feeds.score.track_table import ToldTrack
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.content_types import TRACK_BATCH, protobuf_content_type

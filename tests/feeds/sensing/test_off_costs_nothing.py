@@ -153,7 +153,7 @@ def test_what_stands_in_the_way_is_seen_too(tmp_path: Path) -> None:
 
 def test_a_session_begins_without_what_few_scenes_need() -> None:
     few = {
-        *("scipy.stats", "scipy.optimize", "scipy.sparse", "plotfeed.feeds.score", "ray"),
+        *("scipy.stats", "scipy.optimize", "scipy.sparse", "plotfeed.feeds.lab", "ray"),
         *("sapient_msg", "plotfeed.models.effects.merging"),
     }
     code = (

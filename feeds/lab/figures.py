@@ -1,0 +1,382 @@
+"""A recorded ledger in figures, read once in bounded memory."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.lab.asked import AskedByTime, AskedSensor
+from plotfeed.feeds.lab.checks import (
+    CELL_M,
+    EDGES,
+    MAX_CELLS,
+    AlarmFigures,
+    AlarmsTally,
+    ErrorFigures,
+    ErrorsTally,
+    Judged,
+    LookTally,
+    MeasuredBesideTruth,
+    PdFigures,
+    SectorsTally,
+    Verdicts,
+    of_alarms,
+    of_count,
+    of_errors,
+    of_link,
+    of_looks,
+    pd_by_range,
+    pd_of_all,
+    sector_truths,
+    verdicts,
+)
+from plotfeed.feeds.lab.evidence import Evidence, are_targets, names_of
+from plotfeed.feeds.lab.laws import CELLS, STEPS
+from plotfeed.feeds.lab.ledger_columns import LedgerTables
+from plotfeed.feeds.lab.links import (
+    CURVE,
+    LinkFigures,
+    LinkTally,
+    Passage,
+    Setting,
+    Turn,
+    link_figures,
+)
+from plotfeed.models.state import OTHER
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.recorded import WHAT_LEFT, Damage, Stage
+
+MAX_LINKS = 100
+"""Settings of one sensor's link; what is under further ones is not told."""
+
+
+class SensorTally:
+    """Takes its entries one after the other."""
+
+    def __init__(self, prefix: str, sensor: str, asked: AskedByTime | None) -> None:
+        self.prefix = prefix
+        self.sensor = sensor
+        self.entries = 0
+        self.plots = 0
+        """Of drones and what else was looked at, by the ledger."""
+        self.of_others: Counter[str] = Counter()
+        """Plots of what is no drone, by what it is."""
+        self.links: dict[str, LinkTally] = {}
+        """By the JSON of their keys, in the order in which they came into force."""
+        self.left_out = 0
+        """Entries under settings that were too many."""
+        self.passage = Passage()
+        self.looks = LookTally(CELL_M, MAX_CELLS)
+        self.errors = ErrorsTally()
+        self.asked = asked
+        """What its scene asked of it; None if that is not known."""
+        self.alarms = AlarmsTally(0 if asked is None else asked.sectors)
+        self.sectors = SectorsTally()
+
+    def add(self, told: LedgerTables) -> list[AskedSensor | None]:
+        """Take entries; what was asked of the sensor in each, if that is known."""
+        self.entries += len(told)
+        asked: list[AskedSensor | None] = [None] * len(told)
+        if self.asked is not None:
+            at = list(zip(told.entries.scan.tolist(), told.entries.sector.tolist(), strict=True))
+            asked = [self.asked.in_sector(*sector) for sector in at]
+            for scan, sector in at:
+                self.sectors.add(scan * self.asked.sectors + sector)
+        looks = told.looks
+        merges = np.array([each is not None and each.merges for each in asked], np.bool_)
+        if merges.any():
+            # Those whose echoes merged have one outcome, of the very same odds.
+            alone = np.where(merges[looks.entry], -1, np.arange(len(looks)))
+            odds = np.stack([looks.entry, looks.pd, looks.channel, alone])[:, ::-1]
+            looks = looks.rows(len(looks) - 1 - np.unique(odds, axis=1, return_index=True)[1])
+        self.looks.add(looks.range_m, looks.pd, looks.detected)
+        names = names_of(told.plots)
+        self.plots += int(are_targets(names).sum())
+        self.of_others.update(name.partition(OTHER)[0] for name in told.plots.other if name)
+        self.alarms.add(int((names == "").sum()), asked)
+        self._take_messages(told)
+        return asked
+
+    def end(self) -> None:
+        """There are no more."""
+        self.passage.end()
+        self.sectors.end()
+        self.errors.count()
+
+    def _take_messages(self, told: LedgerTables) -> None:
+        links, sent = told.entries.link.tolist(), told.messages
+        for text in dict.fromkeys(links):
+            if text not in self.links and len(self.links) < MAX_LINKS:
+                self.links[text] = LinkTally(Setting.of(text))
+        numbers = {text: number for number, text in enumerate(self.links)}
+        number = np.array([numbers.get(text, -1) for text in links], np.int64)
+        self.left_out += int((number < 0).sum())
+        fate = np.where((sent.fate == 0) & sent.delivered, int(pb.SENT), sent.fate)
+        row = number[sent.entry]
+        for each, link in enumerate(self.links.values()):
+            own = row == each
+            if own.any():
+                link.add(sent.rows(own), fate[own])
+        turns = (sent.number, sent.due_utc_ns, sent.sent_utc_ns, fate, row)
+        is_told = (row >= 0) & (sent.copy == 0)
+        for turn in zip(*(column[is_told].tolist() for column in turns), strict=True):
+            self.passage.add(Turn(*turn))
+
+
+MAX_SENSORS = 10_000
+
+
+@dataclass(slots=True)
+class Counted:
+    """What a recording's ledger came to."""
+
+    sensors: dict[tuple[str, str], SensorTally] = field(default_factory=dict)
+    """By prefix and name."""
+    plots_from: dict[tuple[str, str], str] = field(default_factory=dict)
+    """Where the plots were found, by sensor."""
+    entries: int = 0
+    unreadable: int = 0
+    """Entries that are no ledger."""
+    repeated: int = 0
+    """Entries that were there before."""
+    first_ns: int | None = None
+    """Log time of the first entry."""
+    last_ns: int | None = None
+    scene: str = ""
+    """Name of the recorded scene, if there is one."""
+    scene_sensors: list[str] = field(default_factory=list)
+    """Of that scene, in its order."""
+    notes: list[str] = field(default_factory=list)
+    damage: list[Damage] = field(default_factory=list)
+
+
+def read(path: Path) -> Counted:
+    """Count a file; raises `PlotfeedError` if it is no MCAP or holds no ledger, and `OSError`."""
+    with Evidence.of(path) as evidence:
+        found, join = Counted(damage=evidence.log.damage), MeasuredBesideTruth()
+        if evidence.has_scene:
+            evidence.ask()
+        if evidence.problem:
+            found.notes.append(f"its scene cannot be used: {evidence.problem}")
+        if evidence.scene is not None:
+            found.scene = evidence.scene.scene.name
+            found.scene_sensors = [sensor.id for sensor in evidence.scene.sensor]
+        for part in evidence.parts():
+            for plots in part.plots:
+                join.add_plots(plots)
+            for whose, told, keys in part.by_sensor():
+                if whose not in found.sensors and len(found.sensors) >= MAX_SENSORS:
+                    continue
+                tally = found.sensors.setdefault(
+                    whose, SensorTally(*whose, evidence.asked.get(whose[1]))
+                )
+                asked = tally.add(told)
+                spoilt = _spoilt(told, whose, evidence.carriers)
+                for entry, truth in sector_truths(told, asked):
+                    if entry not in spoilt:
+                        join.add_truth(keys[entry], truth, tally.errors)
+        join.end()
+        for sensor in found.sensors.values():
+            sensor.end()
+        found.plots_from = evidence.carrier_of(WHEN)
+        found.entries = sum(sensor.entries for sensor in found.sensors.values())
+        found.unreadable, found.repeated = evidence.unreadable, evidence.repeated
+        found.first_ns, found.last_ns = evidence.first_ns, evidence.last_ns
+    return found
+
+
+WHEN = {
+    Stage.BEFORE: "before the link",
+    Stage.AFTER: "after the link",
+    Stage.RECEIVED: "as received",
+}
+
+
+def _spoilt(
+    told: LedgerTables,
+    whose: tuple[str, str],
+    carriers: Mapping[tuple[str, Stage], tuple[str, str]],
+) -> set[int]:
+    """Entries of which the link has flipped a bit of the very plots that are to be read."""
+    flipped = told.messages.rows(told.messages.flipped_bit >= 0)
+    return {
+        entry
+        for entry, topic in zip(flipped.entry.tolist(), flipped.topic, strict=True)
+        if any(carriers.get((topic, stage)) == whose for stage in WHAT_LEFT)
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorFigures:
+    """A sensor in figures, but for its link."""
+
+    sensor: str
+    entries: int
+    looks: PdFigures | None
+    looks_by_range: Sequence[PdFigures]
+    plots_from: str
+    """Where plots were found: their kind and whether before or after the link; empty for none."""
+    plots: int
+    """Of drones and what else was looked at, by the ledger."""
+    plots_of_others: Mapping[str, int]
+    """Of what is no drone, by what it is; of clutter, which is not looked at, too."""
+    joined: int
+    """Of these, the ones that were found with what was measured."""
+    contradicted: int
+    """Of the others, those in sectors whose recorded plots are not those of the ledger."""
+    not_compared: int
+    """Of those that were found: it is not known what they were to say."""
+    times_off: int
+    """Of those that were found: another time than the one asked for."""
+    missed_sectors: int
+    """In which the sensor was at work, and of which the ledger has nothing."""
+    is_known: bool
+    """Whether the file has what the scene asks of the sensor."""
+    unjudged: str
+    """What of its plots is not judged, and why; empty where all is."""
+    errors: Sequence[ErrorFigures]
+    false_alarms: AlarmFigures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LedgerReport:
+    """A recorded ledger in figures."""
+
+    file: str
+    scene: str
+    """Of the session that was recorded; empty if the file has none."""
+    entries: int
+    first_utc_ns: int
+    """When the first message was handed over; without any, when the first entry was written."""
+    last_utc_ns: int
+    """When the last entry was written, or the last message handed over."""
+    links: Sequence[LinkFigures]
+    sensors: Sequence[SensorFigures]
+    verdicts: Verdicts
+    """What is not as it was asked."""
+    notes: Sequence[str]
+    damage: Sequence[Damage]
+    curve: Sequence[float]
+    """Probabilities of the `curve_ms` of all distributions of times."""
+    normalised_edges: Sequence[float]
+    """Between which errors over their standard deviations were counted."""
+    resolution: Mapping[str, float]
+    """Relative, of times that are quantiles; of Kolmogorov's distance."""
+
+
+def report(path: Path, found: Counted) -> LedgerReport:
+    """The figures of what was counted."""
+    names, sensors = _names(found.sensors.values()), _in_order(found)
+    links = [link for tally in found.sensors.values() for link in tally.links.values()]
+    begins = [link.first_due_utc_ns for link in links if link.first_due_utc_ns is not None]
+    ends = [link.last_due_utc_ns for link in links if link.last_due_utc_ns is not None]
+    told_links = [
+        link_figures(names[key], number + 1, link, tally.passage.order_of(number))
+        for key, tally in sensors
+        for number, link in enumerate(tally.links.values())
+        if link.messages
+    ]
+    told_sensors = [
+        _sensor(names[key], tally, found.plots_from.get(key, "")) for key, tally in sensors
+    ]
+    return LedgerReport(
+        file=str(path),
+        scene=found.scene,
+        entries=found.entries,
+        first_utc_ns=min(begins, default=found.first_ns or 0),
+        last_utc_ns=max([found.last_ns or 0, *ends]),
+        links=told_links,
+        sensors=told_sensors,
+        verdicts=verdicts(judged_of(told_links, told_sensors)),
+        notes=_notes(found),
+        damage=list(found.damage),
+        curve=[*CURVE.tolist(), 1.0],
+        normalised_edges=EDGES.tolist(),
+        resolution={"times": math.expm1(0.5 / STEPS), "distance": 1 / CELLS},
+    )
+
+
+def _names(tallies: Any) -> dict[tuple[str, str], str]:
+    """Names of sensors, with the prefix of their topics where the file has several."""
+    several = len({tally.prefix for tally in tallies}) > 1
+    return {
+        (t.prefix, t.sensor): f"{t.prefix}/{t.sensor}" if several else t.sensor for t in tallies
+    }
+
+
+def _in_order(found: Counted) -> list[tuple[tuple[str, str], SensorTally]]:
+    """Sensors as the scene has them, then by name."""
+    places = {name: place for place, name in enumerate(found.scene_sensors)}
+    by_name = sorted(found.sensors.items())
+    return sorted(by_name, key=lambda each: (each[0][0], places.get(each[0][1], len(places))))
+
+
+def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
+    return SensorFigures(
+        sensor=name,
+        entries=tally.entries,
+        looks=pd_of_all(tally.looks),
+        looks_by_range=pd_by_range(tally.looks),
+        plots_from=plots_from,
+        plots=tally.plots,
+        plots_of_others=dict(sorted(tally.of_others.items())),
+        joined=tally.errors.joined,
+        contradicted=tally.errors.contradicted,
+        not_compared=tally.errors.left_out,
+        times_off=tally.errors.times_off,
+        missed_sectors=0
+        if tally.asked is None
+        else sum(map(tally.asked.missed, tally.sectors.lacking)),
+        is_known=tally.asked is not None,
+        unjudged="" if tally.asked is None else tally.asked.unjudged,
+        errors=tally.errors.figures(),
+        false_alarms=tally.alarms.figures(),
+    )
+
+
+def judged_of(links: Sequence[LinkFigures], sensors: Sequence[SensorFigures]) -> Iterator[Judged]:
+    """All figures that can be judged; without a scene nothing is known of plots."""
+    for link in links:
+        yield from of_link(link)
+    for of in sensors:
+        off = f"of {of.plots} plots of drones in sectors that are not those of the ledger"
+        yield of_count(of.sensor, "plots", of.contradicted, off)
+        if not of.is_known:
+            continue
+        if of.looks is not None:
+            by_range = of.looks_by_range if len(of.looks_by_range) > 1 else ()
+            yield from of_looks(of.sensor, [of.looks, *by_range])
+        yield from of_errors(of.sensor, of.errors)
+        yield of_alarms(of.sensor, of.false_alarms)
+        yield of_count(of.sensor, "missed scans", of.missed_sectors, "sectors that are lacking")
+        yield of_count(of.sensor, "time", of.times_off, f"of {of.joined} plots at other times")
+
+
+def _notes(found: Counted) -> list[str]:
+    tallies = found.sensors.values()
+    counts = {
+        "entries are no ledger and are left out": found.unreadable,
+        "entries were recorded twice and count once": found.repeated,
+        "entries are under more link settings than are told": sum(t.left_out for t in tallies),
+        "messages came too late for their place: neither in bursts nor in overtaking": sum(
+            t.passage.turns.out_of_turn for t in tallies
+        ),
+    }
+    return [*found.notes, *(f"{count} {what}" for what, count in counts.items() if count)]
+
+
+def as_values(told: LedgerReport) -> dict[str, Any]:
+    """The report for JSON: times also as text, and null for what is not there."""
+    values: dict[str, Any] = finite(asdict(told))
+    for each in (values, *values["links"]):
+        for end in ("first", "last"):
+            each[f"{end}_utc"] = iso_utc(each[f"{end}_utc_ns"])
+    return values

@@ -1,0 +1,530 @@
+"""Laws of what a right sensor reports: spreads of times, noise in moments, expected plots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import kolmogorov, ndtr
+
+from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.lab.asked import AskedSensor
+from plotfeed.models.beam import Volume
+from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
+from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.propagation import bistatic_range
+from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution
+from plotfeed.models.sensors.passive_radar import PassiveRadar
+from plotfeed.models.state import Bools, Columns, Floats, Ints
+from plotfeed.proto.asterix.decode_plots import steps_of
+from plotfeed.proto.measured_plots import MeasuredPlots
+
+STEPS = 1000
+"""Of a time within a factor of e: quantiles are known to 0.05 %, below a microsecond to 1 ns."""
+UNIT_NS = 1000.0
+
+
+class Spread:
+    """Times in nanoseconds, of either sign, counted in fine steps of their inverse sinh."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._total_ns = 0.0
+        self._least_ns = self._most_ns = 0
+        self._first = 0
+        self._counts = np.zeros(0, np.int64)
+
+    def add(self, times_ns: Ints) -> None:
+        """Take some more; (n,)."""
+        if not len(times_ns):
+            return
+        least_ns, most_ns = int(times_ns.min()), int(times_ns.max())
+        if self.count:
+            least_ns, most_ns = min(least_ns, self._least_ns), max(most_ns, self._most_ns)
+        self._least_ns, self._most_ns = least_ns, most_ns
+        self.count += len(times_ns)
+        self._total_ns += float(times_ns.sum(dtype=np.float64))
+        steps = np.rint(np.arcsinh(times_ns / UNIT_NS) * STEPS).astype(np.int64)
+        self._make_room(int(steps.min()), int(steps.max()))
+        self._counts += np.bincount(steps - self._first, minlength=len(self._counts))
+
+    @property
+    def mean_ms(self) -> float:
+        """NaN of none."""
+        return self._total_ns / self.count / 1e6 if self.count else np.nan
+
+    @property
+    def max_ms(self) -> float:
+        """The longest, exactly; NaN of none."""
+        return self._most_ns / 1e6 if self.count else np.nan
+
+    def quantiles_ms(self, shares: Floats) -> Floats:
+        """The least times that those shares of all do not exceed; (n,) in and out, NaN of none."""
+        if not self.count:
+            return np.full(shares.shape, np.nan)
+        ranks = np.clip(np.ceil(shares * self.count), 1, self.count)
+        steps = np.searchsorted(np.cumsum(self._counts), ranks) + self._first
+        times_ns = np.clip(np.sinh(steps / STEPS) * UNIT_NS, self._least_ns, self._most_ns)
+        in_ms: Floats = times_ns / 1e6
+        return in_ms
+
+    def _make_room(self, low: int, high: int) -> None:
+        """Make room for steps up to those; there are 75,000 at most."""
+        if not len(self._counts):
+            self._first, self._counts = low, np.zeros(high - low + 1, np.int64)
+            return
+        before = max(self._first - low, 0)
+        after = max(high - self._first - len(self._counts) + 1, 0)
+        if before or after:
+            self._counts = np.pad(self._counts, (before, after))
+            self._first -= before
+
+
+ENOUGH = 5.0
+"""Variance of a count above which it is taken to be normal; below it, there is no z-score."""
+TWO_SIDED_95 = 1.959964
+"""Standard deviations of a normal law on either side of its mean that hold 95 % of it."""
+
+
+def z_score(excess: float, variance: float) -> float:
+    """A count's excess in standard deviations; NaN if too few were counted for a normal law."""
+    return excess / math.sqrt(variance) if variance >= ENOUGH else math.nan
+
+
+def share_interval(count: int, of: int) -> tuple[float, float]:
+    """95 % interval of a probability of which so many came true; Wilson, 1927."""
+    if not of:
+        return math.nan, math.nan
+    share, z2 = count / of, TWO_SIDED_95**2
+    middle = (share + z2 / (2 * of)) / (1 + z2 / of)
+    half = TWO_SIDED_95 * math.sqrt(share * (1 - share) / of + z2 / (4 * of**2)) / (1 + z2 / of)
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def p_of_distance(distance: float, n: float) -> float:
+    """Probability that n independent draws are as far from their law, after Kolmogorov.
+
+    The asymptotic law with Stephens' correction for few draws (1970); NaN of less than 8.
+    """
+    if not n >= 8 or math.isnan(distance):
+        return math.nan
+    root = math.sqrt(n)
+    return float(np.clip(kolmogorov((root + 0.12 + 0.11 / root) * distance), 0.0, 1.0))
+
+
+CELLS = 1 << 13
+"""Of equal probability by the law: distances are known to one part in as many."""
+MET = 0.1
+"""Share of a cell by which a law may miss an edge, as it does within an atom."""
+HALF_A_NS = 0.5
+"""Delays are whole nanoseconds, so that a law's atom is met from below."""
+
+
+class LawFit:
+    """Kolmogorov's distance between delays and a law: both counted by the law's probability."""
+
+    def __init__(self, law: DelayLaw) -> None:
+        self.count = 0
+        self._law = law
+        self._counts = np.zeros(CELLS, np.int64)
+
+    def add(self, delays_ns: Ints) -> None:
+        """Take some more; (n,)."""
+        below = self._law.cdf((delays_ns + HALF_A_NS) / 1e6)
+        # What ends at an edge, within what counts as met of it, lies below it: so do atoms.
+        cells = np.clip(np.ceil(below * CELLS - MET).astype(np.int64) - 1, 0, CELLS - 1)
+        self._counts += np.bincount(cells, minlength=CELLS)
+        self.count += len(delays_ns)
+
+    def distance(self) -> float:
+        """Largest difference of the two distribution functions; NaN of a law without a spread.
+
+        Probabilities that no delay has, within the law's atoms, are left out.
+        """
+        edges = np.arange(1, CELLS) / CELLS
+        met = np.abs(self._law.cdf(self._law.quantile_ms(edges)) - edges) < MET / CELLS
+        if not self.count or not met.any():
+            return np.nan
+        seen = np.cumsum(self._counts)[:-1] / self.count
+        return float(np.abs(seen - edges)[met].max())
+
+
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
+WEIGHTS = WEIGHTS / WEIGHTS.sum()
+"""Of a quadrature over a standard normal number."""
+FEW_NODES, FEW_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+FEW_WEIGHTS = FEW_WEIGHTS / FEW_WEIGHTS.sum()
+NEAR_STEPS = np.arange(-8, 9)
+
+
+class Expected(NamedTuple):
+    """Means of a quantity, what noise leaves of it (variance and kurtosis), and its step; (n,)."""
+
+    mean: Floats
+    variance: Floats
+    kurtosis: Floats
+    step: float = 0.0
+
+
+def gauss(mean: Floats, sigma: Floats) -> Expected:
+    """The law of a measurement with normal noise."""
+    return Expected(mean, sigma**2, np.full(len(mean), 3.0))
+
+
+def over(values: Floats, weights: Floats) -> Expected:
+    """The law of what follows from normal noise: values (n, nodes) at the nodes of a quadrature."""
+    mean = values @ weights
+    excess = values - mean[:, None]
+    variance = excess**2 @ weights
+    return Expected(mean, variance, np.asarray(excess**4 @ weights / variance**2))
+
+
+def with_rounding(law: Expected, step: float) -> Expected:
+    """The law of values with an error of rounding to steps beside, about the unrounded mean.
+
+    Sheppard's: to whoever does not know where in a step the mean is, however coarse that is.
+    """
+    if not step:
+        return law
+    mean, variance, kurtosis, _ = law
+    uniform = step**2 / 12
+    fourth = kurtosis * variance**2 + 6 * variance * uniform + step**4 / 80
+    return Expected(mean.copy(), variance + uniform, fourth / (variance + uniform) ** 2, step)
+
+
+def in_steps(law: Expected, step: float) -> Expected:
+    """The law of values that are rounded to steps: Sheppard's, or a sum where steps are coarse."""
+    if not step:
+        return law
+    told = with_rounding(law, step)
+    mean, variance = law.mean, law.variance
+    coarse = np.sqrt(variance) < step
+    if not coarse.any():
+        return told
+    middle, sigma = mean[coarse], np.sqrt(variance[coarse])[:, None]
+    at = np.rint(middle / step)[:, None] + NEAR_STEPS
+    edges = (np.column_stack([at, at[:, -1] + 1]) - 0.5) * step
+    law_at = np.diff(ndtr((edges - middle[:, None]) / np.maximum(sigma, 1e-12)), axis=1)
+    means = (law_at * at * step).sum(axis=1)
+    excess = at * step - means[:, None]
+    variances, fourths = ((law_at * excess**power).sum(axis=1) for power in (2, 4))
+    told.mean[coarse], told.variance[coarse] = means, variances
+    told.kurtosis[coarse] = fourths / variances**2
+    return told
+
+
+QUANTITIES = {
+    "range": ("range_m", "m"),
+    "bistatic range": ("bistatic_range_m", "m"),
+    "azimuth": ("azimuth_deg", "deg"),
+    "elevation": ("elevation_deg", "deg"),
+    "height": ("height_m", "m"),
+    "range rate": ("range_rate_m_s", "m/s"),
+}
+"""What is compared: the column of plots, and its unit."""
+COARSE = 20.0
+"""Steps below which a stated standard deviation is told too coarsely to divide by."""
+EDGE = 7.0
+"""Standard deviations from the ends of range within which noise decides whether there is a plot."""
+WIDEST_DEG = 30.0
+"""Standard deviation above which an azimuth is folded too often to be compared."""
+MOST_BENT = 0.1
+"""Share of a range that its standard deviation is at most where it is nearly linear in noise."""
+STRAIGHT = (2.5, 4.0)
+"""Kurtosis of what is nearly linear in noise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueEchoes(Columns):
+    """The drones in plots, a row a drone: the number of the plot, and where the drone was, truly.
+
+    `weight` is that of the echo in the place of a plot that holds several; `channel` is -1 where
+    the drone is in the plot by whatever channel it is.
+    """
+
+    plot: Ints
+    channel: Ints
+    azimuth_deg: Floats
+    elevation_deg: Floats
+    range_m: Floats
+    weight: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruePlots(Columns):
+    """Plots of drones as the ledger has them: how many drones are in each, and how fast one is."""
+
+    t_utc_ns: Ints
+    drones: Ints
+    range_rate_m_s: Floats
+
+
+class Comparison(NamedTuple):
+    """Errors by quantity: what was measured less what was expected, and how that is expected; (n,).
+
+    `stated` are the standard deviations that plots state.
+    """
+
+    errors: dict[str, Floats]
+    expected: dict[str, Expected]
+    stated: dict[str, Floats]
+    left_out: int
+    """Plots of which it is not known what they were to say, or that noise may have made none."""
+    off: dict[str, int]
+    """Values further off than any noise leaves them, and times that are not those asked for."""
+
+
+@nan_without_warnings
+def compared(
+    asked: AskedSensor | None,
+    echoes: TrueEchoes,
+    plots: TruePlots,
+    measured: MeasuredPlots,
+    rounded: Callable[[Expected, float], Expected] = in_steps,
+    *,
+    keeps_ends: bool = False,
+) -> Comparison:
+    """Plots of drones, (n,), of one category, beside what a sensor was asked for; None: unknown.
+
+    `keeps_ends` compares also those that noise may have made no plots, near the ends of range.
+    """
+    category = int(measured.category[0]) if len(measured) else 0
+    steps = steps_of(category)
+    channel = np.where(measured.channel >= 0, measured.channel, 0)
+    place, is_whole = _places(asked, echoes, plots, channel)
+    sigmas = _sigmas(asked, measured, channel, steps)
+    expected = _expected(asked, place, plots, channel, sigmas)
+    left_out = ~is_whole if keeps_ends else ~is_whole | _near_an_end(asked, place, channel, sigmas)
+    values = _values(measured, place, expected, asked)
+    found = Comparison({}, {}, {}, int(left_out.sum()), {})
+    for name, (column, _) in QUANTITIES.items():
+        if name not in expected or not np.isfinite(values[name]).any():
+            continue
+        step = steps.get("altitude_m" if name == "height" else column, 0.0)
+        law = rounded(expected[name], step)
+        error = values[name] - law.mean
+        if name == "azimuth":
+            error = wrap_180(error)
+        if asked is not None:
+            error = asked.folded_error(name, error, channel)
+        error = np.where(left_out, np.nan, error)
+        found.errors[name], found.expected[name] = error, law
+        found.stated[name] = getattr(measured, f"sigma_{column}", np.full(len(error), np.nan))
+        if name != "height" and not (name == "range" and asked is not None and asked.is_bistatic):
+            far = 8 * np.sqrt(law.variance) + law.step + TOLERANCES.get(name, 1e-3)
+            found.off[name] = int((np.abs(error) > far).sum())
+    found.off["time"] = _times_off(asked, plots, measured, category)
+    return found
+
+
+TOLERANCES = {"azimuth": 1e-5, "elevation": 1e-5, "range rate": 1e-4}
+"""What arithmetic may leave, where that is not a millimetre."""
+TIME_STEP_NS = 7_812_500
+TIME_OF_SENDING = 205
+"""The category whose times are not those of plots."""
+
+
+def _times_off(
+    asked: AskedSensor | None, plots: TruePlots, measured: MeasuredPlots, category: int
+) -> int:
+    if category == TIME_OF_SENDING or asked is None:
+        return 0
+    most_ns = TIME_STEP_NS // 2 + 1 if category else 0
+    ahead_ns = asked.clock_ahead_ns
+    told, true = measured.t_utc_ns.tolist(), plots.t_utc_ns.tolist()
+    return sum(
+        t_ns is None or abs(t_ns - true_ns - ahead_ns) > most_ns
+        for t_ns, true_ns in zip(told, true, strict=True)
+    )
+
+
+class Place(NamedTuple):
+    """Where plots were to be without noise, by the sensor's own axes; (n,)."""
+
+    azimuth_deg: Floats
+    elevation_deg: Floats
+    range_m: Floats
+    """Or the bistatic range."""
+
+
+def _places(
+    asked: AskedSensor | None, echoes: TrueEchoes, plots: TruePlots, channel: Ints
+) -> tuple[Place, Bools]:
+    """The places of plots as they are read, and of which all drones are known."""
+    mine = (echoes.channel < 0) | (echoes.channel == channel[echoes.plot])
+    if not mine.all():
+        echoes = echoes.rows(mine)
+    n = len(plots)
+    of = echoes.plot
+    azimuth_deg, elevation_deg, range_m = echoes.azimuth_deg, echoes.elevation_deg, echoes.range_m
+    if asked is not None:
+        true_enu_m = aer_to_enu(azimuth_deg, elevation_deg, range_m)
+        if asked.own_axes is not None:
+            azimuth_deg, elevation_deg, _ = enu_to_aer(true_enu_m @ asked.own_axes.T)
+        if isinstance(asked.model, PassiveRadar):
+            from_enu_m = asked.model.positions_enu_m[channel[of]]
+            range_m = bistatic_range(true_enu_m, from_enu_m)
+    is_whole = np.bincount(of, minlength=n) == plots.drones
+    first = np.searchsorted(of, np.arange(n)).clip(max=max(len(of) - 1, 0))
+    if len(of) == n:
+        place = Place(azimuth_deg[first], elevation_deg[first], range_m[first])
+    else:
+        whole = np.bincount(of, echoes.weight, n)
+
+        def mean(values: Floats, excess: Floats) -> Floats:
+            return np.asarray(values[first] + np.bincount(of, echoes.weight * excess, n) / whole)
+
+        place = Place(
+            mean(azimuth_deg, wrap_180(azimuth_deg - azimuth_deg[first][of])),
+            mean(elevation_deg, elevation_deg - elevation_deg[first][of]),
+            mean(range_m, range_m - range_m[first][of]),
+        )
+    if asked is not None:
+        place = _read(asked, place, plots.t_utc_ns)
+    return place, is_whole & np.isfinite(place.azimuth_deg)
+
+
+def _read(asked: AskedSensor, place: Place, t_utc_ns: Ints) -> Place:
+    """Means with what the sensor reads in place of them."""
+    azimuth_deg, elevation_deg, range_m = asked.model.mean_place(*place)
+    if asked.readings is not None:
+        longer_m = range_m - place.range_m
+        range_m = asked.readings.range_m(place.range_m, t_utc_ns) + longer_m
+        azimuth_deg = asked.readings.azimuth_deg(azimuth_deg, t_utc_ns)
+    return Place(azimuth_deg, elevation_deg, range_m)
+
+
+def _sigmas(
+    asked: AskedSensor | None,
+    measured: MeasuredPlots,
+    channel: Ints,
+    steps: Mapping[str, float],
+) -> dict[str, Floats]:
+    """Standard deviations by the columns: as they are stated, if that is fine enough.
+
+    Those of a degraded sensor are as much larger as it was asked for.
+    """
+    by_ratio: Mapping[str, Floats] = {}
+    if asked is not None and steps:
+        snr_db = measured.snr_db
+        if np.isnan(snr_db).all():
+            snr_db = measured.amplitude_dbm - getattr(asked.model, "noise_dbm", np.nan)
+        by_ratio = asked.model.sigmas_at(10 ** (snr_db / 10), channel)
+    found = {}
+    for name in ("range_m", "bistatic_range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s"):
+        column = f"sigma_{name}"
+        stated: Floats = getattr(measured, column, np.full(len(measured), np.nan))
+        derived = by_ratio.get(column, np.full(len(measured), np.nan))
+        is_fine = stated >= COARSE * steps.get(column, 0.0)
+        found[name] = np.where(is_fine, stated, derived)
+        if asked is not None:
+            found[name] = found[name] * asked.error_factor
+    return found
+
+
+def _expected(
+    asked: AskedSensor | None,
+    place: Place,
+    plots: TruePlots,
+    channel: Ints,
+    sigmas: Mapping[str, Floats],
+) -> dict[str, Expected]:
+    """Every quantity as it was to be, whether or not it was measured."""
+    azimuth_deg, elevation_deg, range_m = place
+    sigma_azimuth_deg = sigmas["azimuth_deg"]
+    known_deg = np.where(sigma_azimuth_deg <= WIDEST_DEG, sigma_azimuth_deg, np.nan)
+    rate_m_s = np.where(plots.drones == 1, plots.range_rate_m_s, np.nan)
+    found = {
+        "azimuth": gauss(azimuth_deg, known_deg),
+        "elevation": gauss(elevation_deg, sigmas["elevation_deg"]),
+        "range rate": gauss(rate_m_s, sigmas["range_rate_m_s"]),
+    }
+    if asked is not None and isinstance(asked.model, PassiveRadar):
+        found["bistatic range"] = gauss(range_m, sigmas["bistatic_range_m"])
+        found["range"] = _placed_range(asked.model, place, channel, sigmas)
+    else:
+        found["range"] = gauss(range_m, sigmas["range_m"])
+    if asked is not None:
+        found["height"] = _height(asked, place, sigmas)
+    return found
+
+
+def _placed_range(
+    model: PassiveRadar, place: Place, channel: Ints, sigmas: Mapping[str, Floats]
+) -> Expected:
+    """Ranges where the sensor places plots, over the noise of what is measured for them.
+
+    Where that is far from straight, the variance is NaN: their noise is not known well enough.
+    """
+    n = len(channel)
+    excess_m = place.range_m + sigmas["bistatic_range_m"] * FEW_NODES[:, None, None]
+    azimuth_deg = place.azimuth_deg + sigmas["azimuth_deg"] * FEW_NODES[:, None]
+    excess_m, azimuth_deg = np.broadcast_arrays(excess_m, azimuth_deg)
+    from_enu_m = np.tile(model.positions_enu_m[channel], (len(FEW_NODES) ** 2, 1))
+    measured = excess_m.ravel(), azimuth_deg.ravel(), from_enu_m
+    prior = HeightPrior(model.expected_height_m, model.sigma_height_m)
+    range_m, _ = prior.ground_range_m(*measured)
+    range_m = np.where(np.isnan(range_m), flat_solution(*measured).range_m, range_m)
+    weights = np.outer(FEW_WEIGHTS, FEW_WEIGHTS).ravel()
+    found = over(range_m.reshape(-1, n).T, weights)
+    is_straight = (found.kurtosis > STRAIGHT[0]) & (found.kurtosis < STRAIGHT[1])
+    return found._replace(variance=np.where(is_straight, found.variance, np.nan))
+
+
+def _height(asked: AskedSensor, place: Place, sigmas: Mapping[str, Floats]) -> Expected:
+    """Ellipsoidal heights, over the noise of elevation and range."""
+    elevation_deg = place.elevation_deg[:, None] + sigmas["elevation_deg"][:, None] * NODES
+    azimuth_deg = np.broadcast_to(place.azimuth_deg[:, None], elevation_deg.shape)
+    range_m = np.broadcast_to(place.range_m[:, None], elevation_deg.shape)
+    found = over(asked.frame.heights_m(azimuth_deg, elevation_deg, range_m), WEIGHTS)
+    along_m = np.sin(np.radians(place.elevation_deg)) * sigmas["range_m"]
+    variance = found.variance + along_m**2
+    fourth = (
+        found.kurtosis * found.variance**2 + 6 * found.variance * along_m**2 + 3 * along_m**4
+    ) / variance**2
+    return Expected(found.mean, variance, fourth)
+
+
+def _near_an_end(
+    asked: AskedSensor | None, place: Place, channel: Ints, sigmas: Mapping[str, Floats]
+) -> Bools:
+    """Whether noise decides if there is a plot: near the ends of range, and by the baseline."""
+    near = np.zeros(len(place.range_m), np.bool_)
+    if asked is None or not isinstance(asked.model, Volume):
+        return near
+    range_m, sigma_m = place.range_m, sigmas["range_m"]
+    if isinstance(asked.model, PassiveRadar):  # it is the level solution that is to be in range
+        from_enu_m = asked.model.positions_enu_m[channel]
+        level = flat_solution(place.range_m, place.azimuth_deg, from_enu_m)
+        range_m = level.range_m
+        sigma_m = level.sigma_m(sigmas["bistatic_range_m"], sigmas["azimuth_deg"])
+        near |= ~(sigma_m <= MOST_BENT * range_m)
+    for end_m in (max(asked.model.range_min_m, 0.0), asked.model.range_max_m):
+        near |= np.abs(range_m - end_m) < EDGE * sigma_m
+    return near
+
+
+def _values(
+    measured: MeasuredPlots,
+    place: Place,
+    expected: Mapping[str, Expected],
+    asked: AskedSensor | None,
+) -> dict[str, Floats]:
+    """What was measured of each quantity, over the zenith again where noise has gone past it."""
+    values: dict[str, Floats] = {
+        name: getattr(measured, column) for name, (column, _) in QUANTITIES.items()
+    }
+    if asked is not None and np.isfinite(measured.altitude_m).any():
+        values["height"] = measured.altitude_m + asked.undulation_m(*place)
+    azimuth_deg, elevation_deg = values["azimuth"], values["elevation"]
+    law = expected["elevation"]
+    past = np.abs(law.mean) + EDGE * np.sqrt(law.variance) > 90
+    past &= np.abs(wrap_180(azimuth_deg - expected["azimuth"].mean)) > 90
+    if past.any():
+        values["azimuth"] = np.where(past, azimuth_deg + 180.0, azimuth_deg)
+        over_deg = np.copysign(180.0, elevation_deg) - elevation_deg
+        values["elevation"] = np.where(past, over_deg, elevation_deg)
+    return values

@@ -1,0 +1,393 @@
+"""Scores a session and its feeds while it runs, and publishes the score every second."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.delivery.outbox import Outbox
+from plotfeed.feeds.engine.simulation import SimulatedLooks, SimulatedPlots, SimulatedSensor
+from plotfeed.feeds.formats import carries_plots
+from plotfeed.feeds.lab.feed_checks import FALSE_RATE, feed_checks, simulated_feed
+from plotfeed.feeds.lab.scoring import ScoreSettings
+from plotfeed.feeds.lab.track_reports import ToldTrack, tracks_in
+from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.scene.fields import site_frame
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
+from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.feeds.session.outputs import Brokers, brokers_of
+from plotfeed.feeds.session.session import run_over
+from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.models.frames import geodetic_to_ecef
+from plotfeed.models.residuals import ResidualCheck, always_valid
+from plotfeed.models.state import Floats, Looks, Plots
+from plotfeed.models.track_metrics import set_score
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import JSON
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS, iso_utc
+
+WINDOW_S = 60
+"""Over which means are told; a score is worked out every second."""
+SEEN_NS = 10 * NS
+"""A drone that no sensor has looked at for so long is not missed."""
+MOST_TRACKS = 5000
+MOST_LATENCIES = 2000
+MOST_SENSORS = 16
+"""Whose feeds are checked."""
+BLOCK_NS = 600 * NS
+"""After which checks of a feed begin anew; each block is called wrong at `FALSE_RATE` at most."""
+MOST_LOOKS = 20_000
+"""Of one sensor in a block; what comes then is left out."""
+EVERY_SECONDS = 5
+"""Feeds are checked."""
+
+
+@dataclass(slots=True)
+class _Heard:
+    """The last report of a track."""
+
+    t_utc_ns: int
+    place_m: Floats
+    velocity_m_s: Floats
+
+
+class LiveScore(Observer):
+    """Follows a session and takes what its tracker publishes; `score` says how both do."""
+
+    def __init__(self, settings: ScoreSettings | None = None) -> None:
+        self._settings = settings or ScoreSettings()
+        self._session: RunningSession | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._tracks: dict[str, _Heard] = {}
+        self._looked_ns: dict[int, int] = {}
+        self._latencies_s: deque[tuple[int, float]] = deque(maxlen=MOST_LATENCIES)
+        self._window: deque[dict[str, float]] = deque(maxlen=WINDOW_S)
+        self._unreadable = self._reports = self._seconds = 0
+        self._problem = ""
+        self._feeds: dict[str, _FeedSoFar] = {}
+        self._checked: dict[str, Sequence[ResidualCheck]] = {}
+
+    # What the session tells.
+
+    def begun(self, session: RunningSession) -> None:
+        """Begin anew with it."""
+        self._forget()
+        self._session = session
+        self._site = site_frame(session.scene.scene.site)
+
+    def ended(self) -> None:
+        """There is nothing more to score."""
+        self._session = None
+
+    def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
+        """Keep whom a sensor looked at, and of what was delivered the plots."""
+        session = self._session
+        if session is None or batch.sensor not in session.sensor_tasks:
+            return
+        for drone in np.unique(batch.looks.drone).tolist():
+            self._looked_ns[drone] = batch.due_utc_ns
+        carriers = [message for message in sent if carries_plots(message.topic)]
+        if any(not message.delivered for message in carriers):
+            return
+        feed = self._feeds.get(batch.sensor)
+        if feed is None:
+            if len(self._feeds) >= MOST_SENSORS:
+                return
+            feed = self._feeds[batch.sensor] = _FeedSoFar(since_ns=0)
+        feed.take(batch)
+
+    def settings(self, sensor: Sensor) -> None:
+        """What a sensor's feed said by other keys counts no more."""
+        if self._session is not None and sensor.id in self._feeds:
+            self._feeds[sensor.id] = _FeedSoFar(since_ns=self._session.clock.now_ns())
+            self._checked.pop(sensor.id, None)
+
+    # What the tracker tells.
+
+    def tracked(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:  # noqa: ARG002
+        """Take a message of the tracker's; what cannot be read is counted."""
+        if self._session is None:
+            return
+        try:
+            told = tracks_in(payload, content_type or "", t_utc_ns, self._site)
+        except PlotfeedError as error:
+            self._unreadable += 1
+            self._problem = str(error)
+            return
+        for each in told[:MOST_TRACKS]:
+            self._hear(each, t_utc_ns)
+
+    def _hear(self, told: ToldTrack, received_utc_ns: int) -> None:
+        t_utc_ns = received_utc_ns if told.t_utc_ns is None else told.t_utc_ns
+        late_s = (received_utc_ns - t_utc_ns) / NS
+        height_m = self._site.height_m if np.isnan(told.height_m) else told.height_m
+        is_place = abs(told.latitude_deg) <= 90 and abs(told.longitude_deg) <= 360
+        if not is_place or not np.isfinite(height_m) or late_s < -self._settings.future_s:
+            self._unreadable += 1
+            self._problem = (
+                "a track of the future" if is_place and np.isfinite(height_m) else "a track nowhere"
+            )
+            return
+        self._reports += 1
+        self._latencies_s.append((received_utc_ns, late_s))
+        if told.ended or (told.tentative and not self._settings.counts_tentative):
+            self._tracks.pop(told.name, None)
+            return
+        before = self._tracks.get(told.name)
+        if before is not None and before.t_utc_ns > t_utc_ns:
+            return
+        if before is None and len(self._tracks) >= MOST_TRACKS:
+            return
+        place = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, height_m)
+        velocity = np.nan_to_num(np.array(told.velocity_enu_m_s[:2], np.float64))
+        self._tracks[told.name] = _Heard(t_utc_ns, self._site.from_ecef(place)[:2], velocity)
+
+    # What is asked.
+
+    def score(self, now_utc_ns: int) -> dict[str, Any] | None:
+        """The score as of now; None where nothing runs. To be asked once a second."""
+        session = self._session
+        if session is None:
+            return None
+        now, drones, tracks = self._figures(session, now_utc_ns)
+        self._window.append(now)
+        self._seconds += 1
+        if self._seconds % EVERY_SECONDS == 0:
+            self._check_feeds(session, now_utc_ns)
+        found: dict[str, Any] = finite(
+            {
+                "time_utc": iso_utc(now_utc_ns),
+                "tracks_topic": session.scene.page.tracks_topic,
+                "cutoff_m": self._settings.cutoff_m,
+                "drones": drones,
+                "tracks": tracks,
+                "reports": self._reports,
+                "unreadable": self._unreadable,
+                "problem": self._problem or ("" if self._reports else "no tracks have come"),
+                "now": now,
+                "window_s": len(self._window),
+                "window": _means(self._window),
+                "feed_false_rate": FALSE_RATE,
+                "feed": list(self._told_feeds()),
+            }
+        )
+        return found
+
+    def _figures(self, session: RunningSession, now_ns: int) -> tuple[dict[str, float], int, int]:
+        settings = self._settings
+        state = session.trajectories.state_at(now_ns)
+        recent = [now_ns - self._looked_ns.get(d, 0) <= SEEN_NS for d in state.drone.tolist()]
+        truth_m = self._site.from_ecef(state.position_ecef_m[np.array(recent, np.bool_)])[:, :2]
+        oldest_ns = now_ns - round(settings.stale_s * NS)
+        self._tracks = {n: t for n, t in self._tracks.items() if t.t_utc_ns >= oldest_ns}
+        places = [
+            each.place_m + each.velocity_m_s * ((now_ns - each.t_utc_ns) / NS)
+            for each in self._tracks.values()
+        ]
+        tracks_m = np.array(places, np.float64).reshape(-1, 2)
+        far_m = np.linalg.norm(truth_m[:, None] - tracks_m[None], axis=2)
+        found = set_score(far_m, settings.cutoff_m, settings.order)
+        paired, m, n = len(found.rows), len(truth_m), len(tracks_m)
+        errors_m = far_m[found.rows, found.columns]
+        since_ns = now_ns - WINDOW_S * NS
+        while self._latencies_s and self._latencies_s[0][0] < since_ns:
+            self._latencies_s.popleft()
+        late_s = np.array([late for _, late in self._latencies_s])
+        figures = {
+            "gospa_m": found.gospa_m(settings.order),
+            "ospa_m": found.ospa_m,
+            "completeness": paired / m if m else np.nan,
+            "spuriousness": (n - paired) / n if n else np.nan,
+            "position_error_m": float(np.sqrt(np.mean(errors_m**2))) if paired else np.nan,
+            "latency_s": float(np.median(late_s)) if len(late_s) else np.nan,
+            "latency_p95_s": float(np.quantile(late_s, 0.95)) if len(late_s) else np.nan,
+        }
+        if not self._reports:  # of a tracker that nobody has heard there is no figure
+            figures = dict.fromkeys(figures, np.nan)
+        return figures, m, n
+
+    def _check_feeds(self, session: RunningSession, now_ns: int) -> None:
+        """Check those of which there is news."""
+        for name, feed in self._feeds.items():
+            if feed.began_ns is not None and now_ns - feed.began_ns > BLOCK_NS:
+                self._feeds[name] = _FeedSoFar(since_ns=0)
+            elif feed.is_news:
+                seen = feed.seen(session.sensor_tasks[name].sensor)
+                self._checked[name] = feed_checks(simulated_feed(session.scene, seen, feed.sectors))
+
+    def _told_feeds(self) -> Any:
+        count = sum(len(checks) for checks in self._checked.values())
+        for sensor, checks in self._checked.items():
+            for check in checks:
+                yield {
+                    "sensor": sensor,
+                    "check": check.name,
+                    "unit": check.unit,
+                    "claimed": check.claimed,
+                    "found": check.found,
+                    "z": check.z,
+                    "of": check.of,
+                    "wrong": always_valid(check, FALSE_RATE / count),
+                    "why_not": check.why_not,
+                }
+
+
+def _means(window: Sequence[Mapping[str, float]] | deque[dict[str, float]]) -> dict[str, float]:
+    """Means of figures over the seconds at which they are there."""
+    there = {name: [s[name] for s in window if np.isfinite(s[name])] for name in window[0]}
+    return {name: float(np.mean(each)) if each else np.nan for name, each in there.items()}
+
+
+class _FeedSoFar:
+    """What came of one sensor since a block began."""
+
+    def __init__(self, *, since_ns: int) -> None:
+        """Sectors that were worked out before are not of it."""
+        self.is_news = False
+        self.began_ns: int | None = None
+        """When the first of its sectors was due."""
+        self.sectors = 0
+        """That were taken, empty ones too."""
+        self._since_ns = since_ns
+        self._looks: list[SimulatedLooks] = []
+        self._plots: list[SimulatedPlots] = []
+        self._count = 0
+
+    def take(self, batch: Batch) -> None:
+        """Take a sector whose plots were delivered."""
+        of = batch.sector
+        if self._count >= MOST_LOOKS or max(of.end_ns - AHEAD_NS, of.start_ns) < self._since_ns:
+            return
+        if self.began_ns is None:
+            self.began_ns = batch.due_utc_ns
+        scan, sector = of.scan, of.index
+        looks, plots = batch.looks, batch.plots
+        self._looks.append(SimulatedLooks.holding(_at(looks, scan, sector)))
+        self._plots.append(SimulatedPlots.holding(_at(plots, scan, sector)))
+        self.sectors += 1
+        self._count += len(looks) + len(plots)
+        self.is_news = True
+
+    def seen(self, sensor: Any) -> SimulatedSensor:
+        """All of it."""
+        self.is_news = False
+        self._looks = [SimulatedLooks.joined(self._looks)]
+        self._plots = [SimulatedPlots.joined(self._plots)]
+        return SimulatedSensor(sensor=sensor, looks=self._looks[0], plots=self._plots[0])
+
+
+def _at(columns: Looks | Plots, scan: int, sector: int) -> dict[str, Any]:
+    """Columns with the scan and the sector that they are of, and no word of whose they are."""
+    n = len(columns)
+    held = {k: v for k, v in vars(columns).items() if v is not None and k != "sensor"}
+    return held | {"scan": np.full(n, scan, np.int64), "sector": np.full(n, sector, np.int64)}
+
+
+EVERY_S = 1.0
+TOPIC = "score"
+"""Behind the prefix; no sensor may have that name, since it is one level."""
+OnScore = Callable[[dict[str, Any]], None]
+
+
+def is_scored(scene: Scene) -> bool:
+    """Whether the scene says where a tracker under test publishes."""
+    return scene.page.tracks_topic is not None
+
+
+@contextlib.asynccontextmanager
+async def scoring(
+    scene: Scene,
+    brokers: Brokers,
+    live: LiveScore,
+    now_utc_ns: Callable[[], int],
+    *,
+    clock: Clock,
+    on_score: OnScore | None = None,
+) -> AsyncIterator[None]:
+    """Score a session meanwhile, if its scene has a tracker under test.
+
+    The score is published with the truth, and where that is not, only `on_score` is told.
+    """
+    addresses, _ = brokers
+    if not is_scored(scene) or not addresses:
+        yield
+        return
+    links = [MqttTransport(each, "plotfeed-score") for each in addresses if scene.mqtt.truth]
+    outbox = Outbox(clock, links)
+
+    async def tell() -> None:
+        number = 0
+        while True:
+            await asyncio.sleep(EVERY_S)
+            now_ns = now_utc_ns()
+            found = live.score(now_ns)
+            if found is None:
+                continue
+            number += 1
+            if on_score is not None:
+                on_score(found)
+            message = score_message(scene.mqtt.prefix, found, number, now_ns)
+            outbox.send_past_link(message)
+
+    tasks = [asyncio.create_task(link.run(), name="score-link") for link in links]
+    tasks.append(asyncio.create_task(tell(), name="score"))
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def score_message(prefix: str, score: dict[str, Any], number: int, now_utc_ns: int) -> Message:
+    """A score as it is published."""
+    return Message(
+        topic=f"{prefix}/{TOPIC}",
+        payload=json.dumps(score).encode(),
+        content_type=JSON,
+        due_utc_ns=now_utc_ns,
+        properties=attributes(prefix, TOPIC, str(number), now_utc_ns),
+    )
+
+
+async def run_scored(
+    scene: Scene,
+    *,
+    clock: Clock,
+    broker: str | None,
+    duration_s: float | None,
+    stop: asyncio.Event,
+    observers: Sequence[Observer],
+    on_ready: Callable[[dict[str, str], SessionCounters], None],
+) -> SessionCounters:
+    """Run a scene and score its tracker meanwhile, without a page; raises `PlotfeedError`."""
+    live = LiveScore()
+    async with (
+        brokers_of(scene, broker) as brokers,
+        scoring(scene, brokers, live, clock.now_ns, clock=clock),
+    ):
+        return await run_over(
+            brokers,
+            scene,
+            clock=clock,
+            duration_s=duration_s,
+            stop=stop,
+            observers=[*observers, live],
+            on_ready=on_ready,
+        )

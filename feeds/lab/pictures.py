@@ -1,0 +1,256 @@
+"""What pictures share: figures that are the same to the byte, axes, levels, labels with room."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.console.extras import NO_DATE, save_figure
+from plotfeed.feeds.console.printed import printable
+from plotfeed.feeds.lab.runs import SweepLevel
+from plotfeed.models.bootstrap import Interval
+
+DPI = 110
+INK, QUIET = "#1e293b", "#94a3b8"
+
+
+@contextmanager
+def figure_of(
+    inches: tuple[float, float], title: str = "", *, size: int = 13, **settings: Any
+) -> Iterator[Any]:
+    """A figure of matplotlib, whose panels lie where there is room; `settings` are its own."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    rc: Any = {"svg.hashsalt": "plotfeed", "font.size": 9.5, **settings}
+    with mpl.rc_context(rc):
+        figure: Any = Figure(figsize=inches, dpi=DPI, layout="constrained")
+        if title:
+            figure.suptitle(title, fontsize=size)
+        yield figure
+
+
+def save_picture(figure: Any, path: Path) -> None:
+    """Write a figure in the format that its name says, the same again to the byte."""
+    save_figure(figure, path, metadata=NO_DATE[path.suffix.lower()])
+
+
+def svg_of(figure: Any) -> str:
+    """A figure as an SVG element."""
+    octets = io.BytesIO()
+    figure.savefig(octets, format="svg", metadata=NO_DATE[".svg"])
+    text = octets.getvalue().decode()
+    return text[text.index("<svg") :]
+
+
+def finish(
+    axes: Any, title: str, x: str, y: str, *, drawn: object = True, nothing: str = "nothing to draw"
+) -> None:
+    """Titles and a grid; where nothing is `drawn`, the words for that in the middle."""
+    axes.set_title(title.replace("$", r"\$"), loc="left", fontweight="bold")
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(visible=True, alpha=0.3)
+    if not drawn:
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, nothing, transform=axes.transAxes, ha="center", color=QUIET, size=11)
+
+
+def plain_text(text: str) -> str:
+    """Text in which matplotlib takes no dollar for mathematics."""
+    return printable(text).replace("$", r"\$")
+
+
+LEVELS_DRAWN = 8
+LOG_FROM = 20.0
+"""Times that the largest value is the smallest: then the axis is logarithmic."""
+LETTERS = 28
+"""Of a label."""
+
+
+class LevelAxis:
+    """Levels along an axis: by the first key of numbers, a line for each value of all others."""
+
+    def __init__(self, levels: Sequence[SweepLevel]) -> None:
+        self._several = len({level.scene for level in levels}) > 1
+        self.key = next((n for n in range(len(levels[0].changes)) if _is_scale(levels, n)), None)
+        self.title = "level" if self.key is None else levels[0].changes[self.key][0]
+        self.lines: dict[str, list[SweepLevel]] = {}
+        """Levels of a line, by its label."""
+        for level in levels:
+            self.lines.setdefault(self._line(level), []).append(level)
+        self._at = {level.number: n for n, level in enumerate(levels)}
+        values = [self.at(level) for level in levels]
+        self.is_log = self.key is not None and min(values) > 0
+        self.is_log = self.is_log and max(values) > LOG_FROM * min(values)
+        self.ticks = {} if self.key is not None else {self.at(lv): self.name(lv) for lv in levels}
+
+    def at(self, level: SweepLevel) -> float:
+        """Where a level stands."""
+        value = self._at[level.number] if self.key is None else level.values[self.key]
+        return float(value)
+
+    def name(self, level: SweepLevel) -> str:
+        """A label of a level."""
+        label = _label(level, range(len(level.changes)), with_scene=self._several)
+        return label or plain_text(level.scene)
+
+    def _line(self, level: SweepLevel) -> str:
+        if self.key is None:
+            return ""
+        others = [n for n in range(len(level.changes)) if n != self.key]
+        return _label(level, others, with_scene=self._several)
+
+
+def draw_by_level(
+    axes: Any, axis: LevelAxis, figures: Mapping[int, Interval], title: str, unit: str
+) -> None:
+    """A figure by level with its intervals, a line for each value of what is not the axis.
+
+    `figures` are by the numbers of levels.
+    """
+    drawn = False
+    lines = list(axis.lines.items())[:: max(1, -(-len(axis.lines) // LEVELS_DRAWN))]
+    for (label, levels), colour in zip(lines, shades(len(lines)), strict=True):
+        told = [(axis.at(lv), figures[lv.number]) for lv in levels if lv.number in figures]
+        told = [(x, figure) for x, figure in told if np.isfinite(figure.value)]
+        if not told:
+            continue
+        drawn = True
+        x, y = [x for x, _ in told], [figure.value for _, figure in told]
+        spans = [[max(f.value - f.low, 0.0), max(f.high - f.value, 0.0)] for _, f in told]
+        how: dict[str, Any] = {"fmt": "o" if axis.key is None else "o-", "ms": 4, "capsize": 3}
+        axes.errorbar(x, y, yerr=np.nan_to_num(spans).T, color=colour, label=label or None, **how)
+    if axis.is_log:
+        axes.set_xscale("log")
+    if axis.ticks:
+        axes.set_xticks(list(axis.ticks), list(axis.ticks.values()), rotation=20, ha="right")
+    if drawn and any(axis.lines):
+        axes.legend(frameon=False, fontsize=8.5)
+    finish(axes, title, printable(axis.title), unit, drawn=drawn)
+
+
+def _label(level: SweepLevel, keys: Any, *, with_scene: bool) -> str:
+    parts = [level.scene] if with_scene else []
+    parts += [f"{level.changes[n][0]} = {level.changes[n][1]}" for n in keys]
+    text = ", ".join(parts)
+    return plain_text(text if len(text) <= LETTERS else f"...{text[-LETTERS:]}")
+
+
+def _is_scale(levels: Sequence[SweepLevel], n: int) -> bool:
+    values = {level.changes[n][1] for level in levels}
+    numbers = [json.loads(value) for value in values]
+    return len(numbers) > 1 and all(type(number) in (int, float) for number in numbers)
+
+
+def shades(count: int) -> list[Any]:
+    """Colours of so many lines, in order."""
+    import matplotlib as mpl
+
+    shades = mpl.colormaps["viridis"]
+    return [shades(x) for x in np.linspace(0.0, 0.85, max(count, 1))[:count]]
+
+
+LABEL_STYLE = {"fontsize": 7.5, "linespacing": 1.2, "va": "bottom", "ha": "left"}
+MARKER_PIXELS = 8.0
+GAP_PIXELS = 10.0
+REACHES = (1.0, 2.0, 3.5, 5.5, 8.0, 11.0, 15.0)
+"""How far labels may move away, in gaps."""
+Box = tuple[float, float, float, float]
+"""Left, bottom, right, top; pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Label:
+    """What is written beside a point; data coordinates."""
+
+    x: float
+    y: float
+    text: str
+    color: str
+
+
+def place_labels(figure: Any, panels: Sequence[tuple[Any, Sequence[Label]]]) -> None:
+    """Write labels of panels, each where it first finds room, with a line to a point far away."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # labels go where there is room, and make none
+    for axes, labels in panels:
+        _place(axes, labels, canvas.get_renderer())
+
+
+def _place(axes: Any, labels: Sequence[Label], renderer: Any) -> None:
+    points = [tuple(axes.transData.transform((label.x, label.y))) for label in labels]
+    taken: list[Box] = [_around(x, y, MARKER_PIXELS, MARKER_PIXELS) for x, y in points]
+    within = axes.get_window_extent(renderer)
+    frame = (within.x0, within.y0, within.x1, within.y1)
+    for label, (x, y) in zip(labels, points, strict=True):
+        text = axes.annotate(label.text, (label.x, label.y), **LABEL_STYLE)
+        extent = text.get_window_extent(renderer)
+        text.remove()
+        best = min(
+            _boxes(x, y, extent.width, extent.height),
+            key=lambda found: _cost(found, frame, taken),
+        )
+        taken.append(best)
+        _write(axes, label, (x, y), best)
+
+
+def _write(axes: Any, label: Label, point: tuple[float, float], box: Box) -> None:
+    """A label in its box, which is in pixels."""
+    pixels_a_point = axes.figure.dpi / 72
+    offset = ((box[0] - point[0]) / pixels_a_point, (box[1] - point[1]) / pixels_a_point)
+    near_x = min(max(point[0], box[0]), box[2])
+    near_y = min(max(point[1], box[1]), box[3])
+    far = max(abs(near_x - point[0]), abs(near_y - point[1])) > 2.5 * GAP_PIXELS
+    axes.annotate(
+        label.text,
+        (label.x, label.y),
+        xytext=offset,
+        textcoords="offset points",
+        **LABEL_STYLE,
+        color=label.color,
+        zorder=6,
+        annotation_clip=False,
+        arrowprops={"arrowstyle": "-", "lw": 0.5, "color": label.color, "alpha": 0.6, "shrinkA": 0}
+        if far
+        else None,
+        bbox={"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 0.6},
+    )
+
+
+def _boxes(x: float, y: float, width: float, height: float) -> Iterator[Box]:
+    """Places for a label, the better ones first: to the right, to the left, above, below."""
+    for reach in REACHES:
+        away = reach * GAP_PIXELS
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+            middle_x = x + dx * (away + width / 2)
+            middle_y = y + dy * (away + height / 2)
+            yield _around(middle_x, middle_y, width / 2, height / 2)
+
+
+def _cost(box: Box, frame: Box, taken: Sequence[Box]) -> float:
+    """Area that is covered twice or lies outside."""
+    inside = _overlap(box, frame)
+    area = (box[2] - box[0]) * (box[3] - box[1])
+    return (area - inside) + sum(_overlap(box, other) for other in taken)
+
+
+def _overlap(a: Box, b: Box) -> float:
+    width = min(a[2], b[2]) - max(a[0], b[0])
+    height = min(a[3], b[3]) - max(a[1], b[1])
+    return max(width, 0.0) * max(height, 0.0)
+
+
+def _around(x: float, y: float, half_width: float, half_height: float) -> Box:
+    return x - half_width, y - half_height, x + half_width, y + half_height

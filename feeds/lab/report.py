@@ -1,0 +1,569 @@
+"""`plotfeed report`: a recorded ledger as aligned tables or as JSON, and its chart beside them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+
+from plotfeed.feeds.console.extras import check_picture
+from plotfeed.feeds.console.printed import Row, printable, say, say_damage
+from plotfeed.feeds.console.process import refuse_if_there
+from plotfeed.feeds.lab.checks import ErrorFigures, PdFigures, Verdicts
+from plotfeed.feeds.lab.figures import LedgerReport, SensorFigures, as_values, read, report
+from plotfeed.feeds.lab.laws import QUANTITIES, share_interval
+from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, Share, link_text
+from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, finish, save_picture
+from plotfeed.feeds.lab.tables import NOTHING, number, percent, seconds, table
+from plotfeed.proto.utc import NS, iso_utc
+
+BURSTS_SHOWN = 10
+PAIR = ("asked", "delivered", "z")
+
+
+def lines(told: LedgerReport) -> Iterator[str]:
+    """All lines of a report."""
+    lasted_s = (told.last_utc_ns - told.first_utc_ns) / NS
+    of_scene = f"scene {printable(told.scene)}, " if told.scene else ""
+    yield (
+        f"{told.file}: {of_scene}{told.entries} entries of {len(told.sensors)} sensor(s), "
+        f"{lasted_s:.1f} s from {iso_utc(told.first_utc_ns)}"
+    )
+    for note in told.notes:
+        yield f"  note: {printable(note)}"
+    if told.links:
+        yield from _settings(told)
+        yield from _delays(told)
+        yield from _losses(told)
+        yield from _bursts(told)
+        yield from _copies(told)
+        yield from _other_fates(told)
+    yield from _detection(told)
+    yield from _errors(told)
+    yield from _false_alarms(told)
+    yield ""
+    yield "z: standard deviations from what was asked; -: none, too few, or not judged"
+    for sensor in told.sensors:
+        if sensor.unjudged:
+            yield f"{printable(sensor.sensor)}: not judged: {sensor.unjudged}"
+    yield from _verdicts(told.verdicts)
+
+
+def _settings(told: LedgerReport) -> Iterator[str]:
+    rows = [
+        (
+            printable(link.sensor),
+            str(link.number),
+            seconds(link.first_utc_ns - told.first_utc_ns),
+            seconds(link.last_utc_ns - told.first_utc_ns),
+            str(link.messages),
+            printable(link_text(link.link)),
+        )
+        for link in told.links
+    ]
+    header = ("sensor", "link", "from s", "to s", "messages", "keys in force")
+    yield from table("Links, and when messages under them were handed over", header, rows, "<>>>><")
+    for link in told.links:
+        if link.link_problem:
+            named = f"link {link.number} of {printable(link.sensor)}"
+            yield f"  {named} is not one that is known: {printable(link.link_problem)}"
+
+
+def _delays(told: LedgerReport) -> Iterator[str]:
+    rows = [row for link in told.links for row in _delay_rows(link)]
+    header = ("sensor", "link", "", "messages", "mean", "p50", "p90", "p99", "max", "KS", "p", "")
+    title = "Delay from being handed over to sending, ms"
+    yield from table(title, header, rows, "<><>>>>>>>><", {9: "distance from the law"})
+
+
+def _delay_rows(link: LinkFigures) -> Iterator[Row]:
+    name, fit, sent = printable(link.sensor), link.fit, str(link.sent)
+    why = f"not compared: {fit.not_comparable}" if fit.not_comparable else ""
+    yield name, str(link.number), "asked", "", *_times(link.asked), "", "", why
+    fits = number(fit.distance, ".4f"), number(fit.p_value, ".2g")
+    yield "", "", "delivered", sent, *_times(link.delivered), *fits, ""
+    fits = number(fit.link_distance, ".4f"), number(fit.link_p_value, ".2g")
+    by_link = "of the link alone" if fits[0] != NOTHING else ""
+    yield "", "", "engine late", "", *_times(link.lateness), *fits, by_link
+
+
+def _times(times: LatencyFigures | None) -> Iterator[str]:
+    if times is None:
+        return iter([NOTHING] * 5)
+    told = (times.mean_ms, times.p50_ms, times.p90_ms, times.p99_ms, times.max_ms)
+    return (number(value, ".3f") for value in told)
+
+
+def _losses(told: LedgerReport) -> Iterator[str]:
+    rows = []
+    for link in told.links:
+        loss, bursts = link.loss, link.bursts
+        rows.append(
+            (
+                printable(link.sensor),
+                str(link.number),
+                str(loss.of),
+                str(loss.count),
+                *_share(loss),
+                str(bursts.bursts),
+                number(bursts.asked_mean, ".3f"),
+                number(bursts.delivered_mean, ".3f"),
+                number(bursts.z, "+.1f"),
+            )
+        )
+    header = ("sensor", "link", "messages", "lost", *PAIR, "bursts", *PAIR)
+    groups = {4: "share lost, %", 8: "mean burst"}
+    yield from table("Loss, and messages lost in a row", header, rows, "<" + ">" * 10, groups)
+
+
+def _bursts(told: LedgerReport) -> Iterator[str]:
+    rows = []
+    for link in told.links:
+        bursts = link.bursts
+        if not bursts.bursts:
+            continue
+        for what, survival in (
+            ("asked", bursts.asked_survival),
+            ("delivered", bursts.delivered_survival),
+        ):
+            shares = [percent(share) for share in survival[:BURSTS_SHOWN]]
+            shares += [NOTHING] * (BURSTS_SHOWN - len(shares))
+            named = (printable(link.sensor), str(link.number)) if what == "asked" else ("", "")
+            rows.append((*named, what, *shares))
+    if rows:
+        header = ("sensor", "link", "", *map(str, range(1, BURSTS_SHOWN + 1)))
+        yield from table(
+            "Bursts of so many losses or more, %", header, rows, "<><" + ">" * BURSTS_SHOWN
+        )
+
+
+def _copies(told: LedgerReport) -> Iterator[str]:
+    rows = [
+        (
+            printable(link.sensor),
+            str(link.number),
+            *_share(link.duplicates),
+            *_share(link.corrupted),
+            *_share(link.overtook)[:2],
+        )
+        for link in told.links
+    ]
+    header = ("sensor", "link", *PAIR, *PAIR, *PAIR[:2])
+    title = "Duplicates, flipped bits, and messages that left before one handed over earlier"
+    groups = {2: "doubled, %", 5: "corrupted, %", 8: "overtook, %"}
+    yield from table(title, header, rows, "<" + ">" * 9, groups)
+
+
+def _other_fates(told: LedgerReport) -> Iterator[str]:
+    some = [link for link in told.links if any(link.other_fates.values())]
+    if not some:
+        return
+    header = ("sensor", "link", *(name.replace("_", " ") for name in some[0].other_fates))
+    rows = [
+        (printable(link.sensor), str(link.number), *map(str, link.other_fates.values()))
+        for link in some
+    ]
+    yield from table("Messages that did not leave otherwise", header, rows, "<" + ">" * 7)
+
+
+def _detection(told: LedgerReport) -> Iterator[str]:
+    rows = [row for sensor in told.sensors for row in _pd_rows(sensor)]
+    if rows:
+        header = ("sensor", "range km", "looks", "asked", "delivered", "95 % of it", "z")
+        yield from table("Detection", header, rows, "<>>>>>>", {3: "probability"})
+
+
+def _pd_rows(sensor: SensorFigures) -> Iterator[Row]:
+    if sensor.looks is None:
+        return
+    yield printable(sensor.sensor), "all", *_pd(sensor.looks)
+    if len(sensor.looks_by_range) > 1:
+        for at in sensor.looks_by_range:
+            yield "", f"{at.from_m / 1000:.2f}-{at.to_m / 1000:.2f}", *_pd(at)
+
+
+def _pd(at: PdFigures) -> Row:
+    return (
+        str(at.looks),
+        number(at.asked, ".3f"),
+        number(at.delivered, ".3f"),
+        f"{number(at.low, '.3f')}-{number(at.high, '.3f')}",
+        number(at.z, "+.1f"),
+    )
+
+
+def _errors(told: LedgerReport) -> Iterator[str]:
+    rows = [row for sensor in told.sensors for row in _error_rows(sensor)]
+    if rows:
+        measured = ("sensor", "", "unit", "plots", "mean", "rms", "sigma")
+        header = (*measured, "mean", "z", "rms", "z", "within 2")
+        groups = {4: "error", 6: "stated", 7: "over sigma: asked 0, 1 and 95.45 %"}
+        yield from table("Errors of plots", header, rows, "<<<" + ">" * 9, groups)
+    for sensor in told.sensors:
+        if sensor.plots:
+            where = (
+                f"{sensor.joined} found in {sensor.plots_from}"
+                if sensor.plots_from
+                else ("none was recorded in a format that is read here")
+            )
+            found = f"of {sensor.plots} plots of drones {where}{_rest(sensor)}"
+            yield f"  {printable(sensor.sensor)}: {found}"
+
+
+def _rest(sensor: SensorFigures) -> str:
+    """Plots that are in no row, and why: none is dropped without a word."""
+    counts = {
+        "in sectors whose plots are not those of the ledger": sensor.contradicted,
+        "not compared, since noise decides whether they are there": sensor.not_compared,
+        "at another time than asked": sensor.times_off,
+    }
+    return "".join(f"; {count} {what}" for what, count in counts.items() if count)
+
+
+def _error_rows(sensor: SensorFigures) -> Iterator[Row]:
+    name = printable(sensor.sensor)
+    for error in sensor.errors:
+        yield name, *_error(error)
+        name = ""
+
+
+def _error(error: ErrorFigures) -> Row:
+    return (
+        error.quantity,
+        error.unit,
+        str(error.plots),
+        number(error.mean, ".4g"),
+        number(error.rms, ".4g"),
+        number(error.stated_rms, ".4g"),
+        number(error.normalised_mean, "+.3f"),
+        number(error.z_mean, "+.1f"),
+        number(error.normalised_rms, ".3f"),
+        number(error.z_rms, "+.1f"),
+        percent(error.within_2),
+    )
+
+
+def _false_alarms(told: LedgerReport) -> Iterator[str]:
+    rows = []
+    for sensor in told.sensors:
+        alarms = sensor.false_alarms
+        if not alarms.count and not alarms.asked > 0:
+            continue
+        rows.append(
+            (
+                printable(sensor.sensor),
+                number(alarms.scans, ".1f"),
+                number(alarms.asked, ".1f"),
+                str(alarms.count),
+                number(alarms.asked_per_scan, ".4g"),
+                number(alarms.delivered_per_scan, ".4g"),
+                number(alarms.z, "+.1f"),
+            )
+        )
+    if rows:
+        header = ("sensor", "scans", *PAIR[:2], *PAIR)
+        groups = {2: "in all", 4: "a scan"}
+        yield from table("False alarms", header, rows, "<>>>>>>", groups)
+    for sensor in told.sensors:
+        if sensor.plots_of_others:
+            counts = (f"{n} of {printable(what)}" for what, n in sensor.plots_of_others.items())
+            told_of = f"  {printable(sensor.sensor)}: plots of no drone and no false alarms: "
+            yield told_of + ", ".join(counts)
+
+
+def _verdicts(found: Verdicts) -> Iterator[str]:
+    """What is wrong, last: nobody has to look for it."""
+    rows = [
+        (
+            printable(wrong.sensor),
+            str(wrong.link) if wrong.link else "",
+            wrong.quantity,
+            number(wrong.p, ".2g") if wrong.p else "never",
+            wrong.what,
+        )
+        for wrong in found.wrong
+    ]
+    if rows:
+        header = ("sensor", "link", "what", "by chance", "")
+        yield from table("NOT as it was asked", header, rows, "<><>")
+    yield ""
+    how = "all as it was asked" if not rows else f"{len(rows)} not as they were asked"
+    yield (
+        f"{found.judged} figures judged: {how}. "
+        f"Where all is right, one report in {1 / found.false_rate:.0f} says otherwise."
+    )
+
+
+def _share(share: Share) -> Row:
+    return percent(share.asked), percent(share.delivered), number(share.z, "+.1f")
+
+
+# The picture: what was asked as broken lines, what was delivered as whole ones.
+
+INCHES = (16.5, 9.3)
+COLOURS = ("#1d4ed8", "#c2410c", "#15803d", "#7e22ce", "#0e7490", "#a16207", "#be123c", "#475569")
+ASKED: Mapping[str, Any] = {"ls": (0, (4, 2)), "lw": 2.2, "alpha": 0.55}
+DOTTED = (0, (3, 1, 1, 1, 1, 1))
+LINES = dict(zip(QUANTITIES, ("-", "-.", "--", ":", DOTTED, (0, (6, 3))), strict=True))
+BURSTS_DRAWN = 30
+FEWEST_LOOKS = 5
+"""Of a bin of ranges that is drawn."""
+LEGEND_LETTERS, LEGEND_LINES = 70, 5
+LEAST_LATE_MS = 1e-3
+MOST_SPREAD = 30.0
+"""Of median delays, beyond which their axis is logarithmic."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What is drawn of a report: as many as there are colours."""
+
+    links: Sequence[tuple[str, LinkFigures]]
+    """With colours."""
+    sensors: Sequence[tuple[str, SensorFigures]]
+    left_out: int
+    """Links that are not drawn."""
+    curve: Sequence[float]
+    edges: Sequence[float]
+
+    @classmethod
+    def of(cls, told: LedgerReport) -> Chosen:
+        """A sensor has the colour of its first link."""
+        links = [link for link in told.links if link.messages][: len(COLOURS)]
+        coloured = list(zip(COLOURS, links, strict=False))
+        colours = {link.sensor: colour for colour, link in reversed(coloured)}
+        spare = iter(COLOURS[len(links) :])
+        sensors = [
+            (colours.get(sensor.sensor) or next(spare, INK), sensor)
+            for sensor in told.sensors
+            if sensor.sensor in colours or not told.links
+        ]
+        left_out = len(told.links) - len(links)
+        return cls(coloured, sensors[: len(COLOURS)], left_out, told.curve, told.normalised_edges)
+
+
+def draw_report(told: LedgerReport, path: Path) -> None:
+    """Write the picture, in the format that its name says."""
+    chosen = Chosen.of(told)
+    panels = (
+        _delay_curves,
+        _burst_lengths,
+        _detection_by_range,
+        _lateness,
+        _error_spreads,
+        _legend,
+    )
+    with figure_of(INCHES, _title(told)) as figure:
+        for panel, axes in zip(panels, figure.subplots(2, 3).flat, strict=True):
+            panel(axes, chosen)
+        save_picture(figure, path)
+
+
+def _title(told: LedgerReport) -> str:
+    name = told.scene or Path(told.file).name
+    return f"{printable(name)}: asked and delivered, by {told.entries:,} entries of the ledger"
+
+
+def _delay_curves(axes: Any, chosen: Chosen) -> None:
+    medians, ends_ms = [], []
+    for colour, link in chosen.links:
+        if link.asked is not None and link.sent:
+            axes.plot(link.asked.curve_ms, chosen.curve, color=colour, **ASKED)
+        if link.sent:
+            axes.plot(link.delivered.curve_ms, chosen.curve, color=colour, lw=1.1)
+            medians.append(link.delivered.p50_ms)
+            asked_ms = 0.0 if link.asked is None else link.asked.max_ms
+            ends_ms.append(max(asked_ms, link.delivered.p99_ms))
+    if medians and min(medians) > 0 and max(medians) > MOST_SPREAD * min(medians):
+        axes.set_xscale("log")
+    if ends_ms and max(ends_ms) > 0:  # the last hundredth may be far away
+        axes.set_xlim(right=1.05 * max(ends_ms))
+    finish(
+        axes,
+        "Delay",
+        "ms from being handed over to sending",
+        "share of messages",
+        drawn=medians,
+        nothing="nothing left",
+    )
+
+
+def _lateness(axes: Any, chosen: Chosen) -> None:
+    """The share that left later still, so that the tail can be seen."""
+    later = 1 - np.array(chosen.curve)
+    drawn = False
+    for colour, link in chosen.links:
+        late_ms = np.array(link.lateness.curve_ms)
+        if link.sent and late_ms[-1] >= LEAST_LATE_MS:
+            later_still = np.where(later > 0, later, 1 / max(link.sent, 1000))
+            axes.plot(np.maximum(late_ms, LEAST_LATE_MS), later_still, color=colour, lw=1.1)
+            drawn = True
+    if drawn:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+    nothing = "all left when they were due"
+    x, y = "ms after the link let them leave", "share later still"
+    finish(axes, "Lateness of the engine", x, y, drawn=drawn, nothing=nothing)
+
+
+def _burst_lengths(axes: Any, chosen: Chosen) -> None:
+    drawn = False
+    for colour, link in chosen.links:
+        bursts = link.bursts
+        if not bursts.bursts:
+            continue
+        drawn = True
+        lengths = np.arange(1, min(len(bursts.asked_survival), BURSTS_DRAWN) + 1)
+        asked = np.array(bursts.asked_survival)[: len(lengths)]
+        shown = asked > 0.2 / bursts.bursts
+        axes.plot(lengths[shown], asked[shown], color=colour, **ASKED)
+        delivered = np.array(bursts.delivered_survival)[: len(lengths)]
+        _points(axes, lengths, delivered, bursts.bursts, colour)
+    if drawn:
+        axes.set_yscale("log")
+        axes.xaxis.get_major_locator().set_params(integer=True)
+    finish(
+        axes,
+        "Bursts of losses",
+        "messages lost in a row",
+        "share as long or longer",
+        drawn=drawn,
+        nothing="no bursts of losses",
+    )
+
+
+def _points(axes: Any, x: Any, shares: Any, of: int, colour: str) -> None:
+    """Shares of so many with their 95 % intervals."""
+    there = shares > 0
+    x, shares = x[there], shares[there]
+    intervals = [share_interval(round(share * of), of) for share in shares]
+    _bars(axes, x, shares, np.array(intervals).T, colour)
+
+
+def _bars(axes: Any, x: Any, y: Any, interval: Any, colour: str) -> None:
+    low, high = interval
+    spans = np.maximum([y - low, high - y], 0)
+    axes.errorbar(x, y, yerr=spans, color=colour, fmt="o", ms=3.5, lw=1.1, capsize=2)
+
+
+def _detection_by_range(axes: Any, chosen: Chosen) -> None:
+    drawn = False
+    for colour, sensor in chosen.sensors:
+        bins = [at for at in sensor.looks_by_range if at.looks >= FEWEST_LOOKS]
+        if not bins:
+            continue
+        drawn = True
+        x_km = np.array([(at.from_m + at.to_m) / 2000 for at in bins])
+        axes.plot(x_km, [at.asked for at in bins], color=colour, **ASKED)
+        delivered, *interval = np.array([(at.delivered, at.low, at.high) for at in bins]).T
+        _bars(axes, x_km, delivered, interval, colour)
+    if drawn:
+        axes.set_ylim(-0.03, 1.03)
+        axes.set_xlim(left=0)
+    finish(
+        axes,
+        "Detection",
+        "true range, km",
+        "probability of detection, share detected",
+        drawn=drawn,
+        nothing="nobody was looked at",
+    )
+
+
+def _error_spreads(axes: Any, chosen: Chosen) -> None:
+    from matplotlib.lines import Line2D
+
+    x = np.linspace(chosen.edges[0], chosen.edges[-1], 300)
+    axes.fill_between(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), color=QUIET, alpha=0.35, lw=0)
+    step = chosen.edges[2] - chosen.edges[0]
+    used = []
+    for colour, sensor in chosen.sensors:
+        for error in sensor.errors:
+            if error.compared:
+                counts = np.array(error.histogram).reshape(-1, 2).sum(axis=1)
+                density, line = counts / (error.compared * step), LINES[error.quantity]
+                axes.stairs(density, chosen.edges[::2], color=colour, ls=line, lw=1.1)
+                used.append(error.quantity)
+    handles = [
+        Line2D([], [], color=INK, ls=LINES[name], label=name) for name in dict.fromkeys(used)
+    ]
+    if handles:
+        asked = Line2D([], [], color=QUIET, lw=6, alpha=0.35, label="asked: N(0, 1)")
+        axes.legend(handles=[asked, *handles], frameon=False, fontsize=8.5, loc="upper right")
+    axes.set_xlim(-5, 5)
+    finish(
+        axes,
+        "Errors of plots",
+        "error over its standard deviation",
+        "density",
+        drawn=used,
+        nothing="no plots whose error is known",
+    )
+
+
+def _legend(axes: Any, chosen: Chosen) -> None:
+    """The legend: which colour is whose, and what it asked."""
+    from matplotlib.lines import Line2D
+
+    axes.axis("off")
+    handles = [
+        Line2D([], [], color=INK, label="asked", **ASKED),
+        Line2D([], [], color=INK, lw=1.1, marker="o", ms=3.5, label="delivered, bars: 95 %"),
+    ]
+    for colour, link in chosen.links:
+        text = f"{link.sensor}, link {link.number}: {link_text(link.link)}; {_delay_verdict(link)}"
+        handles.append(Line2D([], [], color=colour, lw=3, label=_fit_in(text)))
+    if not chosen.links:
+        handles += [
+            Line2D([], [], color=colour, lw=3, label=printable(sensor.sensor))
+            for colour, sensor in chosen.sensors
+        ]
+    if chosen.left_out:
+        handles.append(Line2D([], [], lw=0, label=f"and {chosen.left_out} more, not drawn"))
+    axes.legend(handles=handles, loc="upper left", frameon=False, fontsize=9, labelspacing=0.9)
+
+
+def _delay_verdict(link: LinkFigures) -> str:
+    """A verdict on whether the delays can be those that were asked for."""
+    fit = link.fit
+    if fit.not_comparable or not isfinite(fit.p_value):
+        return f"delay not compared: {fit.not_comparable or 'too few'}"
+    return f"delay: KS {fit.distance:.4f}, p {fit.p_value:.2g}"
+
+
+def _fit_in(text: str) -> str:
+    """Some lines of it; matplotlib takes a dollar for mathematics."""
+    lines = wrap(printable(text), LEGEND_LETTERS, break_on_hyphens=False)
+    if len(lines) > LEGEND_LINES:
+        lines = [*lines[: LEGEND_LINES - 1], f"... {lines[-1]}"]
+    return "\n".join(lines).replace("$", r"\$")
+
+
+DAMAGED = 2
+
+
+def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool = False) -> int:
+    """Print what the ledger in a file says, and draw it if there is a place to; the exit code.
+
+    That is 2 if the file is damaged: what is whole of it counts. Raises `PlotfeedError` and
+    `OSError`.
+    """
+    if chart is not None:
+        refuse_if_there(chart, force=force)  # before anything is read in vain
+        check_picture(chart)
+    told = report(path, read(path))
+    if chart is not None:
+        draw_report(told, chart)
+    if as_json:
+        say(json.dumps(as_values(told)))
+    else:
+        for line in lines(told):
+            say(line)
+    say_damage(path, told.damage, all_in="; --json has all")
+    return DAMAGED if told.damage else 0

@@ -1,0 +1,610 @@
+"""Runs handed out to processes and kept in a journal: of all scenes at all levels of their keys."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import hashlib
+import json
+import logging
+import os
+import re
+import socket
+import tomllib
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from decimal import Decimal, DecimalException
+from functools import lru_cache
+from itertools import islice, product
+from pathlib import Path
+from typing import Any, NoReturn, Self, TypeVar
+
+from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.console.posix import lock
+from plotfeed.feeds.console.printed import naming, say
+from plotfeed.feeds.console.status_line import with_progress
+from plotfeed.feeds.recording.recorder import files_of
+from plotfeed.feeds.scene.presets.preset import with_presets
+from plotfeed.feeds.scene.presets.system import with_systems
+from plotfeed.feeds.scene.problems import in_a_line
+from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree, load, parsed
+from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.feeds.scene.terrain_keys import HORIZONS
+from plotfeed.feeds.transport.local_hosts import LOOPBACK
+from plotfeed.proto.errors import PlotfeedError
+
+OBJECT_STORE_OCTETS = 128 << 20
+"""Of shared memory: jobs and what comes of them are small."""
+QUIET = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_DEDUP_LOGS": "0",
+    "RAY_worker_niceness": "0",
+}
+"""Of the environment, unless somebody has set it: Ray tells nobody of its use, asks for no graphics
+processors, and its workers, which have deadlines, stand behind nobody else."""
+ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
+"""For a machine alone: else Ray takes loopback for the machine's own address, and listens there."""
+CONNECT_S = 5.0
+ATTEMPTS = 3
+"""Ray gives its processes half a minute to start, which a busy machine may not have."""
+
+
+class EngineError(PlotfeedError):
+    """Ray that cannot be started, or joined."""
+
+    exit_code = 1
+
+
+@contextlib.contextmanager
+def connected(address: str | None, processors: int | None) -> Iterator[Any]:
+    """Ray's module, connected meanwhile to a cluster, or to one of this machine alone.
+
+    ADDRESS is HOST:PORT of a cluster's head; without it Ray is started on loopback, for so many
+    processors or all that there are, and ends with this. Raises `PlotfeedError`.
+    """
+    need_extra("ray", "work spread over processes and hosts", "fleet", load=False)
+    if address is not None:
+        _check_there(address)
+    for name, value in (QUIET | ({} if address else ALONE)).items():
+        os.environ.setdefault(name, value)
+    import ray  # an extra, and a second to load
+
+    how: dict[str, Any] = {"logging_level": logging.ERROR, "log_to_driver": False}
+    if address is None:
+        how |= {
+            "address": "local",
+            "num_cpus": processors,
+            "include_dashboard": False,
+            "object_store_memory": OBJECT_STORE_OCTETS,
+            "_node_ip_address": LOOPBACK,
+        }
+    else:
+        how["address"] = address
+    for attempt in range(ATTEMPTS):
+        try:
+            ray.init(**how)
+            break
+        except Exception as error:  # noqa: BLE001 - a machine that was too slow is told by no other
+            ray.shutdown()
+            if attempt + 1 < ATTEMPTS and type(error) is Exception:
+                continue
+            where = "cannot be started" if address is None else f"at {address} does not answer"
+            said = next((line for line in str(error).splitlines() if line.strip()), "")
+            raise EngineError(f"Ray {where}: {said or type(error).__name__}") from None
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+def _check_there(address: str) -> None:
+    """Raise `EngineError` where nobody listens: Ray itself would wait for minutes."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()
+    except ValueError:
+        raise EngineError(f"Ray: expected HOST:PORT, not {address!r}") from None
+    except OSError as error:
+        raise EngineError(f"Ray at {address} does not answer: {error.strerror or error}") from None
+
+
+TRIES = 4
+"""Of a job whose process dies."""
+AHEAD = 2
+"""Jobs for each processor that are handed out: one is worked on, and one waits."""
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+def spread(
+    work: Callable[[Job], Result],
+    jobs: Iterable[Job],
+    *,
+    address: str | None = None,
+    processes: int | None = None,
+) -> Generator[tuple[Job, Result], None, None]:
+    """Each job and what `work` made of it, in the order in which they are done.
+
+    Where one process is asked for, and no cluster, that is this one. Else they are Ray's tasks, in
+    so many processes or as many as there are processors; `address` is that of a cluster. A job
+    whose process dies is done again, by another; after some deaths, `EngineError` is raised, as is
+    every `PlotfeedError` of `work` with its text.
+    """
+    if processes == 1 and address is None:
+        for job in jobs:
+            yield job, work(job)
+        return
+    with connected(address, processes) as ray:
+        task = ray.remote(num_cpus=1, max_retries=TRIES - 1)(_told(work))
+        processors = max(1, int(ray.cluster_resources().get("CPU", 1)))
+        left, handed_out = iter(jobs), dict[Any, Job]()
+        while True:
+            for job in islice(left, AHEAD * processors - len(handed_out)):
+                handed_out[task.remote(job)] = job
+            if not handed_out:
+                return
+            done, _ = ray.wait(list(handed_out), num_returns=1)
+            for each in done:
+                job = handed_out.pop(each)
+                try:
+                    result, refused = ray.get(each)
+                except ray.exceptions.WorkerCrashedError:
+                    raise EngineError(f"{TRIES} processes died of one job: {job}") from None
+                if refused is not None:
+                    raise PlotfeedError(refused)
+                yield job, result
+
+
+def _told(work: Callable[[Job], Result]) -> Callable[[Job], tuple[Result | None, str | None]]:
+    """`work` that hands back the text of an error: not all of them can be pickled."""
+
+    def done(job: Job) -> tuple[Result | None, str | None]:
+        try:
+            return work(job), None
+        except PlotfeedError as error:
+            return None, str(error)
+
+    return done
+
+
+MAX_VALUES = 1000
+"""Of a key."""
+EXAMPLE = "such as link.latency_ms=0:2000:250 or sensor.radar.pfa=1e-6,1e-5"
+ALL = "*"
+MOST_NAMED = 12
+"""Entries that an error names."""
+_STEPS = re.compile(r"\s*([^:,\s]+):([^:,\s]+):([^:,\s]+)\s*")
+_WORD = re.compile(r"[A-Za-z_][\w.-]*")
+
+
+@dataclass(frozen=True, slots=True)
+class VariedKey:
+    """A key by its path, and the values that it shall have, as JSON."""
+
+    path: str
+    values: tuple[str, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """`KEY=VALUE,VALUE` with values as in a scene, or `KEY=START:STOP:STEP`, which holds STOP.
+
+        Words need no quotes. Raises `PlotfeedError`.
+        """
+        path, equals, values = text.partition("=")
+        path = path.strip()
+        if not path or not equals or not values.strip():
+            raise PlotfeedError(f"--vary {text}: expected KEY=VALUES, {EXAMPLE}")
+        steps = _STEPS.fullmatch(values)
+        found = _from_to(path, *steps.groups()) if steps else _listed(path, values)
+        if len(set(found)) < len(found):
+            _refuse(path, "a value is there twice")
+        if len(found) > MAX_VALUES:
+            _refuse(path, f"at most {MAX_VALUES} values are taken")
+        return cls(path, tuple(found))
+
+
+def _from_to(path: str, start: str, stop: str, step: str) -> list[str]:
+    """Decimals, so that the steps of 0:1:0.1 are the tenths that one would write."""
+    try:
+        first, last, by = (Decimal(number) for number in (start, stop, step))
+        count = int((last - first) / by) + 1 if (last - first) * by >= 0 else 0
+    except (DecimalException, OverflowError, ValueError):
+        _refuse(path, f"expected three numbers as START:STOP:STEP, not {start}:{stop}:{step}")
+    if not 0 < count <= MAX_VALUES:
+        _refuse(path, f"{start}:{stop}:{step} has no values, or more than {MAX_VALUES}")
+    is_whole = all(re.fullmatch(r"[+-]?\d+", number) for number in (start, stop, step))
+    values = [first + n * by for n in range(count)]
+    return [json.dumps(int(value) if is_whole else float(value)) for value in values]
+
+
+def _listed(path: str, text: str) -> list[str]:
+    values = _toml(text)
+    if values is None:
+        values = []
+        for part in map(str.strip, text.split(",")):
+            found = [part] if _WORD.fullmatch(part) and _toml(part) is None else _toml(part)
+            if not found:
+                _refuse(path, f"{part!r} is no value: expected numbers, words, or as in a scene")
+            values += found
+    try:
+        return [json.dumps(value) for value in values]
+    except TypeError:
+        _refuse(path, "a time cannot be varied")
+
+
+def _toml(text: str) -> list[Any] | None:
+    try:
+        values: list[Any] = tomllib.loads(f"values = [{text}]")["values"]
+    except (ValueError, RecursionError):
+        return None
+    return values
+
+
+def varied_tree(text: str, changes: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """What a scene's text gives, systems and presets written out, with other values of some keys.
+
+    Raises `PlotfeedError` for a path that leads nowhere; whether there is such a key and may have
+    the value, the scene itself says.
+    """
+    tree = tomllib.loads(text)
+    for path, value in changes:
+        if path.partition(".")[0] == "system":
+            _set(tree, path, value)
+    tree, problems, _ = with_systems(tree)
+    if problems:
+        raise PlotfeedError(f"--vary {changes[0][0]}: {in_a_line(problems)}")
+    tree, _ = with_presets({key: tables for key, tables in tree.items() if key != "system"})
+    tree = copy.deepcopy(tree)
+    for path, value in changes:
+        if path.partition(".")[0] != "system":
+            _set(tree, path, value)
+    return tree
+
+
+def _set(tree: dict[str, Any], path: str, value: Any) -> None:
+    for table, key in _Places(path, tree):
+        table[key] = value
+
+
+class _Places:
+    """The tables, with the key in each, that a path names in a tree, where missing ones are made.
+
+    Entries of lists go by their id, type, kind or number from 0 on; `*` is all of them. A path that
+    begins with a key of sensors is of all sensors.
+    """
+
+    def __init__(self, path: str, tree: dict[str, Any]) -> None:
+        self._path, self._tree = path, tree
+
+    def __iter__(self) -> Iterator[tuple[Any, Any]]:
+        head, dot, rest = self._path.partition(".")
+        if head == "sensor" and dot:
+            yield from self._of_sensors(rest)
+        elif head in Scene.model_fields:
+            if not dot:
+                self._refuse(f"a whole table; expected {head}.KEY")
+            if Scene.model_fields[head].default == () and not self._tree.get(head):
+                self._refuse(f"there is no {head}")
+            yield from self._in_table(self._tree, self._path, "")
+        elif any(head in keys.model_fields for keys in SENSORS.values()):
+            yield from self._of_sensors(f"{ALL}.{self._path}")
+        else:
+            there = ", ".join(Scene.model_fields)
+            self._refuse(f"no such key: expected one of {there}, or a key of sensors")
+
+    def _of_sensors(self, rest: str) -> Iterator[tuple[Any, Any]]:
+        sensors = self._tree["sensor"]
+        chosen, key = self._chosen(_entry_names(sensors), rest, "sensor")
+        head = key.partition(".")[0]
+        if len(chosen) > 1:  # of several kinds, of which some may have no such key
+            has = [i for i in chosen if head in SENSORS[sensors[i]["type"]].model_fields]
+            chosen = has or chosen
+        for i in chosen:
+            yield from self._in_table(sensors[i], key, f"sensor.{sensors[i]['id']}.")
+
+    def _in_table(self, here: dict[str, Any], rest: str, before: str) -> Iterator[tuple[Any, Any]]:
+        key, dot, rest = rest.partition(".")
+        if not dot:
+            yield here, key
+            return
+        below = here.setdefault(key, {})
+        if isinstance(below, dict):
+            yield from self._in_table(below, rest, f"{before}{key}.")
+        elif isinstance(below, list):
+            yield from self._in_list(below, rest, f"{before}{key}")
+        else:
+            self._refuse(f"{before}{key} is no table")
+
+    def _in_list(self, here: list[Any], rest: str, before: str) -> Iterator[tuple[Any, Any]]:
+        if not all(isinstance(entry, dict) for entry in here):
+            if rest.isascii() and rest.isdigit() and int(rest) < len(here):
+                yield here, int(rest)
+                return
+            self._refuse(f"{before} has the numbers 0 to {len(here) - 1}")
+        chosen, key = self._chosen(_entry_names(here), rest, before)
+        for i in chosen:
+            yield from self._in_table(here[i], key, f"{before}.{i}.")
+
+    def _chosen(
+        self, names: Sequence[tuple[str, ...]], rest: str, before: str
+    ) -> tuple[list[int], str]:
+        """Numbers of the entries that the path names, and what is left of it."""
+        first, _, key = rest.partition(".")
+        known = dict.fromkeys(name for each in names for name in each)
+        for name in sorted(known, key=len, reverse=True):  # an id may have a dot in it
+            if rest == name or rest.startswith(f"{name}."):
+                first, key = name, rest[len(name) + 1 :]
+                break
+        if first == ALL:
+            chosen = list(range(len(names)))
+        elif first in known:
+            chosen = [i for i, each in enumerate(names) if first in each]
+        elif first.isascii() and first.isdigit() and int(first) < len(names):
+            chosen = [int(first)]
+        else:
+            told = [*list(known)[:MOST_NAMED], *(["and others"] if len(known) > MOST_NAMED else [])]
+            there = f"expected one of {', '.join(told)}" if told else "there are none"
+            self._refuse(f"no {before} {first!r}: {there}")
+        if not key:
+            self._refuse(f"a whole {before}; expected {before}.{first}.KEY")
+        return chosen, key
+
+    def _refuse(self, what: str) -> NoReturn:
+        _refuse(self._path, what)
+
+
+def _entry_names(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
+    return [tuple(str(e[k]) for k in ("id", "type", "kind") if k in e) for e in entries]
+
+
+def _refuse(path: str, what: str) -> NoReturn:
+    raise PlotfeedError(f"--vary {path}: {what}")
+
+
+MAX_LEVELS = 10_000
+SCENES_AT_HAND = 16
+MOST_PROBLEMS = 3
+"""Of a level that cannot be, told in a line."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepLevel:
+    """A scene with the values that keys have at this level."""
+
+    number: int
+    scene: str
+    """What it is called among those that are compared."""
+    file: str
+    text: str
+    """Of the file, as it was when the sweep began."""
+    changes: tuple[tuple[str, str], ...]
+    """Paths of keys, and their values as JSON."""
+
+    @property
+    def values(self) -> list[Any]:
+        """The values, in the order of the keys."""
+        return [json.loads(value) for _, value in self.changes]
+
+    def __str__(self) -> str:
+        return ", ".join([self.scene, *(f"{path}={value}" for path, value in self.changes)])
+
+
+def levels_of(files: Sequence[Path], varied: Sequence[VariedKey]) -> list[SweepLevel]:
+    """All levels, the last key's values in turn first; each is a scene that can be run.
+
+    Raises `PlotfeedError` in one line for a key or value that no scene can have, and what `load`
+    raises for a scene without any change.
+    """
+    paths = [key.path for key in varied]
+    if len(set(paths)) < len(paths):
+        raise PlotfeedError("--vary: a key is there twice")
+    scenes = [load(file) for file in files]
+    for file, scene in zip(files, scenes, strict=True):
+        if not scene.text:
+            raise PlotfeedError(f"{file}: holds nothing")
+    compared = list(zip(_scene_names(files, scenes), files, scenes, strict=True))
+    several = product(compared, product(*([(k.path, v) for v in k.values] for k in varied)))
+    levels = [
+        SweepLevel(number, name, str(file.resolve()), scene.text, changes)
+        for number, ((name, file, scene), changes) in enumerate(islice(several, MAX_LEVELS + 1))
+    ]
+    if len(levels) > MAX_LEVELS:
+        raise PlotfeedError(f"--vary: more than {MAX_LEVELS} combinations")
+    for level in levels:
+        scene_of(level)
+    return levels
+
+
+def _scene_names(files: Sequence[Path], scenes: Sequence[Scene]) -> Iterator[str]:
+    """What scenes call themselves, or else where two are called so, their files."""
+    called = [scene.scene.name for scene in scenes]
+    for file, name in zip(files, called, strict=True):
+        yield name if called.count(name) == 1 else str(file)
+    if len({path.resolve() for path in files}) < len(files):
+        raise PlotfeedError("a scene is there twice")
+
+
+@lru_cache(SCENES_AT_HAND)
+def scene_of(level: SweepLevel) -> Scene:
+    """The scene of a level; raises `PlotfeedError` in one line where there can be none such."""
+    file = Path(level.file)
+    scene = parsed(level.text.encode(), file)
+    if not level.changes:
+        return scene
+    changes = [(path, json.loads(value)) for path, value in level.changes]
+    try:
+        found = from_tree(varied_tree(level.text, changes), file)
+    except SceneError as error:
+        asked = " ".join(f"{path}={value}" for path, value in level.changes)
+        what = in_a_line((_named(key, scene), text) for key, text in error.problems[:MOST_PROBLEMS])
+        raise PlotfeedError(f"--vary {asked}: {what}") from None
+    return found
+
+
+def _named(key: str, scene: Scene) -> str:
+    """A key of a problem with the sensor's id in place of its number."""
+    for i, sensor in enumerate(scene.sensor):
+        if key.startswith(f"sensor[{i}]"):
+            return f"sensor.{sensor.id}{key.removeprefix(f'sensor[{i}]')}"
+    return key
+
+
+def digests(levels: Iterable[SweepLevel]) -> dict[str, str]:
+    """SHA-256 of each scene's text and of the files that it names, by the scene's name.
+
+    Raises `PlotfeedError` for a file that is not there.
+    """
+    found = {}
+    for level in levels:
+        if level.scene not in found:
+            found[level.scene] = _digest(level)
+    return found
+
+
+def _digest(level: SweepLevel) -> str:
+    scene = parsed(level.text.encode(), Path(level.file))
+    names = [name for name in files_of(scene) if name != HORIZONS]
+    if scene.terrain is not None:
+        names += [*scene.terrain.elevation, *scene.terrain.buildings]
+    digest = hashlib.sha256(level.text.encode())
+    for name in names:
+        with scene.file(name).open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+
+
+NAME = "journal.jsonl"
+SEEDS = 1 << 63
+"""After the last of them comes 0 again."""
+
+
+def seed_of(first: int, run: int) -> int:
+    """The seed of a run, the same at every level: `first`, and the next whole numbers."""
+    return (first + run) % SEEDS
+
+
+class Journal:
+    """A file of runs that are done, by level and run. One process at a time writes to it.
+
+    A line is written at once: whatever ends the process, what is there is whole up to the last
+    line, and a part of one is cut off when the file is opened again.
+    """
+
+    def __init__(self, path: Path, plan: Mapping[str, Any], *, anew: bool = False) -> None:
+        """`plan` is what runs must have in common; `anew` forgets those of before.
+
+        Raises `PlotfeedError` if the file is of another plan, or in use.
+        """
+        self.path = path
+        self.done: dict[tuple[int, int], dict[str, Any]] = {}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("a+b", buffering=0)
+        try:
+            self._hold()
+            if anew:
+                self._file.truncate(0)
+            self._read(json.loads(json.dumps(plan)))
+        except BaseException:
+            self._file.close()
+            raise
+
+    def take(self, result: dict[str, Any]) -> None:
+        """Keep the result of a run, which says of which level and run it is."""
+        self._write(result)
+        self.done[result["level"], result["run"]] = result
+
+    def missing(self, levels: Sequence[SweepLevel], runs: int) -> list[tuple[SweepLevel, int]]:
+        """Level and number of each run that is not done, the first run of all levels first."""
+        wanted = ((level, run) for run in range(runs) for level in levels)
+        return [(level, run) for level, run in wanted if (level.number, run) not in self.done]
+
+    def of_first(self, runs: int) -> dict[tuple[int, int], dict[str, Any]]:
+        """Results of so many runs of each level, in their order; more may be kept."""
+        return {key: self.done[key] for key in sorted(self.done) if key[1] < runs}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def _hold(self) -> None:
+        try:
+            lock(self._file.fileno())
+        except OSError:
+            raise PlotfeedError(f"{self.path}: another process works on it") from None
+
+    def _read(self, plan: dict[str, Any]) -> None:
+        self._file.seek(0)
+        lines = self._file.read().splitlines(keepends=True)
+        whole = 0
+        for n, line in enumerate(lines):
+            found = None
+            with contextlib.suppress(ValueError):
+                found = json.loads(line) if line.endswith(b"\n") else None
+            if not isinstance(found, dict):
+                break
+            if not n:
+                self._check(found, plan)
+            else:
+                self.done[found["level"], found["run"]] = found
+            whole += len(line)
+        if not whole and len(lines) > 1:
+            raise PlotfeedError(f"{self.path}: is no journal of runs")
+        self._file.truncate(whole)
+        if not whole:
+            self._write(plan)
+
+    def _check(self, before: dict[str, Any], plan: dict[str, Any]) -> None:
+        other = [key for key in before.keys() | plan.keys() if before.get(key) != plan.get(key)]
+        if other:
+            raise PlotfeedError(
+                f"{self.path}: begun with other {', '.join(sorted(other))}; --force begins anew, "
+                "and another --out leaves it alone"
+            )
+
+    def _write(self, line: Mapping[str, Any]) -> None:
+        with naming(str(self.path)):
+            left = memoryview(json.dumps(line).encode() + b"\n")
+            while left:
+                left = left[self._file.write(left) :]
+
+
+def keep_all(
+    kept: Journal,
+    work: Callable[[Any], dict[str, Any]],
+    jobs: Sequence[Any],
+    before: int,
+    *,
+    address: str | None,
+    processes: int | None,
+) -> None:
+    """Spread jobs, and keep the result of each as it comes; a bar says how far they are.
+
+    `before` are done already. Ctrl-C ends it with a line on what is kept.
+    """
+    count, every = before, before + len(jobs)
+
+    def counted(results: Iterable[tuple[Any, dict[str, Any]]]) -> Iterator[None]:
+        nonlocal count
+        for _, result in results:
+            kept.take(result)
+            count += 1
+            yield
+
+    if not jobs:
+        return
+    try:
+        with closing(spread(work, jobs, address=address, processes=processes)) as results:
+            for _ in with_progress(counted(results), "runs", lambda: count, every, look_every=1):
+                pass
+    except KeyboardInterrupt:
+        say(
+            f"plotfeed: {count} of {every} runs are kept in {kept.path}; the same command goes on "
+            "from there",
+            err=True,
+        )
+        raise

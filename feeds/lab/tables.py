@@ -1,0 +1,166 @@
+"""Tables: rows with units, written as text, HTML, CSV or Parquet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.console.printed import Row, aligned, naming, widths
+from plotfeed.feeds.lab.runs import SweepLevel
+from plotfeed.feeds.lab.sweep import DISTANCE_COLUMNS, DRONE_COLUMNS, SENSOR_COLUMNS
+from plotfeed.proto.utc import NS
+from plotfeed.replay.plots_csv import as_text
+
+NOTHING = "-"
+
+
+def percent(share: float) -> str:
+    """A share from 0 to 1 in percent, without the sign."""
+    return number(100 * share, ".2f")
+
+
+def seconds(t_ns: int) -> str:
+    """Seconds to the tenth."""
+    return f"{t_ns / NS:.1f}"
+
+
+def number(value: float, form: str) -> str:
+    """A number in that form; what is not there is a dash."""
+    return format(value, form) if math.isfinite(value) else NOTHING
+
+
+def table(
+    title: str,
+    header: Row,
+    rows: Sequence[Row],
+    sides: str,
+    groups: Mapping[int, str] = MappingProxyType({}),
+) -> Iterator[str]:
+    """Columns aligned to the left or to the right, as `sides` says of each.
+
+    `groups` has the text that stands over a column and those after it.
+    """
+    yield ""
+    yield title
+    rows = [header, *rows]
+    if groups:
+        over, wide = "", widths(rows)
+        for column, text in groups.items():
+            over = f"{over:{2 + sum(wide[:column]) + 2 * column}}{text}"
+        yield over
+    for line in aligned(rows, sides):
+        yield f"  {line}".rstrip()
+
+
+PARQUET, CSV = ".parquet", ".csv"
+TABLES: Mapping[str, tuple[str, Mapping[str, type]]] = {
+    "runs": ("sensors", SENSOR_COLUMNS),
+    "drones": ("drones", DRONE_COLUMNS),
+    "distances": ("distances", DISTANCE_COLUMNS),
+}
+"""By name: where a run's result has its rows, and the columns of them."""
+TableColumns = dict[str, list[Any]]
+
+
+def usual_suffix() -> str:
+    """The suffix of tables in a folder: Parquet where it can be written here."""
+    return PARQUET if find_spec("pyarrow") else CSV
+
+
+def check_suffix(path: Path) -> None:
+    """Raise `PlotfeedError` if no such table can be written here."""
+    if path.suffix == PARQUET:
+        need_extra("pyarrow", "Parquet", "parquet")
+
+
+def table_of(
+    name: str, levels: Sequence[SweepLevel], results: Mapping[tuple[int, int], Mapping[str, Any]]
+) -> tuple[TableColumns, dict[str, type]]:
+    """The columns of a table, and what is in each; empty cells are None."""
+    rows_of, own = TABLES[name]
+    rows = [(key, result[rows_of]) for key, result in sorted(results.items())]
+    return level_columns(levels, results, rows, own)
+
+
+def level_columns(
+    levels: Sequence[SweepLevel],
+    results: Mapping[tuple[int, int], Mapping[str, Any]],
+    rows_of: Sequence[tuple[tuple[int, int], Sequence[Sequence[Any]]]],
+    own: Mapping[str, type],
+    *,
+    first: str = "scene",
+) -> tuple[TableColumns, dict[str, type]]:
+    """Columns of rows by level and run, with those of the level, the run and its seed before them.
+
+    `first` is what it is called that tells levels apart beside their keys.
+    """
+    paths = [path for path, _ in levels[0].changes]
+    kinds: dict[str, type] = {first: str}
+    for n, path in enumerate(paths):
+        kinds[path] = _kind([level.values[n] for level in levels])
+    at = {level.number: level for level in levels}
+    found = []
+    for key, rows in rows_of:
+        level, result = at[key[0]], results[key]
+        cells = [_cell(v, kinds[path]) for path, v in zip(paths, level.values, strict=True)]
+        head = [level.scene, *cells, result["run"], result["seed"]]
+        found += [[*head, *row] for row in rows]
+    kinds |= {"run": int, "seed": int} | dict(own)
+    if not found:
+        return {column: [] for column in kinds}, kinds
+    return dict(zip(kinds, map(list, zip(*found, strict=True)), strict=True)), kinds
+
+
+def write_table(path: Path, columns: TableColumns, kinds: Mapping[str, type]) -> None:
+    """Write a table, whole or not at all; raises `PlotfeedError` and `OSError`."""
+    check_suffix(path)
+    octets = _parquet(columns, kinds) if path.suffix == PARQUET else _csv(columns)
+    part = path.with_name(f".{path.name}.part")
+    with naming(str(path)):
+        part.write_bytes(octets)
+        part.replace(path)
+
+
+def _kind(values: Sequence[Any]) -> type:
+    for kind in (bool, int):
+        if all(type(value) is kind for value in values):
+            return kind
+    return float if all(type(value) in (int, float) for value in values) else str
+
+
+def _cell(value: Any, kind: type) -> Any:
+    if kind is str:
+        return value if isinstance(value, str) else json.dumps(value)
+    return kind(value)
+
+
+def _parquet(columns: TableColumns, kinds: Mapping[str, type]) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+    schema = pa.schema([(name, types[kind]) for name, kind in kinds.items()])
+    file = io.BytesIO()
+    pq.write_table(pa.table(columns, schema=schema), file, compression="zstd")
+    return file.getvalue()
+
+
+def _csv(columns: TableColumns) -> bytes:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(_text_rows(columns))
+    return text.getvalue().encode()
+
+
+def _text_rows(columns: TableColumns) -> Iterator[list[Any]]:
+    for row in zip(*columns.values(), strict=True):
+        yield [as_text(cell) if isinstance(cell, str) else cell for cell in row]

@@ -1,0 +1,722 @@
+"""What a tracker published: tracks of messages and files as columns, and which can be scored."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from google.protobuf.message import DecodeError as ProtobufDecodeError
+
+from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
+from plotfeed.feeds.scene.fields import site_frame
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.models.frames import LocalFrame
+from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.state import Bools, Columns, Floats, Ints
+from plotfeed.models.track_metrics import (
+    GROUND,
+    Level,
+    TrackReports,
+    rates,
+    rates_by_differences,
+)
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.content_types import (
+    SAPIENT_MESSAGE,
+    TRACK_BATCH,
+    asterix_content_type,
+    message_type,
+)
+from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.units import FOOT_M
+from plotfeed.proto.utc import NS, nearest_utc_ns, utc_ns
+from plotfeed.replay.files import open_recording
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
+
+UNKNOWN_NS = -(2**63)
+"""In place of a time that nobody told."""
+LATEST_NS = 2**63 - 1
+COVARIANCES = ("east_m2", "north_m2", "up_m2", "east_north_m2", "east_up_m2", "north_up_m2")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportedTracks(Columns):
+    """Reports of tracks as they were told, (n,), right or wrong.
+
+    Places are WGS-84, heights above its ellipsoid; velocities are east, north, up, (n, 3), and
+    covariances of the position (n, 3, 3), of the place. NaN stands for what is not told, and
+    `UNKNOWN_NS` for such times.
+    """
+
+    t_utc_ns: Ints
+    """For which the report holds."""
+    received_utc_ns: Ints
+    track: Ints
+    """Index of the name."""
+    latitude_deg: Floats
+    longitude_deg: Floats
+    height_m: Floats
+    velocity_enu_m_s: Floats
+    covariance_m2: Floats
+    tentative: Bools
+    ended: Bools
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TracksRead:
+    """All that was read of a tracker."""
+
+    reports: ReportedTracks
+    names: Sequence[str]
+    """Of tracks, by their numbers in `reports`."""
+    unreadable: Mapping[str, int] = field(default_factory=dict)
+    """What could not be read, and how often; by the reason."""
+    source: str = ""
+    """Where tracks were found, in a few words."""
+    crashed: str = ""
+    """How the tracker ended, where it is known to have failed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToldTrack:
+    """One report as a message or a line has it; NaN and None for what it does not tell."""
+
+    name: str
+    t_utc_ns: int | None
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = np.nan
+    velocity_enu_m_s: tuple[float, float, float] = (np.nan,) * 3
+    covariance_m2: tuple[float, ...] = (np.nan,) * 6
+    """As `COVARIANCES`."""
+    tentative: bool = False
+    coasted: bool = False
+    """Predicted, for want of a plot."""
+    ended: bool = False
+    received_utc_ns: int | None = None
+    """Where the report itself says it."""
+
+
+class TrackTable:
+    """Takes reports one by one, and makes columns of them."""
+
+    def __init__(self) -> None:
+        self.unreadable: Counter[str] = Counter()
+        self._numbers: dict[str, int] = {}
+        self._rows: list[tuple[Any, ...]] = []
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def add(self, told: ToldTrack, received_utc_ns: int | None = None) -> None:
+        """Take a report that came at a time, if that is known."""
+        received = told.received_utc_ns if received_utc_ns is None else received_utc_ns
+        number = self._numbers.setdefault(told.name, len(self._numbers))
+        self._rows.append(
+            (
+                _time(told.t_utc_ns if told.t_utc_ns is not None else received),
+                _time(received),
+                number,
+                told.tentative,
+                told.ended,
+                told.latitude_deg,
+                told.longitude_deg,
+                told.height_m,
+                *told.velocity_enu_m_s,
+                *told.covariance_m2,
+            )
+        )
+
+    def refuse(self, reason: str) -> None:
+        """Count what could not be read."""
+        self.unreadable[reason] += 1
+
+    def read(self, source: str, crashed: str = "") -> TracksRead:
+        """All reports so far."""
+        return TracksRead(
+            reports=self._columns(),
+            names=list(self._numbers),
+            unreadable=dict(self.unreadable),
+            source=source,
+            crashed=crashed,
+        )
+
+    def _columns(self) -> ReportedTracks:
+        columns = list(zip(*self._rows, strict=True)) or [()] * 17
+        times, flags = columns[:3], columns[3:5]
+        numbers = np.array(columns[5:], np.float64).T.reshape(-1, 12)
+        covariance_m2 = np.empty((len(numbers), 3, 3))
+        for value, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+            covariance_m2[:, i, j] = covariance_m2[:, j, i] = numbers[:, 6 + value]
+        t_utc_ns, received_utc_ns, track = (np.array(column, np.int64) for column in times)
+        tentative, ended = (np.array(column, np.bool_) for column in flags)
+        return ReportedTracks(
+            t_utc_ns=t_utc_ns,
+            received_utc_ns=received_utc_ns,
+            track=track,
+            latitude_deg=numbers[:, 0],
+            longitude_deg=numbers[:, 1],
+            height_m=numbers[:, 2],
+            velocity_enu_m_s=numbers[:, 3:6],
+            covariance_m2=covariance_m2,
+            tentative=tentative,
+            ended=ended,
+        )
+
+
+def _time(t_ns: int | None) -> int:
+    """A time that a column can hold."""
+    return t_ns if t_ns is not None and UNKNOWN_NS < t_ns <= LATEST_NS else UNKNOWN_NS
+
+
+MAX_OCTETS = 1 << 20
+CATEGORY = 62
+MOST_NAME = 64
+NAN = math.nan
+TRUE_WORDS = frozenset({"1", "true", "yes"})
+
+
+def tracks_in(
+    payload: bytes, content_type: str, received_utc_ns: int, site: LocalFrame | None
+) -> list[ToldTrack]:
+    """The tracks in a message, by its content type and its first octets; raises `DecodeError`.
+
+    ASTERIX has times of day: of the day that brings them nearest to `received_utc_ns`. A record
+    that has only X and Y counts from the site.
+    """
+    if len(payload) > MAX_OCTETS:
+        raise DecodeError(f"{len(payload)} octets of tracks; at most {MAX_OCTETS} are read")
+    kind = message_type(content_type)
+    if kind == TRACK_BATCH:
+        return list(_of_batch(payload))
+    if kind == SAPIENT_MESSAGE:
+        return list(_of_sapient(payload))
+    if payload[:1] == bytes([CATEGORY]):
+        records = (record for record in decode(payload) if record.category == CATEGORY)
+        found = (_of_record(record, received_utc_ns, site) for record in records)
+        return [told for told in found if told is not None]
+    if payload.lstrip()[:1] in (b"{", b"["):
+        return [track_of_mapping(entry) for entry in entries_in(payload)]
+    for read in (_of_batch, _of_sapient):
+        try:
+            if told := list(read(payload)):
+                return told
+        except PlotfeedError:  # SAPIENT is an extra that may be missing
+            continue
+    raise DecodeError("is neither ASTERIX 062, SAPIENT, a TrackBatch nor JSON")
+
+
+def _of_record(record: Record, near_utc_ns: int, site: LocalFrame | None) -> ToldTrack | None:
+    """A record of category 062; None without a number or a place."""
+
+    def value(path: str) -> float:
+        found = record.get(f"I062/{path}")
+        return float(found) if isinstance(found, int | float) else NAN
+
+    number = record.get("I062/040")
+    latitude_deg, longitude_deg = value("105/LAT"), value("105/LON")
+    if math.isnan(latitude_deg) and site is not None and not math.isnan(value("100/X")):
+        place = site.to_geodetic([value("100/X"), value("100/Y"), 0.0])
+        latitude_deg, longitude_deg = float(place[0]), float(place[1])
+    if not isinstance(number, int) or math.isnan(latitude_deg):
+        return None
+    time_of_day_s = value("070")
+    day_ns = 0 if math.isnan(time_of_day_s) else round(time_of_day_s * NS)
+    east_m, north_m, cross = value("500/APC/X"), value("500/APC/Y"), value("500/COV")
+    # The part in common is told as a length with the sign of the covariance.
+    cross_m2 = 0.0 if math.isnan(cross) else math.copysign(cross * cross, cross)
+    source = ".".join(str(record.get(f"I062/010/{part}")) for part in ("SAC", "SIC"))
+    return ToldTrack(
+        name=f"{source}.{number}",
+        t_utc_ns=None if math.isnan(time_of_day_s) else nearest_utc_ns(day_ns, near_utc_ns),
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=value("130") * FOOT_M,
+        velocity_enu_m_s=(value("185/VX"), value("185/VY"), value("220") * FOOT_M / 60),
+        covariance_m2=(east_m**2, north_m**2, NAN, cross_m2, NAN, NAN),
+        tentative=bool(record.get("I062/080/CNF")),
+        coasted=bool(record.get("I062/080/CST")),
+        ended=bool(record.get("I062/080/TSE")),
+    )
+
+
+def _of_batch(payload: bytes) -> Iterator[ToldTrack]:
+    try:
+        batch = pb.TrackBatch.FromString(payload)
+    except ProtobufDecodeError:
+        raise DecodeError(f"{len(payload)} octets that are not a TrackBatch") from None
+    for track in batch.tracks:
+
+        def value(name: str, track: pb.Track = track) -> float:
+            return float(getattr(track, name)) if track.HasField(name) else NAN
+
+        up_m2 = value("sigma_up_m") ** 2
+        level_m2 = (track.sigma_east_m**2 or NAN, track.sigma_north_m**2 or NAN)
+        yield ToldTrack(
+            name=(track.id or str(track.number))[:MOST_NAME],
+            t_utc_ns=track.time_utc_ns,
+            latitude_deg=track.latitude_deg,
+            longitude_deg=track.longitude_deg,
+            height_m=value("height_m"),
+            velocity_enu_m_s=(
+                track.velocity_east_m_s,
+                track.velocity_north_m_s,
+                value("climb_m_s"),
+            ),
+            covariance_m2=(*level_m2, up_m2, 0.0, 0.0, 0.0),
+            coasted=track.coasted,
+            ended=track.last,
+        )
+
+
+IN_DEGREES = {
+    "LOCATION_COORDINATE_SYSTEM_LAT_LNG_DEG_M": 1.0,
+    "LOCATION_COORDINATE_SYSTEM_LAT_LNG_RAD_M": math.degrees(1.0),
+}
+"""Systems of SAPIENT in which places are angles, and how many degrees are one of theirs."""
+GEOID = "LOCATION_DATUM_WGS84_G"
+DEGREE_M = math.radians(1.0) * 6_371_000.0
+"""Of a meridian: good enough for what an error of an angle is in metres."""
+
+
+def _of_sapient(payload: bytes) -> Iterator[ToldTrack]:
+    """The track that a detection report tells of; what has no place by angles is none."""
+    need_extra("sapient_msg", "SAPIENT", "sapient")
+    from plotfeed.proto.sapient.decode_sapient import decode as decode_sapient
+
+    message = decode_sapient(payload)
+    report: Mapping[str, Any] = message.get("detection_report", {})
+    place = report.get("location", {})
+    unit_deg = IN_DEGREES.get(place.get("coordinate_system", ""))
+    if unit_deg is None:
+        return
+    longitude_deg, latitude_deg = unit_deg * _real(place, "x"), unit_deg * _real(place, "y")
+    height_m = _real(place, "z")
+    if place.get("datum") == GEOID:
+        height_m += float(geoid_undulation_m(latitude_deg, longitude_deg))
+    velocity = report.get("enu_velocity", {})
+    east_m = unit_deg * _real(place, "x_error") * DEGREE_M * math.cos(math.radians(latitude_deg))
+    north_m = unit_deg * _real(place, "y_error") * DEGREE_M
+    rates = ("east_rate", "north_rate", "up_rate")
+    east_m_s, north_m_s, up_m_s = (_real(velocity, name) for name in rates)
+    yield ToldTrack(
+        name=str(report.get("object_id", ""))[:MOST_NAME],
+        t_utc_ns=utc_ns(str(message.get("timestamp", ""))),
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=height_m,
+        velocity_enu_m_s=(east_m_s, north_m_s, up_m_s),
+        covariance_m2=(east_m**2, north_m**2, _real(place, "z_error") ** 2, 0.0, 0.0, 0.0),
+        ended=str(report.get("state", "")).lower() in ("lost", "ended", "deleted"),
+    )
+
+
+def _real(values: Mapping[str, Any], name: str) -> float:
+    found = values.get(name, NAN)
+    return float(found) if isinstance(found, int | float) else NAN
+
+
+def entries_in(payload: bytes) -> list[Mapping[str, Any]]:
+    """Entries of JSON: one object, a list of them, or features of GeoJSON as such objects."""
+    try:
+        found = json.loads(payload)
+    except (ValueError, RecursionError) as error:
+        raise DecodeError(f"not JSON: {str(error)[:100]}") from None
+    if isinstance(found, dict) and found.get("type") == "FeatureCollection":
+        found = found.get("features")
+    entries = found if isinstance(found, list) else [found]
+    if not all(isinstance(entry, dict) for entry in entries):
+        raise DecodeError("tracks in JSON are an object each, or a list of objects")
+    return [_of_feature(entry) if entry.get("type") == "Feature" else entry for entry in entries]
+
+
+def _of_feature(feature: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A feature of GeoJSON as an object with its place: longitude, latitude, perhaps height."""
+    geometry, properties = feature.get("geometry"), feature.get("properties")
+    place = geometry.get("coordinates") if isinstance(geometry, dict) else None
+    is_point = isinstance(geometry, dict) and geometry.get("type") == "Point"
+    if not is_point or not isinstance(place, list) or not 2 <= len(place) <= 3:
+        raise DecodeError("a feature of a track is a Point")
+    named = dict(properties) if isinstance(properties, dict) else {}
+    if feature.get("id") is not None:
+        named["track"] = feature["id"]
+    return named | dict(zip(("longitude_deg", "latitude_deg", "height_m"), place, strict=False))
+
+
+def track_of_mapping(entry: Mapping[str, Any]) -> ToldTrack:
+    """A track by the names of its columns, of JSON or of a table; raises `DecodeError`."""
+    name = entry.get("track", entry.get("id"))
+    if name is None or name == "" or isinstance(name, bool | float | list | dict):
+        raise DecodeError("track: expected a number or a name")
+    latitude_deg, longitude_deg = (_number(entry, f"{n}_deg") for n in ("latitude", "longitude"))
+    east_m_s, north_m_s = (_number(entry, f"velocity_{n}_m_s") for n in ("east", "north"))
+    speed_m_s, course = _number(entry, "speed_m_s"), math.radians(_number(entry, "course_deg"))
+    if math.isnan(east_m_s) and math.isfinite(speed_m_s) and math.isfinite(course):
+        east_m_s, north_m_s = speed_m_s * math.sin(course), speed_m_s * math.cos(course)
+    climb_m_s = _number(entry, "climb_m_s")
+    up_m_s = _number(entry, "velocity_up_m_s") if math.isnan(climb_m_s) else climb_m_s
+    return ToldTrack(
+        name=str(name)[:MOST_NAME],
+        t_utc_ns=_time_of(entry, "time_utc"),
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=_number(entry, "height_m"),
+        velocity_enu_m_s=(east_m_s, north_m_s, up_m_s),
+        covariance_m2=tuple(_covariances(entry)),
+        tentative=_is_true(entry, "tentative"),
+        coasted=_is_true(entry, "coasted"),
+        ended=_is_true(entry, "ended") or _is_true(entry, "last"),
+        received_utc_ns=_time_of(entry, "received_utc"),
+    )
+
+
+def _covariances(entry: Mapping[str, Any]) -> Iterator[float]:
+    """Covariances that are told, or the squares of sigmas; with these the others are 0."""
+    is_told = False
+    for name in COVARIANCES:
+        found = _number(entry, f"covariance_{name}")
+        sigma = f"sigma_{name.removesuffix('2')}"
+        if math.isnan(found) and name.count("_") == 1:
+            found = _number(entry, sigma) ** 2
+        is_told = is_told or not math.isnan(found)
+        yield 0.0 if math.isnan(found) and is_told and name.count("_") > 1 else found
+
+
+def _number(entry: Mapping[str, Any], key: str) -> float:
+    """A number, or the text of one; NaN where it is not there."""
+    value = entry.get(key)
+    if value is None or value == "":
+        return NAN
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        return float(value)
+    except (ValueError, TypeError, OverflowError):
+        raise DecodeError(f"{key}: expected a number, not {str(value)[:40]!r}") from None
+
+
+def _is_true(entry: Mapping[str, Any], key: str) -> bool:
+    return str(entry.get(key, "")).strip().lower() in TRUE_WORDS
+
+
+def _time_of(entry: Mapping[str, Any], key: str) -> int | None:
+    """A time as text, or as whole nanoseconds or seconds since 1970; None where it is not there."""
+    value, whole = entry.get(key), entry.get(f"{key}_ns")
+    if whole not in (None, ""):
+        return _counted(whole, f"{key}_ns", int)
+    if value is None or value == "":
+        return None
+    found = utc_ns(value.strip().replace(" ", "T")) if isinstance(value, str) else None
+    if found is not None:
+        return found
+    return _counted(value, key, lambda seconds: round(float(seconds) * NS))
+
+
+def _counted(value: Any, key: str, read: Callable[[Any], int]) -> int:
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        return read(value)
+    except (ValueError, TypeError, OverflowError):
+        raise DecodeError(
+            f"{key}: expected a time such as 2026-01-01T12:00:00.5Z, not {str(value)[:40]!r}"
+        ) from None
+
+
+TABLES, FEATURES = (".csv", ".tsv"), (".geojson", ".json")
+MAX_FILE_OCTETS = 1 << 30
+MOST_TOPICS = 1000
+OF_ASTERIX = asterix_content_type(62)
+"""Messages of tracks, whoever sends them."""
+
+
+def read_tracks(
+    path: Path, scene: Scene | None = None, topics: Sequence[str] = (), *, date_utc_ns: int = 0
+) -> TracksRead:
+    """Read what a tracker published, from a file that its content and suffix say how to read.
+
+    `topics` are filters that choose messages of a recording; without any those of the scene's
+    `page.tracks_topic` are taken where there are such, and else what holds tracks, if that is on
+    one topic. The scene's site is what X and Y of ASTERIX 062 count from, and `date_utc_ns` the
+    midnight with which a file without dates begins. What cannot be read is counted by its reason.
+    Raises `PlotfeedError` for a file that is none of these, and `OSError`.
+    """
+    table = TrackTable()
+    suffix = path.suffix.lower()
+    if suffix in TABLES:
+        _take(table, _lines(path, suffix), path)
+        return table.read(path.name)
+    if suffix in FEATURES:
+        _take(table, _features(path), path)
+        return table.read(path.name)
+    site = None if scene is None else site_frame(scene.scene.site)
+    for each in topics:
+        checked_topic_filter(each)
+    chosen = topics or _topic_in(path, scene)
+    with open_recording(path, date_utc_ns=date_utc_ns) as recording:
+        for message in recording.reader.messages():
+            if is_chosen(message.topic, chosen) and _is_heard(message):
+                take_message(table, message, site)
+    where = ", ".join(chosen)
+    return table.read(f"{path.name}: {where}" if where else path.name)
+
+
+def take_message(table: TrackTable, message: Recorded, site: LocalFrame | None) -> None:
+    """Take the tracks in a message; what cannot be read is counted."""
+    try:
+        received_ns = message.log_time_ns
+        for told in tracks_in(message.payload, message.content_type, received_ns, site):
+            table.add(told, received_ns)
+    except DecodeError as error:
+        table.refuse(_reason(error))
+
+
+def _reason(error: DecodeError) -> str:
+    """An error without what differs from message to message."""
+    text = str(error)
+    return text.partition(": ")[2] if text.startswith("octet ") else text
+
+
+def _topic_in(path: Path, scene: Scene | None) -> Sequence[str]:
+    """The topic on which a recording has tracks; none if it has no topics to choose from."""
+    found: Counter[str] = Counter()
+    with open_recording(path) as recording:
+        if not recording.has_stages:
+            return ()
+        for message in recording.reader.messages():
+            if _is_heard(message) and _holds_tracks(message):
+                found[message.topic] += 1
+                if len(found) > MOST_TOPICS:
+                    break
+    told = scene.page.tracks_topic if scene is not None else None
+    if told is not None and (told in found or not found):
+        return (told,)
+    if len(found) > 1:
+        some = ", ".join(sorted(found)[:5])
+        raise PlotfeedError(
+            f"{path}: tracks are on {len(found)} topics ({some}{', ...' * (len(found) > 5)}): "
+            "--topic says which are to be scored"
+        )
+    if not found:
+        raise PlotfeedError(
+            f"{path}: no tracks: expected ASTERIX 062, a TrackBatch, or JSON with track, "
+            "latitude_deg and longitude_deg on a topic of the tracker's; --topic names it, "
+            "--tracks another file"
+        )
+    return tuple(found)
+
+
+def _is_heard(message: Recorded) -> bool:
+    """Whether others had a message, or a session did, and it is no telemetry."""
+    if message.stage is Stage.TELEMETRY:
+        return message.topic.split("/")[-2:-1] != ["telemetry"]
+    return message.stage in WHAT_LEFT
+
+
+def _holds_tracks(message: Recorded) -> bool:
+    """Whether messages of a topic are of tracks, as its content type or its first octets say."""
+    kind = message.content_type
+    if kind.startswith(OF_ASTERIX) or message_type(kind) == TRACK_BATCH:
+        return True
+    payload = message.payload
+    is_block = payload[:1] == b"\x3e" and int.from_bytes(payload[1:3], "big") <= len(payload)
+    if is_block and len(payload) > 3 and (not kind or "asterix" in kind):
+        return True
+    head = payload[:400]
+    return b'"latitude_deg"' in head and b'"track"' in head
+
+
+def _lines(path: Path, suffix: str) -> Iterator[Mapping[str, Any]]:
+    """Lines of a table, by the names in its first."""
+    delimiter = "\t" if suffix == ".tsv" else ","
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+        rows = csv.DictReader(file, delimiter=delimiter)
+        names = {name.strip() for name in rows.fieldnames or () if name}
+        lacking = {"track", "latitude_deg", "longitude_deg"} - names
+        if lacking or not names & {"time_utc", "time_utc_ns"}:
+            raise PlotfeedError(
+                f"{path}: expected columns track, time_utc, latitude_deg and longitude_deg in its "
+                f"first line, not {', '.join(sorted(names))[:200] or 'an empty file'}"
+            )
+        try:
+            for row in rows:
+                yield {(name or "").strip(): value for name, value in row.items()}
+        except csv.Error as error:
+            raise PlotfeedError(f"{path}: line {rows.line_num}: {error}") from None
+
+
+def _features(path: Path) -> Iterator[Mapping[str, Any]]:
+    """Features of GeoJSON, or entries of JSON."""
+    if path.stat().st_size > MAX_FILE_OCTETS:
+        raise PlotfeedError(f"{path}: expected at most {MAX_FILE_OCTETS >> 20} MB of JSON")
+    try:
+        yield from entries_in(path.read_bytes())
+    except DecodeError as error:
+        raise PlotfeedError(f"{path}: {error}") from None
+
+
+def _take(table: TrackTable, entries: Iterator[Mapping[str, Any]], path: Path) -> None:
+    for entry in entries:
+        try:
+            told = track_of_mapping(entry)
+        except DecodeError as error:
+            table.refuse(str(error).partition(", not ")[0])
+            continue
+        table.add(told)
+    if not len(table) and not table.unreadable:
+        table.refuse(f"{path.name} holds no tracks")
+
+
+FORGOTTEN_S = 60.0
+"""A number that is silent for so long is another track's when it comes again."""
+HIGHEST_M, FASTEST_M_S = 1e5, 1e4
+"""Heights and velocities beyond these are not taken for any."""
+KEPT_S = 10.0
+"""Over which a velocity that is not told is taken from two reports."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UsableTracks:
+    """Reports that can be scored, (n,), by track and time."""
+
+    reports: TrackReports
+    names: Sequence[str]
+    """Of tracks. A number that was ended, or silent for a minute, is another track's after that."""
+    velocity_enu_m_s: Floats
+    covariance_m2: Floats
+    leaps: Bools
+    """Reports to which nothing flies from the one before: the number is in two places."""
+    has_received: bool
+    """Whether it is known when reports were received."""
+    has_heights: bool
+    """Whether all tell a height."""
+    counts: Mapping[str, int]
+    """Reports that were left out, or are odd, by the reason."""
+
+    @property
+    def latency_s(self) -> Floats:
+        """Seconds from the time of a report to when it was received; NaN if unknown, (n,)."""
+        late_s = (self.reports.known_utc_ns - self.reports.t_utc_ns) / NS
+        return late_s if self.has_received else np.full(len(late_s), np.nan)
+
+
+def usable_tracks(
+    read: TracksRead,
+    span_utc_ns: tuple[int, int],
+    level: Level,
+    *,
+    future_s: float,
+    max_speed_m_s: float,
+    counts_tentative: bool,
+) -> UsableTracks:
+    """Sort reports, and sort out those that cannot be: of a run from the first time to the last.
+
+    Of several with one number and time the last one counts. Reports of a time later than that at
+    which they were received are of the future.
+    """
+    told, counts = read.reports, dict(read.unreadable)
+    future_ns = round(future_s * NS)
+    has_received = bool(len(told)) and bool((told.received_utc_ns != UNKNOWN_NS).all())
+    kept = np.ones(len(told), np.bool_)
+    for reason, wrong in (
+        ("without a time", told.t_utc_ns == UNKNOWN_NS),
+        ("not a place on Earth", ~_is_place(told)),
+        ("of the future", has_received & (told.t_utc_ns - future_ns > told.received_utc_ns)),
+        ("after the run", told.t_utc_ns - future_ns > span_utc_ns[1]),
+        ("before the run", told.t_utc_ns + future_ns < span_utc_ns[0]),
+        ("tentative", told.tentative & (not counts_tentative)),
+    ):
+        _count(counts, reason, int(np.count_nonzero(kept & wrong)))
+        kept &= ~wrong
+    came = np.flatnonzero(kept)
+    if has_received:
+        came = came[np.argsort(told.received_utc_ns[came], kind="stable")]
+    _count(counts, "out of order", _out_of_order(told.track[came], told.t_utc_ns[came]))
+    order = came[np.lexsort((np.arange(len(came)), told.t_utc_ns[came], told.track[came]))]
+    same = (np.diff(told.track[order]) == 0) & (np.diff(told.t_utc_ns[order]) == 0)
+    _count(counts, "repeated, of which the last counts", int(np.count_nonzero(same)))
+    rows = told.rows(order[np.append(~same, True)] if len(order) else order)
+    return _placed(rows, read.names, level, counts, max_speed_m_s, has_received=has_received)
+
+
+def _count(counts: dict[str, int], reason: str, many: int) -> None:
+    if many:
+        counts[reason] = counts.get(reason, 0) + many
+
+
+def _is_place(told: ReportedTracks) -> Bools:
+    with np.errstate(invalid="ignore"):
+        on_earth = (np.abs(told.latitude_deg) <= 90.0) & (np.abs(told.longitude_deg) <= 180.0)
+        return on_earth & (np.isnan(told.height_m) | (np.abs(told.height_m) <= HIGHEST_M))
+
+
+def _out_of_order(track: Ints, t_utc_ns: Ints) -> int:
+    """How many came after a later one of their track."""
+    by_track = np.argsort(track, kind="stable")
+    number, times = track[by_track], t_utc_ns[by_track]
+    late = (np.diff(number) == 0) & (np.diff(times) < 0)
+    return int(np.count_nonzero(late))
+
+
+def _placed(
+    rows: ReportedTracks,
+    names: Sequence[str],
+    level: Level,
+    counts: dict[str, int],
+    max_speed_m_s: float,
+    *,
+    has_received: bool,
+) -> UsableTracks:
+    """Reports as points, with the numbers of their tracks anew."""
+    place = (rows.latitude_deg, rows.longitude_deg)
+    with np.errstate(invalid="ignore"):
+        is_velocity = np.abs(rows.velocity_enu_m_s) <= FASTEST_M_S
+    velocity = np.where(is_velocity, rows.velocity_enu_m_s, np.nan)
+    point = level.points(*place, rows.height_m)
+    same = np.diff(rows.track) == 0
+    span_s = np.diff(rows.t_utc_ns) / NS
+    begins = np.ones(len(rows), np.bool_)
+    begins[1:] = ~same | rows.ended[:-1] | (span_s > FORGOTTEN_S)
+    track = np.cumsum(begins) - 1
+    apart_m = np.sqrt((np.diff(point[:, :GROUND], axis=0) ** 2).sum(axis=1))
+    leaps = np.zeros(len(rows), np.bool_)
+    leaps[1:] = ~begins[1:] & (apart_m > max_speed_m_s * span_s)
+    _count(counts, "in two places at once", int(np.count_nonzero(leaps)))
+    rate = rates_by_differences(track, rows.t_utc_ns, point, rates(*place, velocity), KEPT_S)
+    reports = TrackReports(
+        t_utc_ns=rows.t_utc_ns,
+        known_utc_ns=rows.received_utc_ns if has_received else rows.t_utc_ns,
+        track=track,
+        point=point,
+        rate=rate,
+        ended=rows.ended,
+    )
+    return UsableTracks(
+        reports=reports,
+        names=_names([names[i] for i in rows.track[begins].tolist()]),
+        velocity_enu_m_s=velocity,
+        covariance_m2=rows.covariance_m2,
+        leaps=leaps,
+        has_received=has_received,
+        has_heights=bool(len(rows)) and bool(np.isfinite(rows.height_m).all()),
+        counts=counts,
+    )
+
+
+def _names(numbers: Sequence[str]) -> list[str]:
+    """Names of tracks: those that have a number again say so."""
+    seen: dict[str, int] = {}
+    found = []
+    for name in numbers:
+        seen[name] = seen.get(name, 0) + 1
+        found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return found

@@ -1,0 +1,325 @@
+"""What is counted in bounded memory is what it would be if everything were kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from support.links import link
+from support.significance import assert_chance
+
+from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.lab.checks import (
+    CELL_M,
+    EDGES,
+    MAX_CELLS,
+    MOST_AHEAD,
+    ErrorFigures,
+    ErrorsTally,
+    LookTally,
+    SectorsTally,
+    SectorTruth,
+    pd_by_range,
+    pd_of_all,
+    sector_truths,
+)
+from plotfeed.feeds.lab.laws import (
+    CELLS,
+    STEPS,
+    LawFit,
+    Spread,
+    p_of_distance,
+    share_interval,
+    z_score,
+)
+from plotfeed.feeds.lab.ledger_columns import tables_of
+from plotfeed.feeds.lab.links import WINDOW, InTurn, Passage, Turn
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.measured_plots import MeasuredPlots
+
+MS = 1_000_000
+LAWS = {
+    "normal": {"latency_ms": 100.0, "jitter_ms": 10.0},
+    "clipped at 0": {"latency_ms": 5.0, "jitter_ms": 10.0},
+    "uniform": {"latency_ms": 100.0, "jitter_ms": 1.0, "distribution": "uniform"},
+    "pareto": {"latency_ms": 50.0, "jitter_ms": 10.0, "distribution": "pareto"},
+    "paretonormal": {"latency_ms": 50.0, "jitter_ms": 10.0, "distribution": "paretonormal"},
+    "table": {"distribution": "table", "delays_ms": [1.0, 2.0, 2.0, 2.0, 7.0, 40.0]},
+}
+
+
+def spread_of(*parts: list[int]) -> Spread:
+    spread = Spread()
+    for part in parts:
+        spread.add(np.array(part, np.int64))
+    return spread
+
+
+times = st.lists(st.integers(-(10**13), 10**13), max_size=40)
+
+
+@given(times, times)
+def test_quantiles_are_those_of_all_times_within_the_resolution(a: list[int], b: list[int]) -> None:
+    spread, all_ns = spread_of(a, b), np.sort(np.array(a + b, np.float64))
+    shares = np.array([0.0, 0.1, 0.5, 0.9, 0.99, 1.0])
+    found_ms = spread.quantiles_ms(shares)
+    assert spread.count == len(all_ns)
+    if not len(all_ns):
+        assert np.isnan([*found_ms, spread.mean_ms, spread.max_ms]).all()
+        return
+    ranks = np.maximum(np.ceil(shares * len(all_ns)), 1).astype(int) - 1
+    exact_ms = all_ns[ranks] / 1e6
+    assert np.allclose(found_ms, exact_ms, rtol=0.6 / STEPS, atol=1.1e-6)
+    assert spread.max_ms == all_ns[-1] / 1e6
+    assert spread.mean_ms == pytest.approx(all_ns.mean() / 1e6, rel=1e-9, abs=1e-3)
+
+
+def test_a_spread_of_hours_and_of_nothing_takes_little_memory() -> None:
+    spread = spread_of([0], [10**18], [-(10**18)])
+    assert spread._counts.nbytes < 1_000_000
+
+
+def drawn_ns(keys: dict[str, object], n: int, seed: int = 4) -> np.ndarray:
+    u = np.random.default_rng(seed).random(n)
+    return np.rint(DelayLaw.of(link(**keys)).quantile_ms(u) * 1e6).astype(np.int64)
+
+
+def fit_of(keys: dict[str, object], delays_ns: np.ndarray) -> LawFit:
+    fit = LawFit(DelayLaw.of(link(**keys)))
+    for part in np.array_split(delays_ns, 3):
+        fit.add(part)
+    return fit
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_delays_of_a_law_fit_it_and_those_of_another_do_not(name: str) -> None:
+    n, keys = 40_000, LAWS[name]
+    delays_ns = drawn_ns(keys, n)
+    right = fit_of(keys, delays_ns).distance()
+    assert_chance(p_of_distance(right, n), name)
+    wrong = fit_of(keys, delays_ns + delays_ns // 50 + 10_000).distance()
+    assert p_of_distance(wrong, n) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["normal", "uniform"])
+def test_the_distance_is_that_of_kolmogorov_within_the_resolution(name: str) -> None:
+    keys = LAWS[name]
+    delays_ns = drawn_ns(keys, 500)
+    exact = stats.kstest(delays_ns / 1e6, DelayLaw.of(link(**keys)).cdf).statistic
+    assert fit_of(keys, delays_ns).distance() == pytest.approx(exact, abs=2 / CELLS + 1 / 500)
+
+
+def test_a_law_without_a_spread_has_no_distance() -> None:
+    for keys in ({"latency_ms": 3.0}, {"distribution": "table", "delays_ms": [3.0]}):
+        assert np.isnan(fit_of(keys, np.full(100, 3 * MS)).distance())
+
+
+@pytest.mark.parametrize(("n", "within"), [(8, 1.0), (30, 0.1), (1000, 0.05)])
+def test_probabilities_of_distances_are_those_of_the_exact_law(n: int, within: float) -> None:
+    for p in (0.9, 0.5, 0.1, 0.01, 1e-4):
+        distance = float(stats.kstwo.isf(p, n))
+        assert p_of_distance(distance, n) == pytest.approx(p, rel=within)
+    assert np.isnan(p_of_distance(0.3, 7))
+
+
+def test_intervals_of_shares_hold_them_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(2)
+    for p in (0.02, 0.5, 0.97):
+        ends = [share_interval(int(k), 200) for k in rng.binomial(200, p, 2000)]
+        held = np.mean([low <= p <= high for low, high in ends])
+        assert 0.92 < held < 0.98
+    assert share_interval(0, 10)[0] == 0.0
+    assert share_interval(10, 10)[1] == pytest.approx(1.0)
+    assert np.isnan(share_interval(0, 0)).all()
+
+
+def test_few_counts_have_no_z_score() -> None:
+    assert np.isnan(z_score(3.0, 4.9))
+    assert z_score(-6.0, 9.0) == -2.0
+
+
+def turns(numbers: list[int], start_ns: int = 0, **more: int) -> list[Turn]:
+    given = {"sent_utc_ns": 0, "fate": int(pb.SENT), "row": 0} | more
+    return [Turn(number=n, due_utc_ns=start_ns + n * MS, **given) for n in numbers]
+
+
+def given_out(order: InTurn, what: list[Turn]) -> list[int]:
+    found = [turn.number for each in what for turn in order.add(each)]
+    return found + [turn.number for turn in order.rest()]
+
+
+@given(st.permutations(range(60)), st.sets(st.integers(0, 59)))
+def test_turns_come_out_in_their_order_even_if_some_are_missing(
+    numbers: list[int], missing: set[int]
+) -> None:
+    order = InTurn()
+    told = [n for n in numbers if n not in missing]
+    assert given_out(order, turns(told)) == sorted(told)
+    assert order.out_of_turn == 0
+
+
+def test_what_is_held_back_is_bounded_and_what_comes_too_late_is_counted() -> None:
+    order = InTurn()
+    late = list(range(1, 3 * WINDOW))
+    assert given_out(order, turns([*late, 0])) == late
+    assert order.out_of_turn == 1
+    assert len(order._held) == 0
+
+
+def test_another_session_begins_at_nought() -> None:
+    order = InTurn()
+    assert given_out(order, turns([0, 1, 2]) + turns([1, 0, 2], 10**12)) == [0, 1, 2, 0, 1, 2]
+
+
+FATES = [pb.SENT, pb.LOST, pb.LOST, pb.OUTAGE, pb.QUEUE_FULL, pb.STALE, pb.FATE_UNSPECIFIED]
+
+
+@given(st.lists(st.tuples(st.sampled_from(FATES), st.integers(0, 30)), max_size=80))
+def test_bursts_and_overtaking_are_by_their_definition(what: list[tuple[int, int]]) -> None:
+    passage = Passage()
+    for number, (fate, sent_ns) in enumerate(what):
+        passage.add(Turn(number, number, sent_ns, int(fate), 0))
+    passage.end()
+    found = passage.order_of(0)
+
+    letters = "".join(
+        "x" if fate == pb.LOST else "?" if fate in (pb.OUTAGE, pb.FATE_UNSPECIFIED) else "."
+        for fate, _ in what
+    )
+    exact = sorted(len(run) for run in _whole_bursts(letters))
+    assert sorted(found.bursts.elements()) == exact
+    all_runs = [run for part in letters.split(".") for run in part.split("?") if run]
+    assert found.cut_bursts == len(all_runs) - len(exact)
+    left = [sent_ns for fate, sent_ns in what if fate == pb.SENT]
+    assert found.left == len(left)
+    assert found.overtook == sum(t < max(left[:i], default=0) for i, t in enumerate(left))
+
+
+def _whole_bursts(letters: str) -> list[str]:
+    """Between two messages that passed."""
+    return [run for run in letters.split(".")[1:-1] if run and "?" not in run]
+
+
+def test_a_burst_does_not_go_on_under_another_setting() -> None:
+    passage = Passage()
+    fates = [pb.SENT, pb.LOST, pb.LOST, pb.LOST, pb.SENT, pb.LOST, pb.SENT]
+    for number, fate in enumerate(fates):
+        passage.add(Turn(number, number, number, int(fate), int(number > 2)))
+    passage.end()
+    assert passage.order_of(0).bursts == {}
+    assert passage.order_of(1).bursts == {1: 1}
+    assert (passage.order_of(0).cut_bursts, passage.order_of(1).cut_bursts) == (1, 1)
+
+
+def test_detection_by_range_adds_up_and_is_within_chance() -> None:
+    rng = np.random.default_rng(8)
+    range_m, pd = rng.uniform(300, 9000, 5000), rng.random(5000)
+    tally = LookTally(CELL_M, MAX_CELLS)
+    for r, p, hit in zip(range_m, pd, rng.random(5000) < pd, strict=True):
+        tally.add([r], [p], [hit])
+    tally.add([np.nan, 5.0], [0.5, 1.5], [False, False])
+    total, bins = pd_of_all(tally), pd_by_range(tally)
+    assert total is not None
+    assert total.looks == 5000 == sum(at.looks for at in bins)
+    assert 8 <= len(bins) <= 13
+    for at in (total, *bins):
+        inside = (range_m >= at.from_m) & (range_m < at.to_m)
+        assert at.looks == inside.sum()
+        assert at.asked == pytest.approx(pd[inside].mean())
+        assert at.low <= at.delivered <= at.high
+        assert_chance(2 * stats.norm.sf(abs(at.z)), f"{at.from_m} m")
+
+
+def test_looks_at_any_range_take_little_memory() -> None:
+    tally = LookTally(CELL_M, MAX_CELLS)
+    tally.add([0.0, 1e300, 3.0, np.inf, -1.0], [0.5] * 5, [False] * 5)
+    assert tally.cells().nbytes < 2_000_000
+    assert sum(at.looks for at in pd_by_range(tally)) == 3
+    nothing = LookTally(CELL_M, MAX_CELLS)
+    assert pd_of_all(nothing) is None
+    assert pd_by_range(nothing) == []
+
+
+COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
+
+
+def truth_of(true: np.ndarray) -> SectorTruth:
+    entry = pb.Ledger()
+    for row in true:
+        known = dict(zip(COLUMNS, row.tolist(), strict=True))
+        entry.plots.add(drone="d", **known)
+    ((_, truth),) = sector_truths(tables_of([entry.SerializeToString()]), [None])
+    return truth
+
+
+def measured_of(values: np.ndarray, sigma: float | None) -> MeasuredPlots:
+    stated = {} if sigma is None else {f"sigma_{name}": sigma for name in COLUMNS}
+    rows = [dict(zip(COLUMNS, row.tolist(), strict=True)) | stated for row in values]
+    return MeasuredPlots.of([{"t_utc_ns": 0, **row} for row in rows])
+
+
+def errors_of(normalised: np.ndarray, sigma: float, stated: float) -> list[ErrorFigures]:
+    tally = ErrorsTally()
+    for part in np.array_split(normalised, 7):
+        true = np.tile([1000.0, 359.99, 10.0], (len(part), 1))
+        measured = true + part * sigma
+        measured[:, 1] %= 360
+        tally.add(truth_of(true), measured_of(measured, stated))
+    tally.count()
+    assert tally.joined == len(normalised)
+    return tally.figures()
+
+
+def test_errors_are_told_in_units_of_what_is_stated() -> None:
+    normalised = np.random.default_rng(9).standard_normal((6000, 3))
+    for sigma, stated in ((0.5, 0.5), (0.5, 1.0)):
+        for i, found in enumerate(errors_of(normalised, sigma, stated)):
+            expected = normalised[:, i] * sigma / stated
+            assert found.plots == found.stated == found.compared == sum(found.histogram) == 6000
+            assert found.rms == pytest.approx(np.sqrt((expected**2).mean()) * stated, rel=1e-6)
+            assert found.stated_rms == pytest.approx(stated)
+            assert found.normalised_rms == pytest.approx(np.sqrt((expected**2).mean()), rel=1e-6)
+            assert found.within_2 == pytest.approx((np.abs(expected) <= 2).mean(), abs=2e-4)
+            assert_chance(found.p_mean, found.quantity)
+            assert found.p_mean == pytest.approx(2 * stats.norm.sf(abs(found.z_mean)))
+            if sigma == stated:
+                assert_chance(found.p_rms, found.quantity)
+                counts = np.histogram(np.clip(expected, -5.99, 5.99), EDGES)[0]
+                assert np.abs(counts - found.histogram).sum() <= 4
+            else:
+                assert found.p_rms < 1e-9
+                assert found.z_rms < -20
+
+
+def test_errors_without_a_stated_sigma_are_told_in_their_own_unit() -> None:
+    tally = ErrorsTally()
+    true = np.tile([1000.0, 5.0, 0.0], (50, 1))
+    measured = true + 2.0
+    measured[:, 2] = np.nan
+    tally.add(truth_of(true), measured_of(measured, None))
+    tally.count()
+    figures = tally.figures()
+    assert [f.quantity for f in figures] == ["range", "azimuth"]
+    assert [(f.mean, f.rms, f.stated, f.compared) for f in figures] == [(2.0, 2.0, 0, 0)] * 2
+    assert np.isnan([figures[0].normalised_rms, figures[0].p_rms, figures[0].stated_rms]).all()
+
+
+@given(st.permutations(range(200, 260)), st.sets(st.integers(201, 258)))
+def test_sectors_that_are_lacking_are_those_between(numbers: list[int], missing: set[int]) -> None:
+    tally = SectorsTally()
+    for number in numbers:
+        if number not in missing:
+            tally.add(number)
+    tally.end()
+    assert [number for run in tally.lacking for number in run] == sorted(missing)
+
+
+def test_what_is_known_of_sectors_is_bounded() -> None:
+    tally = SectorsTally()
+    for number in range(0, 4 * MOST_AHEAD, 2):
+        tally.add(number)
+        assert len(tally._ahead) <= MOST_AHEAD
+    tally.end()
+    assert len(tally.lacking) == 1000

@@ -1,0 +1,285 @@
+"""Whatever is wrong in a recording is named: the sensor, and the quantity that is off.
+
+One recording has a sensor for each fault beside those that are right.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.ledgers import changed, record_session, told
+from support.road import SITE
+from support.scene_files import toml_of
+
+from plotfeed.feeds.lab.figures import LedgerReport
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.recorded import Recorded
+
+Keys = dict[str, Any]
+Change = Callable[[pb.PlotBatch], None]
+SECONDS = 90.0
+LINK = {
+    "latency_ms": 200.0,
+    "jitter_ms": 60.0,
+    "duplicate": 0.05,
+    "loss": {"kind": "random", "probability": 0.1},
+}
+RADAR = {
+    "type": "active_radar",
+    "power_w": 3.0,
+    "frequency_hz": 10e9,
+    "gain_tx_dbi": 25.0,
+    "gain_rx_dbi": 30.0,
+    "integration_s": 0.02,
+    "pfa": 1e-5,
+    "range_resolution_m": 10.0,
+    "range_max_m": 6000.0,
+    "azimuth_beamwidth_deg": 2.0,
+    "elevation_beamwidth_deg": 6.0,
+    "elevation_min_deg": -10.0,
+    "elevation_max_deg": 60.0,
+    "scan": {"kind": "rotating", "period_s": 0.5, "sectors": 4},
+}
+TREE: Keys = {
+    "scene": {
+        "name": "faults",
+        "seed": 5,
+        "site": {
+            "latitude_deg": SITE.latitude_deg,
+            "longitude_deg": SITE.longitude_deg,
+            "height_m": SITE.height_m,
+        },
+    },
+    "telemetry": {"geoid_undulation_m": 51.0},
+    "sensor": [
+        RADAR
+        | {"id": "fine", "sic": 1, "report": ["plots"], "link": LINK, "doppler": {}}
+        | {"bias": {"azimuth_offset_deg": 2.0, "range_offset_m": 30.0, "time_offset_s": 0.5}},
+        RADAR | {"id": "coarse", "sic": 2, "report": ["asterix-048"]},
+        {
+            "id": "ears",
+            "sic": 3,
+            "type": "acoustic",
+            "noise_db": 20.0,
+            "sensitivity_db": 3.0,
+            "microphones": 32,
+            "range_max_m": 2500.0,
+            "azimuth_beamwidth_deg": 10.0,
+            "elevation_beamwidth_deg": 10.0,
+            "report": ["plots"],
+            "scan": {"kind": "staring", "period_s": 0.5},
+        },
+    ],
+    "drone": [
+        {
+            "id": f"drone-{n}",
+            "rcs_m2": 0.02,
+            "sound_power_db": 105.0,
+            "speed_m_s": 20.0,
+            "repeat": True,
+            "path": [
+                {"east_m": -1200.0 + 900 * n, "north_m": 900.0 - 300 * n, "above_site_m": 150.0},
+                {"east_m": 1300.0, "north_m": 1400.0 - 500 * n, "above_site_m": 250.0},
+            ],
+        }
+        for n in range(3)
+    ],
+}
+
+
+def each_plot(change: Callable[[pb.Plot], None]) -> Change:
+    def of_batch(batch: pb.PlotBatch) -> None:
+        for plot in batch.plots:
+            change(plot)
+
+    return of_batch
+
+
+def azimuth_off(plot: pb.Plot) -> None:
+    plot.azimuth_deg = (plot.azimuth_deg + 0.3) % 360
+
+
+def scaled(plot: pb.Plot) -> None:
+    plot.range_m *= 1.01
+
+
+def late(plot: pb.Plot) -> None:
+    plot.time_utc_ns += 10**9
+
+
+def too_sure(plot: pb.Plot) -> None:
+    plot.sigma_azimuth_deg /= 2.5
+
+
+def above_the_sea(plot: pb.Plot) -> None:
+    plot.height_m -= 51.0
+
+
+def approaching(plot: pb.Plot) -> None:
+    plot.range_rate_m_s = -plot.range_rate_m_s
+
+
+def one_short(batch: pb.PlotBatch) -> None:
+    del batch.plots[1:]
+
+
+def one_wild(batch: pb.PlotBatch) -> None:
+    if batch.scan % 50 == 0:
+        each_plot(lambda plot: setattr(plot, "range_m", plot.range_m + 500.0))(batch)
+
+
+ON_THE_WIRE: dict[str, tuple[Change, str]] = {
+    "azimuth off by 0.3 degrees": (each_plot(azimuth_off), "azimuth"),
+    "ranges one per cent too long": (each_plot(scaled), "range"),
+    "times a second late": (each_plot(late), "time"),
+    "sigma two and a half times too small": (each_plot(too_sure), "azimuth"),
+    "heights above the sea for the ellipsoid": (each_plot(above_the_sea), "height"),
+    "range rates of the other sign": (each_plot(approaching), "range rate"),
+    "plots that are not sent": (one_short, "plots"),
+    "a few plots half a kilometre off": (one_wild, "range"),
+}
+
+
+def seldom(entry: pb.Ledger, rng: np.random.Generator) -> None:
+    for look in entry.looks:
+        look.detected &= bool(rng.random() < 0.6)
+
+
+def scans_are_missed(entry: pb.Ledger, _: np.random.Generator) -> None:
+    if entry.scan % 20 == 0:
+        entry.Clear()
+
+
+def with_link(**keys: Any) -> Callable[[pb.Ledger, np.random.Generator], None]:
+    asked = {key: value for key, value in (LINK | keys).items() if value is not None}
+
+    def says(entry: pb.Ledger, _: np.random.Generator) -> None:
+        entry.link = json.dumps(asked)
+
+    return says
+
+
+IN_THE_LEDGER: dict[str, tuple[Callable[[pb.Ledger, np.random.Generator], None], str]] = {
+    "three in five are detected": (seldom, "detection"),
+    "scans are missed": (scans_are_missed, "missed scans"),
+    "a delay that is too long": (with_link(latency_ms=170.0), "delay"),
+    "more loss than asked": (with_link(loss={"kind": "random", "probability": 0.03}), "loss"),
+    "duplicates that nobody asked for": (with_link(duplicate=None), "duplicates"),
+    "order that is not kept": (with_link(in_order=True), "order"),
+}
+
+
+IN_THE_SESSION: dict[str, tuple[str, Keys, set[str]]] = {
+    "bias of the other sign": (
+        "fine",
+        {"bias": {"azimuth_offset_deg": -2.0, "range_offset_m": 30.0, "time_offset_s": 0.5}},
+        {"azimuth"},
+    ),
+    "four times the false alarms": ("fine", {"pfa": 4e-5}, {"false alarms"}),
+    "errors that are larger than stated": (
+        "fine",
+        {"degradation": {"error_factor": 2.0}},
+        {"range", "azimuth", "elevation", "height", "range rate"},
+    ),
+    "more clutter": ("fine", {"degradation": {"false_alarm_factor": 4.0}}, {"false alarms"}),
+    "another north": ("coarse", {"bias": {"azimuth_offset_deg": 0.3}}, {"azimuth"}),
+    "a clock that is ahead": ("coarse", {"bias": {"time_offset_s": 1.0}}, {"time"}),
+}
+
+
+FAULTS = [*ON_THE_WIRE, *IN_THE_LEDGER, *IN_THE_SESSION]
+RIGHT = [sensor["id"] for sensor in TREE["sensor"]]
+STARING = {"kind": "staring", "period_s": 0.5}
+"""As often, in one sector for four: a quarter of the entries to be read."""
+
+
+def id_of(fault: str) -> str:
+    """The sensor that has it."""
+    return f"fault-{FAULTS.index(fault)}"
+
+
+def tree_with(changes: dict[str, Keys]) -> Keys:
+    """The scene with a sensor for each fault, and what some of those do otherwise."""
+    tree, of_id = deepcopy(TREE), {sensor["id"]: sensor for sensor in TREE["sensor"]}
+    for fault in FAULTS:
+        like = of_id[IN_THE_SESSION[fault][0] if fault in IN_THE_SESSION else "fine"]
+        of_its_own: Keys = {"id": id_of(fault), "sic": 10 + FAULTS.index(fault)}
+        if fault not in IN_THE_LEDGER:
+            of_its_own["scan"] = STARING
+        tree["sensor"].append(like | of_its_own | changes.get(fault, {}))
+    return tree
+
+
+def recorded(does: Keys, says: Keys, folder: Path) -> Path:
+    """What a session of the one scene did, as if it had been one of the other."""
+    paths = [folder / f"{name}.toml" for name in ("does", "says")]
+    for path, tree in zip(paths, (does, says), strict=True):
+        path.write_text(toml_of(tree))
+    return record_session(paths[0], folder / "record.mcap", SECONDS, says=paths[1])
+
+
+def planted(messages: Iterable[Recorded]) -> Iterator[Recorded]:
+    """With the faults of the wire and of the ledger."""
+    on_the_wire = {f"plotfeed/{id_of(f)}/plots": change for f, (change, _) in ON_THE_WIRE.items()}
+    in_the_ledger = {id_of(f): change for f, (change, _) in IN_THE_LEDGER.items()}
+    rngs = {name: np.random.default_rng(3) for name in in_the_ledger}
+    for each in messages:
+        if each.topic in on_the_wire:
+            batch = pb.PlotBatch.FromString(each.payload)
+            on_the_wire[each.topic](batch)
+            yield replace(each, payload=batch.SerializeToString())
+        elif each.topic.endswith("/truth"):
+            entry = pb.Ledger.FromString(each.payload)
+            if entry.sensor in in_the_ledger:
+                in_the_ledger[entry.sensor](entry, rngs[entry.sensor])
+            if entry.sensor:
+                yield replace(each, payload=entry.SerializeToString())
+        else:
+            yield each
+
+
+def wrong_in(report: LedgerReport) -> dict[str, set[str]]:
+    """What is named, by sensor."""
+    wrong: dict[str, set[str]] = {}
+    for verdict in report.verdicts.wrong:
+        wrong.setdefault(verdict.sensor, set()).add(verdict.quantity)
+    return wrong
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> LedgerReport:
+    folder = tmp_path_factory.mktemp("faults")
+    does = tree_with({fault: keys for fault, (_, keys, _) in IN_THE_SESSION.items()})
+    record = recorded(does, tree_with({}), folder)
+    return told(changed(record, folder / "planted.mcap", planted))
+
+
+def test_nothing_is_wrong_where_all_is_right(report: LedgerReport) -> None:
+    assert wrong_in(report).keys() == {id_of(fault) for fault in FAULTS}
+    right = [sensor for sensor in report.sensors if sensor.sensor in RIGHT]
+    assert len(right) == len(RIGHT)
+    assert report.verdicts.judged > 20 * len(report.sensors)
+    assert {sensor.joined == sensor.plots > 100 for sensor in right} == {True}
+    assert [sensor.contradicted + sensor.times_off for sensor in right] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_is_wrong_is_named(fault: str, report: LedgerReport) -> None:
+    found = wrong_in(report)[id_of(fault)]
+    if fault in IN_THE_SESSION:
+        assert found == IN_THE_SESSION[fault][2]
+    else:
+        assert found == {(ON_THE_WIRE | IN_THE_LEDGER)[fault][1]}
+
+
+def test_mean_sea_level_taken_for_the_ellipsoid_is_named(tmp_path: Path) -> None:
+    does = deepcopy(TREE)
+    does["telemetry"] = {"geoid_undulation_m": 0.0}
+    assert wrong_in(told(recorded(does, TREE, tmp_path))) == {"coarse": {"height"}}

@@ -1,0 +1,118 @@
+"""Verdicts on the feeds of every scene: right feeds pass, and faults among many are named."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.doc_commands import doc_command
+from support.road import held, radar, scene
+from support.significance import assert_chance
+
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
+from plotfeed.feeds.lab.feed_checks import FALSE_RATE, feed_checks, simulated_feed
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys
+from plotfeed.models.residuals import ResidualCheck, judged_wrong
+from plotfeed.models.sensors.electronic_radar import SEARCH
+
+SEED, SECONDS = 1, 30.0
+NS = 10**9
+
+
+@cache
+def scenes() -> dict[str, Scene]:
+    return {path.stem: load(path) for path in doc_command("write_feed_checks")["SCENES"]}
+
+
+def with_sensor(name: str, sensor: str, **keys: Any) -> tuple[Scene, SimulatedSensor]:
+    """A scene with one of its sensors alone, whose keys are changed, and what that did."""
+    whole = scenes()[name]
+    (alone,) = (each for each in whole.sensor if each.id == sensor)
+    made = whole.model_copy(update={"sensor": (alone.model_copy(update=keys),)})
+    return made, simulate(made, 60.0, seed=SEED, start_utc_ns=1_767_268_800 * NS)[sensor]
+
+
+def checks_of(made: Scene, seen: SimulatedSensor) -> dict[str, ResidualCheck]:
+    return {check.name: check for check in feed_checks(simulated_feed(made, seen))}
+
+
+def test_right_feeds_of_every_scene_pass_live_and_recorded_and_planted_faults_are_named() -> None:
+    """Half a minute of each, 13 sessions judged twice: of right feeds 1 % are called wrong."""
+    command = doc_command("write_feed_checks")
+    wrong: dict[str, list[set[str]]] = {}
+    for path in command["SCENES"]:
+        verdicts = command["scene_verdicts"](path, SEED, SECONDS)
+        wrong[path.stem] = [command["of_right_feeds"](path.stem, each) for each in verdicts]
+        assert all(command["names_all"](path.stem, each) for each in verdicts), verdicts
+    found = [bool(each) for both in wrong.values() for each in both]
+    assert len(found) >= 26
+    assert_chance(float(stats.binom.sf(sum(found) - 1, len(found), FALSE_RATE)), str(wrong))
+
+
+@pytest.mark.parametrize(
+    ("name", "sensor"),
+    [
+        ("perimeter", "north-gate"),  # looks several times at a drone within a period
+        ("coast", "passive"),  # a fine and a coarse transmitter, and plots near a baseline
+        ("field-day", "rf"),  # bearings of many drones, closer than their errors
+        ("field-day", "tower"),
+    ],
+)
+def test_as_many_looks_are_hit_as_drones_were_plotted(name: str, sensor: str) -> None:
+    made, seen = with_sensor(name, sensor)
+    drones = int((seen.plots.drone >= 0).sum())
+    plottable = len(seen.looks)
+    if sensor == "north-gate":
+        plottable = int((seen.looks.channel != SEARCH).sum())
+    pd = checks_of(made, seen)["Pd"]
+    assert pd.of > 0.9 * plottable
+    assert pd.found == pytest.approx(drones / plottable, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("keys", "named"),
+    [
+        ({"bias": BiasKeys(azimuth_offset_deg=2.0)}, "azimuth"),
+        ({"degradation": DegradationKeys(error_factor=2.5)}, "azimuth spread"),
+        ({"degradation": DegradationKeys(pd_factor=0.6)}, "Pd"),
+    ],
+)
+@pytest.mark.parametrize("name", ["rf", "tower"])
+def test_among_drones_closer_than_errors_a_fault_is_named(
+    name: str, keys: dict[str, Any], named: str
+) -> None:
+    checks = checks_of(*with_sensor("field-day", name, **keys))
+    wrong = judged_wrong(list(checks.values()), FALSE_RATE)
+    assert named in {each for each, is_wrong in zip(checks, wrong, strict=True) if is_wrong}
+
+
+@pytest.mark.parametrize("name", ["rf", "ears"])
+def test_bearings_closer_than_their_errors_do_not_seem_to_scatter_less(name: str) -> None:
+    spread = checks_of(*with_sensor("field-day", name))["azimuth spread"]
+    assert_chance(spread.p, f"{spread.found:.2f} of {spread.of}")
+
+
+def test_drones_whose_echoes_merge_are_not_judged_and_it_is_said_why() -> None:
+    drones = [held(f"d{i}", 40.0 + 0.2 * i, 5.0, 2000.0, rcs_m2=1.0) for i in range(4)]
+    alone = held("alone", 200.0, 5.0, 2000.0, rcs_m2=1.0)
+    sensor = radar(merging={}, azimuth_beamwidth_deg=2.0)
+
+    def judged(*present: dict[str, Any]) -> dict[str, ResidualCheck]:
+        made = scene([sensor], present, seed=3)
+        return checks_of(made, simulate(made, 40.0, start_utc_ns=1_700_000_000 * NS)["radar"])
+
+    checks = judged(*drones)
+    assert np.isnan(checks["Pd"].p)
+    assert "tells apart" in checks["Pd"].why_not
+    assert "tells apart" in checks["range"].why_not
+    assert checks["false alarms"].p > 1e-4  # the merged plots are nobody's false alarms
+    assert judged(*drones, alone)["Pd"].of == 40  # of the one that stands alone
+
+
+def test_sectors_without_a_plot_count_among_those_in_which_false_alarms_might_have_come() -> None:
+    made, seen = with_sensor("field-day", "camera")
+    assert simulated_feed(made, seen).scans == pytest.approx(600.0)

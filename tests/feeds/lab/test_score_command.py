@@ -1,0 +1,274 @@
+"""`plotfeed score`, on the recording of a session whose radar has tracks of its own."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.dom.minidom
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from support.command import plotfeed_here
+from support.ledgers import LEDGER, record_session, written
+from support.recordings import START_NS
+from support.scene_files import radar, scene_file, scene_text
+from support.scored_flights import APART, csv_of, ledger_of
+
+from plotfeed.feeds.lab.score import load_profile, shipped_profiles
+from plotfeed.feeds.lab.scoring import FIGURE_NAMES
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.recorded import Recorded, Stage
+
+MORE = 'report = ["asterix-062", "plots"]\ntracks = { kind = "plain" }'
+NS = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("score")
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(more=MORE))
+    return record_session(scene_file(folder, text), folder / "there.mcap", 30.0)
+
+
+def score_of(*words: object) -> dict:
+    done = plotfeed_here("score", *words, "--json")
+    assert done.stderr == ""
+    return json.loads(done.stdout)
+
+
+def test_the_plain_tracker_of_a_radar_is_scored_from_end_to_end(recording: Path) -> None:
+    told = score_of(recording)
+    assert told["figures"].keys() == set(FIGURE_NAMES)
+    assert told["scene"] == "test"
+    assert told["source"] == "there.mcap: plotfeed/radar/asterix/062"
+    assert [each["drone"] for each in told["drones"]] == ["visitor"]
+    assert told["figures"]["completeness"] > 0.7
+    assert 0.0 < told["figures"]["position_rms_m"] < 30.0
+    assert told["figures"]["latency_p50_s"] >= 0.0
+    assert told["failure"] == ""
+    assert told["drones"][0]["initiation_s"] > 0.5
+    assert told["drones"][0]["alert_m"] == pytest.approx(1700.0, abs=60.0)
+
+
+def test_text_has_every_table_and_ends_with_the_verdict(recording: Path) -> None:
+    done = plotfeed_here("score", recording)
+    assert done.returncode == 0
+    for part in ("GOSPA, m", "completeness, %", "visitor", "radar", "as known"):
+        assert part in done.stdout
+    assert done.stdout.splitlines()[-1] == (
+        "No profile: nothing is judged. --profile asks for limits."
+    )
+
+
+def test_tracks_of_another_file_are_scored_and_profiles_judge_them(
+    recording: Path, tmp_path: Path
+) -> None:
+    good = csv_of(tmp_path / "good.csv", recording)
+    done = plotfeed_here(
+        "score", recording, "--tracks", good, "--profile", "example-ed-117a-manoeuvring"
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "4 of 4 limits kept."
+    poor = csv_of(tmp_path / "poor.csv", recording, off_deg=3e-4)
+    done = plotfeed_here(
+        "score", recording, "--tracks", poor, "--profile", "example-ed-117a-manoeuvring"
+    )
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[-1] == "3 of 4 limits kept, 1 failed."
+
+
+def test_a_recording_of_a_broker_has_all_that_is_needed(recording: Path, tmp_path: Path) -> None:
+    """Without the scene, sensors stand where they said; the score is the same."""
+    with McapReader(recording) as log:
+        heard = [
+            replace(message, stage=Stage.RECEIVED) for message in log.messages(stages=[Stage.AFTER])
+        ]
+    path = written(tmp_path / "heard.mcap", heard)
+    one, other = score_of(recording), score_of(path)
+    assert (one["scene"], other["scene"]) == ("test", "")
+    assert other["figures"]["alert_median_m"] is None
+    for told in (one, other):
+        del told["figures"]["alert_median_m"]
+    assert other["figures"] == pytest.approx(one["figures"], nan_ok=True)
+
+
+class Suites:
+    """What another reader of XML finds."""
+
+    def __init__(self, path: Path) -> None:
+        document = xml.dom.minidom.parseString(path.read_bytes())  # noqa: S318 - ours
+        (self.suite,) = document.getElementsByTagName("testsuite")
+        self.cases = {
+            case.getAttribute("name"): {child.nodeName for child in case.childNodes}
+            for case in document.getElementsByTagName("testcase")
+        }
+
+    def counts(self) -> list[int]:
+        names = ("tests", "failures", "errors", "skipped")
+        return [int(self.suite.getAttribute(name)) for name in names]
+
+
+def test_junit_has_a_case_for_each_limit(recording: Path, tmp_path: Path) -> None:
+    tracks, file = csv_of(tmp_path / "t.csv", recording, until_s=5.0), tmp_path / "x.xml"
+    words = ("score", recording, "--tracks", tracks, "--profile", "example-f3411", "--junit", file)
+    assert plotfeed_here(*words).returncode == 1
+    found = Suites(file)
+    # It died, it was too rare, and nobody knows when its reports came.
+    assert found.counts() == [5, 1, 1, 3]
+    assert found.cases["tracker"] == {"error"}
+    assert sorted(map(len, found.cases.values())) == [1] * 5
+    assert "last report" in file.read_text()
+    assert plotfeed_here(*words).returncode == 2
+    assert plotfeed_here(*words, "--force").returncode == 1
+
+
+class Tags(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.outside: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.outside += [
+            value
+            for name, value in attrs
+            if name in ("src", "href", "xlink:href") and value and not value.startswith("#")
+        ]
+
+
+def test_html_is_one_file_the_same_to_the_byte(recording: Path, tmp_path: Path) -> None:
+    pages = []
+    for name in ("a.html", "b.html"):
+        done = plotfeed_here("score", recording, "--out", tmp_path / name)
+        assert done.returncode == 0
+        pages.append((tmp_path / name).read_bytes())
+    assert pages[0] == pages[1]
+    found = Tags(pages[0].decode())
+    assert found.outside == []
+    assert found.tags.count("svg") >= 6
+    assert found.tags.count("script") == 0
+    assert "visitor" in pages[0].decode()
+
+
+def test_names_of_drones_are_text_in_html_and_xml(tmp_path: Path) -> None:
+    name = "<b>&\x07$x$"
+    entries = ledger_of({name: APART["a"]})
+    messages = [
+        Recorded(
+            topic="plotfeed/truth",
+            payload=entry.SerializeToString(),
+            log_time_ns=START_NS + n * NS,
+            publish_time_ns=START_NS + n * NS,
+            content_type=LEDGER,
+        )
+        for n, entry in enumerate(entries)
+    ]
+    told = {"sensor": "radar", "latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0,
+            "scan_period_s": 1.0}  # fmt: skip
+    described = replace(
+        messages[0],
+        topic="plotfeed/radar/description",
+        payload=json.dumps(told).encode(),
+        content_type="application/json",
+    )
+    path = written(tmp_path / "x.mcap", [described, *messages])
+    tracks = csv_of(tmp_path / "x.csv", path)
+    profile = tmp_path / "p.toml"
+    profile.write_text(
+        '[profile]\ntitle = "<i>"\n[[limit]]\nname = "a\\u0007<b>"\nfigure = "gospa_m"\n'
+        "at_most = 5.0\n"
+    )
+    out, junit = tmp_path / "x.html", tmp_path / "x.xml"
+    done = plotfeed_here(
+        "score", path, "--tracks", tracks, "--out", out, "--profile", profile, "--junit", junit
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "b" not in Tags(out.read_text()).tags
+    assert "i" not in Tags(out.read_text()).tags
+    assert "\x07" not in done.stdout
+    assert Suites(junit).cases.keys() == {"tracker", "a<b>"}
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--profile", "nothing"], r"nothing: expected a file that ends in .toml, or one of"),
+        (["--protect", "here"], "--protect: expected LATITUDE,LONGITUDE"),
+        (["--protect", "95,0"], "protected_deg: expected a latitude"),
+        (["--topic", "a/#/b"], "# is the last one"),
+        (["--topic", "nobody/here"], ""),
+    ],
+)
+def test_wrong_use_is_told_in_a_line(recording: Path, words: list[str], why: str) -> None:
+    done = plotfeed_here("score", recording, *words)
+    if why:
+        assert done.returncode == 2
+        assert re.search(why, done.stderr)
+        assert len(done.stderr.splitlines()) == 1
+    else:  # a tracker of which there is nothing has failed
+        assert done.returncode == 1
+        assert "The tracker failed: the tracker reported no tracks." in done.stdout
+
+
+def test_what_is_no_recording_with_a_ledger_is_refused(recording: Path, tmp_path: Path) -> None:
+    with McapReader(recording) as log:
+        others = [m for m in log.messages() if not m.topic.endswith("/truth")]
+    path = written(tmp_path / "x.mcap", others)
+    done = plotfeed_here("score", path)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "no ledger" in done.stderr
+    (tmp_path / "y.mcap").write_bytes(b"nothing")
+    assert plotfeed_here("score", tmp_path / "y.mcap").returncode == 2
+    assert plotfeed_here("score", tmp_path / "z.mcap").returncode in (1, 2)
+
+
+# Profiles.
+
+
+def test_shipped_profiles_are_labelled_as_examples() -> None:
+    names = shipped_profiles()
+    assert len(names) >= 6
+    for name in names:
+        found = load_profile(name)
+        assert name.startswith("example-")
+        assert found.profile.title.startswith("Example: figures like those of ")
+        assert "Passing says nothing of any standard." in found.profile.note
+        assert "complian" not in found.model_dump_json()
+
+
+HEAD = '[profile]\ntitle = "x"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "profile: missing"),
+        (HEAD, "limit: missing"),
+        ("limit = []\n" + HEAD, "limit: at least one"),
+        (HEAD + '[[limit]]\nfigure = "gospa_m"', "expected at_most or at_least"),
+        (HEAD + '[[limit]]\nfigure = "gospa_m"\nat_most = 1\nat_least = 0', "or at_least"),
+        (HEAD + '[[limit]]\nfigure = "nosuch"\nat_most = 1', "figure: expected one of"),
+        (HEAD + '[[limit]]\nfigure = "far_share"\nat_most = 1', "needed by far_share"),
+        (
+            HEAD + '[[limit]]\nfigure = "gospa_m"\nat_most = 1\nperiod_s = 2.0',
+            "is not of gospa_m",
+        ),
+        (HEAD + '[[limit]]\nfigure = "gospa_m"\nat_most = "much"', "limit"),
+        (HEAD + '[settings]\nnosuch = 1\n[[limit]]\nfigure = "gospa_m"\nat_most = 1', "settings"),
+        (HEAD + '[settings]\ncutoff_m = 0\n[[limit]]\nfigure = "ospa_m"\nat_most = 1', "cutoff_m"),
+        (HEAD + '[settings]\norder = "p"\n[[limit]]\nfigure = "ospa_m"\nat_most = 1', "order"),
+        ("][", "no TOML"),
+    ],
+)
+def test_a_wrong_profile_is_told_of(tmp_path: Path, text: str, why: str) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(text)
+    with pytest.raises(PlotfeedError, match=why) as refused:
+        load_profile(str(path))
+    assert "\n" not in str(refused.value)
+    assert str(path) in str(refused.value)

@@ -1,0 +1,402 @@
+"""Trackers that follow straight flights in known ways, and those that send garbage."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.recordings import START_NS
+from support.scored_flights import (
+    APART,
+    NS,
+    SITE,
+    Flight,
+    Given,
+    followed_well,
+    read_of,
+    report_of,
+    tally_of,
+    truths_of,
+)
+
+from plotfeed.feeds.lab.flights import FlightsTally, Truths
+from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score, ScoreSettings, score_run
+from plotfeed.proto.errors import PlotfeedError
+
+TRUTHS = truths_of()
+
+
+def scored(given: Given, truths: Truths = TRUTHS, **settings: object) -> Score:
+    return score_run(truths, read_of(given), ScoreSettings(**settings))  # type: ignore[arg-type]
+
+
+def test_a_tracker_without_fault_has_none() -> None:
+    score = scored(followed_well())
+    assert score.failure == ""
+    assert score.left_out == {}
+    assert score.dimensions == 3
+    told = score.figures()
+    assert tuple(told) == FIGURE_NAMES
+    for name in ("gospa_m", "ospa_m", "ospa2_m", "t_gospa_m", "position_max_m", "velocity_rms_m_s"):
+        assert told[name] == pytest.approx(0.0, abs=0.02), name
+    assert (told["completeness"], told["ambiguity"], told["spuriousness"]) == (1.0, 1.0, 0.0)
+    assert (told["breaks"], told["swaps"], told["number_changes_per_h"]) == (0.0, 0.0, 0.0)
+    assert told["longest_segment"] == 1.0
+    assert told["latency_p95_s"] == pytest.approx(0.2)
+    assert told["initiation_median_s"] == pytest.approx(0.2)
+    assert (told["tracks"], told["false_tracks"], told["never_tracked"]) == (2, 0, 0)
+    assert [each.drone for each in score.drones] == ["a", "b"]
+    assert [each.cover_s for each in score.drones] == [61.0, 61.0]
+    (radar,) = score.sensors
+    assert (radar.sensor, radar.drones, radar.completeness) == ("radar", 2, 1.0)
+    assert radar.longest_gap_s == 0.0
+
+
+def test_reports_between_looks_and_steps_are_compared_at_their_own_time() -> None:
+    """At 15 m/s, a comparison 10 ms off would show 0.15 m."""
+    turns = {"a": Flight(velocity_m_s=(15.0, 0.0, 0.0))}
+    given = [
+        (report_of("1", turns["a"], t_s), START_NS + round((t_s + 0.1) * NS))
+        for t_s in np.arange(0.37, 59.0, 0.73)
+    ]
+    assert scored(given, truths_of(turns)).reports.position_max_m < 1e-3
+
+
+def test_errors_of_position_are_those_that_were_put_in() -> None:
+    score = scored(followed_well(sigma_m=5.0, seed=3, tells_covariance=True))
+    n = 3 * int(score.reports.reports)
+    assert score.reports.position_rms_m == pytest.approx(5.0 * 3**0.5, rel=4 / n**0.5)
+    assert score.reports.nees == pytest.approx(1.0, abs=4 * (2 / n) ** 0.5)
+    assert score.reports.nees_low < 1.0 < score.reports.nees_high
+    shifted = [(replace(t, latitude_deg=t.latitude_deg + 1e-4), r) for t, r in followed_well()]
+    score = scored(shifted)
+    assert score.reports.bias_north_m == pytest.approx(11.1, abs=0.1)
+    assert score.reports.bias_east_m == pytest.approx(0.0, abs=0.01)
+
+
+def test_without_heights_distances_are_over_the_ground() -> None:
+    flat = [(replace(told, height_m=math.nan), r) for told, r in followed_well()]
+    score = scored(flat)
+    assert score.dimensions == 2
+    assert score.reports.position_max_m < 1e-3
+    assert math.isnan(score.reports.bias_up_m)
+    wrong = [(replace(told, height_m=told.height_m + 30.0), r) for told, r in followed_well()]
+    assert scored(wrong, dimensions=2).reports.position_max_m < 1e-3
+    assert scored(wrong).reports.position_rms_m == pytest.approx(30.0, abs=0.01)
+
+
+def test_a_tracker_whose_clock_is_right_and_whose_places_are_old_lags() -> None:
+    """Stamped now, but as it was 0.5 s ago."""
+    late = []
+    for number, flight in enumerate(APART.values(), 1):
+        for t_s in range(1, 60):
+            told = report_of(str(number), flight, t_s - 0.5)
+            late.append((replace(told, t_utc_ns=START_NS + t_s * NS), START_NS + t_s * NS))
+    score = scored(late)
+    assert score.reports.lag_s == pytest.approx(0.5, abs=0.01)
+    assert score.reports.along_rms_m > 5.0
+    assert score.reports.across_rms_m < 0.1
+
+
+def test_lateness_is_punished_as_known_and_not_as_stamped() -> None:
+    still = [(replace(told, velocity_enu_m_s=(0.0, 0.0, 0.0)), told.t_utc_ns + 2 * NS)
+             for told, _ in followed_well()]  # fmt: skip
+    score = scored(still)
+    assert score.as_known is not None
+    assert score.as_stamped.gospa_m < 0.1
+    assert score.as_known.gospa_localisation_m > 20.0
+    assert score.reports.latency_p50_s == pytest.approx(2.0)
+    assert score.as_known.position_accuracy_m == pytest.approx(23.6, abs=2.0)
+
+
+def test_where_nobody_says_when_reports_came_nothing_is_said_of_it() -> None:
+    score = scored(followed_well(late_s=None))
+    assert score.as_known is None
+    assert math.isnan(score.figures()["known_gospa_m"])
+    assert math.isnan(score.reports.latency_p50_s)
+    assert score.figures()["completeness"] == 1.0
+
+
+def test_a_hole_is_a_break_and_another_number_a_change() -> None:
+    given = [
+        (replace(told, name="9") if told.name == "1" and t_s >= 40 else told, received)
+        for told, received in followed_well()
+        if not (20 <= (t_s := (told.t_utc_ns - START_NS) / NS) < 30 and told.name == "1")
+    ]
+    score = scored(given, stale_s=2.0)
+    one, other = score.drones
+    assert (one.breaks, one.number_changes, one.tracks) == (1, 1, 2)
+    assert (other.breaks, other.number_changes, other.tracks) == (0, 0, 1)
+    assert score.as_stamped.breaks == 1.0
+    assert one.completeness == pytest.approx(1 - 8 / 61, abs=0.02)
+    assert one.longest_s == pytest.approx(21, abs=3)
+
+
+def test_numbers_that_change_places_are_swaps() -> None:
+    crossing = {
+        "a": Flight((-300.0, 0.0, 100.0), (10.0, 0.0, 0.0)),
+        "b": Flight((300.0, 4.0, 100.0), (-10.0, 0.0, 0.0)),
+    }
+    truths = truths_of(crossing)
+    good = followed_well(crossing)
+    assert scored(good, truths).as_stamped.swaps == 0.0
+    swapped = [
+        (replace(t, name={"1": "2", "2": "1"}[t.name]) if t.t_utc_ns > START_NS + 35 * NS else t, r)
+        for t, r in good
+    ]
+    score = scored(swapped, truths)
+    assert score.as_stamped.swaps == 2.0
+    assert score.as_stamped.t_gospa_switching_m > scored(good, truths).as_stamped.t_gospa_m
+    assert score.figures()["completeness"] > 0.9
+
+
+def test_a_drone_that_is_never_seen_is_in_the_medians() -> None:
+    flights = {**APART, "c": Flight((500.0, 0.0, 50.0), (0.0, 1.0, 0.0))}
+    score = scored(followed_well(), truths_of(flights), protected_deg=(40.45, -3.73))
+    assert score.never_tracked == 1
+    unseen = score.drones[2]
+    assert math.isnan(unseen.initiation_s)
+    assert (unseen.completeness, unseen.tracks) == (0.0, 0)
+    assert unseen.closest_m == pytest.approx(500.0, abs=0.5)
+    assert score.initiation_median_s == pytest.approx(0.2)
+    # Those seen, at 1118 and 2500 m, and the one that would have been seen at 500 m or nearer.
+    assert score.alert_median_m == pytest.approx(1118.0, abs=5.0)
+    alone = scored(followed_well({"a": APART["a"]}), truths_of(flights))
+    assert alone.initiation_median_s == math.inf
+    none = scored([], truths_of(flights))
+    assert none.alert_median_m == 0.0
+
+
+def test_a_late_beginning_is_told_from_entry_into_cover() -> None:
+    flights = {"a": Flight(from_s=0.0), "b": Flight((-2000.0, 0.0, 90.0), from_s=20.0)}
+    given = [g for g in followed_well(flights) if g[0].t_utc_ns >= START_NS + 24 * NS]
+    score = scored(given, truths_of(flights))
+    assert [round(each.initiation_s, 1) for each in score.drones] == [24.2, 4.2]
+
+
+def test_tracks_of_no_drone_are_false() -> None:
+    ghost = Flight((6000.0, 6000.0, 100.0))
+    given = followed_well() + [(report_of("66", ghost, t), START_NS + t * NS) for t in range(61)]
+    score = scored(given)
+    assert score.false_tracks == 1
+    assert score.as_stamped.spuriousness == pytest.approx(1 / 3, abs=0.01)
+    assert score.as_stamped.gospa_false_m == pytest.approx(50 / 2**0.5, abs=0.5)
+    assert np.count_nonzero(score.nearest_m > 3000.0) == 61
+
+
+def test_two_tracks_of_one_drone_are_ambiguous() -> None:
+    twins = [(replace(told, name=f"{told.name}0"), r) for told, r in followed_well()]
+    score = scored(followed_well() + twins)
+    assert score.as_stamped.ambiguity == 2.0
+    assert score.as_stamped.spuriousness == 0.0
+
+
+def test_tentative_tracks_count_if_asked() -> None:
+    tentative = [(replace(told, tentative=True), r) for told, r in followed_well()]
+    score = scored(tentative)
+    assert score.left_out == {"tentative": 122}
+    assert score.failure == "none of the tracker's reports can be used"
+    assert scored(tentative, counts_tentative=True).as_stamped.completeness == 1.0
+
+
+# Garbage, and trackers that fail: all is told, and nothing crashes.
+
+
+def test_garbage_is_counted_and_leaves_the_rest_as_it_is() -> None:
+    good = followed_well(sigma_m=3.0)
+    one, received = good[40]
+    bad: Given = [
+        (replace(one, latitude_deg=math.nan), received),
+        (replace(one, longitude_deg=math.inf), received),
+        (replace(one, latitude_deg=123.0), received),
+        (replace(one, height_m=1e7), received),
+        (replace(one, t_utc_ns=START_NS + 400 * NS), received),
+        (replace(one, t_utc_ns=START_NS + 400 * NS), START_NS + 400 * NS),
+        (replace(one, t_utc_ns=START_NS - 400 * NS), received),
+        (replace(one, t_utc_ns=1 << 70), received),
+        (replace(one, name="none", t_utc_ns=-(1 << 70)), received),
+    ]
+    clean, spoilt = scored(good), scored(good + bad)
+    assert spoilt.left_out == {
+        "not a place on Earth": 4,
+        "of the future": 1,
+        "after the run": 1,
+        "before the run": 1,
+        "without a time": 2,
+    }
+    assert spoilt.figures() | {"left_out": 0.0} == pytest.approx(
+        clean.figures() | {"left_out": 0.0}, nan_ok=True
+    )
+
+
+def test_of_a_report_that_comes_twice_the_last_counts() -> None:
+    good = followed_well()
+    wrong = [
+        (replace(told, latitude_deg=told.latitude_deg + 2e-4), received - 1)
+        for told, received in good
+        if received is not None
+    ]
+    score = scored(wrong + good)
+    assert score.left_out == {"repeated, of which the last counts": 122}
+    assert score.reports.position_max_m < 1e-3
+
+
+def test_a_number_in_two_places_is_told_and_not_in_the_means() -> None:
+    elsewhere = Flight((9000.0, 9000.0, 100.0))
+    twice = [(report_of("1", elsewhere, t + 0.5), START_NS + t * NS + NS) for t in range(60)]
+    score = scored(followed_well() + twice, step_s=0.5)
+    assert score.left_out["in two places at once"] > 100
+    assert score.reports.position_max_m < 1e-3
+    assert score.as_stamped.gospa_m > 10.0
+
+
+def test_a_leap_within_the_cut_off_is_not_in_the_means_either() -> None:
+    """40 m aside 0.2 s later, which is 200 m/s."""
+    beside = [(report_of("1", APART["a"], t + 0.2, (0.0, 40.0, 0.0)), START_NS + (t + 1) * NS)
+              for t in range(60)]  # fmt: skip
+    score = scored(followed_well() + beside)
+    assert score.left_out["in two places at once"] == 60
+    assert score.reports.position_max_m < 1e-3
+
+
+def test_reports_out_of_order_are_sorted_and_counted() -> None:
+    good = followed_well()
+    late = [(told, received + 3 * NS if n % 10 == 0 else received)  # type: ignore[operator]
+            for n, (told, received) in enumerate(good)]  # fmt: skip
+    score = scored(late)
+    assert 0 < score.left_out["out of order"] <= 13
+    assert score.as_stamped == scored(good).as_stamped
+
+
+def test_a_number_that_was_ended_is_another_track_when_it_comes_again() -> None:
+    given = [
+        (replace(told, ended=told.t_utc_ns == START_NS + 30 * NS), received)
+        for told, received in followed_well()
+    ]
+    score = scored(given)
+    assert score.tracks == 4
+    assert score.as_stamped.number_changes_per_h > 0
+
+
+@pytest.mark.parametrize(
+    ("given", "failure"),
+    [
+        ([], "the tracker reported no tracks"),
+        (
+            [g for g in followed_well() if g[0].t_utc_ns < START_NS + 20 * NS],
+            "the tracker's last report is 41.0 s before the end",
+        ),
+    ],
+)
+def test_a_tracker_that_dies_has_failed(given: Given, failure: str) -> None:
+    score = scored(given)
+    assert score.failure == failure
+    assert score.as_stamped.completeness < 0.5
+    assert score.figures().keys() == set(FIGURE_NAMES)
+
+
+def test_a_tracker_of_the_future_alone_has_failed() -> None:
+    given = [(replace(told, t_utc_ns=told.t_utc_ns + 3600 * NS), r) for told, r in followed_well()]
+    score = scored(given)
+    assert score.failure == "none of the tracker's reports can be used"
+    assert score.left_out == {"of the future": 122}
+    assert score.as_stamped.gospa_missed_m == pytest.approx(50.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_whatever_reports_say_there_is_a_score(data: st.DataObject) -> None:
+    number = st.floats(allow_nan=True, allow_infinity=True) | st.floats(-180, 180)
+    told, _ = followed_well()[0]
+    reports: Given = [
+        (
+            replace(
+                told,
+                name=data.draw(st.sampled_from("12")),
+                t_utc_ns=data.draw(
+                    st.integers(-(1 << 70), 1 << 70) | st.integers(START_NS, START_NS + 60 * NS)
+                ),
+                latitude_deg=data.draw(number),
+                longitude_deg=data.draw(number),
+                height_m=data.draw(number),
+                velocity_enu_m_s=data.draw(st.tuples(number, number, number)),
+                covariance_m2=data.draw(st.tuples(*[number] * 6)),
+                ended=data.draw(st.booleans()),
+            ),
+            data.draw(st.none() | st.integers(-(1 << 62), 1 << 62)),
+        )
+        for _ in range(data.draw(st.integers(0, 5)))
+    ]
+    with np.errstate(all="ignore"):
+        score = scored(reports)
+    assert score.figures().keys() == set(FIGURE_NAMES)
+
+
+# Invariances.
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_reports_does_not_matter(seed: int) -> None:
+    given = followed_well(sigma_m=8.0, seed=seed)
+    shuffled = list(given)
+    random.Random(seed).shuffle(shuffled)  # noqa: S311
+    assert scored(shuffled).figures() == pytest.approx(scored(given).figures(), nan_ok=True)
+
+
+def test_the_names_of_tracks_and_drones_do_not_matter() -> None:
+    given = followed_well(sigma_m=8.0)
+    renamed = [(replace(told, name=f"T-{90 - int(told.name)}"), r) for told, r in given]
+    truths = truths_of({"z": APART["a"], "y": APART["b"]})
+    assert scored(renamed, truths).figures() == pytest.approx(scored(given).figures(), nan_ok=True)
+
+
+@pytest.mark.parametrize("by_ns", [NS, 86_400 * NS * 37, -17 * NS])
+def test_a_shift_of_all_times_does_not_matter(by_ns: int) -> None:
+    given = followed_well(sigma_m=8.0)
+    shifted = [
+        (replace(told, t_utc_ns=told.t_utc_ns + by_ns), received + by_ns)  # type: ignore[operator]
+        for told, received in given
+    ]
+    paths = [replace(path, t_utc_ns=path.t_utc_ns + by_ns) for path in TRUTHS.paths]
+    looks = {key: at + by_ns for key, at in TRUTHS.looks_utc_ns.items()}
+    later = replace(TRUTHS, paths=paths, looks_utc_ns=looks)
+    assert scored(shifted, later).figures() == pytest.approx(scored(given).figures(), nan_ok=True)
+
+
+# The truth.
+
+
+def test_without_flights_nothing_can_be_scored() -> None:
+    empty = FlightsTally({"radar": SITE}).truths()
+    with pytest.raises(PlotfeedError, match="no flight to score against"):
+        score_run(empty, read_of(followed_well()))
+
+
+def test_looks_of_a_sensor_that_nobody_placed_are_told() -> None:
+    tally = tally_of(APART, {})
+    assert tally.truths().notes == (
+        "122 looks of radar have no place: where it stands is not told",
+    )
+
+
+def test_too_fine_a_grid_is_refused() -> None:
+    flights = {"a": Flight(until_s=60.0)}
+    late = {"a": replace(truths_of(flights).paths[0])}
+    path = late["a"]
+    far = replace(path, t_utc_ns=path.t_utc_ns * np.int64(1))
+    far.t_utc_ns[-1] += 10**17
+    with pytest.raises(PlotfeedError, match="too many"):
+        score_run(replace(TRUTHS, paths=[far], drones=["a"]), read_of([]))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"cutoff_m": 0.0}, {"order": math.nan}, {"dimensions": 1}, {"step_s": 1e9}]
+)
+def test_settings_have_bounds(wrong: dict[str, float]) -> None:
+    with pytest.raises(PlotfeedError, match="expected"):
+        ScoreSettings(**wrong)  # type: ignore[arg-type]

@@ -1,0 +1,300 @@
+"""Tracks as every format tells them, from files of every kind, and what is none."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.ledgers import written
+from support.scene_files import radar, scene_file, scene_text
+from support.told_tracks import NS, RADAR, T_NS, told_tracks
+
+from plotfeed.feeds.lab.track_reports import (
+    UNKNOWN_NS,
+    ToldTrack,
+    TracksRead,
+    read_tracks,
+    tracks_in,
+)
+from plotfeed.feeds.scene.scene import load
+from plotfeed.models.frames import LocalFrame
+from plotfeed.proto.asterix.cat062 import TrackEncoder062
+from plotfeed.proto.content_types import (
+    GEOJSON,
+    asterix_content_type,
+    json_content_type,
+    protobuf_content_type,
+)
+from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.tracks.geojson import feature_collection
+from plotfeed.proto.tracks.track_batch import track_batch
+from plotfeed.replay.asterix_files import RawWriter
+from plotfeed.replay.pcap.libpcap import PcapWriter
+from plotfeed.replay.recorded import Recorded, Stage
+
+TRACKS = told_tracks(5, np.random.default_rng(1))
+SITE = LocalFrame(40.45, -3.73, 650.0)
+BATCH = protobuf_content_type("plotfeed.v1.TrackBatch")
+SAPIENT = protobuf_content_type("sapient_msg.bsi_flex_335_v2_0.SapientMessage")
+
+
+def check(found: list[ToldTrack], place_deg: float, other: float) -> None:
+    """The tracks are those, each as exact as its format is."""
+    assert len(found) == len(TRACKS)
+    for told, row in zip(found, range(len(TRACKS)), strict=True):
+        one = {name: column[row] for name, column in vars(TRACKS).items()}
+        assert abs(told.t_utc_ns - T_NS) <= NS / 128
+        assert told.latitude_deg == pytest.approx(one["latitude_deg"], abs=place_deg)
+        assert told.longitude_deg == pytest.approx(one["longitude_deg"], abs=place_deg)
+        assert told.height_m == pytest.approx(one["height_m"], abs=other)
+        east, north = one["velocity_east_m_s"], one["velocity_north_m_s"]
+        assert told.velocity_enu_m_s[:2] == pytest.approx((east, north), abs=0.2)
+        assert told.velocity_enu_m_s[2] == pytest.approx(one["climb_m_s"], abs=0.1)
+        assert told.ended == one["last"]
+
+
+def test_asterix_062() -> None:
+    (block,) = TrackEncoder062(25, 10).blocks(TRACKS)
+    found = tracks_in(block, asterix_content_type(62), T_NS + NS, SITE)
+    check(found, 180 / 2**25, 1.0)
+    assert found[0].name == f"25.10.{TRACKS.track[0]}"
+    assert found[0].covariance_m2[0] == pytest.approx(TRACKS.sigma_east_m[0] ** 2, rel=0.05)
+    assert math.isnan(found[0].covariance_m2[2])
+
+
+def test_asterix_062_by_x_and_y_counts_from_the_site() -> None:
+    """SAC 1, SIC 2, time, X 1000 m, Y -500 m, track 7: FSPEC 010, 070, 100 and 040."""
+    x, y = (2000).to_bytes(3, "big"), (-1000).to_bytes(3, "big", signed=True)
+    body = bytes.fromhex("9508") + bytes([1, 2]) + (43_200 * 128).to_bytes(3, "big") + x + y
+    body += (7).to_bytes(2, "big")
+    block = bytes([62]) + (3 + len(body)).to_bytes(2, "big") + body
+    (told,) = tracks_in(block, "", T_NS, SITE)
+    enu_m = SITE.from_ecef(LocalFrame(told.latitude_deg, told.longitude_deg, 650.0).origin_ecef_m)
+    assert enu_m[:2] == pytest.approx([1000.0, -500.0], abs=0.2)
+    assert tracks_in(block, "", T_NS, None) == []
+
+
+def test_our_protobuf() -> None:
+    for content_type in (BATCH, ""):
+        found = tracks_in(track_batch(TRACKS, RADAR, 1, 0), content_type, T_NS, None)
+        check(found, 1e-9, 1e-6)
+        assert found[0].name == f"radar-{TRACKS.track[0]}"
+        assert found[0].covariance_m2[2] == pytest.approx(TRACKS.sigma_up_m[0] ** 2)
+
+
+def test_geojson() -> None:
+    payload = feature_collection(TRACKS, RADAR)
+    check(tracks_in(payload, GEOJSON, T_NS, None), 1e-7, 0.01)
+
+
+def test_sapient() -> None:
+    from sapient_msg.bsi_flex_335_v2_0.location_pb2 import Location
+    from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+
+    message = SapientMessage(node_id="a-node")
+    message.timestamp.FromNanoseconds(T_NS // 1000 * 1000)
+    report = message.detection_report
+    report.object_id = "01ARZ3NDEKTSV4RRFFQ69G5FAV"
+    report.location.x, report.location.y, report.location.z = -3.5, 40.25, 700.0
+    report.location.y_error = 1e-4
+    report.location.coordinate_system = 1
+    report.location.datum = 1
+    report.enu_velocity.east_rate = 3.0
+    report.enu_velocity.north_rate = -4.0
+    for content_type in (SAPIENT, ""):
+        (told,) = tracks_in(message.SerializeToString(), content_type, 0, None)
+        assert (told.name, told.t_utc_ns) == (report.object_id, T_NS // 1000 * 1000)
+        assert (told.latitude_deg, told.longitude_deg) == pytest.approx((40.25, -3.5))
+        assert told.height_m == pytest.approx(700.0)
+        assert told.velocity_enu_m_s[:2] == pytest.approx((3.0, -4.0))
+        assert told.covariance_m2[1] ** 0.5 == pytest.approx(11.1, abs=0.1)
+    report.location.datum = 2
+    (told,) = tracks_in(message.SerializeToString(), SAPIENT, 0, None)
+    assert told.height_m == pytest.approx(751.0, abs=3.0)  # sea level near Madrid
+    report.location.CopyFrom(Location())
+    assert tracks_in(message.SerializeToString(), SAPIENT, 0, None) == []
+
+
+def test_json_of_the_page() -> None:
+    """As on page.tracks_topic."""
+    payload = json.dumps(
+        [
+            {"track": 12, "latitude_deg": 40.46, "longitude_deg": -3.72, "velocity_east_m_s": 8.1,
+             "velocity_north_m_s": -3.0, "time_utc": "2026-01-01T12:00:00.5Z", "tentative": True},
+            {"track": "b", "latitude_deg": 40.46, "longitude_deg": -3.72, "height_m": 700,
+             "speed_m_s": 5.0, "course_deg": 90.0, "sigma_east_m": 2.0, "sigma_north_m": 3.0,
+             "ended": True},
+        ]
+    ).encode()  # fmt: skip
+    one, other = tracks_in(payload, json_content_type("x"), T_NS, None)
+    assert (one.name, one.t_utc_ns, one.tentative) == ("12", 1_767_268_800_500_000_000, True)
+    assert one.velocity_enu_m_s[:2] == (8.1, -3.0)
+    assert (other.name, other.t_utc_ns, other.ended) == ("b", None, True)
+    assert other.velocity_enu_m_s[:2] == pytest.approx((5.0, 0.0), abs=1e-12)
+    assert other.covariance_m2[:2] == (4.0, 9.0)
+    assert other.covariance_m2[3] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("payload", "why"),
+    [
+        (b"", "neither"),
+        (b"{", "not JSON"),
+        (b"[1]", "an object each"),
+        (b'{"latitude_deg": 1, "longitude_deg": 2}', "track: expected"),
+        (b'{"track": 1, "latitude_deg": "x", "longitude_deg": 2}', "latitude_deg: expected"),
+        (b'{"track": 1, "latitude_deg": 1, "longitude_deg": 2, "time_utc": "noon"}', "time_utc"),
+        (b'{"type": "Feature", "geometry": {"type": "LineString"}}', "Point"),
+        (b"\x3e\x00\x02", "header"),
+        (b"\xff" * 9, "neither"),
+        (b" " * (1 << 20) + b"{", "at most"),
+    ],
+)
+def test_what_is_no_track_is_refused(payload: bytes, why: str) -> None:
+    with pytest.raises(DecodeError, match=why):
+        tracks_in(payload, "", T_NS, SITE)
+
+
+@given(st.binary(max_size=60), st.sampled_from(["", BATCH, SAPIENT]))
+def test_whatever_octets_come_there_are_tracks_or_an_error(payload: bytes, kind: str) -> None:
+    for octets in (payload, b"\x3e" + (3 + len(payload)).to_bytes(2, "big") + payload):
+        try:
+            tracks_in(octets, kind, T_NS, SITE)
+        except DecodeError:
+            continue
+
+
+# Files.
+
+
+def message(payload: bytes, topic: str, content_type: str, at_ns: int = T_NS) -> Recorded:
+    return Recorded(
+        topic=topic,
+        payload=payload,
+        log_time_ns=at_ns,
+        publish_time_ns=at_ns,
+        content_type=content_type,
+    )
+
+
+BLOCK = TrackEncoder062(25, 10).blocks(TRACKS)[0]
+OF_062 = message(BLOCK, "tracker/out", asterix_content_type(62), T_NS + NS)
+
+
+def are_those(read: TracksRead, received_ns: int = T_NS + NS) -> None:
+    assert len(read.reports) == len(read.names) == len(TRACKS)
+    assert read.reports.latitude_deg == pytest.approx(TRACKS.latitude_deg, abs=1e-5)
+    assert (read.reports.received_utc_ns == received_ns).all()
+
+
+def test_a_recording_has_tracks_on_the_only_topic_that_has_any(tmp_path: Path) -> None:
+    other = message(b"{}", "tracker/other", "application/json")
+    path = written(tmp_path / "x.mcap", [OF_062, other])
+    read = read_tracks(path)
+    are_those(read)
+    assert read.source == "x.mcap: tracker/out"
+    assert read.unreadable == {}
+
+
+def test_of_several_topics_one_is_chosen(tmp_path: Path) -> None:
+    batch = message(track_batch(TRACKS, RADAR, 1, 0), "plotfeed/radar/tracks", BATCH, T_NS + NS)
+    path = written(tmp_path / "x.mcap", [OF_062, batch])
+    with pytest.raises(PlotfeedError, match=r"tracks are on 2 topics.*--topic"):
+        read_tracks(path)
+    are_those(read_tracks(path, topics=["tracker/#"]))
+    assert read_tracks(path, topics=["+/radar/tracks"]).names[0].startswith("radar-")
+    text = scene_text(sensors=radar()) + '[page]\ntracks_topic = "tracker/out"\n'
+    are_those(read_tracks(path, load(scene_file(tmp_path, text))))
+    assert len(read_tracks(path, topics=["nobody"]).reports) == 0
+
+
+def test_without_any_tracks_the_error_says_what_was_looked_for(tmp_path: Path) -> None:
+    path = written(tmp_path / "x.mcap", [message(b"{}", "a/b", "application/json")])
+    with pytest.raises(PlotfeedError, match="no tracks: expected ASTERIX 062"):
+        read_tracks(path)
+
+
+def test_what_sensors_handed_to_links_is_not_what_a_tracker_published(tmp_path: Path) -> None:
+    before = Recorded(**{**{n: getattr(OF_062, n) for n in OF_062.__slots__},
+                         "stage": Stage.BEFORE})  # fmt: skip
+    path = written(tmp_path / "x.mcap", [before, OF_062])
+    assert len(read_tracks(path).reports) == len(TRACKS)
+
+
+@pytest.mark.parametrize("name", ["x.pcap", "x.ast"])
+def test_asterix_in_other_containers(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    with path.open("wb") as file:
+        writer = PcapWriter(file) if name.endswith("pcap") else RawWriter(file)
+        sent = message(BLOCK, "udp/127.0.0.1/8600", asterix_content_type(62), T_NS + NS)
+        assert writer.write(sent) is None
+        writer.close()
+    day_ns = 86_400 * NS
+    read = read_tracks(path, date_utc_ns=T_NS // day_ns * day_ns)
+    assert len(read.reports) == len(TRACKS)
+    assert (np.abs(read.reports.t_utc_ns - T_NS) <= NS / 128).all()
+
+
+def test_messages_that_cannot_be_read_are_counted(tmp_path: Path) -> None:
+    damaged = message(BLOCK[:-1], "tracker/out", asterix_content_type(62))
+    read = read_tracks(written(tmp_path / "x.mcap", [OF_062, damaged, damaged]))
+    assert len(read.reports) == len(TRACKS)
+    (reason,) = read.unreadable
+    assert read.unreadable[reason] == 2
+
+
+CSV = """\
+track,time_utc,latitude_deg,longitude_deg,height_m,velocity_east_m_s,velocity_north_m_s,received_utc
+7,2026-01-01T12:00:00Z,40.45,-3.73,700,1.5,-2,2026-01-01T12:00:00.25Z
+7,2026-01-01T12:00:01Z,40.46,-3.73,,,,2026-01-01T12:00:01.25Z
+eight,1767268802.5,40.47,-3.73,710,0,0,1767268802.75
+7,noon,40.46,-3.73,,,,
+"""
+
+
+def test_a_table(tmp_path: Path) -> None:
+    for text, name in ((CSV, "x.csv"), (CSV.replace(",", "\t"), "x.tsv")):
+        path = tmp_path / name
+        path.write_text("\ufeff" + text)
+        read = read_tracks(path)
+        assert list(read.names) == ["7", "eight"]
+        assert read.reports.track.tolist() == [0, 0, 1]
+        assert read.reports.t_utc_ns[2] == 1_767_268_802_500_000_000
+        assert read.reports.received_utc_ns[0] == 1_767_268_800_250_000_000
+        assert np.isnan(read.reports.height_m).tolist() == [False, True, False]
+        assert sum(read.unreadable.values()) == 1
+
+
+def test_a_file_of_geojson(tmp_path: Path) -> None:
+    path = tmp_path / "x.geojson"
+    path.write_bytes(feature_collection(TRACKS, RADAR))
+    read = read_tracks(path)
+    assert len(read.reports) == len(TRACKS)
+    assert (read.reports.received_utc_ns == UNKNOWN_NS).all()
+    assert read.reports.velocity_enu_m_s[:, 0] == pytest.approx(TRACKS.velocity_east_m_s, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "octets", "why"),
+    [
+        ("x.csv", b"", "expected columns"),
+        ("x.csv", b"a,b\n1,2\n", "expected columns track"),
+        ("x.geojson", b"{", "not JSON"),
+        ("x.json", b"[1]", "an object each"),
+        ("x.mcap", b"nothing", "no recording that is known|expected an MCAP"),
+        ("x.txt", b"nothing at all", "no recording that is known"),
+    ],
+)
+def test_a_file_that_is_none_is_refused_in_a_line(
+    tmp_path: Path, name: str, octets: bytes, why: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(octets)
+    with pytest.raises(PlotfeedError, match=why) as refused:
+        read_tracks(path)
+    assert "\n" not in str(refused.value)

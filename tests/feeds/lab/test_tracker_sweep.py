@@ -1,0 +1,119 @@
+"""A tracker run at each level: its score, whatever it does, and a sweep that is gone on with."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from support.command import plotfeed_here
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.feeds.lab.trackers import TrackerCommand
+from plotfeed.models.frames import LocalFrame
+from plotfeed.proto.errors import PlotfeedError
+
+ECHO = Path(__file__).parents[2] / "support" / "echo_tracker.py"
+STILL = """
+[[drone]]
+id = "still"
+rcs_m2 = 1.0
+speed_m_s = 0.01
+repeat = true
+path = [
+    { east_m = 800.0, north_m = 600.0, above_site_m = 150.0 },
+    { east_m = 800.01, north_m = 600.0, above_site_m = 150.0 },
+]
+"""
+SHORT = ("--duration", 6, "--speed", 2, "--patience", 60, "--json")
+LATITUDE, LONGITUDE, _ = map(
+    float, LocalFrame(40.45, -3.73, 650.0).to_geodetic([800.0, 600.0, 150.0])
+)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    more = 'report = ["plots"]'
+    return scene_file(tmp_path, scene_text(sensors=radar(more=more), drones=STILL, port=1))
+
+
+def tracker(how: str) -> str:
+    return (
+        f"{how}={sys.executable} {ECHO} {{host}} {{port}} {{prefix}} {{topic}} {how} "
+        f"{LATITUDE} {LONGITUDE}"
+    )
+
+
+def test_whatever_trackers_do_is_told_beside_their_scores(file: Path, tmp_path: Path) -> None:
+    hows = ("good", "silent", "dies", "garbage", "future")
+    words = [word for how in hows for word in ("--tracker", tracker(how))]
+    done = plotfeed_here("score", file, *words, "--runs", 1, *SHORT, "--folder", tmp_path / "all")
+    assert done.returncode == 1, done.stderr
+    told = json.loads(done.stdout)
+    found = {point["tracker"]: point for point in told["points"]}
+    assert list(found) == list(hows)
+    assert found["good"]["failures"] == []
+    assert found["good"]["figures"]["position_rms_m"]["value"] < 1.0
+    assert found["good"]["figures"]["completeness"]["value"] > 0.0
+    failed = {how: found[how]["failures"][0] for how in hows[1:]}
+    assert failed["dies"] == "the tracker ended by itself, exit code 3: out of luck"
+    assert failed["silent"] == "the tracker reported no tracks"
+    assert failed["garbage"] == "the tracker reported no tracks"
+    assert failed["future"] == "none of the tracker's reports can be used"
+    for how in hows[1:]:
+        assert found[how]["figures"]["completeness"]["value"] == 0.0
+    rows = pq.read_table(tmp_path / "all" / "scores.parquet").to_pylist()
+    assert [(row["tracker"], row["seed"]) for row in rows] == [(how, 1) for how in hows]
+    assert rows[0]["failure"] is None
+    assert (tmp_path / "all" / "curve.png").stat().st_size > 10_000
+
+
+def test_a_curve_is_gone_on_with(file: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "score"
+    words = ("score", file, "--tracker", tracker("good"), "--vary", "link.latency_ms=0,400")
+    first = plotfeed_here(*words, "--runs", 1, *SHORT, "--folder", folder)
+    assert first.returncode == 0, first.stderr
+    points = json.loads(first.stdout)["points"]
+    assert [point["values"] for point in points] == [
+        {"link.latency_ms": 0}, {"link.latency_ms": 400},
+    ]  # fmt: skip
+    rows = pq.read_table(folder / "scores.parquet").to_pylist()
+    again = plotfeed_here(*words, "--runs", 1, *SHORT, "--folder", folder)
+    assert json.loads(again.stdout)["were_done"] == 2
+    assert str(pq.read_table(folder / "scores.parquet").to_pylist()) == str(rows)
+    other = plotfeed_here(*words, "--runs", 1, "--seed", 7, *SHORT, "--folder", folder)
+    assert other.returncode == 2
+    assert "begun with other --seed" in other.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--vary", "link.latency_ms=0"), "--vary needs --tracker"),
+        (("--tracker", "no-such-program"), "no program 'no-such-program' can be started"),
+        (("--tracker", "sh {port} {where}"), "{where}: expected one of broker"),
+        (("--tracker", "sh 'open"), "No closing quotation"),
+        (("--tracker", "sh", "--tracker", "sh"), "several need names of their own"),
+        (("--tracker", "sh", "--feed"), "--feed contradicts --tracker"),
+        (("--tracker", "sh", "--vary", "sensor.x.pfa=1"), "no sensor 'x'"),
+    ],
+)
+def test_what_cannot_be_is_told_before_anything_runs(
+    file: Path, tmp_path: Path, options: tuple[str, ...], said: str
+) -> None:
+    done = plotfeed_here("score", file, *options, "--folder", tmp_path / "none")
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert not (tmp_path / "none").exists()
+
+
+def test_what_stands_in_braces_is_filled_in() -> None:
+    command = TrackerCommand.parse("mine=sh -c 'follow {broker} > /dev/null' {topic}")
+    assert command.name == "mine"
+    assert command.filled({"broker": "mqtt://h:1", "topic": "a b"}) == [
+        "sh", "-c", "follow mqtt://h:1 > /dev/null", "a b",
+    ]  # fmt: skip
+    with pytest.raises(PlotfeedError):
+        TrackerCommand.parse("")

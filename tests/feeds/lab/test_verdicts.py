@@ -1,0 +1,75 @@
+"""Verdicts are right as often as the report says, in scenes of everything; faults are named."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.judged_scenes import JudgedScene, judged_scene
+from support.random_scenes import every_name, names_in, random_tree
+from support.significance import FALSE_ALARM_RATE, assert_chance
+
+from plotfeed.feeds.lab.checks import FALSE_VERDICTS
+
+SCENES = 40
+"""Judged together: a fault of 1 in 10 scenes is seen with 3 chances in 4, of 1 in 5 almost always.
+
+Right scenes fail three times or more in fewer than one run of 10,000. 200 scenes are judged by
+`tests/soak/random_reports.py`.
+"""
+MANY = 200
+LEVELS = (0.1, 0.01, 0.001)
+
+
+def drawn(scenes: int) -> Counter[str]:
+    return Counter(name for seed in range(scenes) for name in names_in(random_tree(seed)))
+
+
+def test_scenes_that_are_judged_have_all_that_a_scene_can_name() -> None:
+    """Each kind of sensor, way of scanning, table of any sensor, table of a scene, and system."""
+    alone = {name for name in every_name() if "." not in name}
+    of_any = {name.partition(".")[2] for name in every_name()} - {""}
+    found = drawn(SCENES).keys()
+    assert alone <= found
+    assert of_any <= {name.partition(".")[2] for name in found}
+
+
+def test_many_scenes_have_each_table_of_each_kind_of_sensor() -> None:
+    assert every_name() <= drawn(MANY).keys()
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory: pytest.TempPathFactory) -> list[JudgedScene]:
+    folder = tmp_path_factory.mktemp("scenes")
+    return [judged_scene(seed, folder) for seed in range(SCENES)]
+
+
+def test_what_is_right_is_called_wrong_as_seldom_as_is_said(scenes: list[JudgedScene]) -> None:
+    most = stats.binom.isf(FALSE_ALARM_RATE, SCENES, FALSE_VERDICTS)
+    wrong = {scene.seed: scene.wrong for scene in scenes if scene.wrong}
+    assert len(wrong) <= most, wrong
+    by_chance = [figure for scene in scenes for figure in scene.figures]
+    of_errors = [figure for figure in by_chance if "error" in figure.what]
+    assert len(of_errors) > 5 * SCENES
+    for figures in (by_chance, of_errors):
+        p = np.array([figure.p for figure in figures])
+        for level in LEVELS:
+            # Figures of one sensor hang together: height with elevation, all ranges with each.
+            independent = len(p) // 2
+            few = stats.binom.sf((p < level).sum() // 2 - 1, independent, level)
+            assert_chance(float(few), f"{(p < level).mean():.4f} of {len(p)} below {level}")
+
+
+def test_nothing_that_was_sent_is_left_out_without_a_word(scenes: list[JudgedScene]) -> None:
+    assert not any(scene.notes for scene in scenes)
+    assert not any(scene.lost for scene in scenes)
+    plots = sum(scene.plots.total() for scene in scenes)
+    assert sum(scene.not_compared for scene in scenes) < plots / 10
+    judged = Counter(subject for scene in scenes for subject in scene.judged())
+    assert all(math.isfinite(figure.p) for scene in scenes for figure in scene.figures)
+    for kind in ("acoustic", "active_radar", "camera", "mimo_radar", "passive_radar"):
+        assert judged[kind, "errors"], kind
+        assert judged[kind, "false alarms"], kind
