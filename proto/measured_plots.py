@@ -28,12 +28,9 @@ class MeasuredPlots(Columns):
     t_utc_ns: Texts
     sensor: Texts
     """Id of the sensor; "" but in batches of ours."""
-    kind: Texts
-    identity: Texts
     category: Ints
     sac: Ints
     sic: Ints
-    channel: Ints
     range_m: Floats
     bistatic_range_m: Floats
     azimuth_deg: Floats
@@ -47,8 +44,9 @@ class MeasuredPlots(Columns):
     sigma_bistatic_range_m: Floats
     sigma_azimuth_deg: Floats
     sigma_elevation_deg: Floats
-    sigma_range_rate_m_s: Floats
-    kind_probability: Floats
+    channel: Ints
+    kind: Texts
+    identity: Texts
     mode_3a: Texts
     """Of transponders, in octal."""
     address: Texts
@@ -66,6 +64,8 @@ class MeasuredPlots(Columns):
     velocity_east_m_s: Floats
     velocity_north_m_s: Floats
     climb_m_s: Floats
+    sigma_range_rate_m_s: Floats
+    kind_probability: Floats
 
     @classmethod
     def of(cls, plots: Iterable[Mapping[str, Any]]) -> Self:
@@ -77,12 +77,12 @@ class MeasuredPlots(Columns):
                 name: np.array([row.get(name, absent[0]) for row in rows], absent.dtype)
                 if name in told
                 else absent[: len(rows)]
-                for name, absent in _ABSENT.items()
+                for name, absent in ABSENT.items()
             }
         )
 
 
-_ABSENT: Mapping[str, NDArray[Any]] = {
+ABSENT: Mapping[str, NDArray[Any]] = {
     **dict.fromkeys((field.name for field in fields(MeasuredPlots)), endless(math.nan, np.float64)),
     "t_utc_ns": endless(None, np.object_),
     **dict.fromkeys(("sensor", "kind", "identity", "mode_3a", "address"), endless("", np.object_)),

@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, BinaryIO, TypeVar
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import message_type
-from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
-from plotfeed.replay.plots_csv import COLUMNS, Selection, plots_in, sensor_of_asterix
+from plotfeed.proto.measured_plots import ABSENT, MeasuredPlots
+from plotfeed.replay.plots_csv import COLUMNS, Selection, plots_in, table_of
 from plotfeed.replay.recorded import PLOT_TABLES, Recorded, RecordingWriter, TableName
 
 GROUP_ROWS = 1 << 16
@@ -29,8 +28,6 @@ MOST_NS = (1 << 63) - 1
 Row = dict[str, Any]
 
 
-_WHOLE_PLOT_COLUMNS = frozenset({"category", "sac", "sic", "channel", "track"})
-_TEXT_PLOT_COLUMNS = frozenset({"topic", "sensor", "kind", "identity", "mode_3a", "address"})
 _OF_SECTOR = {"sensor": TEXT, "scan": WHOLE, "sector": WHOLE}
 _GEOMETRY = dict.fromkeys(("range_m", "azimuth_deg", "elevation_deg"), REAL)
 
@@ -44,14 +41,12 @@ _TRACK_REALS = (
 _TRACK_FLAGS = ("coasted", "first", "last")
 
 
-def _kind_of(column: str) -> pa.DataType:
-    if column in _WHOLE_PLOT_COLUMNS:
-        return WHOLE
-    return TEXT if column in _TEXT_PLOT_COLUMNS else REAL
-
-
+_KINDS = {"f": REAL, "i": WHOLE, "O": TEXT}
 _PLOT_FIELDS = {
-    **{name: TIME if name == "time_utc" else _kind_of(name) for name in COLUMNS},
+    **dict.fromkeys(COLUMNS, REAL),
+    **{name: _KINDS[absent.dtype.kind] for name, absent in ABSENT.items() if name in COLUMNS},
+    "time_utc": TIME,
+    "topic": TEXT,
     "log_time_utc": TIME,
 }
 FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
@@ -161,29 +156,10 @@ def _plot_rows(select: Selection, message: Recorded) -> Iterable[Row] | str | No
     found = select(message)
     if not isinstance(found, MeasuredPlots):
         return found
-    sensor = sensor_of_asterix(message.topic)
-    held = vars(found) | {"doppler_m_s": found.range_rate_m_s}
-    columns = {name: _told(held[name]) for name in COLUMNS if name in held}
-    columns["time_utc"] = [_ns(t_ns) for t_ns in found.t_utc_ns.tolist()]
-    columns["sensor"] = [own or sensor or None for own in found.sensor.tolist()]
-    columns["category"] = [category or None for category in found.category.tolist()]
-    columns["topic"] = [message.topic] * len(found)
+    columns = table_of(found, message.topic)
+    columns["time_utc"] = list(map(_ns, columns["time_utc"]))
     columns["log_time_utc"] = [_ns(message.log_time_ns)] * len(found)
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def _told(column: np.ndarray[Any, Any]) -> list[Any]:
-    values: list[Any] = column.tolist()
-    if column.dtype == np.int64:
-        return [None if value == NOT_TOLD else value for value in values]
-    if column.dtype == np.object_:
-        return [value or None for value in values]
-    return _or_null(column)
-
-
-def _or_null(column: np.ndarray[Any, Any]) -> list[float | None]:
-    nothing = np.isnan(column).tolist()
-    return [None if no else value for value, no in zip(column.tolist(), nothing, strict=True)]
 
 
 def _ns(t_utc_ns: int | None) -> int | None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -20,51 +20,18 @@ from numpy.typing import NDArray
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
 from plotfeed.proto.content_types import PLOT_BATCH
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
+from plotfeed.proto.measured_plots import ABSENT, NOT_TOLD, MeasuredPlots
 from plotfeed.proto.message_kinds import kind_of
 from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
 from plotfeed.replay.recorded import Recorded, RecordingWriter
 
-COLUMNS = (
-    "time_utc",
-    "topic",
-    "sensor",
-    "category",
-    "sac",
-    "sic",
-    "range_m",
-    "bistatic_range_m",
-    "azimuth_deg",
-    "elevation_deg",
-    "height_m",
-    "altitude_m",
-    "doppler_m_s",
-    "snr_db",
-    "amplitude_dbm",
-    "sigma_range_m",
-    "sigma_bistatic_range_m",
-    "sigma_azimuth_deg",
-    "sigma_elevation_deg",
-    "channel",
-    "kind",
-    "identity",
-    "mode_3a",
-    "address",
-    "track",
-    "flight_level",
-    "ssr_amplitude_dbm",
-    "latitude_deg",
-    "longitude_deg",
-    "east_m",
-    "north_m",
-    "velocity_east_m_s",
-    "velocity_north_m_s",
-    "climb_m_s",
-)
-
-
+TIME, TOPIC, DOPPLER = "time_utc", "topic", "doppler_m_s"
+NAMES = {"t_utc_ns": TIME, "range_rate_m_s": DOPPLER}
+"""What tables call columns that have other names in `MeasuredPlots`."""
+LEFT_OUT = ("sigma_range_rate_m_s", "kind_probability")
+COLUMNS = (TIME, TOPIC, *(NAMES.get(name, name) for name in [*ABSENT][1:] if name not in LEFT_OUT))
 Selection = Callable[[Recorded], MeasuredPlots | str | None]
 """The plots of a message that a table takes, or why it takes none; None of what holds none."""
 FORMULAS = ("=", "+", "-", "@", "\t", "\r")
@@ -88,7 +55,8 @@ class PlotsCsvWriter(RecordingWriter):
         found = self._select(message)
         if not isinstance(found, MeasuredPlots):
             return found or "no plots"
-        self._rows.writerows(zip(*_cells(found, message.topic), strict=True))
+        columns = table_of(found, message.topic).items()
+        self._rows.writerows(zip(*(_as_cells(*column) for column in columns), strict=True))
         self._flush()
         return None
 
@@ -120,32 +88,34 @@ def sensor_of_asterix(topic: str) -> str:
     return levels[-3] if len(levels) > 2 and levels[-2] == "asterix" else ""
 
 
-def _cells(plots: MeasuredPlots, topic: str) -> Iterator[list[Any]]:
-    """What stands in each column of the table."""
+def table_of(plots: MeasuredPlots, topic: str) -> dict[str, list[Any]]:
+    """What stands in each of `COLUMNS`, None for what was not told; times are ns of UTC."""
     sensor = sensor_of_asterix(topic)
-    categories, times_ns = plots.category.tolist(), plots.t_utc_ns.tolist()
-    known: dict[str, list[Any]] = {
-        "time_utc": ["" if t_ns is None else iso_utc(t_ns) for t_ns in times_ns],
-        "topic": [as_text(topic)] * len(plots),
-        "sensor": [
-            as_text(sensor if c else own) for c, own in zip(categories, plots.sensor, strict=True)
-        ],
-        "category": [f"{category:03d}" if category else "" for category in categories],
-    }
-    columns = vars(plots) | {"doppler_m_s": plots.range_rate_m_s}
-    for name in COLUMNS:
-        yield known[name] if name in known else _where_told(columns[name])
+    held = {NAMES.get(name, name): _told(column) for name, column in vars(plots).items()}
+    held[TOPIC] = [topic] * len(plots)
+    held["sensor"] = [own or sensor or None for own in held["sensor"]]
+    held["category"] = [category or None for category in held["category"]]
+    return {name: held[name] for name in COLUMNS}
+
+
+def _told(column: NDArray[Any]) -> list[Any]:
+    if not column.strides[0]:  # nothing is told
+        return [None] * len(column)
+    if column.dtype == np.object_:
+        return [None if cell == "" else cell for cell in column]
+    absent = column == NOT_TOLD if column.dtype == np.int64 else np.isnan(column)
+    return [None if no else value for value, no in zip(column.tolist(), absent, strict=True)]
+
+
+def _as_cells(name: str, column: list[Any]) -> list[Any]:
+    """A column as spreadsheets read it."""
+    if name == TIME:
+        return [t_ns if t_ns is None else iso_utc(t_ns) for t_ns in column]
+    if name == "category":
+        return [category and f"{category:03d}" for category in column]
+    return [as_text(cell) if isinstance(cell, str) else cell for cell in column]
 
 
 def as_text(cell: str) -> str:
     """A cell that no spreadsheet takes for a formula, whoever chose the name in it."""
     return f"'{cell}" if cell.startswith(FORMULAS) else cell
-
-
-def _where_told(column: NDArray[Any]) -> list[Any]:
-    if not column.strides[0]:  # nothing is told
-        return [""] * len(column)
-    if column.dtype == np.object_:
-        return [as_text(cell) if isinstance(cell, str) else cell for cell in column]
-    absent = column == NOT_TOLD if column.dtype == np.int64 else np.isnan(column)
-    return ["" if no else value for value, no in zip(column.tolist(), absent, strict=True)]

@@ -153,10 +153,7 @@ class TableName(StrEnum):
 
 PLOT_TABLES: Mapping[TableName, int | None] = {
     TableName.PLOTS: None,
-    TableName.ASTERIX_015: 15,
-    TableName.ASTERIX_048: 48,
-    TableName.ASTERIX_062: 62,
-    TableName.ASTERIX_205: 205,
+    **{name: int(name[-3:]) for name in TableName if name.startswith("asterix-")},
 }
 """Tables of plots, and the category that is in each; None: each plot once, whatever its format."""
 
