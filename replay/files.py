@@ -15,9 +15,8 @@ from plotfeed.replay.asterix_blocks import KNOWN_CATEGORIES, categories
 from plotfeed.replay.asterix_files import TRAILER, FinalReader, FinalWriter, RawReader, RawWriter
 from plotfeed.replay.gzip_file import open_unpacked, unpacked_octets
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
-from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
-from plotfeed.replay.pcap.packets import FORMATS as PCAP_FORMATS
-from plotfeed.replay.pcap.pcapng import SECTION, PcapngReader
+from plotfeed.replay.pcap.captures import FORMATS as PCAP_FORMATS
+from plotfeed.replay.pcap.captures import SECTION, PcapngReader, PcapReader, PcapWriter
 from plotfeed.replay.recorded import (
     Damage,
     Recorded,

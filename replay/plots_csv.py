@@ -5,18 +5,24 @@ Tracks of 062 have rows, too.
 What is empty was not measured, or is not in the category. Ranges of 015 are bistatic where the
 record says that its sensor is multistatic. Heights are above the WGS-84 ellipsoid, altitudes, which
 048 tells, above mean sea level.
+
+A sensor may report its plots in several formats, and by MQTT and UDP besides. A mean over all of
+these would count such plots several times: a table takes each once, or all of one format.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plotfeed.proto.asterix.categories import PLOT_ITEMS
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
 from plotfeed.proto.content_types import PLOT_BATCH
 from plotfeed.proto.errors import DecodeError
@@ -25,7 +31,7 @@ from plotfeed.proto.message_kinds import kind_of
 from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.asterix_blocks import is_asterix
-from plotfeed.replay.recorded import Recorded, RecordingWriter
+from plotfeed.replay.recorded import PLOT_TABLES, Recorded, RecordingWriter, TableName
 
 TIME, TOPIC, DOPPLER = "time_utc", "topic", "doppler_m_s"
 NAMES = {"t_utc_ns": TIME, "range_rate_m_s": DOPPLER}
@@ -119,3 +125,89 @@ def _as_cells(name: str, column: list[Any]) -> list[Any]:
 def as_text(cell: str) -> str:
     """A cell that no spreadsheet takes for a formula, whoever chose the name in it."""
     return f"'{cell}" if cell.startswith(FORMULAS) else cell
+
+
+Source = str | tuple[str, int, int]
+"""A sensor: what stands before the format in its topic, or a topic of datagrams, SAC and SIC."""
+
+
+def selection_of(table: TableName, messages: Iterable[Recorded]) -> Selection:
+    """Which plots of those messages a table takes; it reads them all, if that depends on them."""
+    category = PLOT_TABLES[table]
+    if category is not None:
+        return partial(_of_category, category)
+    once = PlotsOnce()
+    for message in messages:
+        once.see(message)
+    return once.select
+
+
+def _of_category(category: int, message: Recorded) -> MeasuredPlots | None:
+    found = plots_in(message)
+    if found is None or category not in found.category:
+        return None
+    return found.rows(found.category == category)
+
+
+@dataclass(slots=True)
+class PlotsOnce:
+    """The plots of a recording, of each sensor in the format that says most of them."""
+
+    _formats: dict[Source, int] = field(default_factory=dict)
+    """Of each sensor, the category that it is taken from; 0 for PlotBatch."""
+    _sensors: set[tuple[int, int]] = field(default_factory=set)
+    """SAC and SIC of those that have a topic of their own."""
+
+    def see(self, message: Recorded) -> None:
+        """Take notice of a message, of all before any is selected."""
+        found = plots_in(message)
+        if found is None:
+            return
+        sensor = _sensor_of(message.topic)
+        for category, sac, sic in set(_keys(found)):
+            if sensor and category:
+                self._sensors.add((sac, sic))
+            source = sensor or (_carrier(message.topic), sac, sic)
+            if category in FORMATS:
+                known = self._formats.get(source, category)
+                self._formats[source] = min(known, category, key=FORMATS.index)
+
+    def select(self, message: Recorded) -> MeasuredPlots | str | None:
+        """The plots of a message that no better format of the recording has too."""
+        found = plots_in(message)
+        if found is None:
+            return None
+        sensor = _sensor_of(message.topic)
+        keys = _keys(found)
+        takes = np.array([self._takes(sensor, message.topic, *key) for key in keys], np.bool_)
+        if takes.any() or not keys:
+            return found if takes.all() else found.rows(takes)
+        category = keys[0][0]
+        if category not in FORMATS:
+            return f"tracks, which --table asterix-{category:03d} has"
+        return f"plots that are there in another format; --table asterix-{category:03d} has them"
+
+    def _takes(self, sensor: str, topic: str, category: int, sac: int, sic: int) -> bool:
+        if not sensor and (sac, sic) in self._sensors:
+            return False
+        return self._formats.get(sensor or (_carrier(topic), sac, sic)) == category
+
+
+FORMATS = (0, *PLOT_ITEMS)
+"""Categories that hold plots, 0 for PlotBatch, those that say most first."""
+
+
+def _keys(plots: MeasuredPlots) -> list[tuple[int, int, int]]:
+    columns = (plots.category.tolist(), plots.sac.tolist(), plots.sic.tolist())
+    return list(zip(*columns, strict=True))
+
+
+def _sensor_of(topic: str) -> str:
+    """What stands before /plots or /asterix/048; empty of any other topic."""
+    front, _, last = topic.rpartition("/")
+    return front if last == "plots" else front.removesuffix("/asterix") * front.endswith("/asterix")
+
+
+def _carrier(topic: str) -> str:
+    """A topic of datagrams; empty of data blocks in a file, which have one for each category."""
+    return "" if topic.startswith("asterix/") else topic

@@ -19,11 +19,16 @@ from plotfeed.feeds.messages.user_properties import SectorStamp
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.proto.tracks.cot import cot_events
-from plotfeed.proto.tracks.geojson import LiveFeatures, feature_collection, location_fixes
+from plotfeed.proto.tracks.encode_tracks import (
+    LiveFeatures,
+    air_traffic,
+    cot_events,
+    f3411_flights,
+    feature_collection,
+    location_fixes,
+    track_batch,
+)
 from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
-from plotfeed.proto.tracks.track_batch import track_batch
-from plotfeed.proto.tracks.utm_json import air_traffic, f3411_flights
 
 Encoder = Callable[[ToldTracks, TrackOrigin, SectorStamp], Sequence[bytes]]
 """What makes payloads of the tracks of a sector, of which there is at least one."""

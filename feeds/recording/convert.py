@@ -166,7 +166,7 @@ def _writer(
     """Writes a format; `asked` is read ahead where the plots of a table depend on all of it."""
     if form not in TABLES or table not in PLOT_TABLES:
         return writer_to(file, form, table)
-    from plotfeed.replay.plots_once import selection_of
+    from plotfeed.replay.plots_csv import selection_of
 
     return writer_to(file, form, table, selection_of(table, asked()))
 

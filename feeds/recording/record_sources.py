@@ -28,7 +28,7 @@ from plotfeed.feeds.transport.multicast_groups import interface_number, join_gro
 from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.asterix_blocks import content_type
-from plotfeed.replay.pcap.packets import SOURCE
+from plotfeed.replay.pcap.captures import SOURCE
 from plotfeed.replay.recorded import UDP_TOPIC, Recorded
 
 IS_LINUX = sys.platform == "linux"

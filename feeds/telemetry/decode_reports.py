@@ -38,7 +38,7 @@ from plotfeed.feeds.telemetry.position_report import (
 )
 from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.decode_129 import CATEGORY, UasReport, is_block_129, read_129
+from plotfeed.proto.asterix.decode_cooperative import CATEGORY, UasReport, is_block_129, read_129
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS, nearest_utc_ns
 

@@ -1,6 +1,6 @@
-"""ASTERIX: of each category a layout, `layout_NNN`, and what writes its records, `catNNN`.
+"""ASTERIX: a category is a file `catNNN`, with its layout, what writes its records and reads plots.
 
-`categories` is the table of those that are read; reading needs no NumPy. `decode_plots` says where
-their records tell of plots, `decode_129` reads unmanned aircraft, and `codec` is what all
+`categories` is the table of those that are read; reading needs no NumPy. `decode_plots` gives the
+plots in data blocks, `decode_cooperative` aircraft that say where they are, and `codec` is what all
 categories share.
 """

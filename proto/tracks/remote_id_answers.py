@@ -100,7 +100,7 @@ class KnownFlights:
         self._known: dict[str, _Known] = {}
 
     def take(self, flights: list[Json]) -> None:
-        """Keep flights as `utm_json.f3411_flights` has them.
+        """Keep flights as `f3411_flights` has them.
 
         Raises `KeyError`, `TypeError` or `ValueError` for one that is not so.
         """

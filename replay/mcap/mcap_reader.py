@@ -13,8 +13,7 @@ from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.channels import ChannelKey, Properties, properties_of_json
-from plotfeed.replay.mcap.mcap_scan import scan
-from plotfeed.replay.mcap.records import (
+from plotfeed.replay.mcap.mcap_contents import (
     HEAD,
     MAGIC,
     MESSAGE,
@@ -22,6 +21,7 @@ from plotfeed.replay.mcap.records import (
     TimeSpan,
     attachment_of,
     read_index,
+    scan,
 )
 from plotfeed.replay.recorded import (
     LATEST_NS,

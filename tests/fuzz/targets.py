@@ -98,8 +98,7 @@ def scene(data: bytes) -> None:
 
 def sapient(data: bytes) -> None:
     """What a SAPIENT middleware says."""
-    from plotfeed.proto.sapient.decode_sapient import decode, decode_heard
-    from plotfeed.proto.sapient.tasks import decode_task
+    from plotfeed.proto.sapient.decode_sapient import decode, decode_heard, decode_task
 
     for read in (decode, decode_heard, decode_task):
         with contextlib.suppress(PlotfeedError):

@@ -27,7 +27,7 @@ from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.asterix_blocks import time_of_day_ns
 from plotfeed.replay.asterix_files import RawReader, RawWriter
-from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
+from plotfeed.replay.pcap.captures import PcapReader, PcapWriter
 
 DAY = START_NS // DAY_NS * DAY_NS
 

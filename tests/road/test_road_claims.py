@@ -23,7 +23,7 @@ from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import Floats
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.decode_129 import read_129
+from plotfeed.proto.asterix.decode_cooperative import read_129
 
 DATUM = {"geoid_undulation_m": 51.0}
 QUIET = radar(scan={"kind": "staring", "period_s": 30.0}, report=["plots"])

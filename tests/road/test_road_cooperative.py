@@ -18,7 +18,7 @@ from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
-from plotfeed.proto.asterix.decode_129 import UasReport, read_129
+from plotfeed.proto.asterix.decode_cooperative import UasReport, read_129
 
 UNDULATION_M = 51.0
 DATUM = {"geoid_undulation_m": UNDULATION_M}

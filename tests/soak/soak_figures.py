@@ -15,8 +15,8 @@ from scipy import stats
 
 from plotfeed.feeds.delivery.lateness import LATENESS_KEPT
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.replay.mcap.mcap_contents import FOOTER
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.records import FOOTER
 from plotfeed.replay.recorded import Stage
 
 NS = 1_000_000_000

@@ -1,7 +1,7 @@
 """SAPIENT's row of the formats, which loads plotfeed[sapient] when a scene asks for it.
 
-What a node is, is in `sapient_node`; what it says of itself in `sapient_announcer`, of detections
-in `sapient_reports`; what it does when it is asked to in `sapient_tasks`.
+What a node is, is in `sapient_node`; what it says of itself and does when it is asked to in
+`sapient_announcer`, of detections in `sapient_reports`.
 """
 
 from __future__ import annotations

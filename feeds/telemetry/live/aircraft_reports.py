@@ -16,7 +16,7 @@ from plotfeed.feeds.telemetry.live.aircraft_kinds import (
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
-from plotfeed.proto.asterix.decode_021 import (
+from plotfeed.proto.asterix.decode_cooperative import (
     AircraftReport,
     read_021,
 )

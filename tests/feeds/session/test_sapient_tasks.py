@@ -19,7 +19,7 @@ from support.sessions import Asks
 from support.waiting import until
 
 from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.formats.sapient.sapient_tasks import MAX_TASKS_PER_S
+from plotfeed.feeds.formats.sapient.sapient_announcer import MAX_TASKS_PER_S
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Input

@@ -18,7 +18,7 @@ from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.state import AltitudeReference
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.asterix.cat129 import TargetEncoder129
-from plotfeed.proto.asterix.decode_129 import is_block_129
+from plotfeed.proto.asterix.decode_cooperative import is_block_129
 from plotfeed.proto.utc import DAY_NS, nearest_utc_ns
 
 S = 1_000_000_000

@@ -22,7 +22,7 @@ from support.road import held, radar, scene, staring
 from support.sapient_middleware import Peer, linked, listening, polite, status_report
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.formats.sapient.sapient_tasks import MAX_TASKS_PER_S
+from plotfeed.feeds.formats.sapient.sapient_announcer import MAX_TASKS_PER_S
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.session.observer import Observer

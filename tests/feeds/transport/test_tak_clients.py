@@ -18,7 +18,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.track_output_keys import TakServer
 from plotfeed.feeds.transport.tak import TakTransport
 from plotfeed.proto.content_types import COT
-from plotfeed.proto.tracks.cot import cot_events
+from plotfeed.proto.tracks.encode_tracks import cot_events
 
 ROOT = Path(__file__).parents[3]
 PYTHON = ROOT / ".venv-utm" / "bin" / "python"

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from plotfeed.proto.asterix.cat129 import TargetEncoder129
 from plotfeed.proto.asterix.codec.decode import decode
-from plotfeed.proto.asterix.decode_129 import read_129
+from plotfeed.proto.asterix.decode_cooperative import read_129
 from plotfeed.proto.errors import DecodeError, EncodeError
 
 NOON_NS = 1_700_006_400 * 10**9 + 43_200 * 10**9

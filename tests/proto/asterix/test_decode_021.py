@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.proto.asterix.decode_021 import read_021
+from plotfeed.proto.asterix.decode_cooperative import read_021
 from plotfeed.proto.errors import DecodeError
 
 SAID: dict[str, Any] = {

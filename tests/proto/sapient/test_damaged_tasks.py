@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from support.sapient_tasks import ONE, task
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.sapient.tasks import decode_task
+from plotfeed.proto.sapient.decode_sapient import decode_task
 
 
 @given(

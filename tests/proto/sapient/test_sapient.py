@@ -12,7 +12,7 @@ from support.sapient_rules import ULID, UUID4, checked
 
 from plotfeed.models.state import Plots
 from plotfeed.proto.errors import DecodeError, EncodeError
-from plotfeed.proto.sapient.decode_sapient import decode, decode_heard
+from plotfeed.proto.sapient.decode_sapient import decode, decode_heard, decode_task
 from plotfeed.proto.sapient.encode_detections import DetectionEncoder, Manner, Positions
 from plotfeed.proto.sapient.encode_node import (
     FieldOfView,
@@ -22,7 +22,6 @@ from plotfeed.proto.sapient.encode_node import (
     status,
 )
 from plotfeed.proto.sapient.envelope import MAX_IDS, Ulids, node_id
-from plotfeed.proto.sapient.tasks import decode_task
 
 T_NS = 1_700_000_000_123_456_789
 STAMP_NS = T_NS // 1000 * 1000

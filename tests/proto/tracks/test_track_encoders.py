@@ -15,12 +15,18 @@ from jsonschema import Draft202012Validator
 from support.told_tracks import NS, RADAR, T_NS, any_tracks, told_tracks
 
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.tracks.cot import UNKNOWN, cot_events
-from plotfeed.proto.tracks.geojson import LiveFeatures, feature_collection, location_fixes
+from plotfeed.proto.tracks.encode_tracks import (
+    UNKNOWN,
+    LiveFeatures,
+    air_traffic,
+    cot_events,
+    f3411_flights,
+    feature_collection,
+    location_fixes,
+    track_batch,
+)
 from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
 from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
-from plotfeed.proto.tracks.track_batch import track_batch
-from plotfeed.proto.tracks.utm_json import air_traffic, f3411_flights
 from plotfeed.proto.utc import utc_ns
 
 names = st.text(

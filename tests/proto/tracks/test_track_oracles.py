@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 from support.told_tracks import NS, RADAR, T_NS, told_tracks
 
-from plotfeed.proto.tracks.cot import cot_events
-from plotfeed.proto.tracks.geojson import location_fixes
+from plotfeed.proto.tracks.encode_tracks import cot_events, f3411_flights, location_fixes
 from plotfeed.proto.tracks.remote_id_answers import DisplayArea, KnownFlights
-from plotfeed.proto.tracks.utm_json import f3411_flights
 
 ROOT = Path(__file__).parents[3]
 PYTHON = ROOT / ".venv-utm" / "bin" / "python"

@@ -22,7 +22,7 @@ from mcap.stream_reader import StreamReader
 from support.recordings import MS, SCENE, START_NS, mcap_of, messages, read_log
 
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap import chunk_file
+from plotfeed.replay.mcap import mcap_writer
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import CHUNK_OCTETS, McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
@@ -315,7 +315,7 @@ def test_an_index_too_large_for_memory_comes_out_the_same(
 ) -> None:
     recorded = messages(3000)
     expected = mcap_of(recorded)
-    monkeypatch.setattr(chunk_file, "IN_MEMORY_OCTETS", 300)
+    monkeypatch.setattr(mcap_writer, "IN_MEMORY_OCTETS", 300)
     path = tmp_path / "log.mcap"
     with path.open("wb", buffering=0) as file:
         writer = McapWriter(file, attachments=[SCENE])
@@ -329,8 +329,8 @@ def test_an_index_too_large_for_memory_comes_out_the_same(
 def test_the_index_takes_no_more_memory_however_long_the_file(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(chunk_file, "IN_MEMORY_OCTETS", 10_000)
-    with closing(chunk_file.Overflowing(io.BytesIO())) as kept:
+    monkeypatch.setattr(mcap_writer, "IN_MEMORY_OCTETS", 10_000)
+    with closing(mcap_writer.Overflowing(io.BytesIO())) as kept:
         kept.append(b"x" * 20_000)
         tracemalloc.start()
         try:
@@ -355,7 +355,7 @@ def test_without_room_for_the_index_the_file_ends_whole(monkeypatch: pytest.Monk
     def full(_self: object, _record: bytes) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(chunk_file.Overflowing, "append", full)
+    monkeypatch.setattr(mcap_writer.Overflowing, "append", full)
     for each in recorded[50:]:
         writer.write(each)
     with pytest.raises(OSError, match="No space"):

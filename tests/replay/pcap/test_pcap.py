@@ -23,9 +23,8 @@ from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.replay.pcap import link_layers
-from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
+from plotfeed.replay.pcap.captures import SOURCE, PcapReader, PcapWriter
 from plotfeed.replay.pcap.link_layers import COOKED, COOKED_2, ETHERNET, NULL, RAW
-from plotfeed.replay.pcap.packets import SOURCE
 from plotfeed.replay.recorded import Damage, Recorded
 
 PLOT = block_048(43_200)

@@ -14,7 +14,16 @@ from hypothesis import strategies as st
 from support.recordings import START_NS, block_048, message, read, written
 from support.tshark import tshark_fields
 
-from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
+from plotfeed.replay.pcap.captures import (
+    FILE,
+    HEAD,
+    LENGTH,
+    PAYLOAD_CRC,
+    SOURCE,
+    TAIL,
+    PcapReader,
+    PcapWriter,
+)
 from plotfeed.replay.pcap.link_layers import (
     COOKED,
     COOKED_2,
@@ -26,7 +35,6 @@ from plotfeed.replay.pcap.link_layers import (
     RAW,
     frame,
 )
-from plotfeed.replay.pcap.packets import FILE, HEAD, LENGTH, PAYLOAD_CRC, SOURCE, TAIL
 from plotfeed.replay.recorded import Recorded
 
 PLOT = block_048(43_200)

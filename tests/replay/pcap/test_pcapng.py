@@ -20,10 +20,8 @@ from support.recordings import (
 )
 from support.tools import needed
 
-from plotfeed.replay.pcap.libpcap import PcapReader, PcapWriter
+from plotfeed.replay.pcap.captures import FILE, PcapngReader, PcapReader, PcapWriter
 from plotfeed.replay.pcap.link_layers import ETHERNET, frame
-from plotfeed.replay.pcap.packets import FILE
-from plotfeed.replay.pcap.pcapng import PcapngReader
 from plotfeed.replay.recorded import Recorded
 
 PLOT = block_048(43_200)

@@ -20,7 +20,7 @@ from plotfeed.feeds.telemetry.live.aircraft_reports import AircraftReports
 from plotfeed.feeds.telemetry.live.heard import HeardReport
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
-from plotfeed.proto.asterix.decode_021 import read_021
+from plotfeed.proto.asterix.decode_cooperative import read_021
 
 S = 1_000_000_000
 NOW = 1_767_225_600 * S

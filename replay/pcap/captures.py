@@ -1,0 +1,535 @@
+"""Packet captures as messages: pcap, both ways, and pcapng, as Wireshark writes it, read only.
+
+What a packet says besides its payload is kept as properties.
+"""
+
+from __future__ import annotations
+
+import base64
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from ipaddress import ip_address
+from typing import BinaryIO, NamedTuple
+from zlib import crc32
+
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.utc import NS
+from plotfeed.replay.asterix_blocks import content_type, is_asterix
+from plotfeed.replay.pcap.link_layers import (
+    ETHERNET,
+    LINK_TYPES,
+    Datagram,
+    datagram_in,
+    frame,
+    holds,
+    with_payload,
+)
+from plotfeed.replay.recorded import LATEST_NS, UDP_TOPIC, OctetsReader, Recorded, RecordingWriter
+
+FILE, HEAD, TAIL = "pcap-file", "pcap-head", "pcap-tail"
+"""In base64: the header of the file, what is before the payload, what is behind it if anything."""
+LENGTH = "pcap-length"
+"""Octets of the packet before it was cut; only where it was."""
+PAYLOAD_CRC = "pcap-payload-crc"
+"""CRC-32 of the payload in hexadecimal, which tells whether it is still that of the packet."""
+
+SOURCE = "udp-source"
+"""The property that says who sent a datagram: ADDRESS/PORT."""
+
+HEADER_OCTETS, RECORD_OCTETS = 24, 16
+MAX_PACKET_OCTETS = 1 << 18
+"""As captures have it at most; a datagram is shorter."""
+FORMATS = {
+    b"\xa1\xb2\xc3\xd4": (">", 1000),
+    b"\xd4\xc3\xb2\xa1": ("<", 1000),
+    b"\xa1\xb2\x3c\x4d": (">", 1),
+    b"\x4d\x3c\xb2\xa1": ("<", 1),
+}
+"""Byte order and nanoseconds of a fraction by the first octets of a file."""
+_MAGIC_NS = 0xA1B23C4D
+_LINK_TYPE_MASK = 0xFFFF  # above it is what a frame check sequence is like
+
+
+class PcapHeader(NamedTuple):
+    """The header of a file."""
+
+    octets: bytes
+    unit_ns: int
+    """Of the fractions of seconds."""
+    link_type: int
+    snap_octets: int
+    """Of a packet at most; 0 is all."""
+    record: struct.Struct
+    """Of a packet: seconds, fraction, octets that are there, octets that it had."""
+
+
+def header_of(octets: bytes) -> PcapHeader | None:
+    """What these octets say; None if they are not the header of a pcap."""
+    if len(octets) != HEADER_OCTETS or octets[:4] not in FORMATS:
+        return None
+    order, unit_ns = FORMATS[octets[:4]]
+    snap_octets, network = struct.unpack_from(f"{order}II", octets, 16)
+    record = struct.Struct(f"{order}IIII")
+    return PcapHeader(octets, unit_ns, network & _LINK_TYPE_MASK, snap_octets, record)
+
+
+@lru_cache(maxsize=64)
+def header_of_text(text: str) -> PcapHeader | None:
+    """The header in a property; None if it is none, or of packets that cannot be read."""
+    try:
+        found = header_of(base64.b64decode(text, validate=True))
+    except ValueError:
+        return None
+    return found if found is not None and found.link_type in LINK_TYPES else None
+
+
+@lru_cache(maxsize=64)
+def ns_header(link_type: int) -> PcapHeader:
+    """The header of a new file, whose times are of nanoseconds."""
+    octets = struct.pack("<IHHiIII", _MAGIC_NS, 2, 4, 0, 0, MAX_PACKET_OCTETS, link_type)
+    return PcapHeader(octets, 1, link_type, MAX_PACKET_OCTETS, struct.Struct("<IIII"))
+
+
+class KeptPacket(NamedTuple):
+    """A packet without its payload."""
+
+    header: PcapHeader
+    """Of the file that it was in."""
+    head: bytes
+    tail: bytes
+    length: int | None
+    payload_crc: int
+
+    def with_payload(self, payload: bytes) -> tuple[bytes, int]:
+        """The packet, and its octets before it was cut.
+
+        With another payload, lengths and checksums are of that, and there is no tail. No octets
+        if that makes no packet, or one that is longer than those of its file may be.
+        """
+        if crc32(payload) == self.payload_crc:
+            packet = self.head + payload + self.tail
+            return packet, len(packet) if self.length is None else self.length
+        packet = with_payload(self.header.link_type, self.head, payload)
+        if 0 < self.header.snap_octets < len(packet):
+            return b"", 0
+        return packet, len(packet)
+
+
+def properties_of(
+    header: PcapHeader, packet: bytes, length: int, found: Datagram
+) -> tuple[tuple[str, str], ...]:
+    """Properties of a packet that had `length` octets before it was cut, and of its datagram."""
+    tail = packet[found.payload_at + len(found.payload) :]
+    return (
+        (FILE, _text(header.octets)),
+        (HEAD, _text(packet[: found.payload_at])),
+        (PAYLOAD_CRC, f"{crc32(found.payload):08x}"),
+        *(((TAIL, _text(tail)),) if tail else ()),
+        *(((LENGTH, str(length)),) if length != len(packet) else ()),
+    )
+
+
+def kept_in(properties: tuple[tuple[str, str], ...]) -> KeptPacket | None:
+    """The packet that these are of; None if they are of none."""
+    found = dict(properties)
+    header = header_of_text(found.get(FILE, ""))
+    if header is None or HEAD not in found:
+        return None
+    try:
+        head = base64.b64decode(found[HEAD], validate=True)
+        tail = base64.b64decode(found.get(TAIL, ""), validate=True)
+        length = int(found[LENGTH][:11]) if LENGTH in found else None
+        payload_crc = int(found.get(PAYLOAD_CRC, "")[:8], 16)
+    except ValueError:
+        return None
+    if length is not None and not 0 <= length < 1 << 32:
+        return None
+    return KeptPacket(header, head, tail, length, payload_crc)
+
+
+def _text(octets: bytes) -> str:
+    return base64.b64encode(octets).decode("ascii")
+
+
+class PacketReader(OctetsReader):
+    """Makes messages of packets; notes those that are broken and counts those that are not UDP."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__(file)
+        self._skipped = 0
+
+    @property
+    def skipped(self) -> int:
+        """Packets that hold no UDP."""
+        return self._skipped
+
+    def check_link_type(self, link_type: int, at: int) -> None:
+        """Note at that offset that none of its packets can be read."""
+        if link_type not in LINK_TYPES:
+            expected = ", ".join(map(str, LINK_TYPES))
+            self.damage.add(at, f"packets of link type {link_type}; expected one of {expected}")
+
+    def message(
+        self, header: PcapHeader, packet: bytes, length: int, t_utc_ns: int, at: int
+    ) -> Recorded | None:
+        """The message in a packet that was captured at that time; None if it has none.
+
+        `header` is of a pcap that holds it, `length` its octets before it was cut.
+        """
+        try:
+            found = datagram_in(header.link_type, packet)
+        except DecodeError as error:
+            self.damage.add(at, str(error))
+            return None
+        if found is None:
+            self._skipped += 1
+            return None
+        if not 0 <= t_utc_ns <= LATEST_NS:
+            self.damage.add(at, f"a packet of {t_utc_ns} ns since 1970; expected 1970 to 2554")
+            return None
+        return Recorded(
+            topic=f"{UDP_TOPIC}{found.destination}/{found.port}",
+            payload=found.payload,
+            log_time_ns=t_utc_ns,
+            publish_time_ns=t_utc_ns,
+            content_type=content_type(found.payload),
+            properties=(
+                (SOURCE, f"{found.source}/{found.source_port}"),
+                *properties_of(header, packet, length, found),
+            ),
+        )
+
+
+ASTERIX_PORT = 8600
+"""Of UDP, where Wireshark takes it for ASTERIX."""
+MAX_PAYLOAD_OCTETS = 65_507
+MAX_TOPICS = 1 << 16
+
+
+class PcapReader(PacketReader):
+    """The UDP datagrams of a capture. Nothing tells where a packet begins after a broken length."""
+
+    def messages(self) -> Iterator[Recorded]:
+        """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
+        beginning = self._octets.take(HEADER_OCTETS)
+        if beginning[:4] not in FORMATS:
+            self.damage.add(0, f"{beginning[:4].hex()!r}; expected the first octets of a pcap")
+            return
+        header = header_of(beginning)
+        if header is None:
+            self.damage.add(0, f"a header of {len(beginning)} octets; it has {HEADER_OCTETS}")
+            return
+        self.check_link_type(header.link_type, 20)
+        yield from self._records(header)
+
+    def _records(self, header: PcapHeader) -> Iterator[Recorded]:
+        octets = self._octets
+        while True:
+            at = octets.at
+            record = octets.take(RECORD_OCTETS)
+            if len(record) < RECORD_OCTETS:
+                if record:
+                    self.damage.add(at, "the file ends within the header of a packet")
+                return
+            seconds, fraction, captured, length = header.record.unpack(record)
+            if captured > MAX_PACKET_OCTETS:
+                self.damage.add(at, f"a packet of {captured} octets; at most {MAX_PACKET_OCTETS}")
+                return
+            packet = octets.take(captured)
+            if len(packet) < captured:
+                self.damage.add(at, f"a packet of {captured} octets, {len(packet)} are there")
+                return
+            t_utc_ns = seconds * NS + fraction * header.unit_ns
+            message = self.message(header, packet, length, t_utc_ns, at)
+            if message is not None:
+                yield message
+
+
+class PcapWriter(RecordingWriter):
+    """UDP in packets, as they were where the message was read from a capture.
+
+    The file begins as the capture did that the first message is from, else it has Ethernet frames
+    at nanoseconds. A message of the topic udp/ADDRESS/PORT goes there. ASTERIX of any other topic
+    goes to port 8600 of a loopback address of its topic's own, from 127.1.0.0 on.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._addresses: dict[str, bytes] = {}
+        self._header: PcapHeader | None = None
+        self._cut_times = 0
+
+    def write(self, message: Recorded) -> str | None:
+        """Write a message; why it cannot be held, or None."""
+        seconds, fraction = divmod(message.log_time_ns, NS)
+        if seconds >> 32:
+            return "of a time after 2106"
+        if len(message.payload) > MAX_PAYLOAD_OCTETS:
+            return f"longer than a datagram's {MAX_PAYLOAD_OCTETS} octets"
+        place = self._destination(message)
+        if isinstance(place, str):
+            return place
+        kept = kept_in(message.properties)
+        header = self._header or self._begin(ns_header(ETHERNET) if kept is None else kept.header)
+        if not holds(header.link_type, len(place[0])):
+            return f"of an IP that link type {header.link_type} of the capture does not hold"
+        packet, length = _as_it_was(header, message, place, kept) or _anew(header, message, place)
+        if not packet:
+            return f"longer than the capture's {header.snap_octets} octets of a packet"
+        units, lost_ns = divmod(fraction, header.unit_ns)
+        self._cut_times += lost_ns > 0
+        self._file.write(header.record.pack(seconds, units, len(packet), length) + packet)
+        return None
+
+    def notes(self) -> list[str]:
+        """What the file does not say; which topics are behind which addresses."""
+        became = (
+            f"{topic} became {'.'.join(map(str, octets))}:{ASTERIX_PORT}"
+            for topic, octets in self._addresses.items()
+        )
+        notes = ["it has one time of each message, and no topics, content types or stages"]
+        if self._cut_times:
+            notes.append(f"{self._cut_times} times lost what is less than a microsecond")
+        return [*notes, *became]
+
+    def close(self) -> None:
+        """Begin the file if nothing was written."""
+        if self._header is None:
+            self._begin(ns_header(ETHERNET))
+
+    def _begin(self, header: PcapHeader) -> PcapHeader:
+        self._file.write(header.octets)
+        self._header = header
+        return header
+
+    def _destination(self, message: Recorded) -> tuple[bytes, int] | str:
+        if message.topic.startswith(UDP_TOPIC):
+            place = place_of(message.topic.removeprefix(UDP_TOPIC))
+            if place is not None:
+                return place
+        if not is_asterix(message.content_type, message.payload):
+            return "neither UDP nor ASTERIX"
+        if message.topic not in self._addresses and len(self._addresses) == MAX_TOPICS:
+            return f"of more topics than {MAX_TOPICS}"
+        number = len(self._addresses)
+        own = bytes([127, 1, number >> 8, number & 255])
+        return self._addresses.setdefault(message.topic, own), ASTERIX_PORT
+
+
+@lru_cache(maxsize=4096)
+def place_of(text: str) -> tuple[bytes, int] | None:
+    """The address, 4 or 16 octets, and the port of ADDRESS/PORT; None if it is not that."""
+    host, _, port = text.rpartition("/")
+    try:
+        number = int(port) if port.isascii() and port.isdecimal() and len(port) <= 5 else 1 << 16
+        return (ip_address(host).packed, number) if number < 1 << 16 else None
+    except ValueError:
+        return None
+
+
+def _as_it_was(
+    header: PcapHeader, message: Recorded, to: tuple[bytes, int], kept: KeptPacket | None
+) -> tuple[bytes, int] | None:
+    """The packet that a message was in and its octets before it was cut, if it still fits."""
+    if kept is None or kept.header.link_type != header.link_type:
+        return None
+    packet, length = kept.with_payload(message.payload)
+    try:
+        found = datagram_in(header.link_type, packet)
+    except DecodeError:
+        return None
+    if found is None or found.payload != message.payload or len(packet) > MAX_PACKET_OCTETS:
+        return None
+    source = place_of(f"{found.source}/{found.source_port}")
+    destination = place_of(f"{found.destination}/{found.port}")
+    fits = (source, destination) == (_source_of(message, to[0]), to)
+    return (packet, length) if fits else None
+
+
+def _anew(header: PcapHeader, message: Recorded, to: tuple[bytes, int]) -> tuple[bytes, int]:
+    """A packet and its octets; none if it is longer than the file's may be."""
+    (destination, port), (source, source_port) = to, _source_of(message, to[0])
+    packet = frame(header.link_type, (source_port, port), source, destination, message.payload)
+    if 0 < header.snap_octets < len(packet):
+        return b"", 0
+    return packet, len(packet)
+
+
+def _source_of(message: Recorded, destination: bytes) -> tuple[bytes, int]:
+    """Who sent it, if the recording says so and it is of the destination's kind; else loopback."""
+    place = place_of(dict(message.properties).get(SOURCE, ""))
+    if place is not None and len(place[0]) == len(destination):
+        return place
+    loopback = bytes([127, 0, 0, 1]) if len(destination) == 4 else bytes(15) + b"\1"
+    return loopback, ASTERIX_PORT
+
+
+SECTION = b"\n\r\r\n"
+ORDERS = {b"\x1a\x2b\x3c\x4d": ">", b"\x4d\x3c\x2b\x1a": "<"}
+INTERFACE, OBSOLETE_PACKET, SIMPLE_PACKET, ENHANCED_PACKET = 1, 2, 3, 6
+READ = (INTERFACE, OBSOLETE_PACKET, SIMPLE_PACKET, ENHANCED_PACKET)
+
+HEAD_OCTETS, TAIL_OCTETS = 8, 4
+ROOM_OCTETS = 1 << 16
+"""Of a block for what is not packet: its fields and options."""
+MAX_INTERFACES = 1 << 12
+
+TSRESOL, TSOFFSET = 9, 14
+MICROSECONDS = 6
+BINARY = 0x80
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interface:
+    """Where packets were captured, and how their times count."""
+
+    link_type: int
+    snap_octets: int
+    """Captured of a packet at most; 0 is all."""
+    ticks_a_second: int
+    offset_s: int
+
+    def utc_ns(self, ticks: int) -> int:
+        """The time that a packet's ticks stand for."""
+        return ticks * NS // self.ticks_a_second + self.offset_s * NS
+
+
+class PcapngBlock(NamedTuple):
+    """A block that is whole: its type, what lies between its lengths, where it begins."""
+
+    type: int
+    body: bytes
+    at: int
+
+
+class PcapngReader(PacketReader):
+    """The UDP datagrams of a capture, through all its sections.
+
+    A packet without a time has that of the one before it. Nothing tells where the block after a
+    broken length begins.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__(file)
+        self._interfaces: list[Interface] = []
+        self._order = ""
+        self._last_utc_ns = 0
+
+    def messages(self) -> Iterator[Recorded]:
+        """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
+        for block in self._blocks():
+            try:
+                if block.type == INTERFACE:
+                    self._take_interface(block)
+                    continue
+                message = self._message(block)
+            except struct.error:
+                self.damage.add(block.at, f"a block of type {block.type} that lacks fields")
+                continue
+            if message is not None:
+                yield message
+
+    def _blocks(self) -> Iterator[PcapngBlock]:
+        octets = self._octets
+        while True:
+            at = octets.at
+            head = octets.take(HEAD_OCTETS)
+            if not head:
+                return
+            what = self._begin(head)
+            if what:
+                self.damage.add(at, what)
+                return
+            kind, length = struct.unpack(f"{self._order}II", head)
+            left = length - HEAD_OCTETS - TAIL_OCTETS
+            if kind in READ and left > MAX_PACKET_OCTETS + ROOM_OCTETS:
+                self.damage.add(at, f"a block of {length} octets, which no packet has")
+                return
+            body = octets.take(left) if kind in READ else b""
+            there = len(body) if kind in READ else octets.skip(left)
+            tail = octets.take(TAIL_OCTETS)
+            if there < left or len(tail) < TAIL_OCTETS:
+                whole = HEAD_OCTETS + there + len(tail)
+                self.damage.add(at, f"a block of {length} octets, {whole} are there")
+                return
+            if tail != head[4:]:
+                self.damage.add(at, f"a block of {length} octets that ends with another length")
+                return
+            if kind in READ:
+                yield PcapngBlock(kind, body, at)
+
+    def _begin(self, head: bytes) -> str:
+        """Take the byte order from the head of a section; what is wrong with it, or nothing."""
+        if len(head) < HEAD_OCTETS:
+            return "the file ends within the head of a block"
+        if head[:4] == SECTION:
+            mark = self._octets.peek(4)
+            if mark not in ORDERS:
+                return f"the byte order {mark.hex()!r}; expected 1a2b3c4d or 4d3c2b1a"
+            self._order = ORDERS[mark]
+            self._interfaces = []
+        if not self._order:
+            return f"{head[:4].hex()!r}; expected the first octets of a pcapng"
+        (length,) = struct.unpack(f"{self._order}I", head[4:])
+        if length < HEAD_OCTETS + TAIL_OCTETS:
+            return f"a block of {length} octets; it has at least {HEAD_OCTETS + TAIL_OCTETS}"
+        return ""
+
+    def _take_interface(self, block: PcapngBlock) -> None:
+        link_type, snap_octets = struct.unpack_from(f"{self._order}HxxI", block.body)
+        if len(self._interfaces) == MAX_INTERFACES:
+            self.damage.add(block.at, f"more interfaces than {MAX_INTERFACES}")
+            return
+        self.check_link_type(link_type, block.at)
+        resolution, offset_s = MICROSECONDS, 0
+        for code, value in self._options(block.body[8:]):
+            if code == TSRESOL and len(value) == 1:
+                resolution = value[0]
+            elif code == TSOFFSET and len(value) == 8:
+                (offset_s,) = struct.unpack(f"{self._order}q", value)
+        base, power = (2, resolution - BINARY) if resolution & BINARY else (10, resolution)
+        self._interfaces.append(
+            Interface(
+                link_type=link_type,
+                snap_octets=snap_octets,
+                ticks_a_second=base**power,
+                offset_s=offset_s,
+            )
+        )
+
+    def _options(self, octets: bytes) -> Iterator[tuple[int, bytes]]:
+        at = 0
+        while len(octets) - at >= 4:
+            code, length = struct.unpack_from(f"{self._order}HH", octets, at)
+            if not code:
+                return
+            yield code, octets[at + 4 : at + 4 + length]
+            at += 4 + (length + 3 & ~3)
+
+    def _message(self, block: PcapngBlock) -> Recorded | None:
+        body = block.body
+        if block.type == SIMPLE_PACKET:
+            number, at, ticks = 0, 4, None
+            (length,) = struct.unpack_from(f"{self._order}I", body)
+            captured = length
+        else:
+            form = "IIIII" if block.type == ENHANCED_PACKET else "HxxIIII"
+            number, high, low, captured, length = struct.unpack_from(f"{self._order}{form}", body)
+            at, ticks = 20, high << 32 | low
+        if number >= len(self._interfaces):
+            self.damage.add(block.at, f"a packet of interface {number}, which is not described")
+            return None
+        interface = self._interfaces[number]
+        if block.type == SIMPLE_PACKET and interface.snap_octets:
+            captured = min(captured, interface.snap_octets)
+        if captured > len(body) - at:
+            there = len(body) - at
+            self.damage.add(block.at, f"a packet of {captured} octets, {there} are there")
+            return None
+        if ticks is not None:
+            self._last_utc_ns = interface.utc_ns(ticks)
+        packet = body[at : at + captured]
+        header = ns_header(interface.link_type)
+        return self.message(header, packet, length, self._last_utc_ns, block.at)
