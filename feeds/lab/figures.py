@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -38,16 +37,16 @@ from plotfeed.feeds.lab.checks import (
     verdicts,
 )
 from plotfeed.feeds.lab.evidence import Evidence, are_targets, names_of
-from plotfeed.feeds.lab.laws import CELLS, STEPS
-from plotfeed.feeds.lab.ledger_columns import LedgerTables
+from plotfeed.feeds.lab.laws import CELLS
+from plotfeed.feeds.lab.ledger_columns import LedgerTables, ToldMessages
 from plotfeed.feeds.lab.links import (
     CURVE,
     LinkFigures,
-    LinkTally,
-    Passage,
+    LinkMessages,
+    Order,
     Setting,
-    Turn,
     link_figures,
+    orders_of,
 )
 from plotfeed.models.state import OTHER
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -69,11 +68,12 @@ class SensorTally:
         """Of drones and what else was looked at, by the ledger."""
         self.of_others: Counter[str] = Counter()
         """Plots of what is no drone, by what it is."""
-        self.links: dict[str, LinkTally] = {}
+        self.links: dict[str, Setting] = {}
         """By the JSON of their keys, in the order in which they came into force."""
         self.left_out = 0
         """Entries under settings that were too many."""
-        self.passage = Passage()
+        self._sent: list[ToldMessages] = []
+        """Of messages what is needed, with the number of the link in place of that of the entry."""
         self.looks = LookTally(CELL_M, MAX_CELLS)
         self.errors = ErrorsTally()
         self.asked = asked
@@ -107,30 +107,34 @@ class SensorTally:
 
     def end(self) -> None:
         """There are no more."""
-        self.passage.end()
         self.sectors.end()
         self.errors.count()
+
+    def messages(self) -> Iterator[tuple[LinkMessages, Order]]:
+        """What became of messages, by link setting."""
+        sent = ToldMessages.joined(self._sent)
+        orders = orders_of(sent.rows(sent.copy == 0), len(self.links))
+        for number, setting in enumerate(self.links.values()):
+            yield LinkMessages(setting, sent.rows(sent.entry == number)), orders[number]
 
     def _take_messages(self, told: LedgerTables) -> None:
         links, sent = told.entries.link.tolist(), told.messages
         for text in dict.fromkeys(links):
             if text not in self.links and len(self.links) < MAX_LINKS:
-                self.links[text] = LinkTally(Setting.of(text))
+                self.links[text] = Setting.of(text)
         numbers = {text: number for number, text in enumerate(self.links)}
         number = np.array([numbers.get(text, -1) for text in links], np.int64)
         self.left_out += int((number < 0).sum())
         fate = np.where((sent.fate == 0) & sent.delivered, int(pb.SENT), sent.fate)
-        row = number[sent.entry]
-        for each, link in enumerate(self.links.values()):
-            own = row == each
-            if own.any():
-                link.add(sent.rows(own), fate[own])
-        turns = (sent.number, sent.due_utc_ns, sent.sent_utc_ns, fate, row)
-        is_told = (row >= 0) & (sent.copy == 0)
-        for turn in zip(*(column[is_told].tolist() for column in turns), strict=True):
-            self.passage.add(Turn(*turn))
+        sent = sent.but(entry=number[sent.entry], fate=fate.astype(np.int8))
+        needed = sent.picked(np.flatnonzero(sent.entry >= 0), NEEDED)
+        self._sent.append(needed)
 
 
+NEEDED = (
+    *("entry", "due_utc_ns", "link_due_utc_ns", "sent_utc_ns"),
+    *("fate", "number", "copy", "flipped_bit"),
+)
 MAX_SENSORS = 10_000
 
 
@@ -275,14 +279,11 @@ class LedgerReport:
 def report(path: Path, found: Counted) -> LedgerReport:
     """The figures of what was counted."""
     names, sensors = _names(found.sensors.values()), _in_order(found)
-    links = [link for tally in found.sensors.values() for link in tally.links.values()]
-    begins = [link.first_due_utc_ns for link in links if link.first_due_utc_ns is not None]
-    ends = [link.last_due_utc_ns for link in links if link.last_due_utc_ns is not None]
     told_links = [
-        link_figures(names[key], number + 1, link, tally.passage.order_of(number))
+        link_figures(names[key], number, link, order)
         for key, tally in sensors
-        for number, link in enumerate(tally.links.values())
-        if link.messages
+        for number, (link, order) in enumerate(tally.messages(), 1)
+        if len(link.first)
     ]
     told_sensors = [
         _sensor(names[key], tally, found.plots_from.get(key, "")) for key, tally in sensors
@@ -291,8 +292,8 @@ def report(path: Path, found: Counted) -> LedgerReport:
         file=str(path),
         scene=found.scene,
         entries=found.entries,
-        first_utc_ns=min(begins, default=found.first_ns or 0),
-        last_utc_ns=max([found.last_ns or 0, *ends]),
+        first_utc_ns=min((link.first_utc_ns for link in told_links), default=found.first_ns or 0),
+        last_utc_ns=max([found.last_ns or 0, *(link.last_utc_ns for link in told_links)]),
         links=told_links,
         sensors=told_sensors,
         verdicts=verdicts(judged_of(told_links, told_sensors)),
@@ -300,7 +301,7 @@ def report(path: Path, found: Counted) -> LedgerReport:
         damage=list(found.damage),
         curve=[*CURVE.tolist(), 1.0],
         normalised_edges=EDGES.tolist(),
-        resolution={"times": math.expm1(0.5 / STEPS), "distance": 1 / CELLS},
+        resolution={"times": 0.0, "distance": 1 / CELLS},
     )
 
 
@@ -366,9 +367,6 @@ def _notes(found: Counted) -> list[str]:
         "entries are no ledger and are left out": found.unreadable,
         "entries were recorded twice and count once": found.repeated,
         "entries are under more link settings than are told": sum(t.left_out for t in tallies),
-        "messages came too late for their place: neither in bursts nor in overtaking": sum(
-            t.passage.turns.out_of_turn for t in tallies
-        ),
     }
     return [*found.notes, *(f"{count} {what}" for what, count in counts.items() if count)]
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from heapq import heappop, heappush
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from plotfeed.feeds.impairment.link import LinkExpectation
 from plotfeed.feeds.impairment.losses import LossChain
-from plotfeed.feeds.lab.laws import ENOUGH, LawFit, Spread, p_of_distance, z_score
+from plotfeed.feeds.lab.laws import ENOUGH, law_distance, p_of_distance, z_score
 from plotfeed.feeds.lab.ledger_columns import ToldMessages
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.problems import problems_of
@@ -56,63 +55,8 @@ def _by_differences(log_moment: Callable[[float], float]) -> Callable[[float], C
     return cumulants
 
 
-WINDOW = 4096
-"""Messages that are held back at most until an earlier one is told of."""
-
-
-class Turn(NamedTuple):
-    """What the order of messages is needed for."""
-
-    number: int
-    due_utc_ns: int
-    sent_utc_ns: int
-    """0 if it did not leave."""
-    fate: int
-    row: int
-    """Which link setting it is of."""
-
-
-class InTurn:
-    """Turns by their numbers, which count from 0 in each session; some may be missing."""
-
-    def __init__(self) -> None:
-        self.next = 0
-        """The number after the last one that was given out."""
-        self.out_of_turn = 0
-        """Told of so late that they had to be left out."""
-        self._held: list[Turn] = []
-        self._last_due_utc_ns = 0
-
-    def add(self, turn: Turn) -> Iterator[Turn]:
-        """Take one, and give those whose turn it is."""
-        if turn.number < self.next:
-            if turn.due_utc_ns <= self._last_due_utc_ns:
-                self.out_of_turn += 1
-                return
-            yield from self.rest()
-            self.next = 0  # another session: numbers and due times rise together
-        if turn.number == self.next and not self._held:
-            yield self._given(turn)
-            return
-        heappush(self._held, turn)
-        while self._held and (self._held[0].number <= self.next or len(self._held) > WINDOW):
-            yield self._given(heappop(self._held))
-
-    def rest(self) -> Iterator[Turn]:
-        """Turns that are held back, since no more will come before them."""
-        while self._held:
-            yield self._given(heappop(self._held))
-
-    def _given(self, turn: Turn) -> Turn:
-        self.next = turn.number + 1
-        self._last_due_utc_ns = max(self._last_due_utc_ns, turn.due_utc_ns)
-        return turn
-
-
 PASSED_LOSS = frozenset({pb.SENT, pb.QUEUE_FULL, pb.UNDELIVERED, pb.ENDED, pb.STALE})
 """Fates of messages that the model of loss let through."""
-LONGEST = 10_000
-"""Bursts that are longer are counted with these."""
 
 
 @dataclass(slots=True)
@@ -129,70 +73,37 @@ class Order:
     """Of those, the ones that left before one that had been handed over earlier."""
 
 
-class Passage:
-    """Follows one sensor's messages through its link, in the order in which they were sent in."""
+def orders_of(sent: ToldMessages, links: int) -> list[Order]:
+    """The order under each of so many link settings, whose numbers stand in place of entries'.
 
-    def __init__(self) -> None:
-        self.turns = InTurn()
-        self._rows: dict[int, Order] = {}
-        self._row = self._number = -1
-        self._order = Order()
-        self._lost = 0
-        self._is_cut = True
-        """Whether the current burst may have begun before what is known."""
-        self._latest_ns = 0
-
-    def order_of(self, row: int) -> Order:
-        """What was found of one link setting."""
-        if row not in self._rows:
-            self._rows[row] = Order()
-        return self._rows[row]
-
-    def add(self, turn: Turn) -> None:
-        """Take a message, in the order in which the ledger tells of them."""
-        self._follow(self.turns.add(turn))
-
-    def end(self) -> None:
-        """There are no more."""
-        self._follow(self.turns.rest())
-        self._break()
-
-    def _follow(self, turns: Iterable[Turn]) -> None:
-        for turn in turns:
-            if turn.number != self._number + 1 or turn.row != self._row:
-                self._break()
-                self._order = self.order_of(turn.row)
-                if turn.number <= self._number or turn.row != self._row:
-                    self._latest_ns = 0
-            self._number, self._row = turn.number, turn.row
-            self._take_loss(turn.fate)
-            if turn.fate == pb.SENT:
-                self._take_time(turn.sent_utc_ns)
-
-    def _take_loss(self, fate: int) -> None:
-        if fate == pb.LOST:
-            self._lost += 1
-        elif fate in PASSED_LOSS:
-            if self._lost and not self._is_cut:
-                self._order.bursts[min(self._lost, LONGEST)] += 1
-                self._lost = 0
-            elif self._lost:
-                self._break()
-            self._is_cut = False
-        else:
-            self._break()
-
-    def _take_time(self, sent_utc_ns: int) -> None:
-        order = self._order
-        order.left += 1
-        order.overtook += sent_utc_ns < self._latest_ns
-        self._latest_ns = max(self._latest_ns, sent_utc_ns)
-
-    def _break(self) -> None:
-        """What comes next is not known to follow what came."""
-        if self._lost:
-            self._order.cut_bursts += 1
-        self._lost, self._is_cut = 0, True
+    Of first copies, in whatever order they are told: numbers and due times rise together, and in
+    another session numbers begin at 0 again.
+    """
+    by_time = sent.rows(np.lexsort((sent.number, sent.due_utc_ns)))
+    row, number, fate = by_time.entry, by_time.number, by_time.fate
+    lost, n = fate == pb.LOST, len(row)
+    is_other = ~lost & ~np.isin(fate, [*PASSED_LOSS])
+    after_other = np.append(False, is_other[:-1]) if n else is_other
+    is_new_row = np.diff(row, prepend=-1) != 0
+    # What follows a gap, an outage or another setting is not known to follow what came before.
+    is_cut = (np.diff(number, prepend=-2) != 1) | is_new_row | is_other | after_other
+    first = np.flatnonzero(is_cut | np.append(True, lost[1:] != lost[:-1])[:n])
+    end = np.append(first[1:], n)[: len(first)]
+    is_whole = ~is_cut[first] & ~np.append(is_cut, True)[end]
+    found = [Order() for _ in range(links)]
+    for at, length, whole in zip(first, end - first, is_whole, strict=True):
+        if lost[at] and whole:
+            found[row[at]].bursts[int(length)] += 1
+        elif lost[at]:
+            found[row[at]].cut_bursts += 1
+    goes_on = np.flatnonzero((np.diff(number, prepend=-1) <= 0) | is_new_row)
+    for part in np.split(np.arange(n), goes_on[goes_on > 0]):
+        left_ns = by_time.sent_utc_ns[part][fate[part] == pb.SENT]
+        if len(left_ns):
+            latest_ns = np.maximum.accumulate(left_ns)
+            found[row[part[0]]].left += len(left_ns)
+            found[row[part[0]]].overtook += int((left_ns[1:] < latest_ns[:-1]).sum())
+    return found
 
 
 LET_THROUGH = frozenset({pb.SENT, pb.UNDELIVERED, pb.ENDED, pb.STALE})
@@ -228,65 +139,40 @@ class Setting:
             return cls(text, None, f"{key}: {what}" if key else what)
 
 
-@dataclass(slots=True)
-class LinkTally:
-    """Counts of one sensor and one setting. Delays are of first copies, lateness is of all."""
+@dataclass(frozen=True, slots=True)
+class LinkMessages:
+    """What became of a sensor's messages under one setting: first copies, and duplicates too."""
 
     setting: Setting
-    first_due_utc_ns: int | None = None
-    last_due_utc_ns: int | None = None
-    fates: Counter[int] = field(default_factory=Counter)
-    """Of first copies."""
-    duplicates: int = 0
-    let_through: int = 0
-    """Copies that the link let through, first ones and duplicates."""
-    corrupted: int = 0
-    delay: Spread = field(default_factory=Spread)
-    """Sending less being handed over."""
-    lateness: Spread = field(default_factory=Spread)
-    """Sending less when the link was to let it leave."""
-    sent_fit: LawFit | None = None
-    """Of the delays as delivered."""
-    link_fit: LawFit | None = None
-    """Of the delays as the link drew them, without the engine's lateness."""
-    other_delays: int = 0
-    """Messages whose link drew another delay than the only one that is asked."""
-    _only_ns: int | None = None
-
-    def __post_init__(self) -> None:
-        asked = self.setting.asked
-        if asked is not None and not why_not_plain(asked):
-            self.sent_fit, self.link_fit = LawFit(asked.delay), LawFit(asked.delay)
-        elif asked is not None and why_not_plain(asked) == ALL_THE_SAME:
-            self._only_ns = round(asked.delay.mean_ms() * 1e6)
-
-    def add(self, sent: ToldMessages, fate: Ints) -> None:
-        """Take what became of copies, (n,)."""
-        is_first, passed = sent.copy == 0, np.isin(fate, [*LET_THROUGH])
-        self.fates.update(fate[is_first].tolist())
-        self.duplicates += int((~is_first).sum())
-        self.let_through += int(passed.sum())
-        self.corrupted += int((passed & (sent.flipped_bit >= 0)).sum())
-        dues_ns = sent.due_utc_ns[is_first].tolist()
-        if dues_ns:
-            first_ns, last_ns = self.first_due_utc_ns, self.last_due_utc_ns
-            self.first_due_utc_ns = min(dues_ns if first_ns is None else (first_ns, *dues_ns))
-            self.last_due_utc_ns = max(dues_ns if last_ns is None else (last_ns, *dues_ns))
-        drawn, left = sent.rows(passed & is_first), sent.rows(fate == pb.SENT)
-        drawn_ns = _apart_ns(drawn.link_due_utc_ns, drawn.due_utc_ns)
-        delays_ns = _apart_ns(left.sent_utc_ns, left.due_utc_ns)[left.copy == 0]
-        self.delay.add(delays_ns)
-        self.lateness.add(_apart_ns(left.sent_utc_ns, left.link_due_utc_ns))
-        if self._only_ns is not None:
-            self.other_delays += int((np.abs(drawn_ns - self._only_ns) > 1).sum())
-        if self.sent_fit is not None and self.link_fit is not None:
-            self.sent_fit.add(delays_ns)
-            self.link_fit.add(drawn_ns)
+    sent: ToldMessages
 
     @property
-    def messages(self) -> int:
+    def first(self) -> ToldMessages:
         """First copies, whatever became of them."""
-        return self.fates.total()
+        return self.sent.rows(self.sent.copy == 0)
+
+    @property
+    def let_through(self) -> ToldMessages:
+        """Copies that the link let through, first ones and duplicates."""
+        return self.sent.rows(np.isin(self.sent.fate, [*LET_THROUGH]))
+
+    @property
+    def delays_ns(self) -> Ints:
+        """Sending less being handed over, of first copies."""
+        left = self.first.rows(self.first.fate == pb.SENT)
+        return _apart_ns(left.sent_utc_ns, left.due_utc_ns)
+
+    @property
+    def drawn_ns(self) -> Ints:
+        """Delays as the link drew them, without the engine's lateness."""
+        drawn = self.let_through.rows(self.let_through.copy == 0)
+        return _apart_ns(drawn.link_due_utc_ns, drawn.due_utc_ns)
+
+    @property
+    def lateness_ns(self) -> Ints:
+        """Sending less when the link was to let it leave, of all that left."""
+        left = self.sent.rows(self.sent.fate == pb.SENT)
+        return _apart_ns(left.sent_utc_ns, left.link_due_utc_ns)
 
 
 ALL_THE_SAME = "all the same"
@@ -468,28 +354,32 @@ class LinkFigures:
     other_fates: Mapping[str, int]
 
 
-def link_figures(sensor: str, number: int, tally: LinkTally, order: Order) -> LinkFigures:
-    """Figures of what was counted to the end."""
-    asked = tally.setting.asked
+def link_figures(sensor: str, number: int, of: LinkMessages, order: Order) -> LinkFigures:
+    """What a link asked and what it delivered, in figures."""
+    asked, first = of.setting.asked, of.first
+    fates = Counter(first.fate.tolist())
+    passed, lost = len(of.let_through), fates[pb.LOST]
+    corrupted = int((of.let_through.flipped_bit >= 0).sum())
+    decided = lost + sum(fates[fate] for fate in PASSED_LOSS)
     return LinkFigures(
         sensor=sensor,
         number=number,
-        link=_keys(tally.setting),
-        link_problem=tally.setting.problem,
-        first_utc_ns=tally.first_due_utc_ns or 0,
-        last_utc_ns=tally.last_due_utc_ns or 0,
-        messages=tally.messages,
-        sent=tally.fates[pb.SENT],
+        link=_keys(of.setting),
+        link_problem=of.setting.problem,
+        first_utc_ns=int(first.due_utc_ns.min(initial=1 << 62)) if len(first) else 0,
+        last_utc_ns=int(first.due_utc_ns.max(initial=-(1 << 62))) if len(first) else 0,
+        messages=len(first),
+        sent=fates[pb.SENT],
         asked=None if asked is None or asked.link.down else _asked_times(asked),
-        delivered=_found_times(tally.delay),
-        fit=_fit(tally),
-        lateness=_found_times(tally.lateness),
-        loss=_loss(tally),
+        delivered=found_times(of.delays_ns),
+        fit=_fit(asked, of),
+        lateness=found_times(of.lateness_ns),
+        loss=_loss(asked, lost, decided),
         bursts=burst_figures(asked, order),
-        duplicates=_duplicates(tally),
-        corrupted=_corrupted(tally),
+        duplicates=_duplicates(asked, len(of.sent) - len(first), passed),
+        corrupted=_binomial(corrupted, passed, asked.link.corrupt if asked else math.nan),
         overtook=_overtaking(asked, order),
-        other_fates={name: tally.fates[fate] for name, fate in OTHER_FATES.items()},
+        other_fates={name: fates[fate] for name, fate in OTHER_FATES.items()},
     )
 
 
@@ -513,8 +403,18 @@ def _times(
     )
 
 
-def _found_times(spread: Spread) -> LatencyFigures:
-    return _times(spread.mean_ms, spread.max_ms, spread.quantiles_ms)
+def found_times(times_ns: Ints) -> LatencyFigures:
+    """A distribution of times: the least that shares of all do not exceed; NaN of none."""
+    in_order, n = np.sort(times_ns), len(times_ns)
+
+    def quantiles_ms(shares: Floats) -> Floats:
+        if not n:
+            return np.full(shares.shape, np.nan)
+        ranks = np.clip(np.ceil(shares * n), 1, n).astype(np.int64) - 1
+        return np.asarray(in_order[ranks] / 1e6)
+
+    mean_ms = float(times_ns.sum(dtype=np.float64)) / n / 1e6 if n else math.nan
+    return _times(mean_ms, float(in_order[-1]) / 1e6 if n else math.nan, quantiles_ms)
 
 
 def _asked_times(asked: LinkExpectation) -> LatencyFigures:
@@ -522,30 +422,27 @@ def _asked_times(asked: LinkExpectation) -> LatencyFigures:
     return _times(asked.delay.mean_ms(), max_ms, asked.delay.quantile_ms)
 
 
-def _fit(tally: LinkTally) -> Fit:
-    asked = tally.setting.asked
+def _fit(asked: LinkExpectation | None, of: LinkMessages) -> Fit:
     if asked is None:
         return Fit(not_comparable="not known")
     why_not = why_not_plain(asked)
-    if why_not or tally.sent_fit is None or tally.link_fit is None:
-        return Fit(not_comparable=why_not, other=tally.other_delays)
+    if why_not == ALL_THE_SAME:
+        other_ns = np.abs(of.drawn_ns - round(asked.delay.mean_ms() * 1e6))
+        return Fit(not_comparable=why_not, other=int((other_ns > 1).sum()))
+    if why_not:
+        return Fit(not_comparable=why_not)
     # The sum of an autoregression's correlations rho^k bounds how much its distribution function
     # varies more than that of independent draws.
     rho = abs(asked.link.delay_correlation)
     share = (1 - rho) / (1 + rho)
-
-    def compared(fit: LawFit) -> tuple[float, float]:
-        distance = fit.distance()
-        return distance, p_of_distance(distance, fit.count * share)
-
-    distance, p_value = compared(tally.sent_fit)
-    link_distance, link_p_value = compared(tally.link_fit)
+    delays_ns, drawn_ns = of.delays_ns, of.drawn_ns
+    distance, link_distance = (law_distance(asked.delay, ns) for ns in (delays_ns, drawn_ns))
     return Fit(
         distance=distance,
-        p_value=p_value,
+        p_value=p_of_distance(distance, len(delays_ns) * share),
         link_distance=link_distance,
-        link_p_value=link_p_value,
-        independent=tally.sent_fit.count * share,
+        link_p_value=p_of_distance(link_distance, len(drawn_ns) * share),
+        independent=len(delays_ns) * share,
     )
 
 
@@ -555,14 +452,14 @@ def _share(count: int, of: int, asked: float, z: float = math.nan, p: float = ma
 
 
 def _binomial(count: int, of: int, asked: float) -> Share:
+    if math.isnan(asked):
+        return _share(count, of, asked)
     z = z_score(count - of * asked, of * asked * (1 - asked))
     return _share(count, of, asked, z, p_of_binomial(count, of, asked) if of else math.nan)
 
 
-def _loss(tally: LinkTally) -> Share:
+def _loss(asked: LinkExpectation | None, lost: int, of: int) -> Share:
     """Loss among messages on which the model of loss decided: outages hide what it would have."""
-    asked, lost = tally.setting.asked, tally.fates[pb.LOST]
-    of = lost + sum(tally.fates[fate] for fate in PASSED_LOSS)
     if asked is None:
         return _share(lost, of, math.nan)
     mean = 0.0 if asked.link.on_loss == "stall" else asked.loss.mean_loss
@@ -577,21 +474,11 @@ def _loss(tally: LinkTally) -> Share:
     return _share(lost, of, mean, z, p)
 
 
-def _duplicates(tally: LinkTally) -> Share:
-    asked = tally.setting.asked
-    of = tally.let_through - tally.duplicates
-    if asked is None:
-        return _share(tally.duplicates, of, math.nan)
-    if asked.link.rate_kbit_s is not None:  # a full queue takes some
-        return _share(tally.duplicates, of, asked.link.duplicate)
-    return _binomial(tally.duplicates, of, asked.link.duplicate)
-
-
-def _corrupted(tally: LinkTally) -> Share:
-    asked = tally.setting.asked
-    if asked is None:
-        return _share(tally.corrupted, tally.let_through, math.nan)
-    return _binomial(tally.corrupted, tally.let_through, asked.link.corrupt)
+def _duplicates(asked: LinkExpectation | None, count: int, passed: int) -> Share:
+    of = passed - count
+    if asked is not None and asked.link.rate_kbit_s is not None:  # a full queue takes some
+        return _share(count, of, asked.link.duplicate)
+    return _binomial(count, of, asked.link.duplicate if asked else math.nan)
 
 
 def _asked_overtaking(asked: LinkExpectation | None) -> float:

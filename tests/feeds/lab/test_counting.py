@@ -1,6 +1,8 @@
-"""What is counted in bounded memory is what it would be if everything were kept."""
+"""Figures of what is counted are those of their definitions."""
 
 from __future__ import annotations
+
+import random
 
 import numpy as np
 import pytest
@@ -25,17 +27,9 @@ from plotfeed.feeds.lab.checks import (
     pd_of_all,
     sector_truths,
 )
-from plotfeed.feeds.lab.laws import (
-    CELLS,
-    STEPS,
-    LawFit,
-    Spread,
-    p_of_distance,
-    share_interval,
-    z_score,
-)
+from plotfeed.feeds.lab.laws import CELLS, law_distance, p_of_distance, share_interval, z_score
 from plotfeed.feeds.lab.ledger_columns import tables_of
-from plotfeed.feeds.lab.links import WINDOW, InTurn, Passage, Turn
+from plotfeed.feeds.lab.links import Order, found_times, orders_of
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.measured_plots import MeasuredPlots
 
@@ -50,35 +44,19 @@ LAWS = {
 }
 
 
-def spread_of(*parts: list[int]) -> Spread:
-    spread = Spread()
-    for part in parts:
-        spread.add(np.array(part, np.int64))
-    return spread
-
-
 times = st.lists(st.integers(-(10**13), 10**13), max_size=40)
 
 
-@given(times, times)
-def test_quantiles_are_those_of_all_times_within_the_resolution(a: list[int], b: list[int]) -> None:
-    spread, all_ns = spread_of(a, b), np.sort(np.array(a + b, np.float64))
-    shares = np.array([0.0, 0.1, 0.5, 0.9, 0.99, 1.0])
-    found_ms = spread.quantiles_ms(shares)
-    assert spread.count == len(all_ns)
-    if not len(all_ns):
-        assert np.isnan([*found_ms, spread.mean_ms, spread.max_ms]).all()
+@given(times)
+def test_quantiles_are_those_of_all_times(all_ns: list[int]) -> None:
+    found = found_times(np.array(all_ns, np.int64))
+    told_ms = [found.p50_ms, found.p90_ms, found.p99_ms, found.max_ms]
+    if not all_ns:
+        assert np.isnan([*told_ms, found.mean_ms]).all()
         return
-    ranks = np.maximum(np.ceil(shares * len(all_ns)), 1).astype(int) - 1
-    exact_ms = all_ns[ranks] / 1e6
-    assert np.allclose(found_ms, exact_ms, rtol=0.6 / STEPS, atol=1.1e-6)
-    assert spread.max_ms == all_ns[-1] / 1e6
-    assert spread.mean_ms == pytest.approx(all_ns.mean() / 1e6, rel=1e-9, abs=1e-3)
-
-
-def test_a_spread_of_hours_and_of_nothing_takes_little_memory() -> None:
-    spread = spread_of([0], [10**18], [-(10**18)])
-    assert spread._counts.nbytes < 1_000_000
+    ranks = np.maximum(np.ceil(np.array([0.5, 0.9, 0.99, 1.0]) * len(all_ns)), 1).astype(int) - 1
+    assert told_ms == (np.sort(all_ns)[ranks] / 1e6).tolist()
+    assert found.mean_ms == pytest.approx(np.mean(all_ns) / 1e6, rel=1e-9, abs=1e-3)
 
 
 def drawn_ns(keys: dict[str, object], n: int, seed: int = 4) -> np.ndarray:
@@ -86,20 +64,17 @@ def drawn_ns(keys: dict[str, object], n: int, seed: int = 4) -> np.ndarray:
     return np.rint(DelayLaw.of(link(**keys)).quantile_ms(u) * 1e6).astype(np.int64)
 
 
-def fit_of(keys: dict[str, object], delays_ns: np.ndarray) -> LawFit:
-    fit = LawFit(DelayLaw.of(link(**keys)))
-    for part in np.array_split(delays_ns, 3):
-        fit.add(part)
-    return fit
+def distance_of(keys: dict[str, object], delays_ns: np.ndarray) -> float:
+    return law_distance(DelayLaw.of(link(**keys)), delays_ns)
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_delays_of_a_law_fit_it_and_those_of_another_do_not(name: str) -> None:
     n, keys = 40_000, LAWS[name]
     delays_ns = drawn_ns(keys, n)
-    right = fit_of(keys, delays_ns).distance()
+    right = distance_of(keys, delays_ns)
     assert_chance(p_of_distance(right, n), name)
-    wrong = fit_of(keys, delays_ns + delays_ns // 50 + 10_000).distance()
+    wrong = distance_of(keys, delays_ns + delays_ns // 50 + 10_000)
     assert p_of_distance(wrong, n) < 1e-9
 
 
@@ -108,12 +83,12 @@ def test_the_distance_is_that_of_kolmogorov_within_the_resolution(name: str) -> 
     keys = LAWS[name]
     delays_ns = drawn_ns(keys, 500)
     exact = stats.kstest(delays_ns / 1e6, DelayLaw.of(link(**keys)).cdf).statistic
-    assert fit_of(keys, delays_ns).distance() == pytest.approx(exact, abs=2 / CELLS + 1 / 500)
+    assert distance_of(keys, delays_ns) == pytest.approx(exact, abs=2 / CELLS + 1 / 500)
 
 
 def test_a_law_without_a_spread_has_no_distance() -> None:
     for keys in ({"latency_ms": 3.0}, {"distribution": "table", "delays_ms": [3.0]}):
-        assert np.isnan(fit_of(keys, np.full(100, 3 * MS)).distance())
+        assert np.isnan(distance_of(keys, np.full(100, 3 * MS)))
 
 
 @pytest.mark.parametrize(("n", "within"), [(8, 1.0), (30, 0.1), (1000, 0.05)])
@@ -140,49 +115,30 @@ def test_few_counts_have_no_z_score() -> None:
     assert z_score(-6.0, 9.0) == -2.0
 
 
-def turns(numbers: list[int], start_ns: int = 0, **more: int) -> list[Turn]:
-    given = {"sent_utc_ns": 0, "fate": int(pb.SENT), "row": 0} | more
-    return [Turn(number=n, due_utc_ns=start_ns + n * MS, **given) for n in numbers]
+def order_of(*rows: tuple[int, int, int, int], links: int = 1) -> list[Order]:
+    """Of messages by number, time of sending, fate and link, told in whatever order."""
+    number, sent_ns, fate, row = (np.array(c, np.int64) for c in zip(*rows, strict=True))
+    empty = tables_of(()).messages
+    sent = empty.but(number=number, due_utc_ns=number, sent_utc_ns=sent_ns, fate=fate, entry=row)
+    return orders_of(sent.picked(np.arange(len(rows)), NEEDED_FOR_ORDER), links)
 
 
-def given_out(order: InTurn, what: list[Turn]) -> list[int]:
-    found = [turn.number for each in what for turn in order.add(each)]
-    return found + [turn.number for turn in order.rest()]
-
-
-@given(st.permutations(range(60)), st.sets(st.integers(0, 59)))
-def test_turns_come_out_in_their_order_even_if_some_are_missing(
-    numbers: list[int], missing: set[int]
-) -> None:
-    order = InTurn()
-    told = [n for n in numbers if n not in missing]
-    assert given_out(order, turns(told)) == sorted(told)
-    assert order.out_of_turn == 0
-
-
-def test_what_is_held_back_is_bounded_and_what_comes_too_late_is_counted() -> None:
-    order = InTurn()
-    late = list(range(1, 3 * WINDOW))
-    assert given_out(order, turns([*late, 0])) == late
-    assert order.out_of_turn == 1
-    assert len(order._held) == 0
-
-
-def test_another_session_begins_at_nought() -> None:
-    order = InTurn()
-    assert given_out(order, turns([0, 1, 2]) + turns([1, 0, 2], 10**12)) == [0, 1, 2, 0, 1, 2]
+NEEDED_FOR_ORDER = ("entry", "number", "due_utc_ns", "sent_utc_ns", "fate")
 
 
 FATES = [pb.SENT, pb.LOST, pb.LOST, pb.OUTAGE, pb.QUEUE_FULL, pb.STALE, pb.FATE_UNSPECIFIED]
 
 
-@given(st.lists(st.tuples(st.sampled_from(FATES), st.integers(0, 30)), max_size=80))
-def test_bursts_and_overtaking_are_by_their_definition(what: list[tuple[int, int]]) -> None:
-    passage = Passage()
-    for number, (fate, sent_ns) in enumerate(what):
-        passage.add(Turn(number, number, sent_ns, int(fate), 0))
-    passage.end()
-    found = passage.order_of(0)
+@given(
+    st.lists(st.tuples(st.sampled_from(FATES), st.integers(0, 30)), min_size=1, max_size=80),
+    st.randoms(use_true_random=False),
+)
+def test_bursts_and_overtaking_are_by_their_definition(
+    what: list[tuple[int, int]], told: random.Random
+) -> None:
+    rows = [(number, sent_ns, int(fate), 0) for number, (fate, sent_ns) in enumerate(what)]
+    told.shuffle(rows)
+    (found,) = order_of(*rows)
 
     letters = "".join(
         "x" if fate == pb.LOST else "?" if fate in (pb.OUTAGE, pb.FATE_UNSPECIFIED) else "."
@@ -203,14 +159,17 @@ def _whole_bursts(letters: str) -> list[str]:
 
 
 def test_a_burst_does_not_go_on_under_another_setting() -> None:
-    passage = Passage()
     fates = [pb.SENT, pb.LOST, pb.LOST, pb.LOST, pb.SENT, pb.LOST, pb.SENT]
-    for number, fate in enumerate(fates):
-        passage.add(Turn(number, number, number, int(fate), int(number > 2)))
-    passage.end()
-    assert passage.order_of(0).bursts == {}
-    assert passage.order_of(1).bursts == {1: 1}
-    assert (passage.order_of(0).cut_bursts, passage.order_of(1).cut_bursts) == (1, 1)
+    rows = [(n, n, int(fate), int(n > 2)) for n, fate in enumerate(fates)]
+    before, after = order_of(*rows, links=2)
+    assert (before.bursts, after.bursts) == ({}, {1: 1})
+    assert (before.cut_bursts, after.cut_bursts) == (1, 1)
+
+
+def test_a_burst_does_not_go_on_where_messages_are_missing_nor_in_another_session() -> None:
+    lost, sent = int(pb.LOST), int(pb.SENT)
+    (found,) = order_of((0, 0, sent, 0), (1, 0, lost, 0), (3, 0, lost, 0), (4, 9, sent, 0))
+    assert (found.bursts, found.cut_bursts) == ({}, 2)
 
 
 def test_detection_by_range_adds_up_and_is_within_chance() -> None:
