@@ -16,13 +16,14 @@ from contextlib import closing
 from dataclasses import dataclass
 from decimal import Decimal, DecimalException
 from functools import lru_cache
+from importlib.util import find_spec
 from itertools import islice, product
 from pathlib import Path
 from typing import Any, NoReturn, Self, TypeVar
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import lock
-from plotfeed.feeds.console.printed import naming, say
+from plotfeed.feeds.console.printed import finite, naming, say
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.recording.recorder import files_of
 from plotfeed.feeds.scene.presets.preset import with_presets
@@ -486,6 +487,52 @@ def seed_of(first: int, run: int) -> int:
     return (first + run) % SEEDS
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunJob:
+    """A run of a level, with what all runs have in common; a number has one seed at all levels."""
+
+    level: SweepLevel
+    run: int
+    seed: int
+    plan: Any
+
+    def __str__(self) -> str:
+        return f"run {self.run} of {self.level}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunsAsked:
+    """What is asked of many runs, in the words of the options of commands."""
+
+    vary: Sequence[str]
+    runs: int
+    seed: int
+    duration: float | None
+    processes: int | None
+    ray: str | None
+    force: bool
+    as_json: bool
+
+    def processes_of(self, jobs: int) -> int | None:
+        """Processes to be started here; None where a cluster has them."""
+        if self.ray is not None:
+            return None
+        if self.processes is not None:
+            return min(self.processes, max(jobs, 1))
+        if jobs and not find_spec("ray"):
+            say("plotfeed: one process, as ray is missing: pip install 'plotfeed[fleet]'", err=True)
+            return 1
+        return min(os.cpu_count() or 1, max(jobs, 1))
+
+    def tell(self, told: Mapping[str, Any], lines: Iterable[str], written: Sequence[Path]) -> None:
+        """Print what came of the runs, in lines or as one JSON object, and the files."""
+        if self.as_json:
+            say(json.dumps(finite({**told, "files": [str(path) for path in written]})))
+            return
+        for line in (*lines, *(f"written: {path}" for path in written)):
+            say(line)
+
+
 class Journal:
     """A file of runs that are done, by level and run. One process at a time writes to it.
 
@@ -573,20 +620,23 @@ class Journal:
                 left = left[self._file.write(left) :]
 
 
-def keep_all(
+def finish(
     kept: Journal,
-    work: Callable[[Any], dict[str, Any]],
-    jobs: Sequence[Any],
-    before: int,
-    *,
-    address: str | None,
-    processes: int | None,
-) -> None:
-    """Spread jobs, and keep the result of each as it comes; a bar says how far they are.
+    work: Callable[[RunJob], dict[str, Any]],
+    levels: Sequence[SweepLevel],
+    asked: RunsAsked,
+    plan: Any,
+) -> int:
+    """Do the runs that are not done yet, and keep the result of each; how many were done before.
 
-    `before` are done already. Ctrl-C ends it with a line on what is kept.
+    A bar says how far they are. Ctrl-C ends it with a line on what is kept.
     """
-    count, every = before, before + len(jobs)
+    jobs = [
+        RunJob(level=level, run=run, seed=seed_of(asked.seed, run), plan=plan)
+        for level, run in kept.missing(levels, asked.runs)
+    ]
+    every = len(levels) * asked.runs
+    before = count = every - len(jobs)
 
     def counted(results: Iterable[tuple[Any, dict[str, Any]]]) -> Iterator[None]:
         nonlocal count
@@ -595,11 +645,11 @@ def keep_all(
             count += 1
             yield
 
-    if not jobs:
-        return
+    processes = asked.processes_of(len(jobs))
     try:
-        with closing(spread(work, jobs, address=address, processes=processes)) as results:
-            for _ in with_progress(counted(results), "runs", lambda: count, every, look_every=1):
+        with closing(spread(work, jobs, address=asked.ray, processes=processes)) as results:
+            progress = with_progress(counted(results), "runs", lambda: count, every, look_every=1)
+            for _ in progress if jobs else ():
                 pass
     except KeyboardInterrupt:
         say(
@@ -608,3 +658,4 @@ def keep_all(
             err=True,
         )
         raise
+    return before

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
-from math import ceil, isfinite, log10
+from math import ceil, log10
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plotfeed.feeds.console.extras import check_picture, need_extra
-from plotfeed.feeds.console.printed import aligned, finite, printable, say
+from plotfeed.feeds.console.printed import aligned, printable, say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.lab.pictures import (
     LEVELS_DRAWN,
@@ -31,13 +29,15 @@ from plotfeed.feeds.lab.pictures import (
 from plotfeed.feeds.lab.runs import (
     NAME,
     Journal,
+    RunsAsked,
     SweepLevel,
     VariedKey,
     digests,
-    keep_all,
     levels_of,
     scene_of,
-    seed_of,
+)
+from plotfeed.feeds.lab.runs import (
+    finish as finish_runs,
 )
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES, ScoreSettings
 from plotfeed.feeds.lab.sweep import (
@@ -45,10 +45,10 @@ from plotfeed.feeds.lab.sweep import (
     TOGETHER,
     LevelFigures,
     Results,
-    RunJob,
     RunPlan,
     detection_by_distance,
     figures_of,
+    interval_text,
     lines_of,
     run_once,
 )
@@ -64,7 +64,6 @@ from plotfeed.feeds.lab.tables import (
 )
 from plotfeed.feeds.lab.trackers import (
     TrackerCommand,
-    TrackerJob,
     TrackerPlan,
     of_trackers,
     run_tracker,
@@ -92,13 +91,9 @@ NOT_FELT = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SweepSettings:
+class SweepSettings(RunsAsked):
     """What a sweep is asked to do, in the words of the command's options."""
 
-    vary: Sequence[str]
-    runs: int
-    seed: int
-    duration: float | None
     out: Path
     chart: Path | None
     protect: str | None
@@ -106,10 +101,6 @@ class SweepSettings:
     alert_plots: int
     alert_within: float
     """Seconds."""
-    processes: int | None
-    ray: str | None
-    force: bool
-    as_json: bool
 
     @property
     def is_one_table(self) -> bool:
@@ -155,15 +146,43 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
     if not journal.exists():
         for path in settings.tables().values():
             refuse_if_there(path, force=settings.force)
-    with Journal(journal, _told(levels, varied, settings, plan), anew=settings.force) as kept:
-        before = _run(kept, levels, settings, plan)
+    told = {
+        "plotfeed": version("plotfeed"),
+        "scenes": digests(levels),
+        "--vary": {key.path: list(key.values) for key in varied},
+        "--seed": settings.seed,
+        "--duration": settings.duration,
+        "--protect": list(plan.protect_enu_m),
+        "--alert-plots": plan.alert_plots,
+        "--alert-within": plan.alert_within_s,
+    }
+    with Journal(journal, told, anew=settings.force) as kept:
+        before = finish_runs(kept, run_once, levels, settings, plan)
         done = kept.of_first(settings.runs)
         figures = figures_of(levels, done)
-        written = list(_write(levels, figures, done, settings))
+        for name, path in settings.tables().items():
+            write_table(path, *table_of(name, levels, done))
+        picture = settings.picture()
+        if picture is not None:
+            draw_sweep(picture, levels, figures, done)
     if settings.is_one_table:
         shutil.rmtree(settings.folder)
-    _print(levels, figures, written, before, settings)
+    counts = {"levels": len(levels), "runs": settings.runs, "were_done": before}
+    settings.tell(
+        counts | {"figures": [each.as_json() for each in figures]},
+        _sweep_lines(figures, counts),
+        [*settings.tables().values(), *([picture] if picture else [])],
+    )
+    if picture is None and not settings.is_one_table and not settings.as_json:
+        say("no chart: pip install 'plotfeed[charts]'")
     return 0
+
+
+def _sweep_lines(figures: Sequence[LevelFigures], counts: Mapping[str, int]) -> Iterator[str]:
+    were = f", {counts['were_done']} of which were done" if counts["were_done"] else ""
+    yield f"{counts['levels']} level(s), {counts['runs']} run(s) of each{were}\n"
+    yield from lines_of(figures)
+    yield "\nIn brackets: 95 % intervals, by the bootstrap over runs."
 
 
 def place_of(text: str | None) -> Enu:
@@ -211,94 +230,6 @@ def _class_m(levels: Sequence[SweepLevel]) -> float:
     most_m = max(sensor.range_max_m for level in levels for sensor in scene_of(level).sensor)
     power: float = 10.0 ** ceil(log10(most_m / CLASSES) - 1)
     return max(power * factor for factor in (1, 2, 5) if power * factor <= most_m / CLASSES)
-
-
-def _told(
-    levels: Sequence[SweepLevel],
-    varied: Sequence[VariedKey],
-    settings: SweepSettings,
-    plan: RunPlan,
-) -> dict[str, Any]:
-    """What a journal must have begun with, by what the user calls it; more runs may be asked."""
-    return {
-        "plotfeed": version("plotfeed"),
-        "scenes": digests(levels),
-        "--vary": {key.path: list(key.values) for key in varied},
-        "--seed": settings.seed,
-        "--duration": settings.duration,
-        "--protect": list(plan.protect_enu_m),
-        "--alert-plots": plan.alert_plots,
-        "--alert-within": plan.alert_within_s,
-    }
-
-
-def _run(
-    kept: Journal, levels: Sequence[SweepLevel], settings: SweepSettings, plan: RunPlan
-) -> int:
-    """Do what is not done yet; how many runs were."""
-    jobs = [
-        RunJob(level=level, run=run, seed=seed_of(settings.seed, run), plan=plan)
-        for level, run in kept.missing(levels, settings.runs)
-    ]
-    before = len(levels) * settings.runs - len(jobs)
-    processes = processes_of(settings, len(jobs)) if jobs else 1
-    keep_all(kept, run_once, jobs, before, address=settings.ray, processes=processes)
-    return before
-
-
-def processes_of(settings: SweepSettings, jobs: int) -> int | None:
-    """Processes to be started here; None where a cluster has them."""
-    if settings.ray is not None:
-        return None
-    if settings.processes is not None:
-        return min(settings.processes, jobs)
-    if not find_spec("ray"):
-        say("plotfeed: one process, as ray is missing: pip install 'plotfeed[fleet]'", err=True)
-        return 1
-    return min(os.cpu_count() or 1, jobs)
-
-
-def _write(
-    levels: Sequence[SweepLevel],
-    figures: Sequence[LevelFigures],
-    done: Results,
-    settings: SweepSettings,
-) -> Iterator[Path]:
-    for name, path in settings.tables().items():
-        write_table(path, *table_of(name, levels, done))
-        yield path
-    picture = settings.picture()
-    if picture is not None:
-        draw_sweep(picture, levels, figures, done)
-        yield picture
-
-
-def _print(
-    levels: Sequence[SweepLevel],
-    figures: Sequence[LevelFigures],
-    written: Sequence[Path],
-    before: int,
-    settings: SweepSettings,
-) -> None:
-    if settings.as_json:
-        told = {
-            "levels": len(levels),
-            "runs": settings.runs,
-            "were_done": before,
-            "figures": [each.as_json() for each in figures],
-            "files": [str(path) for path in written],
-        }
-        say(json.dumps(finite(told)))
-        return
-    were = f", {before} of which were done" if before else ""
-    say(f"{len(levels)} level(s), {settings.runs} run(s) of each{were}\n")
-    for line in lines_of(figures):
-        say(line)
-    say("\nIn brackets: 95 % intervals, by the bootstrap over runs.")
-    for path in written:
-        say(f"written: {path}")
-    if settings.picture() is None and not settings.is_one_table:
-        say("no chart: pip install 'plotfeed[charts]'")
 
 
 INCHES_WIDE, INCHES_A_ROW = 15.0, 3.7
@@ -452,7 +383,7 @@ def curve_lines(points: Sequence[CurvePoint]) -> Iterator[str]:
     for point in points:
         row = [*([point.tracker] if several else []), *(v for _, v in point.level.changes)]
         row += [str(point.runs), str(len(point.failures))]
-        rows.append(row + [_shown(point.figures[name], SHOWN[name][1]) for name in SHOWN])
+        rows.append(row + [interval_text(point.figures[name], SHOWN[name][1]) for name in SHOWN])
     left = len(paths) + several
     sides = "<" * left + ">" * (len(rows[0]) - left)
     yield from (line.rstrip() for line in aligned(rows, sides))
@@ -463,13 +394,6 @@ def curve_lines(points: Sequence[CurvePoint]) -> Iterator[str]:
         for failure in point.failures:
             first.setdefault(failure, str(point.level))
     yield from (f"failed: {failure} ({where})" for failure, where in first.items())
-
-
-def _shown(figure: Interval, form: str) -> str:
-    if not isfinite(figure.value):
-        return "-"
-    value, low, high = (f"{number:{form}}" for number in figure)
-    return value if not isfinite(figure.low) or low == high else f"{value} ({low} to {high})"
 
 
 def draw_curve(path: Path, points: Sequence[CurvePoint]) -> None:
@@ -490,26 +414,20 @@ def _title(points: Sequence[CurvePoint]) -> str:
     return plain_text(f"{names}: {runs} runs, bars 95 % over those of a level{more}")
 
 
-CURVE_PICTURE = "curve.png"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrackerSettings:
-    """What is asked for, in the words of the command's options."""
+class TrackerSettings(RunsAsked):
+    """What is asked of runs of trackers, in the words of the command's options."""
 
     trackers: Sequence[str]
-    vary: Sequence[str]
-    runs: int
-    seed: int
-    duration: float | None
     speed: float
     patience: float
     topic: str | None
     folder: Path
-    processes: int
-    ray: str | None
-    force: bool
-    as_json: bool
+
+    def files(self) -> list[Path]:
+        """The table, and the picture where it can be drawn."""
+        picture = [self.folder / "curve.png"] if find_spec("matplotlib") else []
+        return [self.folder / f"scores{usual_suffix()}", *picture]
 
 
 def score_tracker(scene: Path, settings: TrackerSettings, how: ScoreSettings) -> int:
@@ -524,31 +442,10 @@ def score_tracker(scene: Path, settings: TrackerSettings, how: ScoreSettings) ->
     if settings.ray is not None:
         need_extra("ray", "--ray", "fleet", load=False)
     of_scene = levels_of([scene], [VariedKey.parse(text) for text in settings.vary])
-    told = _tracker_plan(of_scene, trackers, settings, how)
-    levels = of_trackers(of_scene, names)
-    if not (settings.folder / NAME).exists():
-        for path in _files(settings):
-            refuse_if_there(path, force=settings.force)
-    with Journal(settings.folder / NAME, told, anew=settings.force) as kept:
-        before = _run_trackers(kept, levels, trackers, settings, how)
-        done = kept.of_first(settings.runs)
-        points = [CurvePoint.of(level, names[level.number % len(names)], done) for level in levels]
-        written = list(_write_curve(levels, points, done, settings))
-    _print_curve(points, written, before, settings)
-    return 1 if any(point.failures for point in points) else 0
-
-
-def _tracker_plan(
-    levels: Sequence[SweepLevel],
-    trackers: Sequence[TrackerCommand],
-    settings: TrackerSettings,
-    how: ScoreSettings,
-) -> dict[str, Any]:
-    """What the journal must have begun with; more runs may be asked."""
-    return {
+    told = {
         "plotfeed": version("plotfeed"),
-        "scenes": digests(levels),
-        "--vary": [list(map(list, level.changes)) for level in levels],
+        "scenes": digests(of_scene),
+        "--vary": [list(map(list, level.changes)) for level in of_scene],
         "--tracker": [[tracker.name, *tracker.words] for tracker in trackers],
         "--seed": settings.seed,
         "--duration": settings.duration,
@@ -556,80 +453,44 @@ def _tracker_plan(
         "--topic": settings.topic,
         "settings of the score": asdict(how),
     }
-
-
-def _run_trackers(
-    kept: Journal,
-    levels: Sequence[SweepLevel],
-    trackers: Sequence[TrackerCommand],
-    settings: TrackerSettings,
-    how: ScoreSettings,
-) -> int:
-    """Do what is not done yet; how many runs were."""
+    levels = of_trackers(of_scene, names)
+    if not (settings.folder / NAME).exists():
+        for path in settings.files():
+            refuse_if_there(path, force=settings.force)
     plan = TrackerPlan(
         duration_s=settings.duration,
         speed=settings.speed,
         patience_s=settings.patience,
         topic=settings.topic,
         settings=how,
+        trackers=trackers,
     )
-    jobs = [
-        TrackerJob(
-            level=level,
-            run=run,
-            seed=seed_of(settings.seed, run),
-            tracker=trackers[level.number % len(trackers)],
-            plan=plan,
-        )
-        for level, run in kept.missing(levels, settings.runs)
-    ]
-    before = len(levels) * settings.runs - len(jobs)
-    processes = None if settings.ray else min(settings.processes, max(len(jobs), 1))
-    keep_all(kept, run_tracker, jobs, before, address=settings.ray, processes=processes)
-    return before
+    with Journal(settings.folder / NAME, told, anew=settings.force) as kept:
+        before = finish_runs(kept, run_tracker, levels, settings, plan)
+        done = kept.of_first(settings.runs)
+        points = [CurvePoint.of(level, plan.of(level).name, done) for level in levels]
+        _write_scores(levels, points, done, settings)
+    counts = {"runs": settings.runs, "were_done": before}
+    told = counts | {"points": [point.as_json() for point in points]}
+    settings.tell(told, curve_lines(points), settings.files())
+    if before and not settings.as_json:
+        say(f"{before} runs were done before")
+    return 1 if any(point.failures for point in points) else 0
 
 
-def _files(settings: TrackerSettings) -> list[Path]:
-    """The table, and the picture where it can be drawn."""
-    picture = [settings.folder / CURVE_PICTURE] if find_spec("matplotlib") else []
-    return [settings.folder / f"scores{usual_suffix()}", *picture]
-
-
-def _write_curve(
+def _write_scores(
     levels: Sequence[SweepLevel],
     points: Sequence[CurvePoint],
     done: Results,
     settings: TrackerSettings,
-) -> Iterator[Path]:
+) -> None:
     own = {"failure": str, **dict.fromkeys(FIGURE_NAMES, float)}
     rows = [
         (key, [[run["failure"] or None, *(run["figures"][name] for name in FIGURE_NAMES)]])
         for key, run in sorted(done.items())
     ]
-    table, *pictures = _files(settings)
+    table, *pictures = settings.files()
     first = "tracker" if len(settings.trackers) > 1 else "scene"
     write_table(table, *level_columns(levels, done, rows, own, first=first))
-    yield table
     for picture in pictures:
         draw_curve(picture, points)
-        yield picture
-
-
-def _print_curve(
-    points: Sequence[CurvePoint], written: Sequence[Path], before: int, settings: TrackerSettings
-) -> None:
-    if settings.as_json:
-        told = {
-            "runs": settings.runs,
-            "were_done": before,
-            "points": [point.as_json() for point in points],
-            "files": [str(path) for path in written],
-        }
-        say(json.dumps(finite(told)))
-        return
-    for line in curve_lines(points):
-        say(line)
-    for path in written:
-        say(f"written: {path}")
-    if before:
-        say(f"{before} runs were done before")

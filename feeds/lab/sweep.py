@@ -12,7 +12,7 @@ import numpy as np
 from plotfeed.feeds.console.printed import aligned
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.feeds.impairment.link import Fate, Impairment
-from plotfeed.feeds.lab.runs import SweepLevel, scene_of
+from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -80,19 +80,6 @@ class RunPlan:
     """Seconds within which they must arrive."""
     bin_m: float
     """Width of the classes of distance."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunJob:
-    """A run of a level: the same number has the same seed at every level."""
-
-    level: SweepLevel
-    run: int
-    seed: int
-    plan: RunPlan
-
-    def __str__(self) -> str:
-        return f"run {self.run} of {self.level}"
 
 
 def span_of(scene: Scene, duration_s: float | None) -> tuple[int, float]:
@@ -446,16 +433,24 @@ def lines_of(figures: Sequence[LevelFigures]) -> Iterator[str]:
     for each in figures:
         values = [value for _, value in each.level.changes]
         row = [*([each.level.scene] if several else []), *values, each.sensor or TOGETHER]
-        row += [str(each.runs), _shown(each.pd, ".3f"), _shown(each.alerted, ".1f", 100.0)]
-        row += [_shown(each.alert_distance_m, ".0f"), _shown(each.alert_change_m, "+.0f")]
-        row += [_shown(each.false_alarms, ".2f")]
-        row += [_shown(error, ".3g") for error in each.errors.values()]
+        row += [
+            str(each.runs),
+            interval_text(each.pd, ".3f"),
+            interval_text(each.alerted, ".1f", 100.0),
+        ]
+        row += [
+            interval_text(each.alert_distance_m, ".0f"),
+            interval_text(each.alert_change_m, "+.0f"),
+        ]
+        row += [interval_text(each.false_alarms, ".2f")]
+        row += [interval_text(error, ".3g") for error in each.errors.values()]
         rows.append(row)
     names = len(head) - 10
     yield from (line.rstrip() for line in aligned(rows, "<" * names + ">" * 10))
 
 
-def _shown(figure: Interval, form: str, factor: float = 1.0) -> str:
+def interval_text(figure: Interval, form: str, factor: float = 1.0) -> str:
+    """A figure as people read it, with its interval in brackets."""
     if not isfinite(figure.value):
         return "-"
     value, low, high = (f"{number * factor:{form}}" for number in figure)

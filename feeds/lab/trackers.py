@@ -10,14 +10,14 @@ import re
 import shlex
 import shutil
 import signal
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from plotfeed.feeds.console.posix import end_group
 from plotfeed.feeds.lab.flights import FlightsTally
 from plotfeed.feeds.lab.ledger_columns import tables_of
-from plotfeed.feeds.lab.runs import SweepLevel, scene_of
+from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
 from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
 from plotfeed.feeds.lab.sweep import span_of
 from plotfeed.feeds.lab.track_reports import TrackTable, take_message
@@ -91,23 +91,14 @@ class TrackerPlan:
     """For the tracker's first line, at which the session begins, or without one."""
     topic: str | None
     settings: ScoreSettings
+    trackers: Sequence[TrackerCommand]
+
+    def of(self, level: SweepLevel) -> TrackerCommand:
+        """The tracker that runs at a level."""
+        return self.trackers[level.number % len(self.trackers)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrackerJob:
-    """A run of a tracker at a level; the same number has the same seed at every level."""
-
-    level: SweepLevel
-    run: int
-    seed: int
-    tracker: TrackerCommand
-    plan: TrackerPlan
-
-    def __str__(self) -> str:
-        return f"run {self.run} of {self.tracker.name}, {self.level}"
-
-
-def run_tracker(job: TrackerJob) -> dict[str, Any]:
+def run_tracker(job: RunJob) -> dict[str, Any]:
     """The figures of a run, and how the tracker failed if it did, as JSON holds them.
 
     Raises `PlotfeedError` where there is nothing to score, or no broker.
@@ -115,7 +106,7 @@ def run_tracker(job: TrackerJob) -> dict[str, Any]:
     return asyncio.run(_run(job))
 
 
-async def _run(job: TrackerJob) -> dict[str, Any]:
+async def _run(job: RunJob) -> dict[str, Any]:
     scene, plan = _scene_of(job), job.plan
     start_ns, duration_s = span_of(scene, plan.duration_s)
     clock = WallClock(start_ns, speed=plan.speed)
@@ -146,7 +137,7 @@ async def _run(job: TrackerJob) -> dict[str, Any]:
     return told | {"failure": score.failure, "figures": figures}
 
 
-def _scene_of(job: TrackerJob) -> Scene:
+def _scene_of(job: RunJob) -> Scene:
     """The scene of the level, with the run's seed; nothing of it leaves but to the run's broker."""
     scene = scene_of(job.level)
     general = scene.scene.model_copy(update={"seed": job.seed})
@@ -211,7 +202,7 @@ async def _listening(brokers: Brokers, topic: str, heard: _Heard) -> AsyncIterat
 
 @contextlib.asynccontextmanager
 async def _started(
-    job: TrackerJob, brokers: Brokers, prefix: str, topic: str
+    job: RunJob, brokers: Brokers, prefix: str, topic: str
 ) -> AsyncIterator[_TrackerProcess]:
     """The tracker's process, which is gone afterwards with all that it has started."""
     five, three = brokers[0]
@@ -228,7 +219,7 @@ async def _started(
     told = {f"PLOTFEED_TRACKER_{name.upper()}": value for name, value in values.items()}
     try:
         process = await asyncio.create_subprocess_exec(
-            *job.tracker.filled(values),
+            *job.plan.of(job.level).filled(values),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,

@@ -19,9 +19,9 @@ from pathlib import Path
 
 from aims import aim, ratios, spread
 
-from plotfeed.feeds.lab.runs import SweepLevel, VariedKey, levels_of
+from plotfeed.feeds.lab.runs import RunJob, SweepLevel, VariedKey, levels_of
 from plotfeed.feeds.lab.runs import spread as spread_over
-from plotfeed.feeds.lab.sweep import RunJob, RunPlan, run_once
+from plotfeed.feeds.lab.sweep import RunPlan, run_once
 
 REPEATS, RUNS = 3, 30
 AIM = 1.8

@@ -11,12 +11,11 @@ from support.scene_files import radar, scene_file, scene_text
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import simulate
-from plotfeed.feeds.lab.runs import VariedKey, levels_of
+from plotfeed.feeds.lab.runs import RunJob, VariedKey, levels_of
 from plotfeed.feeds.lab.sweep import (
     NEVER,
     SENSOR_COLUMNS,
     START_UTC_NS,
-    RunJob,
     RunPlan,
     arrivals_ns,
     enough_ns,

@@ -16,7 +16,8 @@ from support.scene_files import radar, scene_file, scene_text
 from support.waiting import wait_until
 
 from plotfeed.feeds.lab import studies
-from plotfeed.feeds.lab.sweep import RunJob, run_once
+from plotfeed.feeds.lab.runs import RunJob
+from plotfeed.feeds.lab.sweep import run_once
 from plotfeed.feeds.lab.tables import TABLES
 
 VARY = ("--vary", "sensor.north.pfa=1e-6,1e-4", "--vary", "link.latency_ms=0:200:200")
