@@ -105,6 +105,11 @@ class PdFigures:
     p: float
     """Probability of such a share, or one further off, by chance."""
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of the share, 95 %."""
+        return self.low, self.high
+
 
 def pd_of_all(looks: LookTally) -> PdFigures | None:
     """Figures of all ranges; None without a look."""

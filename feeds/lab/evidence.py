@@ -32,7 +32,7 @@ from plotfeed.replay.recorded import Recorded, Stage
 
 NO_PLOTS = MeasuredPlots.of(())
 TRUTH = "/truth"
-AT_ONCE = 16_384
+AT_ONCE = 8192
 """Messages that are read together."""
 REMEMBERED = 65_536
 """Entries by which it is noticed that one was recorded twice."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ from plotfeed.feeds.lab.evidence import (
 )
 from plotfeed.feeds.lab.laws import TIME_OF_SENDING, TrueEchoes, TruePlots, compared, with_rounding
 from plotfeed.feeds.lab.ledger_columns import LedgerTables, tables_of
-from plotfeed.feeds.lab.tables import table
+from plotfeed.feeds.lab.tables import Column, Table
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.chance import Chance
 from plotfeed.models.clutter import CLUTTER
@@ -673,18 +673,38 @@ def simulated_feed(scene: Scene, seen: SimulatedSensor, sectors: int = 0) -> Sen
     )
 
 
-HEADINGS = ("sensor", "check", "claimed", "found", "+-", "", "z", "of", "verdict")
-SIDES = "<<>>><>>"
+def _if_judged(of: Callable[[ResidualCheck], Any]) -> Callable[[tuple[str, JudgedCheck]], Any]:
+    """What stands in a column of checks that are judged; nothing of others."""
+    return lambda row: "" if np.isnan(row[1].check.p) else of(row[1].check)
+
+
+def _verdict(row: tuple[str, JudgedCheck]) -> str:
+    check = row[1].check
+    if np.isnan(check.p):
+        return f"not judged: {check.why_not}"
+    return "WRONG" if row[1].wrong else "ok"
+
+
+CHECKS = (
+    Column("sensor", lambda row: row[0]),
+    Column("check", lambda row: row[1].check.name),
+    Column("claimed", _if_judged(lambda check: check.claimed), ".4g"),
+    Column("found", _if_judged(lambda check: check.found), ".4g"),
+    Column("+-", _if_judged(lambda check: check.sigma), ".2g"),
+    Column("", _if_judged(lambda check: check.unit)),
+    Column("z", _if_judged(lambda check: check.z), "+.1f"),
+    Column("of", _if_judged(lambda check: check.of), "d"),
+    Column("verdict", _verdict),
+)
 
 
 def as_text(verdict: FeedVerdict) -> list[str]:
     """The verdict in lines."""
     rows, before = [], ""
     for each in verdict.checks:
-        name = "" if each.sensor == before else each.sensor
+        rows.append(("" if each.sensor == before else each.sensor, each))
         before = each.sensor
-        rows.append((name, *_cells(each)))
-    lines = list(table("The feed beside its claims, as a tracker sees it", HEADINGS, rows, SIDES))
+    lines = list(Table("The feed beside its claims, as a tracker sees it", CHECKS, rows).lines())
     if not rows:
         lines.append("  no sensor's plots can be read")
     for sensor, carrier in verdict.carriers.items():
@@ -700,22 +720,6 @@ def as_text(verdict: FeedVerdict) -> list[str]:
         f"Of right feeds {100 * verdict.false_rate:g} % are called wrong somewhere."
     )
     return lines
-
-
-def _cells(each: JudgedCheck) -> tuple[str, ...]:
-    check = each.check
-    if np.isnan(check.p):
-        return (check.name, "", "", "", "", "", "", f"not judged: {check.why_not}")
-    return (
-        check.name,
-        f"{check.claimed:.4g}",
-        f"{check.found:.4g}",
-        f"{check.sigma:.2g}",
-        check.unit,
-        f"{check.z:+.1f}",
-        str(check.of),
-        "WRONG" if each.wrong else "ok",
-    )
 
 
 def as_json(verdict: FeedVerdict) -> dict[str, Any]:

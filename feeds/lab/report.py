@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from textwrap import wrap
@@ -15,16 +16,15 @@ import numpy as np
 from plotfeed.feeds.console.extras import check_picture
 from plotfeed.feeds.console.printed import Row, printable, say, say_damage
 from plotfeed.feeds.console.process import refuse_if_there
-from plotfeed.feeds.lab.checks import ErrorFigures, PdFigures, Verdicts
+from plotfeed.feeds.lab.checks import PdFigures, Verdicts
 from plotfeed.feeds.lab.figures import LedgerReport, SensorFigures, as_values, read, report
 from plotfeed.feeds.lab.laws import QUANTITIES, share_interval
-from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, Share, link_text
+from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, link_text
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, finish, save_picture
-from plotfeed.feeds.lab.tables import NOTHING, number, percent, seconds, table
+from plotfeed.feeds.lab.tables import NOTHING, Column, Table, number, percent, table
 from plotfeed.proto.utc import NS, iso_utc
 
 BURSTS_SHOWN = 10
-PAIR = ("asked", "delivered", "z")
 
 
 def lines(told: LedgerReport) -> Iterator[str]:
@@ -38,12 +38,7 @@ def lines(told: LedgerReport) -> Iterator[str]:
     for note in told.notes:
         yield f"  note: {printable(note)}"
     if told.links:
-        yield from _settings(told)
-        yield from _delays(told)
-        yield from _losses(told)
-        yield from _bursts(told)
-        yield from _copies(told)
-        yield from _other_fates(told)
+        yield from _link_tables(told)
     yield from _detection(told)
     yield from _errors(told)
     yield from _false_alarms(told)
@@ -55,24 +50,64 @@ def lines(told: LedgerReport) -> Iterator[str]:
     yield from _verdicts(told.verdicts)
 
 
-def _settings(told: LedgerReport) -> Iterator[str]:
-    rows = [
-        (
-            printable(link.sensor),
-            str(link.number),
-            seconds(link.first_utc_ns - told.first_utc_ns),
-            seconds(link.last_utc_ns - told.first_utc_ns),
-            str(link.messages),
-            printable(link_text(link.link)),
-        )
-        for link in told.links
+def _fate(name: str, link: LinkFigures) -> int:
+    return link.other_fates[name]
+
+
+NAMED = (Column("sensor", "sensor"), Column("link", "number", "d"))
+"""Of links."""
+
+
+def _pair(of: str) -> list[Column]:
+    """What was asked and delivered, in percent, and the z-score."""
+    return [
+        Column("asked", f"{of}.asked", "%"),
+        Column("delivered", f"{of}.delivered", "%"),
+        Column("z", f"{of}.z", "+.1f"),
     ]
-    header = ("sensor", "link", "from s", "to s", "messages", "keys in force")
-    yield from table("Links, and when messages under them were handed over", header, rows, "<>>>><")
+
+
+def _link_tables(told: LedgerReport) -> Iterator[str]:
+    """What links asked and delivered."""
+    begin_ns = told.first_utc_ns
+    settings = [
+        *NAMED,
+        Column("from s", lambda link: (link.first_utc_ns - begin_ns) / NS, ".1f"),
+        Column("to s", lambda link: (link.last_utc_ns - begin_ns) / NS, ".1f"),
+        Column("messages", "messages", "d"),
+        Column("keys in force", lambda link: link_text(link.link)),
+    ]
+    title = "Links, and when messages under them were handed over"
+    yield from Table(title, settings, told.links).lines()
     for link in told.links:
         if link.link_problem:
             named = f"link {link.number} of {printable(link.sensor)}"
             yield f"  {named} is not one that is known: {printable(link.link_problem)}"
+    yield from _delays(told)
+    losses = [
+        *NAMED,
+        Column("messages", "loss.of", "d"),
+        Column("lost", "loss.count", "d"),
+        *_pair("loss"),
+        Column("bursts", "bursts.bursts", "d"),
+        Column("asked", "bursts.asked_mean", ".3f"),
+        Column("delivered", "bursts.delivered_mean", ".3f"),
+        Column("z", "bursts.z", "+.1f"),
+    ]
+    groups = {4: "share lost, %", 8: "mean burst"}
+    yield from Table("Loss, and messages lost in a row", losses, told.links, groups).lines()
+    yield from _bursts(told)
+    copies = [*NAMED, *_pair("duplicates"), *_pair("corrupted"), *_pair("overtook")[:2]]
+    title = "Duplicates, flipped bits, and messages that left before one handed over earlier"
+    groups = {2: "doubled, %", 5: "corrupted, %", 8: "overtook, %"}
+    yield from Table(title, copies, told.links, groups).lines()
+    some = [link for link in told.links if any(link.other_fates.values())]
+    if some:
+        fates = [
+            Column(name.replace("_", " "), partial(_fate, name), "d")
+            for name in some[0].other_fates
+        ]
+        yield from Table("Messages that did not leave otherwise", [*NAMED, *fates], some).lines()
 
 
 def _delays(told: LedgerReport) -> Iterator[str]:
@@ -100,28 +135,6 @@ def _times(times: LatencyFigures | None) -> Iterator[str]:
     return (number(value, ".3f") for value in told)
 
 
-def _losses(told: LedgerReport) -> Iterator[str]:
-    rows = []
-    for link in told.links:
-        loss, bursts = link.loss, link.bursts
-        rows.append(
-            (
-                printable(link.sensor),
-                str(link.number),
-                str(loss.of),
-                str(loss.count),
-                *_share(loss),
-                str(bursts.bursts),
-                number(bursts.asked_mean, ".3f"),
-                number(bursts.delivered_mean, ".3f"),
-                number(bursts.z, "+.1f"),
-            )
-        )
-    header = ("sensor", "link", "messages", "lost", *PAIR, "bursts", *PAIR)
-    groups = {4: "share lost, %", 8: "mean burst"}
-    yield from table("Loss, and messages lost in a row", header, rows, "<" + ">" * 10, groups)
-
-
 def _bursts(told: LedgerReport) -> Iterator[str]:
     rows = []
     for link in told.links:
@@ -143,68 +156,60 @@ def _bursts(told: LedgerReport) -> Iterator[str]:
         )
 
 
-def _copies(told: LedgerReport) -> Iterator[str]:
-    rows = [
-        (
-            printable(link.sensor),
-            str(link.number),
-            *_share(link.duplicates),
-            *_share(link.corrupted),
-            *_share(link.overtook)[:2],
-        )
-        for link in told.links
-    ]
-    header = ("sensor", "link", *PAIR, *PAIR, *PAIR[:2])
-    title = "Duplicates, flipped bits, and messages that left before one handed over earlier"
-    groups = {2: "doubled, %", 5: "corrupted, %", 8: "overtook, %"}
-    yield from table(title, header, rows, "<" + ">" * 9, groups)
-
-
-def _other_fates(told: LedgerReport) -> Iterator[str]:
-    some = [link for link in told.links if any(link.other_fates.values())]
-    if not some:
-        return
-    header = ("sensor", "link", *(name.replace("_", " ") for name in some[0].other_fates))
-    rows = [
-        (printable(link.sensor), str(link.number), *map(str, link.other_fates.values()))
-        for link in some
-    ]
-    yield from table("Messages that did not leave otherwise", header, rows, "<" + ">" * 7)
+DETECTION = (
+    Column("sensor", lambda row: row[0]),
+    Column("range km", lambda row: row[1], "s"),
+    Column("looks", lambda row: row[2].looks, "d"),
+    Column("asked", lambda row: row[2].asked, ".3f"),
+    Column("delivered", lambda row: row[2].delivered, ".3f"),
+    Column("95 % of it", lambda row: "-".join(number(n, ".3f") for n in row[2].interval), "s"),
+    Column("z", lambda row: row[2].z, "+.1f"),
+)
+ERRORS = (
+    Column("sensor", lambda row: row[0]),
+    Column("", lambda row: row[1].quantity),
+    Column("unit", lambda row: row[1].unit),
+    Column("plots", lambda row: row[1].plots, "d"),
+    Column("mean", lambda row: row[1].mean, ".4g"),
+    Column("rms", lambda row: row[1].rms, ".4g"),
+    Column("sigma", lambda row: row[1].stated_rms, ".4g"),
+    Column("mean", lambda row: row[1].normalised_mean, "+.3f"),
+    Column("z", lambda row: row[1].z_mean, "+.1f"),
+    Column("rms", lambda row: row[1].normalised_rms, ".3f"),
+    Column("z", lambda row: row[1].z_rms, "+.1f"),
+    Column("within 2", lambda row: row[1].within_2, "%"),
+)
+ALARMS = (
+    Column("sensor", "sensor"),
+    Column("scans", "false_alarms.scans", ".1f"),
+    Column("asked", "false_alarms.asked", ".1f"),
+    Column("delivered", "false_alarms.count", "d"),
+    Column("asked", "false_alarms.asked_per_scan", ".4g"),
+    Column("delivered", "false_alarms.delivered_per_scan", ".4g"),
+    Column("z", "false_alarms.z", "+.1f"),
+)
 
 
 def _detection(told: LedgerReport) -> Iterator[str]:
-    rows = [row for sensor in told.sensors for row in _pd_rows(sensor)]
+    rows: list[tuple[str, str, PdFigures]] = []
+    for of in told.sensors:
+        if of.looks is not None:
+            rows.append((of.sensor, "all", of.looks))
+            by_range = of.looks_by_range if len(of.looks_by_range) > 1 else ()
+            rows += [("", f"{at.from_m / 1000:.2f}-{at.to_m / 1000:.2f}", at) for at in by_range]
     if rows:
-        header = ("sensor", "range km", "looks", "asked", "delivered", "95 % of it", "z")
-        yield from table("Detection", header, rows, "<>>>>>>", {3: "probability"})
-
-
-def _pd_rows(sensor: SensorFigures) -> Iterator[Row]:
-    if sensor.looks is None:
-        return
-    yield printable(sensor.sensor), "all", *_pd(sensor.looks)
-    if len(sensor.looks_by_range) > 1:
-        for at in sensor.looks_by_range:
-            yield "", f"{at.from_m / 1000:.2f}-{at.to_m / 1000:.2f}", *_pd(at)
-
-
-def _pd(at: PdFigures) -> Row:
-    return (
-        str(at.looks),
-        number(at.asked, ".3f"),
-        number(at.delivered, ".3f"),
-        f"{number(at.low, '.3f')}-{number(at.high, '.3f')}",
-        number(at.z, "+.1f"),
-    )
+        yield from Table("Detection", DETECTION, rows, {3: "probability"}).lines()
 
 
 def _errors(told: LedgerReport) -> Iterator[str]:
-    rows = [row for sensor in told.sensors for row in _error_rows(sensor)]
+    rows = [
+        ("" if n else sensor.sensor, error)
+        for sensor in told.sensors
+        for n, error in enumerate(sensor.errors)
+    ]
     if rows:
-        measured = ("sensor", "", "unit", "plots", "mean", "rms", "sigma")
-        header = (*measured, "mean", "z", "rms", "z", "within 2")
         groups = {4: "error", 6: "stated", 7: "over sigma: asked 0, 1 and 95.45 %"}
-        yield from table("Errors of plots", header, rows, "<<<" + ">" * 9, groups)
+        yield from Table("Errors of plots", ERRORS, rows, groups).lines()
     for sensor in told.sensors:
         if sensor.plots:
             where = (
@@ -226,50 +231,10 @@ def _rest(sensor: SensorFigures) -> str:
     return "".join(f"; {count} {what}" for what, count in counts.items() if count)
 
 
-def _error_rows(sensor: SensorFigures) -> Iterator[Row]:
-    name = printable(sensor.sensor)
-    for error in sensor.errors:
-        yield name, *_error(error)
-        name = ""
-
-
-def _error(error: ErrorFigures) -> Row:
-    return (
-        error.quantity,
-        error.unit,
-        str(error.plots),
-        number(error.mean, ".4g"),
-        number(error.rms, ".4g"),
-        number(error.stated_rms, ".4g"),
-        number(error.normalised_mean, "+.3f"),
-        number(error.z_mean, "+.1f"),
-        number(error.normalised_rms, ".3f"),
-        number(error.z_rms, "+.1f"),
-        percent(error.within_2),
-    )
-
-
 def _false_alarms(told: LedgerReport) -> Iterator[str]:
-    rows = []
-    for sensor in told.sensors:
-        alarms = sensor.false_alarms
-        if not alarms.count and not alarms.asked > 0:
-            continue
-        rows.append(
-            (
-                printable(sensor.sensor),
-                number(alarms.scans, ".1f"),
-                number(alarms.asked, ".1f"),
-                str(alarms.count),
-                number(alarms.asked_per_scan, ".4g"),
-                number(alarms.delivered_per_scan, ".4g"),
-                number(alarms.z, "+.1f"),
-            )
-        )
-    if rows:
-        header = ("sensor", "scans", *PAIR[:2], *PAIR)
-        groups = {2: "in all", 4: "a scan"}
-        yield from table("False alarms", header, rows, "<>>>>>>", groups)
+    some = [s for s in told.sensors if s.false_alarms.count or s.false_alarms.asked > 0]
+    if some:
+        yield from Table("False alarms", ALARMS, some, {2: "in all", 4: "a scan"}).lines()
     for sensor in told.sensors:
         if sensor.plots_of_others:
             counts = (f"{n} of {printable(what)}" for what, n in sensor.plots_of_others.items())
@@ -277,31 +242,25 @@ def _false_alarms(told: LedgerReport) -> Iterator[str]:
             yield told_of + ", ".join(counts)
 
 
+WRONG = (
+    Column("sensor", "sensor"),
+    Column("link", lambda wrong: str(wrong.link or ""), "s"),
+    Column("what", "quantity"),
+    Column("by chance", lambda wrong: number(wrong.p, ".2g") if wrong.p else "never", "s"),
+    Column("", "what"),
+)
+
+
 def _verdicts(found: Verdicts) -> Iterator[str]:
     """What is wrong, last: nobody has to look for it."""
-    rows = [
-        (
-            printable(wrong.sensor),
-            str(wrong.link) if wrong.link else "",
-            wrong.quantity,
-            number(wrong.p, ".2g") if wrong.p else "never",
-            wrong.what,
-        )
-        for wrong in found.wrong
-    ]
-    if rows:
-        header = ("sensor", "link", "what", "by chance", "")
-        yield from table("NOT as it was asked", header, rows, "<><>")
+    if found.wrong:
+        yield from Table("NOT as it was asked", WRONG, found.wrong).lines()
     yield ""
-    how = "all as it was asked" if not rows else f"{len(rows)} not as they were asked"
+    how = "all as it was asked" if not found.wrong else f"{len(found.wrong)} not as they were asked"
     yield (
         f"{found.judged} figures judged: {how}. "
         f"Where all is right, one report in {1 / found.false_rate:.0f} says otherwise."
     )
-
-
-def _share(share: Share) -> Row:
-    return percent(share.asked), percent(share.delivered), number(share.z, "+.1f")
 
 
 # The picture: what was asked as broken lines, what was delivered as whole ones.

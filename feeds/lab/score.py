@@ -19,13 +19,13 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from plotfeed.feeds.console.extras import need_extra
-from plotfeed.feeds.console.printed import Row, finite, printable, say
+from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
 from plotfeed.feeds.lab.feed_checks import as_json, as_text, check_feed
 from plotfeed.feeds.lab.flights import read_truths, scene_of
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score, ScoreSettings, SetFigures, score_run
-from plotfeed.feeds.lab.tables import number, percent, table
+from plotfeed.feeds.lab.tables import Column, Table, number, of_cells, percent
 from plotfeed.feeds.lab.track_reports import read_tracks
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
@@ -301,20 +301,13 @@ def lines(score: Score, profile: str, verdicts: Sequence[LimitVerdict]) -> Itera
     )
     for note in notes_of(score):
         yield f"  note: {printable(note)}"
-    title, header, rows, sides = set_table(score)
-    yield from table(title, header, rows, sides)
-    for title, header, rows, sides in tables_of(score):
-        yield from table(title, header, rows[:DRONES_TOLD], sides)
-        if len(rows) > DRONES_TOLD:
-            yield f"  and {len(rows) - DRONES_TOLD} more; --json has all"
+    yield from set_table(score).lines()
+    for shown in tables_of(score):
+        yield from shown.lines(DRONES_TOLD)
     if verdicts:
-        yield from table(*verdict_table(profile, verdicts))
+        yield from verdict_table(profile, verdicts).lines()
     yield ""
     yield closing(score, verdicts)
-
-
-Shown = tuple[str, Row, list[Row], str]
-"""A table: title, header, rows and sides."""
 
 
 def notes_of(score: Score) -> Iterator[str]:
@@ -326,88 +319,69 @@ def notes_of(score: Score) -> Iterator[str]:
         yield score.failure
 
 
-def set_table(score: Score) -> Shown:
+def set_table(score: Score) -> Table:
     """Figures of sets, as stamped and as known."""
     known = SetFigures() if score.as_known is None else score.as_known
-    rows: list[Row] = [
+    rows = [
         (text, _told(getattr(score.as_stamped, name), form), _told(getattr(known, name), form))
         for name, (text, form) in SETS.items()
     ]
-    return "Tracks beside drones, over time", ("", "as stamped", "as known"), rows, "<>>"
+    heads = ("", "as stamped", "as known")
+    return Table("Tracks beside drones, over time", of_cells(heads, "<>>"), rows)
 
 
-def tables_of(score: Score) -> Iterator[Shown]:
+def tables_of(score: Score) -> Iterator[Table]:
     """All other tables."""
-    told: list[Row] = [
-        (text, _told(getattr(score.reports, n), form)) for n, (text, form) in REPORTS.items()
-    ]
-    yield f"Reports, {score.reports.reports:.0f}, each at its own time", ("error", ""), told, "<>"
+    told = [(text, _told(getattr(score.reports, n), form)) for n, (text, form) in REPORTS.items()]
+    title = f"Reports, {score.reports.reports:.0f}, each at its own time"
+    yield Table(title, of_cells(("error", ""), "<>"), told)
     many = len(score.drones) - score.never_tracked
-    beginnings: list[Row] = [
+    beginnings = [
         ("drones that had a track", f"{many} of {len(score.drones)}"),
         ("from cover to the first report, median, s", number(score.initiation_median_s, ".2f")),
         ("distance at the first report, median, m", number(score.alert_median_m, ".0f")),
         ("tracks of no drone ever", f"{score.false_tracks} of {score.tracks}"),
     ]
-    yield (
-        "Beginnings; drones that never had a track are in the medians",
-        ("first report", ""),
-        beginnings,
-        "<>",
-    )
-    header: Row = ("drone", "cover s", "tracked %", "tracks", "breaks", "longest s")
-    yield (
-        "Drones",
-        (*header, "first s", "at m", "rms m", "95 % m"),
-        [
-            (
-                printable(each.drone),
-                number(each.cover_s, ".1f"),
-                percent(each.completeness),
-                str(each.tracks),
-                str(each.breaks),
-                number(each.longest_s, ".1f"),
-                number(each.initiation_s, ".2f"),
-                number(each.alert_m, ".0f"),
-                number(each.position_rms_m, ".2f"),
-                number(each.position_p95_m, ".2f"),
-            )
-            for each in score.drones
-        ],
-        "<>>>>>>>>>",
-    )
-    yield (
-        "Drones in the cover of each sensor, whoever saw them",
-        ("sensor", "drones", "cover s", "tracked %", "rms m", "95 % m", "longest gap s"),
-        [
-            (
-                printable(each.sensor),
-                str(each.drones),
-                number(each.cover_s, ".1f"),
-                percent(each.completeness),
-                number(each.position_rms_m, ".2f"),
-                number(each.position_p95_m, ".2f"),
-                number(each.longest_gap_s, ".1f"),
-            )
-            for each in score.sensors
-        ],
-        "<>>>>>>",
-    )
+    title = "Beginnings; drones that never had a track are in the medians"
+    yield Table(title, of_cells(("first report", ""), "<>"), beginnings)
+    yield Table("Drones", DRONES, score.drones)
+    title = "Drones in the cover of each sensor, whoever saw them"
+    yield Table(title, SENSORS, score.sensors)
 
 
-def verdict_table(profile: str, verdicts: Sequence[LimitVerdict]) -> Shown:
+DRONES = (
+    Column("drone", "drone"),
+    Column("cover s", "cover_s", ".1f"),
+    Column("tracked %", "completeness", "%"),
+    Column("tracks", "tracks", "d"),
+    Column("breaks", "breaks", "d"),
+    Column("longest s", "longest_s", ".1f"),
+    Column("first s", "initiation_s", ".2f"),
+    Column("at m", "alert_m", ".0f"),
+    Column("rms m", "position_rms_m", ".2f"),
+    Column("95 % m", "position_p95_m", ".2f"),
+)
+SENSORS = (
+    Column("sensor", "sensor"),
+    Column("drones", "drones", "d"),
+    Column("cover s", "cover_s", ".1f"),
+    Column("tracked %", "completeness", "%"),
+    Column("rms m", "position_rms_m", ".2f"),
+    Column("95 % m", "position_p95_m", ".2f"),
+    Column("longest gap s", "longest_gap_s", ".1f"),
+)
+LIMITS = (
+    Column("", "status"),
+    Column("", "name"),
+    Column("is", "value", ".6g"),
+    Column("asked", "asked"),
+    Column("of", lambda limit: str(limit.of or ""), "s"),
+)
+
+
+def verdict_table(profile: str, verdicts: Sequence[LimitVerdict]) -> Table:
     """Limits of a profile."""
-    rows = [
-        (
-            each.status,
-            printable(each.name),
-            number(each.value, ".6g"),
-            each.asked,
-            str(each.of) if each.of else "",
-        )
-        for each in verdicts
-    ]
-    return printable(profile), ("", "", "is", "asked", "of"), list(rows), "<<><>"
+    return Table(printable(profile), LIMITS, verdicts)
 
 
 def closing(score: Score, verdicts: Sequence[LimitVerdict]) -> str:
@@ -643,13 +617,13 @@ def _pieces(
     if notes:
         yield "<ul>" + "".join(f"<li>{each}</li>" for each in notes) + "</ul>\n"
     if verdicts:
-        yield _table(verdict_table(profile, verdicts))
+        yield verdict_table(profile, verdicts).html()
         yield f"<p>{escape(printable(note))}</p>\n" if note else ""
-    yield _table(set_table(score))
+    yield set_table(score).html()
     for name, svg in charts(score).items():
         yield f"<h2>{escape(name)}</h2>\n{svg}\n"
     for shown in tables_of(score):
-        yield _table(shown)
+        yield shown.html()
     yield "</body></html>\n"
 
 
@@ -657,19 +631,6 @@ def _mark(score: Score, verdicts: Sequence[LimitVerdict]) -> str:
     if score.failure or any(each.status == "failed" for each in verdicts):
         return " broken"
     return " kept" if verdicts else ""
-
-
-def _table(shown: Shown) -> str:
-    title, header, rows, sides = shown
-    marks = ["" if side == ">" else ' class="l"' for side in sides]
-
-    def line(cells: Sequence[str], tag: str) -> str:
-        each = (f"<{tag}{m}>{escape(c)}</{tag}>" for c, m in zip(cells, marks, strict=False))
-        return "<tr>" + "".join(each) + "</tr>\n"
-
-    head = line(header, "th") if any(header) else ""
-    body = "".join(line(row, "td") for row in rows)
-    return f'<h2>{escape(title)}</h2>\n<div class="wide"><table>\n{head}{body}</table></div>\n'
 
 
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

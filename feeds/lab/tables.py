@@ -6,17 +6,18 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from html import escape
 from importlib.util import find_spec
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from plotfeed.feeds.console.extras import need_extra
-from plotfeed.feeds.console.printed import Row, aligned, naming, widths
+from plotfeed.feeds.console.printed import Row, aligned, naming, printable, widths
 from plotfeed.feeds.lab.runs import SweepLevel
 from plotfeed.feeds.lab.sweep import DISTANCE_COLUMNS, DRONE_COLUMNS, SENSOR_COLUMNS
-from plotfeed.proto.utc import NS
 from plotfeed.replay.plots_csv import as_text
 
 NOTHING = "-"
@@ -27,14 +28,78 @@ def percent(share: float) -> str:
     return number(100 * share, ".2f")
 
 
-def seconds(t_ns: int) -> str:
-    """Seconds to the tenth."""
-    return f"{t_ns / NS:.1f}"
-
-
-def number(value: float, form: str) -> str:
-    """A number in that form; what is not there is a dash."""
+def number(value: Any, form: str) -> str:
+    """A number, or text, in that form; what is not there is a dash."""
+    if isinstance(value, str):
+        return printable(value)
     return format(value, form) if math.isfinite(value) else NOTHING
+
+
+class Column(NamedTuple):
+    """A column: its heading, what of a row stands in it, and the form of that."""
+
+    head: str
+    of: str | Callable[[Any], Any]
+    """An attribute of the row, or what makes a value of it."""
+    form: str = ""
+    """Of numbers, which stand to the right; % for shares, and none for text."""
+
+    def cell(self, row: Any) -> str:
+        """What stands in the column."""
+        value = attrgetter(self.of)(row) if isinstance(self.of, str) else self.of(row)
+        if not self.form:
+            return printable(str(value))
+        return percent(value) if self.form == "%" else number(value, self.form)
+
+
+def of_cells(heads: Sequence[str], sides: str) -> list[Column]:
+    """Columns of rows that are text already, each on its side."""
+    return [
+        Column(head, itemgetter(i), "s" if side == ">" else "")
+        for i, (head, side) in enumerate(zip(heads, sides, strict=True))
+    ]
+
+
+class Table(NamedTuple):
+    """Rows of anything, by columns; `groups` has texts over a column and those after it."""
+
+    title: str
+    columns: Sequence[Column]
+    rows: Sequence[Any]
+    groups: Mapping[int, str] = MappingProxyType({})
+
+    @property
+    def header(self) -> Row:
+        """The headings."""
+        return [column.head for column in self.columns]
+
+    @property
+    def sides(self) -> str:
+        """The side of each column."""
+        return "".join(">" if column.form else "<" for column in self.columns)
+
+    def cells(self) -> list[Row]:
+        """Rows of text."""
+        return [[column.cell(row) for column in self.columns] for row in self.rows]
+
+    def lines(self, most: int | None = None) -> Iterator[str]:
+        """Aligned lines, with so many rows at most."""
+        yield from table(self.title, self.header, self.cells()[:most], self.sides, self.groups)
+        if most is not None and len(self.rows) > most:
+            yield f"  and {len(self.rows) - most} more; --json has all"
+
+    def html(self) -> str:
+        """An element of HTML, with its title before it."""
+        marks = ["" if side == ">" else ' class="l"' for side in self.sides]
+
+        def line(cells: Sequence[str], tag: str) -> str:
+            each = (f"<{tag}{m}>{escape(c)}</{tag}>" for c, m in zip(cells, marks, strict=True))
+            return "<tr>" + "".join(each) + "</tr>\n"
+
+        head = line(self.header, "th") if any(self.header) else ""
+        body = "".join(line(row, "td") for row in self.cells())
+        table = f'<div class="wide"><table>\n{head}{body}</table></div>\n'
+        return f"<h2>{escape(self.title)}</h2>\n{table}"
 
 
 def table(
