@@ -107,7 +107,7 @@ class PdFigures:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of the share, 95 %."""
+        """The 95 % interval of the share."""
         return self.low, self.high
 
 
@@ -175,74 +175,33 @@ class AlarmFigures:
     """Probability of such a number, or one further off, by chance."""
 
 
-@dataclass(slots=True)
-class AlarmsTally:
-    """False alarms in one sensor's ledger, and those that its scene asked for."""
+def alarm_figures(count: int, told: int, mean: float, sectors: int) -> AlarmFigures:
+    """False alarms in so many sectors that are `told`, of which there are `sectors` a scan.
 
-    sectors: int
-    """Of a scan; 0 if nothing is known of what was asked."""
-    count: int = 0
-    _told: int = 0
-    _mean: float = 0.0
-
-    def add(self, false_alarms: int, asked: Sequence[AskedSensor | None]) -> None:
-        """Take sectors with so many in all, and what was asked in each."""
-        self.count += false_alarms
-        self._told += len(asked)
-        if self.sectors:
-            means = (math.nan if each is None else each.false_alarms_per_scan for each in asked)
-            self._mean += sum(means) / self.sectors
-
-    def figures(self) -> AlarmFigures:
-        """Figures of all sectors taken."""
-        if not self.sectors:
-            return AlarmFigures(count=self.count)
-        scans = self._told / self.sectors
-        return AlarmFigures(
-            count=self.count,
-            scans=scans,
-            asked=self._mean,
-            asked_per_scan=self._mean / scans if scans else math.nan,
-            delivered_per_scan=self.count / scans if scans else math.nan,
-            z=z_score(self.count - self._mean, self._mean),  # binomial over very many cells
-            p=math.nan if math.isnan(self._mean) else p_of_poisson(self.count, self._mean),
-        )
+    `mean` were to be expected; of 0 sectors a scan nothing is known of what was asked.
+    """
+    if not sectors:
+        return AlarmFigures(count=count)
+    scans = told / sectors
+    return AlarmFigures(
+        count=count,
+        scans=scans,
+        asked=mean,
+        asked_per_scan=mean / scans if scans else math.nan,
+        delivered_per_scan=count / scans if scans else math.nan,
+        z=z_score(count - mean, mean),  # binomial over very many cells
+        p=math.nan if math.isnan(mean) else p_of_poisson(count, mean),
+    )
 
 
-MOST_AHEAD = 4096
-"""Sectors that may be told of before an earlier one, until that counts as missed."""
 MOST_RUNS = 1000
 
 
-class SectorsTally:
-    """Sectors of one sensor that the ledger has, by their numbers, and those that it lacks."""
-
-    def __init__(self) -> None:
-        self.lacking: list[range] = []
-        """Between those that are there, in their order."""
-        self._next: int | None = None
-        self._ahead: set[int] = set()
-
-    def add(self, number: int) -> None:
-        """Take a sector: its scan times the sectors of a scan, and its place in it."""
-        self._ahead.add(number)
-        if len(self._ahead) > MOST_AHEAD:
-            self._go_on()
-
-    def end(self) -> None:
-        """There are no more."""
-        while self._ahead:
-            self._go_on()
-
-    def _go_on(self) -> None:
-        """Count on from the earliest that is known, as far as they follow each other."""
-        first = min(self._ahead)
-        if self._next is not None and first > self._next and len(self.lacking) < MOST_RUNS:
-            self.lacking.append(range(self._next, first))
-        while first in self._ahead:
-            self._ahead.discard(first)
-            first += 1
-        self._next = max(first, self._next or first)
+def lacking_of(numbers: Ints) -> list[range]:
+    """Numbers of sectors between those that are there, run by run; of so many runs."""
+    there = np.unique(numbers)
+    gaps = np.flatnonzero(np.diff(there) > 1)[:MOST_RUNS]
+    return [range(int(there[i]) + 1, int(there[i + 1])) for i in gaps]
 
 
 AT_ONCE = 1024

@@ -29,7 +29,7 @@ from plotfeed.feeds.lab.evidence import (
 )
 from plotfeed.feeds.lab.laws import TIME_OF_SENDING, TrueEchoes, TruePlots, compared, with_rounding
 from plotfeed.feeds.lab.ledger_columns import LedgerTables, tables_of
-from plotfeed.feeds.lab.tables import Column, Table
+from plotfeed.feeds.lab.tables import Table, TextColumn
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.chance import Chance
 from plotfeed.models.clutter import CLUTTER
@@ -686,15 +686,15 @@ def _verdict(row: tuple[str, JudgedCheck]) -> str:
 
 
 CHECKS = (
-    Column("sensor", lambda row: row[0]),
-    Column("check", lambda row: row[1].check.name),
-    Column("claimed", _if_judged(lambda check: check.claimed), ".4g"),
-    Column("found", _if_judged(lambda check: check.found), ".4g"),
-    Column("+-", _if_judged(lambda check: check.sigma), ".2g"),
-    Column("", _if_judged(lambda check: check.unit)),
-    Column("z", _if_judged(lambda check: check.z), "+.1f"),
-    Column("of", _if_judged(lambda check: check.of), "d"),
-    Column("verdict", _verdict),
+    TextColumn("sensor", lambda row: row[0]),
+    TextColumn("check", lambda row: row[1].check.name),
+    TextColumn("claimed", _if_judged(lambda check: check.claimed), ".4g"),
+    TextColumn("found", _if_judged(lambda check: check.found), ".4g"),
+    TextColumn("+-", _if_judged(lambda check: check.sigma), ".2g"),
+    TextColumn("", _if_judged(lambda check: check.unit)),
+    TextColumn("z", _if_judged(lambda check: check.z), "+.1f"),
+    TextColumn("of", _if_judged(lambda check: check.of), "d"),
+    TextColumn("verdict", _verdict),
 )
 
 

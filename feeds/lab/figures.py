@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -17,15 +18,15 @@ from plotfeed.feeds.lab.checks import (
     EDGES,
     MAX_CELLS,
     AlarmFigures,
-    AlarmsTally,
     ErrorFigures,
     ErrorsTally,
     Judged,
     LookTally,
     MeasuredBesideTruth,
     PdFigures,
-    SectorsTally,
     Verdicts,
+    alarm_figures,
+    lacking_of,
     of_alarms,
     of_count,
     of_errors,
@@ -48,7 +49,7 @@ from plotfeed.feeds.lab.links import (
     link_figures,
     orders_of,
 )
-from plotfeed.models.state import OTHER
+from plotfeed.models.state import OTHER, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import WHAT_LEFT, Damage, Stage
@@ -78,18 +79,21 @@ class SensorTally:
         self.errors = ErrorsTally()
         self.asked = asked
         """What its scene asked of it; None if that is not known."""
-        self.alarms = AlarmsTally(0 if asked is None else asked.sectors)
-        self.sectors = SectorsTally()
+        self.false_alarms = 0
+        self.alarms_asked = 0.0
+        """As many as were to be expected."""
+        self._sectors: list[Ints] = []
 
     def add(self, told: LedgerTables) -> list[AskedSensor | None]:
         """Take entries; what was asked of the sensor in each, if that is known."""
         self.entries += len(told)
         asked: list[AskedSensor | None] = [None] * len(told)
         if self.asked is not None:
-            at = list(zip(told.entries.scan.tolist(), told.entries.sector.tolist(), strict=True))
-            asked = [self.asked.in_sector(*sector) for sector in at]
-            for scan, sector in at:
-                self.sectors.add(scan * self.asked.sectors + sector)
+            scan, sector = told.entries.scan, told.entries.sector
+            asked = list(map(self.asked.in_sector, scan.tolist(), sector.tolist()))
+            self._sectors.append(scan * self.asked.sectors + sector)
+            alarms = (math.nan if each is None else each.false_alarms_per_scan for each in asked)
+            self.alarms_asked += sum(alarms) / self.asked.sectors
         looks = told.looks
         merges = np.array([each is not None and each.merges for each in asked], np.bool_)
         if merges.any():
@@ -101,14 +105,15 @@ class SensorTally:
         names = names_of(told.plots)
         self.plots += int(are_targets(names).sum())
         self.of_others.update(name.partition(OTHER)[0] for name in told.plots.other if name)
-        self.alarms.add(int((names == "").sum()), asked)
+        self.false_alarms += int((names == "").sum())
         self._take_messages(told)
         return asked
 
-    def end(self) -> None:
-        """There are no more."""
-        self.sectors.end()
-        self.errors.count()
+    def missed(self) -> int:
+        """Sectors that are lacking although the sensor was at work."""
+        if self.asked is None or not self._sectors:
+            return 0
+        return sum(map(self.asked.missed, lacking_of(np.concatenate(self._sectors))))
 
     def messages(self) -> Iterator[tuple[LinkMessages, Order]]:
         """What became of messages, by link setting."""
@@ -189,7 +194,7 @@ def read(path: Path) -> Counted:
                         join.add_truth(keys[entry], truth, tally.errors)
         join.end()
         for sensor in found.sensors.values():
-            sensor.end()
+            sensor.errors.count()
         found.plots_from = evidence.carrier_of(WHEN)
         found.entries = sum(sensor.entries for sensor in found.sensors.values())
         found.unreadable, found.repeated = evidence.unreadable, evidence.repeated
@@ -333,13 +338,16 @@ def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
         contradicted=tally.errors.contradicted,
         not_compared=tally.errors.left_out,
         times_off=tally.errors.times_off,
-        missed_sectors=0
-        if tally.asked is None
-        else sum(map(tally.asked.missed, tally.sectors.lacking)),
+        missed_sectors=tally.missed(),
         is_known=tally.asked is not None,
         unjudged="" if tally.asked is None else tally.asked.unjudged,
         errors=tally.errors.figures(),
-        false_alarms=tally.alarms.figures(),
+        false_alarms=alarm_figures(
+            tally.false_alarms,
+            tally.entries,
+            tally.alarms_asked,
+            0 if tally.asked is None else tally.asked.sectors,
+        ),
     )
 
 

@@ -21,7 +21,7 @@ from plotfeed.feeds.lab.figures import LedgerReport, SensorFigures, as_values, r
 from plotfeed.feeds.lab.laws import QUANTITIES, share_interval
 from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, link_text
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, finish, save_picture
-from plotfeed.feeds.lab.tables import NOTHING, Column, Table, number, percent, table
+from plotfeed.feeds.lab.tables import NOTHING, Table, TextColumn, number, percent, table
 from plotfeed.proto.utc import NS, iso_utc
 
 BURSTS_SHOWN = 10
@@ -54,16 +54,16 @@ def _fate(name: str, link: LinkFigures) -> int:
     return link.other_fates[name]
 
 
-NAMED = (Column("sensor", "sensor"), Column("link", "number", "d"))
+NAMED = (TextColumn("sensor", "sensor"), TextColumn("link", "number", "d"))
 """Of links."""
 
 
-def _pair(of: str) -> list[Column]:
+def _pair(of: str) -> list[TextColumn]:
     """What was asked and delivered, in percent, and the z-score."""
     return [
-        Column("asked", f"{of}.asked", "%"),
-        Column("delivered", f"{of}.delivered", "%"),
-        Column("z", f"{of}.z", "+.1f"),
+        TextColumn("asked", f"{of}.asked", "%"),
+        TextColumn("delivered", f"{of}.delivered", "%"),
+        TextColumn("z", f"{of}.z", "+.1f"),
     ]
 
 
@@ -72,10 +72,10 @@ def _link_tables(told: LedgerReport) -> Iterator[str]:
     begin_ns = told.first_utc_ns
     settings = [
         *NAMED,
-        Column("from s", lambda link: (link.first_utc_ns - begin_ns) / NS, ".1f"),
-        Column("to s", lambda link: (link.last_utc_ns - begin_ns) / NS, ".1f"),
-        Column("messages", "messages", "d"),
-        Column("keys in force", lambda link: link_text(link.link)),
+        TextColumn("from s", lambda link: (link.first_utc_ns - begin_ns) / NS, ".1f"),
+        TextColumn("to s", lambda link: (link.last_utc_ns - begin_ns) / NS, ".1f"),
+        TextColumn("messages", "messages", "d"),
+        TextColumn("keys in force", lambda link: link_text(link.link)),
     ]
     title = "Links, and when messages under them were handed over"
     yield from Table(title, settings, told.links).lines()
@@ -86,13 +86,13 @@ def _link_tables(told: LedgerReport) -> Iterator[str]:
     yield from _delays(told)
     losses = [
         *NAMED,
-        Column("messages", "loss.of", "d"),
-        Column("lost", "loss.count", "d"),
+        TextColumn("messages", "loss.of", "d"),
+        TextColumn("lost", "loss.count", "d"),
         *_pair("loss"),
-        Column("bursts", "bursts.bursts", "d"),
-        Column("asked", "bursts.asked_mean", ".3f"),
-        Column("delivered", "bursts.delivered_mean", ".3f"),
-        Column("z", "bursts.z", "+.1f"),
+        TextColumn("bursts", "bursts.bursts", "d"),
+        TextColumn("asked", "bursts.asked_mean", ".3f"),
+        TextColumn("delivered", "bursts.delivered_mean", ".3f"),
+        TextColumn("z", "bursts.z", "+.1f"),
     ]
     groups = {4: "share lost, %", 8: "mean burst"}
     yield from Table("Loss, and messages lost in a row", losses, told.links, groups).lines()
@@ -104,7 +104,7 @@ def _link_tables(told: LedgerReport) -> Iterator[str]:
     some = [link for link in told.links if any(link.other_fates.values())]
     if some:
         fates = [
-            Column(name.replace("_", " "), partial(_fate, name), "d")
+            TextColumn(name.replace("_", " "), partial(_fate, name), "d")
             for name in some[0].other_fates
         ]
         yield from Table("Messages that did not leave otherwise", [*NAMED, *fates], some).lines()
@@ -157,36 +157,36 @@ def _bursts(told: LedgerReport) -> Iterator[str]:
 
 
 DETECTION = (
-    Column("sensor", lambda row: row[0]),
-    Column("range km", lambda row: row[1], "s"),
-    Column("looks", lambda row: row[2].looks, "d"),
-    Column("asked", lambda row: row[2].asked, ".3f"),
-    Column("delivered", lambda row: row[2].delivered, ".3f"),
-    Column("95 % of it", lambda row: "-".join(number(n, ".3f") for n in row[2].interval), "s"),
-    Column("z", lambda row: row[2].z, "+.1f"),
+    TextColumn("sensor", lambda row: row[0]),
+    TextColumn("range km", lambda row: row[1], "s"),
+    TextColumn("looks", lambda row: row[2].looks, "d"),
+    TextColumn("asked", lambda row: row[2].asked, ".3f"),
+    TextColumn("delivered", lambda row: row[2].delivered, ".3f"),
+    TextColumn("95 % of it", lambda row: "-".join(number(n, ".3f") for n in row[2].interval), "s"),
+    TextColumn("z", lambda row: row[2].z, "+.1f"),
 )
 ERRORS = (
-    Column("sensor", lambda row: row[0]),
-    Column("", lambda row: row[1].quantity),
-    Column("unit", lambda row: row[1].unit),
-    Column("plots", lambda row: row[1].plots, "d"),
-    Column("mean", lambda row: row[1].mean, ".4g"),
-    Column("rms", lambda row: row[1].rms, ".4g"),
-    Column("sigma", lambda row: row[1].stated_rms, ".4g"),
-    Column("mean", lambda row: row[1].normalised_mean, "+.3f"),
-    Column("z", lambda row: row[1].z_mean, "+.1f"),
-    Column("rms", lambda row: row[1].normalised_rms, ".3f"),
-    Column("z", lambda row: row[1].z_rms, "+.1f"),
-    Column("within 2", lambda row: row[1].within_2, "%"),
+    TextColumn("sensor", lambda row: row[0]),
+    TextColumn("", lambda row: row[1].quantity),
+    TextColumn("unit", lambda row: row[1].unit),
+    TextColumn("plots", lambda row: row[1].plots, "d"),
+    TextColumn("mean", lambda row: row[1].mean, ".4g"),
+    TextColumn("rms", lambda row: row[1].rms, ".4g"),
+    TextColumn("sigma", lambda row: row[1].stated_rms, ".4g"),
+    TextColumn("mean", lambda row: row[1].normalised_mean, "+.3f"),
+    TextColumn("z", lambda row: row[1].z_mean, "+.1f"),
+    TextColumn("rms", lambda row: row[1].normalised_rms, ".3f"),
+    TextColumn("z", lambda row: row[1].z_rms, "+.1f"),
+    TextColumn("within 2", lambda row: row[1].within_2, "%"),
 )
 ALARMS = (
-    Column("sensor", "sensor"),
-    Column("scans", "false_alarms.scans", ".1f"),
-    Column("asked", "false_alarms.asked", ".1f"),
-    Column("delivered", "false_alarms.count", "d"),
-    Column("asked", "false_alarms.asked_per_scan", ".4g"),
-    Column("delivered", "false_alarms.delivered_per_scan", ".4g"),
-    Column("z", "false_alarms.z", "+.1f"),
+    TextColumn("sensor", "sensor"),
+    TextColumn("scans", "false_alarms.scans", ".1f"),
+    TextColumn("asked", "false_alarms.asked", ".1f"),
+    TextColumn("delivered", "false_alarms.count", "d"),
+    TextColumn("asked", "false_alarms.asked_per_scan", ".4g"),
+    TextColumn("delivered", "false_alarms.delivered_per_scan", ".4g"),
+    TextColumn("z", "false_alarms.z", "+.1f"),
 )
 
 
@@ -243,11 +243,11 @@ def _false_alarms(told: LedgerReport) -> Iterator[str]:
 
 
 WRONG = (
-    Column("sensor", "sensor"),
-    Column("link", lambda wrong: str(wrong.link or ""), "s"),
-    Column("what", "quantity"),
-    Column("by chance", lambda wrong: number(wrong.p, ".2g") if wrong.p else "never", "s"),
-    Column("", "what"),
+    TextColumn("sensor", "sensor"),
+    TextColumn("link", lambda wrong: str(wrong.link or ""), "s"),
+    TextColumn("what", "quantity"),
+    TextColumn("by chance", lambda wrong: number(wrong.p, ".2g") if wrong.p else "never", "s"),
+    TextColumn("", "what"),
 )
 
 

@@ -25,7 +25,7 @@ from plotfeed.feeds.lab.feed_checks import as_json, as_text, check_feed
 from plotfeed.feeds.lab.flights import read_truths, scene_of
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score, ScoreSettings, SetFigures, score_run
-from plotfeed.feeds.lab.tables import Column, Table, number, of_cells, percent
+from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells, percent
 from plotfeed.feeds.lab.track_reports import read_tracks
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
@@ -350,32 +350,32 @@ def tables_of(score: Score) -> Iterator[Table]:
 
 
 DRONES = (
-    Column("drone", "drone"),
-    Column("cover s", "cover_s", ".1f"),
-    Column("tracked %", "completeness", "%"),
-    Column("tracks", "tracks", "d"),
-    Column("breaks", "breaks", "d"),
-    Column("longest s", "longest_s", ".1f"),
-    Column("first s", "initiation_s", ".2f"),
-    Column("at m", "alert_m", ".0f"),
-    Column("rms m", "position_rms_m", ".2f"),
-    Column("95 % m", "position_p95_m", ".2f"),
+    TextColumn("drone", "drone"),
+    TextColumn("cover s", "cover_s", ".1f"),
+    TextColumn("tracked %", "completeness", "%"),
+    TextColumn("tracks", "tracks", "d"),
+    TextColumn("breaks", "breaks", "d"),
+    TextColumn("longest s", "longest_s", ".1f"),
+    TextColumn("first s", "initiation_s", ".2f"),
+    TextColumn("at m", "alert_m", ".0f"),
+    TextColumn("rms m", "position_rms_m", ".2f"),
+    TextColumn("95 % m", "position_p95_m", ".2f"),
 )
 SENSORS = (
-    Column("sensor", "sensor"),
-    Column("drones", "drones", "d"),
-    Column("cover s", "cover_s", ".1f"),
-    Column("tracked %", "completeness", "%"),
-    Column("rms m", "position_rms_m", ".2f"),
-    Column("95 % m", "position_p95_m", ".2f"),
-    Column("longest gap s", "longest_gap_s", ".1f"),
+    TextColumn("sensor", "sensor"),
+    TextColumn("drones", "drones", "d"),
+    TextColumn("cover s", "cover_s", ".1f"),
+    TextColumn("tracked %", "completeness", "%"),
+    TextColumn("rms m", "position_rms_m", ".2f"),
+    TextColumn("95 % m", "position_p95_m", ".2f"),
+    TextColumn("longest gap s", "longest_gap_s", ".1f"),
 )
 LIMITS = (
-    Column("", "status"),
-    Column("", "name"),
-    Column("is", "value", ".6g"),
-    Column("asked", "asked"),
-    Column("of", lambda limit: str(limit.of or ""), "s"),
+    TextColumn("", "status"),
+    TextColumn("", "name"),
+    TextColumn("is", "value", ".6g"),
+    TextColumn("asked", "asked"),
+    TextColumn("of", lambda limit: str(limit.of or ""), "s"),
 )
 
 

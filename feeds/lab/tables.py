@@ -35,7 +35,7 @@ def number(value: Any, form: str) -> str:
     return format(value, form) if math.isfinite(value) else NOTHING
 
 
-class Column(NamedTuple):
+class TextColumn(NamedTuple):
     """A column: its heading, what of a row stands in it, and the form of that."""
 
     head: str
@@ -52,10 +52,10 @@ class Column(NamedTuple):
         return percent(value) if self.form == "%" else number(value, self.form)
 
 
-def of_cells(heads: Sequence[str], sides: str) -> list[Column]:
+def of_cells(heads: Sequence[str], sides: str) -> list[TextColumn]:
     """Columns of rows that are text already, each on its side."""
     return [
-        Column(head, itemgetter(i), "s" if side == ">" else "")
+        TextColumn(head, itemgetter(i), "s" if side == ">" else "")
         for i, (head, side) in enumerate(zip(heads, sides, strict=True))
     ]
 
@@ -64,7 +64,7 @@ class Table(NamedTuple):
     """Rows of anything, by columns; `groups` has texts over a column and those after it."""
 
     title: str
-    columns: Sequence[Column]
+    columns: Sequence[TextColumn]
     rows: Sequence[Any]
     groups: Mapping[int, str] = MappingProxyType({})
 

@@ -17,12 +17,11 @@ from plotfeed.feeds.lab.checks import (
     CELL_M,
     EDGES,
     MAX_CELLS,
-    MOST_AHEAD,
     ErrorFigures,
     ErrorsTally,
     LookTally,
-    SectorsTally,
     SectorTruth,
+    lacking_of,
     pd_by_range,
     pd_of_all,
     sector_truths,
@@ -267,18 +266,9 @@ def test_errors_without_a_stated_sigma_are_told_in_their_own_unit() -> None:
 
 @given(st.permutations(range(200, 260)), st.sets(st.integers(201, 258)))
 def test_sectors_that_are_lacking_are_those_between(numbers: list[int], missing: set[int]) -> None:
-    tally = SectorsTally()
-    for number in numbers:
-        if number not in missing:
-            tally.add(number)
-    tally.end()
-    assert [number for run in tally.lacking for number in run] == sorted(missing)
+    there = np.array([number for number in numbers if number not in missing])
+    assert [number for run in lacking_of(there) for number in run] == sorted(missing)
 
 
-def test_what_is_known_of_sectors_is_bounded() -> None:
-    tally = SectorsTally()
-    for number in range(0, 4 * MOST_AHEAD, 2):
-        tally.add(number)
-        assert len(tally._ahead) <= MOST_AHEAD
-    tally.end()
-    assert len(tally.lacking) == 1000
+def test_what_is_known_of_sectors_that_are_lacking_is_bounded() -> None:
+    assert len(lacking_of(np.arange(0, 10_000, 2))) == 1000
