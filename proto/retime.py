@@ -61,17 +61,16 @@ def retime_json(data: bytes, shift_ns: int) -> bytes:
         times = {name: fields[name] for name in JSON_TIMES if name in fields}
         if not times:
             raise DecodeError(f"a JSON object without {' or '.join(JSON_TIMES)}")
-        moved = {name: _moved(value, shift_ns) for name, value in times.items()}
+        moved = {
+            name: retime_text(time, shift_ns) if isinstance(time, str) else time + shift_ns
+            for name, time in times.items()
+        }
         new = _MEMBER.sub(lambda found: found[1] + json.dumps(moved.get(found[2])), text)
         if json.loads(new) != {**fields, **moved}:
             new = json.dumps({**fields, **moved})
     except (ValueError, TypeError, RecursionError) as error:
         raise DecodeError(f"not a JSON object with a time: {error}") from None
     return new.encode()
-
-
-def _moved(time: str | int, shift_ns: int) -> str | int:
-    return retime_text(time, shift_ns) if isinstance(time, str) else time + shift_ns
 
 
 def retime_text(text: str, shift_ns: int) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import Block, records_in
+from plotfeed.proto.asterix.codec.decode import records_in, whole_blocks
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
 from plotfeed.proto.asterix.codec.retime_asterix import TimeFinder
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
@@ -24,12 +24,12 @@ def block_octets(payload: bytes) -> int:
     """How many of the first octets are whole data blocks, back to back."""
     if _is_one_block(payload):
         return len(payload)
-    return sum(length for _, length in _headers(payload))
+    return sum(HEADER_OCTETS + len(block.body) for block in whole_blocks(payload))
 
 
 def categories(payload: bytes) -> tuple[int, ...]:
     """Categories of the whole data blocks at the start of a payload: each once, in their order."""
-    return tuple(dict.fromkeys(category for category, _ in _headers(payload)))
+    return tuple(dict.fromkeys(block.category for block in whole_blocks(payload)))
 
 
 def record_counts(
@@ -37,25 +37,16 @@ def record_counts(
 ) -> dict[int, int | None]:
     """Whole records of each category; None for one of which nothing tells where they end."""
     counts: dict[int, int | None] = {}
-    at = 0
-    for category, length in _headers(payload):
-        body = payload[at + HEADER_OCTETS : at + length]
-        at += length
-        if layouts.get(category) is None:
-            counts[category] = None
+    for block in whole_blocks(payload):
+        if layouts.get(block.category) is None:
+            counts[block.category] = None
             continue
-        whole = (counts.get(category) or 0) + _whole_records(Block(category, body, 0), layouts)
-        counts[category] = whole
+        count = counts.get(block.category) or 0
+        with contextlib.suppress(DecodeError):
+            for _ in records_in(block, layouts):
+                count += 1
+        counts[block.category] = count
     return counts
-
-
-def _whole_records(block: Block, layouts: Mapping[int, Category]) -> int:
-    """How many records a block begins with, up to one that is broken."""
-    count = 0
-    with contextlib.suppress(DecodeError):
-        for _ in records_in(block, layouts):
-            count += 1
-    return count
 
 
 def trailer_octets(payload: bytes) -> int | None:
@@ -92,17 +83,6 @@ def _is_one_block(payload: bytes) -> bool:
     """Whether it is a single block, as most are."""
     octets = len(payload)
     return octets >= HEADER_OCTETS and payload[1] << 8 | payload[2] == octets
-
-
-def _headers(payload: bytes) -> Iterator[tuple[int, int]]:
-    """Category and length of each block, up to the first that is not whole."""
-    at = 0
-    while len(payload) - at >= HEADER_OCTETS:
-        length = int.from_bytes(payload[at + 1 : at + 3], "big")
-        if not HEADER_OCTETS <= length <= len(payload) - at:
-            return
-        yield payload[at], length
-        at += length
 
 
 LSB_NS = 7_812_500  # 1/128 s

@@ -64,10 +64,6 @@ class FormatFacts:
     """Whether messages before their link stand beside those after it."""
 
 
-def _is_json(head: bytes) -> bool:
-    return head.lstrip().startswith((b'{"', b"{ "))
-
-
 def _is_final(head: bytes) -> bool:
     length = int.from_bytes(head[:2], "big")
     return length >= 12 and head[length - 4 : length] == TRAILER
@@ -83,11 +79,6 @@ def _is_raw(head: bytes) -> bool:
         at += length
         whole += at <= len(head)
     return whole > 0 and (at <= len(head) or whole > 1 or len(head) == HEAD_OCTETS)
-
-
-def _is_weak(head: bytes) -> bool:
-    """Whether what looks like raw ASTERIX are lengths that fit, of categories that nobody has."""
-    return not KNOWN_CATEGORIES.issuperset(categories(head))
 
 
 def _mcap_reader(file: BinaryIO, _date_utc_ns: int) -> RecordingReader:
@@ -141,7 +132,7 @@ FORMATS: Mapping[FileFormat, FormatFacts] = {
     ),
     FileFormat.JSON: FormatFacts(
         suffixes=(".jsonl", ".ndjson"),
-        begins=_is_json,
+        begins=lambda head: head.lstrip().startswith((b'{"', b"{ ")),
         reader=lambda file, _: JsonLinesReader(file),
         writer=JsonLinesWriter,
         holds_stages=True,
@@ -197,7 +188,8 @@ def format_of(path: Path) -> FileFormat:
         head = file.read(HEAD_OCTETS)
     suffix = path.with_suffix("").suffix if unpacked else path.suffix
     found, named = format_of_content(head), SUFFIXES.get(suffix.lower())
-    is_guess = found is FileFormat.RAW and _is_weak(head)
+    # Lengths may fit by chance, of categories that nobody has.
+    is_guess = found is FileFormat.RAW and not KNOWN_CATEGORIES.issuperset(categories(head))
     if found is None or (is_guess and named and FORMATS[named].reader):
         found = named
     if found is None:

@@ -73,7 +73,9 @@ class JsonLinesReader(RecordingReader):
             self._read += len(line)
             if len(line) == MAX_LINE_OCTETS and not line.endswith(b"\n"):
                 self.damage.add(begin, f"a line of more than {MAX_LINE_OCTETS} octets")
-                self._skip_line()
+                while line and not line.endswith(b"\n"):
+                    line = self._file.readline(MAX_LINE_OCTETS)
+                    self._read += len(line)
                 continue
             if line.isspace():
                 continue
@@ -83,12 +85,6 @@ class JsonLinesReader(RecordingReader):
                 self.damage.add(begin, str(error))
                 continue
             yield message
-
-    def _skip_line(self) -> None:
-        line = b"-"
-        while line and not line.endswith(b"\n"):
-            line = self._file.readline(MAX_LINE_OCTETS)
-            self._read += len(line)
 
 
 class JsonLinesWriter(RecordingWriter):

@@ -7,7 +7,6 @@ from functools import partial
 
 from plotfeed.feeds.formats.message_format import (
     Format,
-    MessageFormat,
     Sensors,
     Topics,
     message_to,
@@ -71,10 +70,6 @@ def origin_of(sensor: Sensor) -> TrackOrigin:
     return TrackOrigin(sensor=sensor.id, kind=keys.kind, stale_after_s=stale_after_s)
 
 
-def _batch(tracks: ToldTracks, origin: TrackOrigin, stamp: SectorStamp) -> list[bytes]:
-    return [track_batch(tracks, origin, stamp.scan, stamp.index)]
-
-
 def _one(encode: Callable[[ToldTracks, TrackOrigin], bytes]) -> Callable[[], Encoder]:
     """Encoders of one message a sector."""
     return lambda: lambda tracks, origin, _: [encode(tracks, origin)]
@@ -91,7 +86,7 @@ def _living() -> Encoder:
 
 
 ENCODERS: dict[str, Callable[[], Encoder]] = {
-    "tracks": lambda: _batch,
+    "tracks": lambda: lambda tracks, origin, at: [track_batch(tracks, origin, at.scan, at.index)],
     "cot": _each(cot_events),
     "geojson": _one(feature_collection),
     "air-traffic": _one(air_traffic),
@@ -101,11 +96,12 @@ ENCODERS: dict[str, Callable[[], Encoder]] = {
 }
 
 
-def _maker(name: str) -> Callable[[Scene, Sensors], MessageFormat]:
-    return partial(TrackMessages, name, ENCODERS[name])
-
-
 TRACK_ROWS = tuple(
-    Format(facts=REPORT_FORMATS[name], maker=_maker(name), plots_in=None) for name in ENCODERS
+    Format(
+        facts=REPORT_FORMATS[name],
+        maker=partial(TrackMessages, name, ENCODERS[name]),
+        plots_in=None,
+    )
+    for name in ENCODERS
 )
 """Rows of the table of formats."""

@@ -92,12 +92,9 @@ def _cut(name: str, form: str) -> Fixed | Extended | Repetitive | Compound:
     """An item of that length, its octets as integers without a meaning."""
     if form[0] == "(":
         each = enumerate(form[1:-1].split(), 1)
-        return Compound(name, tuple(_subfield(str(n), word) for n, word in each))
+        subfields = (None if word == "-" else _simple(str(n), word) for n, word in each)
+        return Compound(name, tuple(subfields))
     return _simple(name, form)
-
-
-def _subfield(name: str, form: str) -> Fixed | Extended | Repetitive | None:
-    return None if form == "-" else _simple(name, form)
 
 
 def _simple(name: str, form: str) -> Fixed | Extended | Repetitive:

@@ -172,7 +172,9 @@ class _Maker:
             group = self._group(variation.cv_variation, of, path, fx=not variation.cv_rep_bytes)
             return Repetitive(name, group)
         if issubclass(variation, base.Extended):
-            return Extended(name, tuple(self._groups(variation, path)))
+            inside = ([each[0] for each in listed if each] for listed in variation.cv_items_list)
+            groups = (Group(tuple(self._parts(items, path)), fx=True) for items in inside)
+            return Extended(name, tuple(groups))
         return Fixed(name, self._group(variation, of, path))
 
     def _subfields(self, listed: list[Any], path: str) -> Iterator[Subfield]:
@@ -193,10 +195,6 @@ class _Maker:
         if issubclass(variation, self._base.Element):
             return Group((self._element(variation, of.cv_name, of.cv_title, path),), fx=fx)
         return Group(tuple(self._parts([each for each, _ in variation.cv_items_list], path)), fx=fx)
-
-    def _groups(self, variation: Any, path: str) -> Iterator[Group]:
-        for listed in variation.cv_items_list:
-            yield Group(tuple(self._parts([each[0] for each in listed if each], path)), fx=True)
 
     def _parts(self, items: list[Any], path: str, outer: str = "") -> Iterator[Part]:
         for each in items:

@@ -225,7 +225,12 @@ class DetectionEncoder:
         if plots.range_rate_m_s is not None:
             rates_m_s = measured(RANGE_RATE, plots.range_rate_m_s, -MAX_RATE_M_S, MAX_RATE_M_S)
             texts = _texts(rates_m_s, RATE_DECIMALS)
-            infos.append(_Info(self._rate, texts, self._rate_errors(plots)))
+            errors = None
+            if plots.sigma_range_rate_m_s is not None:
+                sigma_m_s = with_rounding(plots.sigma_range_rate_m_s, 10.0**-RATE_DECIMALS)
+                errors = measured("range rate error", sigma_m_s, 0, MAX_RATE_M_S)
+            rate = BISTATIC_RANGE_RATE if self._manner.transmitters else RANGE_RATE
+            infos.append(_Info(rate, texts, errors))
         if self._manner.transmitters:
             names = [self._manner.transmitters[channel] for channel in plots.channel.tolist()]
             infos.append(_Info(TRANSMITTER, names))
@@ -234,17 +239,6 @@ class DetectionEncoder:
             ages_s = [max(stamp - t_ns, 0) / 1e9 for t_ns in plots.t_utc_ns.tolist()]
             infos.append(_Info(AGE, [f"{age_s:.6f}" for age_s in ages_s]))
         return [info for info in infos if any(info.texts)]
-
-    @property
-    def _rate(self) -> str:
-        return BISTATIC_RANGE_RATE if self._manner.transmitters else RANGE_RATE
-
-    @staticmethod
-    def _rate_errors(plots: Plots) -> list[float | None]:
-        if plots.sigma_range_rate_m_s is None:
-            return [None] * len(plots)
-        sigma_m_s = with_rounding(plots.sigma_range_rate_m_s, 10.0**-RATE_DECIMALS)
-        return measured("range rate error", sigma_m_s, 0, MAX_RATE_M_S)
 
     def _fill_infos(self, infos: list[_Info], i: int) -> None:
         told = self._report.object_info

@@ -394,7 +394,9 @@ class _Scan:
         if opcode == Opcode.MESSAGE:
             self._take_loose(at, end)
         elif opcode == Opcode.CHUNK:
-            self._take_chunk(at, end)
+            first_ns, last_ns = self._take_records(at, self._source.chunk(at))
+            if first_ns <= last_ns:
+                self.contents.spans.append(TimeSpan(first_ns, last_ns, at, end - at))
         elif opcode == Opcode.ATTACHMENT:
             self._take_attachment(at)
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
@@ -417,12 +419,6 @@ class _Scan:
             raise DecodeError(f"a record of an unknown kind, {opcode:#04x}")
         if fields.left:
             raise DecodeError("a record that is longer than its fields")
-
-    def _take_chunk(self, at: int, end: int) -> None:
-        data = self._source.chunk(at)
-        first_ns, last_ns = self._take_records(at, data)
-        if first_ns <= last_ns:
-            self.contents.spans.append(TimeSpan(first_ns, last_ns, at, end - at))
 
     def _take_records(self, at: int, data: bytes) -> tuple[int, int]:
         """First and last log time of the messages in a chunk."""

@@ -130,7 +130,7 @@ class McapReader(RecordingReader):
         held_octets = 0
         for n, span in enumerate(spans, 1):
             more, octets = self._read(span, wanted, first, end)
-            held, held_octets = _merged(held, more), held_octets + octets
+            held, held_octets = sorted([*held, *more], key=_log_time), held_octets + octets
             if n == len(spans) or held_octets > MAX_HELD_OCTETS or len(held) > MAX_MESSAGES:
                 ready = len(held)
             else:
@@ -186,7 +186,6 @@ class McapReader(RecordingReader):
             self.damage.add(span.offset, str(error))
             return [], 0
         found = self._messages(span.offset, data, wanted, first_ns, end_ns)
-        found.sort(key=_log_time)
         return found, len(data)
 
     def _messages(
@@ -263,11 +262,3 @@ class _Wanted(NamedTuple):
     number: int
     """Of the series."""
     holds_properties: bool
-
-
-def _merged(held: list[Recorded], more: list[Recorded]) -> list[Recorded]:
-    if not held or not more:
-        return held or more
-    both = held + more
-    both.sort(key=_log_time)
-    return both

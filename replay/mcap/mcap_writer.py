@@ -269,10 +269,6 @@ Run = Callable[[Callable[[], None]], object]
 """Does a piece of work now or later, the pieces one after the other."""
 
 
-def _at_once(work: Callable[[], None]) -> None:
-    work()
-
-
 class _Channel:
     """A channel that is being written."""
 
@@ -302,7 +298,7 @@ class McapWriter(RecordingWriter):
         *,
         attachments: Iterable[Attachment] = (),
         library: str = "plotfeed",
-        run: Run = _at_once,
+        run: Run = lambda work: work(),
     ) -> None:
         self._run = run
         self._file = ChunkFile(file, library, attachments)
@@ -377,7 +373,10 @@ class McapWriter(RecordingWriter):
         channel.messages += 1
         entries = channel.entries
         if not entries:
-            self._touch(channel)
+            self._touched.append(channel)
+            if not channel.defined_in or self._chunk - channel.defined_in >= DEFINE_EVERY:
+                self._put(channel.definition)
+                channel.defined_in = self._chunk
         entries += (log_ns, self._octets)
         self._parts += (head, payload)
         self._octets += MESSAGE.size + octets
@@ -434,13 +433,6 @@ class McapWriter(RecordingWriter):
                 self._file.schemas.append(schema)
             self._schemas[key] = number
         return self._schemas[key]
-
-    def _touch(self, channel: _Channel) -> None:
-        """The channel is in this chunk, with its definition if that is far away."""
-        self._touched.append(channel)
-        if not channel.defined_in or self._chunk - channel.defined_in >= DEFINE_EVERY:
-            self._put(channel.definition)
-            channel.defined_in = self._chunk
 
     def _put(self, record: bytes) -> None:
         self._parts.append(record)

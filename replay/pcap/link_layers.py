@@ -185,15 +185,10 @@ def with_payload(link_type: int, head: bytes, payload: bytes) -> bytes:
     else:
         addresses = ip[8:40]
         ip = ip[:4] + length.to_bytes(2, "big") + ip[6:]
-    return head[:ip_at] + ip + _udp(head[udp_at : udp_at + 4], addresses, payload)
-
-
-def _udp(ports: bytes, addresses: bytes, payload: bytes) -> bytes:
-    length = UDP_OCTETS + len(payload)
-    header = ports + length.to_bytes(2, "big")
-    pseudo = addresses + struct.pack(">II", length, UDP_PROTOCOL)
-    total = checksum(pseudo + header + b"\0\0" + payload)
-    return header + (total or 0xFFFF).to_bytes(2, "big") + payload
+    udp = head[udp_at : udp_at + 4] + (UDP_OCTETS + len(payload)).to_bytes(2, "big")
+    pseudo = addresses + struct.pack(">II", UDP_OCTETS + len(payload), UDP_PROTOCOL)
+    total = checksum(pseudo + udp + b"\0\0" + payload) or 0xFFFF
+    return head[:ip_at] + ip + udp + total.to_bytes(2, "big") + payload
 
 
 def _link_layer(link_type: int, source: bytes, destination: bytes) -> bytes:

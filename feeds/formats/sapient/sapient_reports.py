@@ -122,7 +122,12 @@ class SapientReports(SectorFormat):
         if not self._groups.ends_with(sector):
             return []
         together, self._waiting = Plots.joined(self._waiting), []
-        together = _with_finite_errors(together)
+        together = replace(  # an error without bound, as of azimuth straight above, is left unsaid
+            together,
+            sigma_range_m=_bounded(together.sigma_range_m, MAX_RANGE_M),
+            sigma_azimuth_deg=_bounded(together.sigma_azimuth_deg, MAX_ERROR_DEG),
+            sigma_elevation_deg=_bounded(together.sigma_elevation_deg, MAX_ERROR_DEG),
+        )
         payloads = self._encoder.messages(
             sector.end_ns,
             together,
@@ -139,16 +144,6 @@ class SapientReports(SectorFormat):
         if self._has_direction:
             return positions_of(plots, self._frame)
         return somewhere_near(plots, self._frame, self._range_max_m)
-
-
-def _with_finite_errors(plots: Plots) -> Plots:
-    """An error without bound, such as of azimuth straight above, is left unsaid."""
-    return replace(
-        plots,
-        sigma_range_m=_bounded(plots.sigma_range_m, MAX_RANGE_M),
-        sigma_azimuth_deg=_bounded(plots.sigma_azimuth_deg, MAX_ERROR_DEG),
-        sigma_elevation_deg=_bounded(plots.sigma_elevation_deg, MAX_ERROR_DEG),
-    )
 
 
 def _bounded(sigma: Floats, most: float) -> Floats:

@@ -76,23 +76,31 @@ class ItemPlace(NamedTuple):
     end: int
 
 
-def blocks(data: bytes) -> Iterator[Block]:
-    """The data blocks that lie back to back in `data`."""
+def whole_blocks(data: bytes) -> Iterator[Block]:
+    """The data blocks that lie back to back in `data`, up to the first that is not whole."""
     at = 0
-    while at < len(data):
-        if len(data) - at < HEADER_OCTETS:
-            raise DecodeError("the header of a data block is cut off", at_octet=at)
+    while len(data) - at >= HEADER_OCTETS:
         length = int.from_bytes(data[at + 1 : at + 3], "big")
-        if length < HEADER_OCTETS:
-            raise DecodeError(f"a data block of {length} octets has no header", at_octet=at + 1)
-        if length > len(data) - at:
-            raise DecodeError(
-                f"a data block of {length} octets, of which {len(data) - at} are there",
-                at_octet=at + 1,
-            )
+        if not HEADER_OCTETS <= length <= len(data) - at:
+            return
         body = at + HEADER_OCTETS
         at += length
         yield Block(data[body - HEADER_OCTETS], bytes(data[body:at]), body)
+
+
+def blocks(data: bytes) -> Iterator[Block]:
+    """The data blocks that lie back to back in `data`; a DecodeError behind them if one is cut."""
+    at = 0
+    for block in whole_blocks(data):
+        yield block
+        at = block.at_octet + len(block.body)
+    left = len(data) - at
+    if 0 < left < HEADER_OCTETS:
+        raise DecodeError("the header of a data block is cut off", at_octet=at)
+    if left:
+        length = int.from_bytes(data[at + 1 : at + 3], "big")
+        what = f", of which {left} are there" if length > left else " has no header"
+        raise DecodeError(f"a data block of {length} octets{what}", at_octet=at + 1)
 
 
 def records_in(block: Block, categories: Mapping[int, Category] = CATEGORIES) -> Iterator[Record]:

@@ -170,7 +170,10 @@ class _Columns:
 
     def __init__(self, octets: int, slots: Sequence[Slot], lsb: Mapping[str, float]) -> None:
         self.slots = slots
-        self.lsb = [lsb.get(slot.path, _own_lsb(slot.part)) for slot in slots]
+        self.lsb = [
+            lsb.get(slot.path, float(slot.part.lsb) if isinstance(slot.part, Quantity) else 1)
+            for slot in slots
+        ]
         """In the column's unit; an int of a column of integers."""
         self._octets = octets
         kinds: dict[type, list[int]] = {float: [], int: [], str: []}
@@ -295,11 +298,6 @@ def _rule(part: Named) -> _Rule:
             return _Rule(part.overflow, 0, (part.modulus or 1 << part.bits) - 1)
         return _Rule(part.overflow, *part.limits)
     return _Rule(Overflow.REFUSE, 0, (1 << part.bits) - 1)
-
-
-def _own_lsb(part: Named) -> float:
-    """The LSB of a part in its layout: a float of a quantity, the integer 1 of any other."""
-    return float(part.lsb) if isinstance(part, Quantity) else 1
 
 
 def _width(octets: int) -> int:

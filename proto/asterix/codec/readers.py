@@ -101,7 +101,9 @@ class Plans:
             nonlocal left
             left -= 1
             if not left:
-                self._readers[flags] = _all_of(items)
+                source = _Source()
+                values = [(item.name, _value(item, source)) for item in items]
+                self._readers[flags] = source.reader(_literal(values))
             found: dict[str, Any] = {}
             for name, reader in readers:
                 found[name], at = reader(body, at)
@@ -125,12 +127,6 @@ def _offsets(items: Sequence[Item]) -> Reader:
         return found, at
 
     return read
-
-
-def _all_of(items: Sequence[Item]) -> Reader:
-    """The one reader of items that follow each other."""
-    source = _Source()
-    return source.reader(_literal([(item.name, _value(item, source)) for item in items]))
 
 
 def _value(item: Item, source: _Source) -> str:

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 from plotfeed.proto.asterix.cat062 import CAT062
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import ItemPlaces
+from plotfeed.proto.asterix.codec.decode import Block, ItemPlaces, whole_blocks
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
-    HEADER_OCTETS,
     Category,
     Compound,
     Repetitive,
@@ -96,29 +95,25 @@ class Retimer:
         """
         shift_lsb = _rounded(shift_ns * LSB_PER_S, NS)
         moved, left = bytearray(data), list[str]()
-        at = 0
-        while at < len(data):
-            end = at + int.from_bytes(data[at + 1 : at + HEADER_OCTETS], "big")
-            if not at + HEADER_OCTETS <= end <= len(data):
-                left.append("octets that are no data block")
-                break
-            left += self._retime_block(moved, data[at:end], at, shift_lsb)
-            at = end
+        end = 0
+        for block in whole_blocks(data):
+            left += self._retime_block(moved, block, shift_lsb)
+            end = block.at_octet + len(block.body)
+        if end < len(data):
+            left.append("octets that are no data block")
         return Retimed(bytes(moved), tuple(left))
 
-    def _retime_block(
-        self, moved: bytearray, block: bytes, origin: int, shift_lsb: int
-    ) -> Iterator[str]:
-        number = block[0]
+    def _retime_block(self, moved: bytearray, block: Block, shift_lsb: int) -> Iterator[str]:
+        number, body, origin = block
         finder = self._finders.get(number)
         if finder is None:
             yield f"category {number:03d}, of which no layout is known"
             return
         found: list[TimeItems] = []
-        at = HEADER_OCTETS
+        at = 0
         try:
-            while at < len(block):
-                found.append(finder.find(block, at))
+            while at < len(body):
+                found.append(finder.find(body, at))
                 at = found[-1].end
         except DecodeError:
             yield f"category {number:03d} in an edition that is not known, or broken"
@@ -127,7 +122,7 @@ class Retimer:
             for place in times.of_day:
                 _move_time_of_day(moved, origin + place, shift_lsb)
             for place in times.planned:
-                if not _move_planned(moved, origin + place, _within_day(block, times, shift_lsb)):
+                if not _move_planned(moved, origin + place, _within_day(body, times, shift_lsb)):
                     yield f"I{number:03d}/390/{PLANNED}, which is not of these days"
 
 
