@@ -9,9 +9,10 @@ from plotfeed.feeds.formats.message_format import (
     AsterixFormat,
     Blocks,
     Sensors,
-    max_block_octets,
+    limits_of,
     numbers_of,
     periods_in,
+    sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at, geodetic, site_frame
@@ -46,8 +47,7 @@ class Status025:
         self._numbers = numbers_of(sensors, len(scene.sensor))
         places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
         self._encoder = StatusEncoder025(
-            [sensor.sac for sensor in sensors.values()],
-            [sensor.sic for sensor in sensors.values()],
+            *sources_of(sensors),
             latitude_deg=[place.latitude_deg for place in places],
             longitude_deg=[place.longitude_deg for place in places],
             height_m=[place.height_m for place in places],
@@ -123,12 +123,11 @@ def _plots_of(scene: Scene, sensors: Sensors) -> tuple[Ints, PlotEncoder015]:
     every = list(sensors.values())
     codes = every[0].class_codes
     return numbers_of(sensors), PlotEncoder015(
-        [sensor.sac for sensor in every],
-        [sensor.sic for sensor in every],
+        *sources_of(sensors),
         geometry=GEOMETRIES[every[0].geometry],
         classes={"": NO_CLASS, **codes} if codes else None,
         scanning=[Scanning.FORWARD if s.scan.rotates else Scanning.STATIC for s in every],
-        max_octets=[max_block_octets(scene, sensor) for sensor in every],
+        max_octets=limits_of(scene, sensors),
     )
 
 
@@ -147,7 +146,7 @@ def _systems(scene: Scene, sensors: Sensors) -> list[tuple[Ints, SystemEncoder01
                 [_system(scene, sensor) for sensor in some.values()],
                 period_s=SERVICE_PERIOD_NS // NS,
                 geoid_undulation_m=float(SeaLevel.of(scene).undulation_m(*at_site)),
-                max_octets=[max_block_octets(scene, sensor) for sensor in some.values()],
+                max_octets=limits_of(scene, some),
             ),
         )
         for some in alike.values()

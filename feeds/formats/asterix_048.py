@@ -8,8 +8,9 @@ from plotfeed.feeds.formats.message_format import (
     AsterixFormat,
     Blocks,
     Sensors,
-    max_block_octets,
+    limits_of,
     numbers_of,
+    sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
@@ -35,9 +36,8 @@ class Asterix048(AsterixFormat):
         super().__init__(scene, sensors)
         self._numbers = numbers_of(sensors)
         self._plots = PlotEncoder048(
-            [sensor.sac for sensor in sensors.values()],
-            [sensor.sic for sensor in sensors.values()],
-            max_octets=[max_block_octets(scene, sensor) for sensor in sensors.values()],
+            *sources_of(sensors),
+            max_octets=limits_of(scene, sensors),
         )
         self._sea_level = SeaLevel.of(scene)
         places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
@@ -48,8 +48,7 @@ class Asterix048(AsterixFormat):
         self._service = None
         if turning:
             self._service = ServiceEncoder034(
-                [sensor.sac for sensor in turning.values()],
-                [sensor.sic for sensor in turning.values()],
+                *sources_of(turning),
                 antenna_period_s=[sensor.scan.period_s for sensor in turning.values()],
                 place=[
                     (place.latitude_deg, place.longitude_deg, place.height_m)

@@ -6,40 +6,37 @@ import numpy as np
 
 from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
+    AsterixFormat,
     Blocks,
     Sensors,
-    Topics,
-    max_block_octets,
+    limits_of,
     numbers_of,
     periods_in,
+    sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch, of_parts
-from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.beam import Sectors
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.asterix.cat063 import StatusEncoder063
 from plotfeed.proto.asterix.codec.reports import Parts
 
 
-class Asterix062:
+class Asterix062(AsterixFormat):
     """Tracks of category 062 after each sector, and every ten seconds the sensor in 063.
 
     The system's reference point is the scene's site.
     """
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
+        super().__init__(scene, sensors)
         self._numbers = numbers_of(sensors)
-        self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
-        source = [s.sac for s in sensors.values()], [s.sic for s in sensors.values()]
-        most = [max_block_octets(scene, sensor) for sensor in sensors.values()]
-        self._encoder = TrackEncoder062(*source, max_octets=most)
+        source = sources_of(sensors)
+        self._encoder = TrackEncoder062(*source, max_octets=limits_of(scene, sensors))
         self._service = StatusEncoder063(*source)
 
-    def messages(self, batch: Batch) -> list[list[Message]]:
+    def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 062, then 063 where it is due."""
-        sensors = batch.sectors.sensor.tolist()
-        found: list[Blocks] = [[] for _ in sensors]
+        found: list[Blocks] = [[] for _ in range(len(batch))]
         filled = np.flatnonzero(np.diff(batch.of_tracks))
         # Heights are sent, or not, for all tracks of a sensor.
         is_flat = np.isnan(batch.tracks.height_m[batch.of_tracks[filled]])
@@ -50,13 +47,10 @@ class Asterix062:
                 blocks_by = self._encoder.blocks_by(tracks, parts)
                 for i, blocks in zip(which.tolist(), blocks_by, strict=True):
                     found[i].extend((62, block) for block in blocks)
-        self._add_service(found, batch.sectors)
-        every = zip(sensors, batch.stamps, found, strict=True)
-        return [self._topics[sensor].asterix(stamp, blocks) for sensor, stamp, blocks in every]
-
-    def _add_service(self, found: list[Blocks], sectors: Sectors) -> None:
+        sectors = batch.sectors
         due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
         if len(due):
             service = self._service.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
             for i, block in zip(due.tolist(), service, strict=True):
                 found[i].append((63, block))
+        return found

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from plotfeed.feeds.formats.asterix_015 import Status025
-from plotfeed.feeds.formats.message_format import AsterixFormat, Blocks, Sensors, numbers_of
+from plotfeed.feeds.formats.message_format import (
+    AsterixFormat,
+    Blocks,
+    Sensors,
+    numbers_of,
+    sources_of,
+)
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
@@ -21,8 +27,7 @@ class Asterix205(AsterixFormat):
         self._numbers = numbers_of(sensors)
         places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
         self._bearings = BearingEncoder205(
-            [sensor.sac for sensor in sensors.values()],
-            [sensor.sic for sensor in sensors.values()],
+            *sources_of(sensors),
             latitude_deg=[place.latitude_deg for place in places],
             longitude_deg=[place.longitude_deg for place in places],
         )

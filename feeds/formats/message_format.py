@@ -198,6 +198,16 @@ def numbers_of(sensors: Sensors, n: int | None = None) -> Ints:
     return numbers
 
 
+def sources_of(sensors: Sensors) -> tuple[list[int], list[int]]:
+    """SAC and SIC of each sensor, as encoders take them."""
+    return [sensor.sac for sensor in sensors.values()], [sensor.sic for sensor in sensors.values()]
+
+
+def limits_of(scene: Scene, sensors: Sensors) -> list[int]:
+    """What a data block of each sensor may hold so that it fits wherever its messages go."""
+    return [max_block_octets(scene, sensor) for sensor in sensors.values()]
+
+
 class Topics:
     """Addresses a sensor's messages, with CloudEvents attributes as MQTT 5 user properties."""
 
