@@ -485,7 +485,7 @@ def blocks_of(
     """Data blocks of whole records, in their order, each no longer than `max_octets`."""
     step = records_a_block(record_length, max_octets) * record_length
     return [
-        (category << 16 | HEADER_OCTETS + len(body)).to_bytes(HEADER_OCTETS, "big") + body
+        header(category, len(body)) + body
         for start in range(0, len(records), step)
         for body in [records[start : start + step]]
     ]
@@ -494,7 +494,8 @@ def blocks_of(
 def blocks_of_one(encoder: Encoder, records: bytes) -> list[bytes]:
     """A data block for each of an encoder's records, in their order."""
     length = encoder.record_length
-    return blocks_of(encoder.category, records, length, HEADER_OCTETS + length)
+    head = header(encoder.category, length)
+    return [head + records[start : start + length] for start in range(0, len(records), length)]
 
 
 def records_a_block(record_length: int, max_octets: int) -> int:
@@ -505,3 +506,8 @@ def records_a_block(record_length: int, max_octets: int) -> int:
             field="max_octets",
         )
     return (max_octets - HEADER_OCTETS) // record_length
+
+
+def header(category: int, octets: int) -> bytes:
+    """What comes before the records of a data block, which are so many octets."""
+    return (category << 16 | HEADER_OCTETS + octets).to_bytes(HEADER_OCTETS, "big")

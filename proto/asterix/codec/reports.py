@@ -17,6 +17,8 @@ from plotfeed.proto.asterix.codec.encode import (
     Constant,
     Encoder,
     blocks_of,
+    blocks_of_one,
+    header,
     is_at,
     records_a_block,
 )
@@ -114,11 +116,17 @@ class Reports:
         encoder = self._encoder_for(columns)
         records = encoder.records(columns, parts.of_rows() if encoder.sources > 1 else None)
         number, length = encoder.category, encoder.record_length
-        return [
-            blocks_of(number, records[first * length : after * length], length, limit)
-            for (first, after), source in zip(parts.edges(), parts.sources.tolist(), strict=True)
-            for limit in [self._limit(source, length)]
-        ]
+        if self._one_a_block:
+            blocks = blocks_of_one(encoder, records)
+            return [blocks[start:end] for start, end in parts.edges()]
+        found: list[list[bytes]] = []
+        for (first, after), source in zip(parts.edges(), parts.sources.tolist(), strict=True):
+            of_part, limit = records[first * length : after * length], self._limit(source, length)
+            if len(of_part) > limit - HEADER_OCTETS:
+                found.append(blocks_of(number, of_part, length, limit))
+            else:
+                found.append([header(number, len(of_part)) + of_part] if of_part else [])
+        return found
 
     def _limit(self, source: int, record_length: int) -> int:
         """What a data block of a source may hold, in octets."""
