@@ -1,4 +1,4 @@
-"""Prometheus metrics of a session or a fleet, over HTTP: plotfeed[metrics]."""
+"""Prometheus metrics of a session, over HTTP: plotfeed[metrics]."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from socketserver import ThreadingMixIn
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 from urllib.parse import parse_qs
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
@@ -20,11 +20,6 @@ from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.local_hosts import ServedAddress, drawn_token, fixed_token
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.utc import NS
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.fleet.coordinator import Coordinator
-    from plotfeed.feeds.fleet.fleet_parts import PartHeld
 
 log = logging.getLogger(__name__)
 
@@ -149,38 +144,6 @@ class SessionCollector(Observer):
             yield gauge
 
 
-class FleetCollector:
-    """Reads a fleet when it is asked."""
-
-    def __init__(self, fleet: Coordinator) -> None:
-        self._fleet = fleet
-
-    def collect(self) -> Iterator[Any]:
-        """The metrics of the fleet, and of each part."""
-        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
-
-        fleet = self._fleet
-        text = "Workers that took over from others"
-        yield CounterMetricFamily("plotfeed_fleet_takeovers", text, value=fleet.takeovers)
-        text = "Parts whose sensors nobody serves at the moment"
-        open_gaps = sum(gap.to_utc_ns is None for gap in fleet.gaps)
-        yield GaugeMetricFamily("plotfeed_fleet_unserved", text, value=open_gaps)
-        gauges: dict[str, tuple[str, Callable[[PartHeld], float]]] = {
-            "sensors": ("Sensors of a part", lambda part: len(part.sensors)),
-            "epoch": ("Which holder of the part has it now", lambda part: part.epoch),
-            "sends": ("1 where the part sends", lambda part: part.joined_utc_ns > 0),
-            "behind_seconds": (
-                "How long ago was due what was last known to be sent",
-                lambda part: (fleet.now_utc_ns - part.sent_until_utc_ns) / NS,
-            ),
-        }
-        for name, (text, value) in gauges.items():
-            family = GaugeMetricFamily(f"plotfeed_fleet_part_{name}", text, labels=["part"])
-            for part in fleet.parts:
-                family.add_metric([part.name], float(value(part)))
-            yield family
-
-
 Application = Callable[..., Iterable[bytes]]
 """Of WSGI, PEP 3333."""
 
@@ -218,10 +181,10 @@ class _Quiet(WSGIRequestHandler):
 
 
 @contextlib.contextmanager
-def served(address: MetricsAddress, of: FleetCollector | None = None) -> Iterator[Observer]:
+def served(address: MetricsAddress) -> Iterator[Observer]:
     """Serve metrics at /metrics there meanwhile; raises `PlotfeedError`.
 
-    They are those of the session that is observed, or of a fleet. Beyond loopback they need the
+    They are those of the session that is observed. Beyond loopback they need the
     token of the environment, or else a drawn one, which is logged with the URL.
     """
     token = fixed_token(os.environ, TOKEN_VARIABLE)
@@ -235,7 +198,7 @@ def served(address: MetricsAddress, of: FleetCollector | None = None) -> Iterato
         ) from None
     registry = CollectorRegistry(auto_describe=False)
     collector = SessionCollector()
-    registry.register(collector if of is None else of)
+    registry.register(collector)
     application = _for_who_may_ask(make_wsgi_app(registry), address, token)
     kind = _ServerV6 if ":" in address.host else _Server
     try:

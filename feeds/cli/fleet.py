@@ -13,26 +13,34 @@ from plotfeed.feeds.cli.options import POSITIVE
 
 
 @click.command()
-@click.argument("words", nargs=-1, required=True, metavar="SCENE | status SCENE")
+@click.argument("words", nargs=-1, required=True, metavar="SCENE | status SCENE | stop SCENE")
 @click.option(
     "--workers",
-    type=click.IntRange(1, 100_000),
+    type=click.IntRange(1, 10_000),
     default=2,
     show_default=True,
     metavar="N",
-    help="Share the sensors out to so many processes: one for each core is usual.",
+    help="Share the sensors out to so many parts: one for each core is usual.",
 )
 @click.option(
-    "--ray",
-    "ray_address",
-    metavar="HOST:PORT",
-    help="Join the Ray cluster whose head is there; without it Ray is started on this machine.",
+    "--spares",
+    type=click.IntRange(0, 9),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Have so many more processes of each part stand by, which work out the same and take over "
+    "at once.",
+)
+@click.option(
+    "--start",
+    metavar="TIME",
+    help="Begin the scene at this time, as 2026-01-01T12:00:00Z; without it in five seconds.",
 )
 @click.option(
     "--broker",
     metavar="URL",
-    help="Connect all workers to the broker at mqtt://HOST:PORT or mqtts://HOST:PORT, or to none "
-    "by 'none'; without it the scene's broker is used.",
+    help="Connect all parts to the broker at mqtt://HOST:PORT or mqtts://HOST:PORT; without it the "
+    "scene's broker is used.",
 )
 @click.option(
     "--duration",
@@ -41,71 +49,49 @@ from plotfeed.feeds.cli.options import POSITIVE
     help="End after so many seconds of the scene's time; else as the scene says, or never.",
 )
 @click.option(
-    "--speed",
-    type=click.Choice(["1", "max"]),
-    default="1",
-    show_default=True,
-    help="Run in real time, or as fast as possible.",
-)
-@click.option(
     "--record",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Record what each worker takes in and sends, and its ledger, to MCAP files there.",
+    help="Record what each process takes in and sends, and its ledger, to MCAP files there.",
 )
 @click.option(
-    "--lease",
-    "lease_s",
-    type=click.FloatRange(0.2, 600),
-    default=2.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="Give the sensors of a worker to another after so many seconds without news of it.",
+    "--kubernetes",
+    is_flag=True,
+    help="Start nothing, but print manifests with which Kubernetes runs the parts.",
 )
 @click.option(
-    "--spares",
-    type=click.IntRange(0, 1000),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Have so many more workers ready to take over.",
-)
-@click.option(
-    "--ramp-up",
-    "ramp_up_s",
-    type=click.FloatRange(min=0),
-    default=0.0,
-    metavar="SECONDS",
-    help="Let the workers begin one after another over so many seconds.",
-)
-@click.option(
-    "--metrics",
-    metavar="[HOST:]PORT",
-    help="Serve Prometheus metrics of the fleet there: to this machine alone, or where HOST says, "
-    "with a token.",
+    "--ray",
+    "ray_address",
+    metavar="HOST:PORT",
+    help="Have the Ray cluster whose head is there run the parts, and return.",
 )
 @click.option(
     "--page",
     metavar="[HOST:]PORT",
-    help="Serve a page there that shows the scene and how its workers do: to this machine alone, "
+    help="Serve a page there that shows the scene and how its parts do: to this machine alone, "
     "or where HOST says, with a token.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as one JSON object.")
 def fleet(words: tuple[str, ...], **options: Any) -> int:
-    """Run SCENE, a TOML file, over many processes or hosts, or look after such a fleet.
+    """Run SCENE, a TOML file, by many processes of this machine, or where an engine places them.
 
-    The sensors of the scene are shared out to workers, each of which publishes by itself over MQTT:
-    together they send the bytes that one process would. Where a worker dies or hangs, another goes
-    on with its sensors at the right scan.
+    Each runs a part of the scene, as `plotfeed run --part K/N` does, and publishes by itself over
+    MQTT: together they send the bytes that one process would. A process that dies is started again
+    and goes on at the right scan; none depends on another.
 
-    `status SCENE` prints how the fleet does that runs on the scene's prefix.
+    With status SCENE it prints how the parts do that run on the scene's prefix, or shows it on a
+    page; with stop SCENE it ends those that Ray runs.
     """
-    from plotfeed.feeds.cli.fleet_command import print_status, run_fleet
+    from plotfeed.feeds.cli.fleet_command import print_status, run_fleet, stop_fleet
     from plotfeed.feeds.scene.scene import load
 
     match words:
         case ("status", scene):
-            return print_status(load(scene), options["broker"], as_json=options["as_json"])
-        case (scene,) if scene != "status":
-            return run_fleet(load(scene), **options)
-    raise click.UsageError("expected SCENE, or status SCENE")
+            return print_status(
+                load(scene), options["broker"], options["page"], as_json=options["as_json"]
+            )
+        case ("stop", scene):
+            return stop_fleet(load(scene), options["ray_address"])
+        case (scene,) if scene not in ("status", "stop"):
+            return run_fleet(Path(scene), **options)
+    raise click.UsageError("expected SCENE, status SCENE, or stop SCENE")

@@ -1,4 +1,4 @@
-"""A fleet in a terminal: begun, and asked how it does."""
+"""A fleet in a terminal: its processes begun, and asked how they do."""
 
 from __future__ import annotations
 
@@ -7,204 +7,179 @@ import contextlib
 import json
 import os
 import signal
-from collections.abc import Iterator
+import sys
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.console import INTERRUPTED
-from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.console.process import stopped_by_signals
-from plotfeed.feeds.console.status_line import show_last_status, show_status
-from plotfeed.feeds.fleet.coordinator import Coordinator
-from plotfeed.feeds.fleet.fleet_link import FleetLink, health
-from plotfeed.feeds.fleet.fleet_parts import FleetSettings
-from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows, told_in
-from plotfeed.feeds.fleet.ray_workers import starter
-from plotfeed.feeds.lab.runs import connected
+from plotfeed.feeds.fleet.fleet_watch import FleetWatch, gap_words
+from plotfeed.feeds.fleet.kubernetes import manifests
+from plotfeed.feeds.fleet.local_parts import LocalParts
+from plotfeed.feeds.fleet.part_asked import check_scene, start_of
+from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.page.page_access import PageAddress, fixed_tokens
-from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.outputs import NO_BROKER, broker_address
-from plotfeed.feeds.session.session_part import FLEET
-from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.errors import PlotfeedError
 
 CONNECT_S = 15.0
-HEARD_S = 10.0
-"""By then a broker has passed on what it retains."""
-FASTEST = "max"
-PAGE_LIBRARIES = ("starlette", "uvicorn", "websockets")
-COUNTS = ("plots", "missed_scans")
+HEARD_S, LOOK_S = 4.0, 0.05
+"""By then every part that goes on has said so."""
+RUN = (sys.executable, "-m", "plotfeed.feeds.cli", "run")
 
 
 class NoFleetError(PlotfeedError):
-    """A prefix on which no fleet says that it runs."""
+    """A prefix on which no part of a fleet says anything."""
 
     exit_code = 1
 
 
 def run_fleet(
-    scene: Scene, ray_address: str | None, metrics: str | None, page: str | None, **asked: Any
+    path: Path,
+    *,
+    workers: int,
+    spares: int,
+    start: str | None,
+    broker: str | None,
+    duration: float | None,
+    record: Path | None,
+    kubernetes: bool,
+    ray_address: str | None,
+    page: str | None,
+    as_json: bool,
 ) -> int:
-    """Run a scene over many workers until it ends or is stopped; the exit code."""
-    as_json, speed = asked.pop("as_json"), asked.pop("speed")
-    broker = asked.pop("broker") or scene.outgoing.broker
-    check_fleet(scene, broker, speed)
-    if page is not None:
-        check_page(page, broker)
-    settings = FleetSettings(
-        broker=broker,
-        is_simulated=speed == FASTEST,
-        duration_s=asked.pop("duration") or scene.scene.duration_s,
-        **asked,
-    )
-    if settings.record is not None:
-        settings.record.mkdir(parents=True, exist_ok=True)
-    with connected(ray_address, settings.workers) as ray, contextlib.ExitStack() as served:
-        fleet = Coordinator(scene, settings, starter(ray))
-        if metrics is not None:
-            from plotfeed.feeds.metrics import FleetCollector, MetricsAddress
-            from plotfeed.feeds.metrics import served as serve
+    """Have all parts of a scene run; the exit code."""
+    scene = load(path)
+    broker, begins = broker or scene.outgoing.broker, start_of(start)
+    check_scene(scene, broker)
+    if broker is None or broker == NO_BROKER:
+        raise PlotfeedError("the processes of a fleet tell by a broker how they do: --broker URL")
+    workers = len(partition(scene, workers))
+    asked: dict[str, Any] = {
+        "parts": workers,
+        "spares": spares,
+        "start": begins,
+        "broker": broker,
+        "duration_s": duration or scene.scene.duration_s,
+    }
+    if kubernetes:
+        say(manifests(path, **asked).rstrip())
+        return 0
+    if ray_address is not None:
+        from plotfeed.feeds.fleet.ray_parts import start_parts
+        from plotfeed.feeds.lab.runs import connected
 
-            served.enter_context(serve(MetricsAddress.parse(metrics), FleetCollector(fleet)))
-        code = asyncio.run(_run(fleet, page, quiet=as_json))
+        with connected(ray_address, None) as ray:
+            start_parts(ray, scene, **asked)
+        say(f"scene {scene.scene.name}: Ray at {ray_address} runs {workers} parts from {begins} on")
+        say(f"how they do: plotfeed fleet status {path} --broker {broker}")
+        say(f"to end them: plotfeed fleet stop {path} --ray {ray_address}")
+        return 0
+    if record is not None:
+        record.mkdir(parents=True, exist_ok=True)
+
+    def command(part: int, starts: int) -> list[str]:
+        words = [*RUN, str(path), "--part", f"{part}/{workers}", "--start", begins]
+        words += ["--broker", str(broker), "--wait", "--json"]
+        words += [] if duration is None else ["--duration", str(duration)]
+        words += [] if record is None else ["--record", str(record / f"{part}.{starts}.mcap")]
+        return words
+
+    parts = LocalParts(command, workers)
+    watch = FleetWatch(scene, broker_address(scene, broker))
+    code = asyncio.run(_run(watch, parts, spares, page, quiet=as_json))
     if as_json:
-        say(json.dumps({**health(fleet, "ENDED"), "counts": fleet.counts}))
+        say(json.dumps({**watch.news(), "counts": parts.counts}))
     else:
-        show_last_status(_line(fleet))
+        counts = "  ".join(f"{name.replace('_', ' ')} {n}" for name, n in parts.counts.items())
+        say(f"processes started {sum(parts.starts)}  {counts}")
     return code
 
 
-def check_fleet(scene: Scene, broker: str | None, speed: str) -> None:
-    """Raise `PlotfeedError` for a scene that many cannot run."""
-    if broker is None:
-        raise PlotfeedError(
-            "a fleet needs a broker that all its workers reach: --broker mqtt://HOST:PORT, or none"
-        )
-    if scene.outgoing.sources:
-        raise PlotfeedError(
-            "telemetry.source: a fleet listens to brokers alone; "
-            "let plotfeed inject publish what the source says"
-        )
-    if scene.outgoing.websocket:
-        raise PlotfeedError("websocket: workers cannot all listen on one port; leave it out")
-    if speed == FASTEST and scene.scene.duration_s is None and broker != NO_BROKER:
-        raise PlotfeedError("--speed max goes to no broker: --broker none --record DIR")
+def stop_fleet(scene: Scene, ray_address: str | None) -> int:
+    """End the parts that Ray runs; the exit code."""
+    from plotfeed.feeds.fleet.ray_parts import stop_parts
+    from plotfeed.feeds.lab.runs import connected
+
+    if ray_address is None:
+        raise PlotfeedError("stop ends what Ray runs: --ray HOST:PORT")
+    with connected(ray_address, None) as ray:
+        ended = stop_parts(ray, scene)
+    say(f"{ended} processes have ended")
+    return 0 if ended else 1
 
 
-def check_page(page: str, broker: str | None) -> None:
-    """Raise `PlotfeedError` where there is nothing to see, nothing to show it by, or no place."""
-    PageAddress.parse(page)
-    if broker == NO_BROKER:
-        raise PlotfeedError("--page: a fleet without a broker tells nothing to show")
-    for library in PAGE_LIBRARIES:
-        need_extra(library, "the page", "page")
-
-
-async def _run(fleet: Coordinator, page: str | None, *, quiet: bool) -> int:
+async def _run(
+    watch: FleetWatch, parts: LocalParts, spares: int, page: str | None, *, quiet: bool
+) -> int:
     stop = asyncio.Event()
-    async with contextlib.AsyncExitStack() as beside:
-        signals = beside.enter_context(stopped_by_signals(stop.set))
-        broker = fleet.settings.broker or ""
-        if broker != NO_BROKER:
-            link = FleetLink(fleet, broker_address(fleet.scene, broker))
-            await beside.enter_async_context(link.link.connected(CONNECT_S))
-            saying = asyncio.create_task(link.run())
-            beside.push_async_callback(_ended, saying)
-            if page is not None:
-                from plotfeed.feeds.page.fleet_page import shown_on_page
+    address, prefix = watch.link.address, watch.scene.mqtt.prefix
+    with stopped_by_signals(stop.set) as signals:
+        async with watch.link.connected(CONNECT_S), _shown(watch, page, quiet=quiet):
+            if not quiet:
+                say(f"scene {watch.scene.scene.name}: {len(parts.starts)} parts send to {address}")
+                say(f"look at it: plotfeed show {address}/{prefix}/#; stop: Ctrl-C")
+            code = await parts.run(stop, spares)
+    return INTERRUPTED if signal.SIGINT in signals else code
 
-                address, tokens = PageAddress.parse(page), fixed_tokens(os.environ)
-                urls = await beside.enter_async_context(shown_on_page(address, link, tokens))
-                for name, url in urls.items():
-                    say(f"{name}: {url}", err=quiet)
-        if not quiet:
-            where = "nowhere" if broker == NO_BROKER else f"to {broker}"
-            say(f"scene {fleet.scene.scene.name}: {fleet.settings.workers} workers send {where}")
-            if broker != NO_BROKER:
-                say(f"look at it: plotfeed show {broker}/{fleet.scene.mqtt.prefix}/#; stop: Ctrl-C")
-        status = asyncio.create_task(show_status(lambda: _line(fleet), quiet=quiet))
-        try:
-            await fleet.run(stop)
-        finally:
-            await _ended(status)
+
+@contextlib.asynccontextmanager
+async def _shown(watch: FleetWatch, page: str | None, *, quiet: bool) -> AsyncIterator[None]:
+    """A page meanwhile, if one is asked for."""
+    if page is None:
+        yield
+        return
+    from plotfeed.feeds.page.fleet_page import shown_on_page
+
+    tokens = fixed_tokens(os.environ)
+    async with shown_on_page(PageAddress.parse(page), watch, tokens) as urls:
+        for name, url in urls.items():
+            say(f"{name}: {url}", err=quiet)
+        yield
+
+
+def print_status(scene: Scene, broker: str | None, page: str | None, *, as_json: bool) -> int:
+    """Print how the parts do that run on a scene's prefix, or show it; the exit code."""
+    url = broker or scene.outgoing.broker
+    if url is None or url == NO_BROKER:
+        raise PlotfeedError("which broker do the parts send to? --broker mqtt://HOST:PORT")
+    watch = FleetWatch(scene, broker_address(scene, url))
+    code = asyncio.run(_heard(watch, page))
+    if not watch.is_heard:
+        raise NoFleetError(f"no part of a fleet says on {watch.root}/# that it runs")
+    if as_json:
+        say(json.dumps(watch.news()))
+    elif page is None:
+        say("\n".join(_status_lines(watch.news())))
+    return code
+
+
+async def _heard(watch: FleetWatch, page: str | None) -> int:
+    stop = asyncio.Event()
+    async with watch.link.connected(CONNECT_S):
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(HEARD_S):
+                while not watch.is_known:  # noqa: ASYNC110 - of what comes in
+                    await asyncio.sleep(LOOK_S)
+        if page is None or not watch.is_heard:
+            return 0
+        with stopped_by_signals(stop.set) as signals:
+            async with _shown(watch, page, quiet=False):
+                await stop.wait()
     return INTERRUPTED if signal.SIGINT in signals else 0
 
 
-async def _ended(task: asyncio.Task[None]) -> None:
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await task
-
-
-def _line(fleet: Coordinator) -> str:
-    sending = sum(part.joined_utc_ns > 0 for part in fleet.parts)
-    text = f"parts {len(fleet.parts)} sending {sending}  take-overs {fleet.takeovers}"
-    counts = "  ".join(f"{name.replace('_', ' ')} {n}" for name, n in fleet.counts.items())
-    return f"{text}  {counts}" if counts else text
-
-
-def print_status(scene: Scene, broker: str | None, *, as_json: bool) -> int:
-    """Print how the fleet does that runs on a scene's prefix; the exit code."""
-    told, parts = asyncio.run(_heard(scene, broker))
-    if as_json:
-        say(json.dumps({**told, "status": parts}))
-    else:
-        say("\n".join(_status_lines(told, parts)))
-    return 0
-
-
-async def _heard(scene: Scene, broker: str | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What is retained of a fleet and of its parts, by name; raises `NoFleetError`."""
-    root = f"{scene.mqtt.prefix}/{FLEET}"
-    heard: dict[str, dict[str, Any]] = {}
-    are_all_there = asyncio.Event()
-
-    def take(topic: str, payload: bytes, _content_type: str | None) -> None:
-        name = topic.removeprefix(f"{root}/")
-        try:
-            heard[name] = told_in(payload, of_part=topic != root)
-        except PlotfeedError as error:
-            say(f"plotfeed: {topic} is left out, nothing that a fleet says: {error}", err=True)
-            heard[name] = {}
-        if _all_there(heard, root):
-            are_all_there.set()
-
-    link = MqttTransport(
-        _address(scene, broker), "plotfeed-fleet-status", subscribe=[f"{root}/#"], on_message=take
-    )
-    async with link.connected(CONNECT_S):
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(HEARD_S):
-                await are_all_there.wait()
-    if not heard.get(root):
-        raise NoFleetError(f"no fleet says on {root} that it runs")
-    told = heard[root]
-    names = [each["part"] for each in told.get("parts", [])]
-    return told, {name: heard[name] for name in names if name in heard}
-
-
-def _all_there(heard: dict[str, dict[str, Any]], root: str) -> bool:
-    return root in heard and all(p["part"] in heard for p in heard[root].get("parts", []))
-
-
-def _status_lines(told: dict[str, Any], parts: dict[str, Any]) -> Iterator[str]:
-    yield (
-        f"fleet of scene {told['scene']}: {told['state']} since {told['began_utc']}, "
-        f"take-overs {told['takeovers']}"
-    )
-    head = ["part", "sensors", "state", "worker", "epoch", "plots", "missed", "late p99", ""]
-    rows = [head]
-    for row in part_rows(told, parts):
-        plots, missed = ("" if row[key] is None else str(row[key]) for key in COUNTS)
+def _status_lines(news: dict[str, Any]) -> Iterator[str]:
+    parts = news["parts"]
+    yield f"scene {news['scene']}: {len(parts)} parts, take-overs {news['takeovers']}"
+    rows = [["part", "sensors", "state", "worker", "claim", "plots", "missed", "late p99", ""]]
+    for row in parts:
+        counts = ["" if row[key] is None else str(row[key]) for key in ("plots", "missed_scans")]
         late, until = f"{row['lateness_p99_ms']:.2f} ms", f"sent until {row['sent_until_utc']}"
-        who = [row["part"], str(len(row["sensors"])), row["state"], row["worker"]]
-        rows.append([*who, str(row["epoch"]), plots, missed, late, until])
+        who = [str(row["part"]), str(len(row["sensors"])), row["state"], row["worker"]]
+        rows.append([*who, str(row["claim"]), *counts, late, until])
     yield from aligned(rows, "<><<>>>>")
-    yield from map(gap_words, told["gaps"])
-
-
-def _address(scene: Scene, broker: str | None) -> Any:
-    url = broker or scene.outgoing.broker
-    if url in (None, NO_BROKER):
-        raise PlotfeedError("which broker does the fleet send to? --broker mqtt://HOST:PORT")
-    return broker_address(scene, str(url))
+    yield from map(gap_words, news["gaps"])

@@ -62,8 +62,11 @@ SUMMARIES_AND_EXAMPLES = {
         ),
     ),
     "fleet": (
-        "Run a scene over many processes or hosts.",
-        ("fleet here.toml --workers 2 --broker mqtt://127.0.0.1:1883",),
+        "Run a scene by many processes, on one machine or many.",
+        (
+            "fleet here.toml --workers 2 --broker mqtt://127.0.0.1:1883",
+            "fleet here.toml --broker mqtt://broker:1883 --kubernetes",
+        ),
     ),
     "chart": (
         "Chart speed against accuracy of a scene's stages.",

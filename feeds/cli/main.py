@@ -91,6 +91,16 @@ def demo(scene: str, *, no_page: bool, **options: Any) -> int:
     metavar="FILE",
     help="Take in again, at the same times, what came in to the session in this MCAP file.",
 )
+@click.option(
+    "--part",
+    metavar="K/N",
+    help="Run part K of N of the scene's sensors; other processes run the others.",
+)
+@click.option(
+    "--start",
+    metavar="TIME",
+    help="Begin the scene at this time, as 2026-01-01T12:00:00Z: all parts at the same.",
+)
 @session_options
 def run(scene: Path, **options: Any) -> int:
     """Run SCENE, a TOML file, or run the record of a session (MCAP) again.

@@ -48,7 +48,8 @@ from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRec
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import NO_BROKER
-from plotfeed.feeds.session.session import run
+from plotfeed.feeds.session.session import run, run_part
+from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
@@ -101,6 +102,10 @@ class RunSettings:
     """A recorded session whose inputs are taken in again."""
     shows_page: bool = False
     """Whether the page is served even if nobody said where."""
+    part: str | None = None
+    """K/N, where other processes run the other parts of the scene."""
+    start: str | None = None
+    """When all parts begin."""
     can_be_held: bool = False
     """Whether time can be paused and hurried although nobody asked for another than the world's."""
 
@@ -115,7 +120,8 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     if again is not None and not again.has_ticks:
         say(BEFORE_TICKS.format(again.path), err=True)
     start_utc_ns = scene.scene.start_utc_ns if again is None else again.start_utc_ns
-    clock, duration_s = _clock(start_utc_ns, settings), settings.duration
+    part, clock = _part_and_clock(scene, settings, start_utc_ns)
+    duration_s, begins_ns = settings.duration, clock.now_ns()
     if again is not None and duration_s is None and scene.scene.duration_s is None:
         duration_s = (again.end_utc_ns - again.start_utc_ns) / NS
     with contextlib.ExitStack() as files:
@@ -126,7 +132,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
             recorder = files.enter_context(
                 Recorder(
                     settings.record,
-                    attachments=attachments_of(scene, clock.now_ns()),
+                    attachments=attachments_of(scene, part.began_utc_ns if part else begins_ns),
                     force=settings.force,
                     waits=clock.can_wait,
                 )
@@ -139,15 +145,17 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
         if settings.metrics is not None:
             address = MetricsAddress.parse(settings.metrics)
             observers.append(files.enter_context(served(address)))
+        runner = partial(_run_with_page, settings) if serves_page else _runner(scene, settings)
         run_session: RunSession = partial(
-            partial(_run_with_page, settings) if serves_page else _runner(scene, settings),
+            runner if part is None else partial(run_part, part),
             scene=scene,
             clock=clock,
             broker=settings.broker,
             duration_s=duration_s,
             observers=observers,
         )
-        code, totals = asyncio.run(_run(scene, run_session, note, quiet=settings.as_json))
+        own = scene if part is None else part.scene_of(scene)
+        code, totals = asyncio.run(_run(own, run_session, note, quiet=settings.as_json))
     if settings.as_json:
         say(json.dumps(_summary(totals)))
     else:
@@ -156,6 +164,25 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     for line in [*missing, *(recorder.losses() if recorder else ())]:
         say(f"plotfeed: {line}", err=True)
     return FAILED if any(file and file.failure for file in (raw, recorder)) else code
+
+
+def _part_and_clock(
+    scene: Scene, settings: RunSettings, start_utc_ns: int | None
+) -> tuple[SessionPart | None, Clock]:
+    """The part that is asked for, if one is, and the session's clock; raises `PlotfeedError`."""
+    if settings.part is None:
+        if settings.start is not None:
+            raise PlotfeedError("--start is for parts of a scene, with --part K/N")
+        return None, _clock(start_utc_ns, settings)
+    from plotfeed.feeds.fleet.part_asked import part_asked
+
+    for option, value in {"--page": settings.page, "--telemetry": settings.telemetry}.items():
+        if value is not None:
+            raise PlotfeedError(
+                f"{option} is of a whole session; plotfeed fleet status has the page of all parts"
+            )
+    broker, speed = settings.broker, settings.speed
+    return part_asked(scene, settings.part, start=settings.start, broker=broker, speed=speed)
 
 
 def run_again(path: Path, settings: RunSettings) -> int:

@@ -34,15 +34,16 @@ class SessionAnswers:
 
     def __init__(self, prefix: str, drone: str) -> None:
         self._prefix, self._drone = prefix, drone
-        self.topics = [f"{prefix}/{end}" for end in ("errors", "session", "+/description")]
-        self.topics.append(f"{prefix}/+/status")
+        self.topics = [f"{prefix}/{end}" for end in ("errors", "session", "fleet/+/session")]
+        self.topics += [f"{prefix}/+/description", f"{prefix}/+/status"]
         self.scene: str | None = None
         """The name of the scene that a session runs; None while none is heard."""
         self.refused = 0
         """Reports of the drone of which the session has said that it refused them."""
         self.details: list[str] = []
         """Why, of the first of them."""
-        self._named: Sequence[Any] = ()
+        self._running: dict[str, dict[str, Any]] = {}
+        """Sessions that say so, by their topics: one, or those of the parts of a fleet."""
         self._sensors: dict[str, dict[str, Any]] = {}
         self._refused_by: Counter[str] | None = None
         self._before: Counter[str] | None = None
@@ -58,8 +59,14 @@ class SessionAnswers:
             if kind == "errors":
                 self._refusal(told)
             elif kind == "session":
-                self.scene = str(told["scene"]) if told["state"] == "RUNNING" else None
-                self._named = list(told["sensors"])
+                self._running.pop(topic, None)
+                if told["state"] == "RUNNING" and len(self._running) < MOST_SENSORS:
+                    self._running[topic] = {
+                        "scene": str(told["scene"]),
+                        "sensors": frozenset(map(str, told["sensors"])),
+                    }
+                found = next(iter(self._running.values()), None)
+                self.scene = None if found is None else found["scene"]
             elif kind == "description" and len(self._sensors) < MOST_SENSORS:
                 self._sensors[str(told["sensor"])] = {
                     name: float(told[name])
@@ -89,7 +96,10 @@ class SessionAnswers:
         """Wait a moment for what is retained, and note what was refused before."""
         await self._news_until(
             ANSWER_S,
-            lambda: self.scene is not None and self._sensors.keys() >= set(map(str, self._named)),
+            lambda: (
+                self.scene is not None
+                and all(self._sensors.keys() >= each["sensors"] for each in self._running.values())
+            ),
         )
         self._before = self._refused_by
 

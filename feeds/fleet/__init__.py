@@ -1,4 +1,4 @@
-"""One scene over many processes or hosts: who owns which sensor, who watches, who takes over.
+"""One scene over many processes or hosts: which sensors are whose, and what starts the processes.
 
-What a worker does with its sensors is a session like any other and belongs to `session`.
+What a process does with its part is a session like any other and belongs to `session`.
 """

@@ -1,16 +1,15 @@
-"""The page of a fleet: its scene, what its broker delivers, and how its workers do."""
+"""The page of a fleet: its scene, what its broker delivers, and how its parts do."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Mapping
-from typing import Any
+from collections.abc import AsyncIterator
 
 import numpy as np
 
-from plotfeed.feeds.fleet.fleet_link import FleetLink, health
-from plotfeed.feeds.fleet.fleet_status import gap_words, part_rows
+from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.fleet.fleet_watch import FleetWatch, gap_words
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab.evidence import plot_topics
 from plotfeed.feeds.page.connections import connections
@@ -28,10 +27,10 @@ from plotfeed.feeds.page.updates import NoControls
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.utc import NS
 
 EVERY_S = 1.0
 LAST_GAPS = 5
+PAGE_LIBRARIES = ("starlette", "uvicorn", "websockets")
 NO_COMMANDS = "A fleet takes no commands from its page."
 REFUSES = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) | dict.fromkeys(
     ("restart", "record", "scene", "replay", "sensor", "story"), NO_COMMANDS
@@ -40,22 +39,24 @@ REFUSES = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) | dict.fromkeys(
 
 @contextlib.asynccontextmanager
 async def shown_on_page(
-    address: PageAddress, link: FleetLink, tokens: Tokens
+    address: PageAddress, watch: FleetWatch, tokens: Tokens
 ) -> AsyncIterator[dict[str, str]]:
-    """The page of that link's fleet meanwhile; its addresses. Raises `PlotfeedError`."""
-    view, fleet = View(), link.fleet
-    server = PageServer(address, view, NoControls(), lambda: fleet.now_utc_ns, tokens=tokens)
+    """The page of that fleet meanwhile; its addresses. Raises `PlotfeedError`."""
+    for library in PAGE_LIBRARIES:
+        need_extra(library, "the page", "page")
+    view, scene = View(), watch.scene
+    server = PageServer(address, view, NoControls(), lambda: watch.now_utc_ns, tokens=tokens)
     try:
-        view.scene(fleet.scene)
-        for sensor in fleet.scene.sensor:
-            tell_settings(view, sensor, fleet.now_utc_ns, new_model=True)
+        view.scene(scene)
+        for sensor in scene.sensor:
+            tell_settings(view, sensor, watch.now_utc_ns, new_model=True)
         clock = {"kind": "wall", "paused": False, "speed": 1.0}
         view.session({"clock": clock, "refuses": REFUSES})
-        view.connections(connections(fleet.scene, {"MQTT": str(link.link.address)}))
+        view.connections(connections(scene, {"MQTT": str(watch.link.address)}))
         async with (
             serving(server),
-            alongside(_tell(view, link), "page-fleet"),
-            _heard(view, link),
+            alongside(_tell(view, watch), "page-fleet"),
+            _heard(view, watch),
         ):
             yield server.urls
     finally:
@@ -63,10 +64,9 @@ async def shown_on_page(
 
 
 @contextlib.asynccontextmanager
-async def _heard(view: View, link: FleetLink) -> AsyncIterator[None]:
+async def _heard(view: View, watch: FleetWatch) -> AsyncIterator[None]:
     """Show plots and tracks that come from the broker, each plot by one of its formats."""
-    fleet, address = link.fleet, link.link.address
-    scene = fleet.scene
+    scene, address = watch.scene, watch.link.address
     readers = {}
     for sensor in scene.sensor:
         told = (row for row in FORMATS.values() if row.name in sensor.report)
@@ -75,7 +75,7 @@ async def _heard(view: View, link: FleetLink) -> AsyncIterator[None]:
             readers[f"{scene.mqtt.prefix}/{sensor.id}/{row.facts.topic}"] = sensor.id, row.plots_in
 
     def take(topic: str, payload: bytes, _content_type: str | None) -> None:
-        (sensor, read), now_ns = readers[topic], fleet.now_utc_ns
+        (sensor, read), now_ns = readers[topic], watch.now_utc_ns
         with contextlib.suppress(DecodeError):
             plots = read(payload, now_ns)
             times_ns = [now_ns if t_ns is None else t_ns for t_ns in plots.t_utc_ns]
@@ -83,31 +83,21 @@ async def _heard(view: View, link: FleetLink) -> AsyncIterator[None]:
             view.delivered(sensor, nobody_s(timed), now_ns)
 
     plots_link = MqttTransport(address, "plotfeed-page", subscribe=[*readers], on_message=take)
-    tracks = tracks_of(scene, view, ([address], {}), lambda: fleet.now_utc_ns)
+    tracks = tracks_of(scene, view, ([address], {}), lambda: watch.now_utc_ns)
     async with tracks, alongside(plots_link.run(), "page-plots"):
         yield
 
 
-async def _tell(view: View, link: FleetLink) -> None:
+async def _tell(view: View, watch: FleetWatch) -> None:
     while True:
-        told, now_utc_ns = health(link.fleet), link.fleet.now_utc_ns
-        view.fleet(fleet_news(told, link.statuses, now_utc_ns))
+        news = watch.news()
+        gaps = news["gaps"]
+        view.fleet(
+            {
+                "takeovers": news["takeovers"],
+                "parts": news["parts"],
+                "gaps": len(gaps),
+                "last_gaps": [gap_words(gap) for gap in gaps[-LAST_GAPS:]][::-1],
+            }
+        )
         await asyncio.sleep(EVERY_S)
-
-
-def fleet_news(
-    told: Mapping[str, Any], statuses: Mapping[str, Mapping[str, Any]], now_utc_ns: int
-) -> dict[str, Any]:
-    """What the page is told of a fleet: its parts, how old the news of each are, the last gaps."""
-    parts = []
-    for row, part in zip(part_rows(told, statuses), told["parts"], strict=True):
-        until_ns = part["sent_until_utc_ns"]
-        parts.append({**row, "age_s": (now_utc_ns - until_ns) / NS if until_ns else None})
-    gaps = told["gaps"]
-    return {
-        "state": told["state"],
-        "takeovers": told["takeovers"],
-        "parts": parts,
-        "gaps": len(gaps),
-        "last_gaps": [gap_words(gap) for gap in gaps[-LAST_GAPS:]][::-1],
-    }

@@ -229,7 +229,7 @@ class View:
         self._tell("connect", told)
 
     def fleet(self, told: Mapping[str, Any]) -> None:
-        """How the workers of a fleet do, whose page this is."""
+        """How the parts of a fleet do, whose page this is."""
         self._tell("fleet", told)
 
     def audience(self, given: Mapping[str, bool], actions: Sequence[Mapping[str, Any]]) -> None:

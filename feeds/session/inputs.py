@@ -25,7 +25,6 @@ from plotfeed.feeds.scene.report_formats import CUE_TOPIC
 from plotfeed.feeds.scene.sensors.mount_keys import CueError
 from plotfeed.feeds.session.observer import Input, SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask
-from plotfeed.feeds.session.session_part import SharedInputs
 from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.timing.clock import WallClock
@@ -51,14 +50,15 @@ class SessionInputs:
         publish: Callable[[Message], None],
         obey: Callable[[Command, int], dict[str, Any]],
         *,
-        shared: SharedInputs | None = None,
+        others: frozenset[str] = frozenset(),
+        leads: bool = True,
     ) -> None:
         """Refusals are published by `publish`; `obey` does what commands ask, but for the clock.
 
-        `shared` says what is others' to do, where several sessions hear the same.
+        `others` are sensors of which other sessions hear the same, and answer what is asked of
+        them; of what is refused the one that `leads` tells.
         """
-        self._others = frozenset[str]() if shared is None else shared.others
-        self._leads = shared is None or shared.leads
+        self._others, self._leads = others, leads
         self._reports = FairQueue()
         self._commands = FairQueue(MAX_COMMANDS, limit_of_topic=MAX_COMMANDS)
         self._engine, self._telemetry = engine, engine.telemetry

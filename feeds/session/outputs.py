@@ -22,10 +22,9 @@ from plotfeed.feeds.scene.ways_out import WaysOut
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_description import status_of
 from plotfeed.feeds.session.sensor_task import status_message
-from plotfeed.feeds.session.session_part import SessionPart
+from plotfeed.feeds.session.session_part import HeldTransport, PartHold, PartLink
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 from plotfeed.feeds.transport.http_post import HttpTransport
-from plotfeed.feeds.transport.leased import LeasedLink, LeasedTransport, LeasedWills
 from plotfeed.feeds.transport.local_hosts import LOOPBACK
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -117,7 +116,7 @@ class Outputs:
         self,
         context: SessionContext,
         addresses: Sequence[BrokerAddress],
-        part: SessionPart | None = None,
+        hold: PartHold | None = None,
     ) -> None:
         observers = context.observers
         to = context.scene.outgoing.udp
@@ -143,9 +142,9 @@ class Outputs:
         self._wills: dict[str, Message] = {}
         """By whose they are, first that of the session."""
         self._last_wills: list[LastWills] = []
-        self._part = part
-        self._leased: dict[int, LeasedTransport] = {}
-        """By the identity of what they guard, where a lease says what may be sent."""
+        self._hold = hold
+        self._held: dict[int, HeldTransport] = {}
+        """By the identity of what they guard: what one transport takes leaves in one write."""
 
     def of_session(self, topics: Sequence[str], on_message: OnMessage, will: Message) -> Outbox:
         """The session's own: it receives what comes on those topics. Asked for before any other.
@@ -158,7 +157,9 @@ class Outputs:
         for link in self.brokers:
             if not link.address.ends_with_us:
                 self._wills[SESSION] = will
-                wills = self._wills_beside(link)
+                stem = None if self._hold is None else self._hold.client_id
+                is_back = partial(self._is_back, link)
+                wills = LastWills(link, self._wills, is_back, stem=stem, prompt=SESSION)
                 self._last_wills.append(wills)
                 self.connected.append(wills)
         self.connected.extend(transport for _, transport in self._of_tracks)
@@ -171,29 +172,22 @@ class Outputs:
         self, to: BrokerAddress, topics: Sequence[str], on_message: OnMessage
     ) -> MqttTransport:
         how: dict[str, Any] = {
-            "subscribe": list(topics),
-            "on_message": on_message,
             "on_connect": self._announce_again,
             "queue": self._scene.mqtt.queue,
             "on_echo": None if to.ends_with_us else self._context.totals.echoed,
         }
-        part = self._part
-        if part is None or part.lease is None or not part.client_id:
-            return MqttTransport(to, "plotfeed-session", **how)
-        return LeasedLink(to, part.client_id, part.lease, **how)
-
-    def _wills_beside(self, link: MqttTransport) -> LastWills:
-        part, is_back = self._part, partial(self._is_back, link)
-        if part is None or part.lease is None or not part.wills:
-            return LastWills(link, self._wills, is_back)
-        return LeasedWills(link, self._wills, is_back, stem=part.wills, lease=part.lease)
+        if self._hold is not None:
+            self._hold.listen(topics, on_message)
+            return PartLink(to, self._hold, **how)
+        return MqttTransport(
+            to, "plotfeed-session", subscribe=list(topics), on_message=on_message, **how
+        )
 
     def _guarded(self, transport: Transport) -> Transport:
-        """What takes nothing while the lease is not held, where there is one."""
-        if self._part is None or self._part.lease is None:
+        """What takes nothing while another process may have the part that is run."""
+        if self._hold is None:
             return transport
-        leased = LeasedTransport(transport, self._part.lease)
-        return self._leased.setdefault(id(transport), leased)
+        return self._held.setdefault(id(transport), HeldTransport(transport, self._hold))
 
     def of_sensor(self, sensor: Sensor, start_ns: int) -> tuple[Outbox, Announcer | None]:
         """A sensor goes over the session's links; that it is offline is a last will of its own.
@@ -254,12 +248,6 @@ class Outputs:
         of_tracks = [transport for _, transport in self._of_tracks]
         transports = [*self.brokers, *self._sapient, *self.udp, *of_tracks]
         await asyncio.gather(*(transport.drain(timeout_s) for transport in transports))
-
-    def place_wills(self) -> None:
-        """Leave last wills with brokers from now on, if not before: the session sends."""
-        for wills in self._last_wills:
-            if isinstance(wills, LeasedWills):
-                wills.place()
 
     def forget_wills(self) -> None:
         """All that there is to say at the end is said: no broker shall say that all have died."""

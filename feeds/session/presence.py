@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from typing import Any
 from uuid import uuid4
@@ -17,6 +17,7 @@ from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
+from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import NS_IN_MS, iso_utc
 
@@ -36,11 +37,18 @@ class SessionPresence:
         clock: Clock,
         totals: SessionCounters,
         publish: Callable[[Message], object],
+        *,
+        part: SessionPart | None = None,
+        process: str | None = None,
     ) -> None:
+        """A session of a `part` says so on the topic of that part."""
         is_simulated = isinstance(clock, InstantClock)
-        self.id = f"{scene.scene.seed:012x}"[-12:] if is_simulated else uuid4().hex[:12]
+        drawn = f"{scene.scene.seed:012x}"[-12:] if is_simulated else uuid4().hex[:12]
+        self.id = process or drawn
         """Of this run of the scene; simulated time gives the same octets at every run."""
-        self.topic = f"{scene.mqtt.prefix}/session"
+        self._part = part
+        self._source = scene.mqtt.prefix if part is None else part.source(scene)
+        self.topic = f"{self._source}/session"
         self._scene, self._clock, self._totals, self._publish = scene, clock, totals, publish
         self._start_ns: int | None = None
         self._speed_told = 1.0
@@ -92,6 +100,8 @@ class SessionPresence:
                 self._say(RUNNING)
         elif state != RUNNING:
             self._gone(other, state)
+        elif self._part is not None:
+            return  # which process has the part is not decided here
         elif other in self._heard or len(self._heard) < MOST_HEARD:
             is_new = other not in self._heard
             knew = self._heard.setdefault(other, False)
@@ -130,26 +140,21 @@ class SessionPresence:
         asked, reached = self._totals.speed, self._totals.speed_reached
         if asked is not None and reached is not None and asked > 1:
             of |= {"speed": asked, "speed_reached": round(reached, 2)}
-        return session_message(self._scene, of, start_utc_ns, now_utc_ns)
-
-
-def session_message(
-    scene: Scene, of: Mapping[str, Any], start_utc_ns: int, now_utc_ns: int
-) -> Message:
-    """What is said of a session of a scene; `of` says which, and how it is."""
-    said = {
-        **of,
-        "scene": scene.scene.name,
-        "seed": scene.scene.seed,
-        "start_utc": iso_utc(start_utc_ns),
-        "start_utc_ns": start_utc_ns,
-        "tick_ms": AHEAD_NS // NS_IN_MS,
-        "sensors": [sensor.id for sensor in scene.sensor],
-        "site": scene.scene.site.model_dump(exclude_none=True),
-        "plotfeed": version("plotfeed"),
-    }
-    payload = json.dumps(said).encode()
-    return retained_message(scene.mqtt.prefix, "session", payload, now_utc_ns)
+        if self._part is not None:
+            of |= {"part": self._part.number, "parts": self._part.parts}
+        scene = self._scene
+        said = {
+            **of,
+            "scene": scene.scene.name,
+            "seed": scene.scene.seed,
+            "start_utc": iso_utc(start_utc_ns),
+            "start_utc_ns": start_utc_ns,
+            "tick_ms": AHEAD_NS // NS_IN_MS,
+            "sensors": [sensor.id for sensor in scene.sensor],
+            "site": scene.scene.site.model_dump(exclude_none=True),
+            "plotfeed": version("plotfeed"),
+        }
+        return retained_message(self._source, "session", json.dumps(said).encode(), now_utc_ns)
 
 
 def _told(payload: bytes) -> dict[str, Any] | None:

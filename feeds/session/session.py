@@ -25,7 +25,7 @@ from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
 from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.session.sensor_task import SensorTask
-from plotfeed.feeds.session.session_part import PartPresence, SessionPart
+from plotfeed.feeds.session.session_part import MARGIN_NS, PartHold, SessionPart
 from plotfeed.feeds.session.ticks import Ticks
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.timing.clock import Clock, WallClock
@@ -70,6 +70,14 @@ async def run(
             observers=observers if tap is None else [Tap(tap), *observers],
             on_ready=on_ready,
         )
+
+
+async def run_part(
+    part: SessionPart, *, scene: Scene, broker: str | None, **session: Any
+) -> SessionCounters:
+    """Run some of a scene's sensors, as `run_over` does; raises `PlotfeedError`."""
+    async with brokers_of(scene, broker) as brokers:
+        return await run_over(brokers, scene, part=part, **session)
 
 
 async def run_over(
@@ -155,7 +163,8 @@ class Session:
             self.sensor_tasks,
             self._publish,
             self._obey,
-            shared=None if part is None else part.inputs_of(scene),
+            others=frozenset() if part is None else part.others(scene),
+            leads=part is None or part.leads,
         )
         self._loop = SessionLoop(
             clock,
@@ -165,12 +174,15 @@ class Session:
             after_later=self._write_ledger,
             before_due=[o.before_due for o in observers if cares(o, "before_due")],
         )
-        self._outputs = Outputs(context, addresses, part)
-        self._presence: SessionPresence | PartPresence
-        if part is None:
-            self._presence = SessionPresence(scene, clock, totals, self._publish)
-        else:
-            self._presence = PartPresence(part, context, self._publish)
+        self._hold: PartHold | None = None
+        """Whether this process has its part, where others may take it over at a broker."""
+        if part is not None and addresses:
+            self._hold = PartHold(part, context, addresses[0])
+        self._outputs = Outputs(context, addresses, self._hold)
+        process = None if self._hold is None else self._hold.process
+        self._presence = SessionPresence(
+            own, clock, totals, self._publish, part=part, process=process
+        )
         mappings = scene.telemetry.mapping
         mapped = MappedReports(mappings) if mappings else None
         self._tracker_topics = context.tracker_topics
@@ -220,36 +232,74 @@ class Session:
                 sockets.callback(source.close)
                 await source.open()
             async with asyncio.TaskGroup() as tasks:
-                running = [
-                    tasks.create_task(each.run(), name=f"link[{each.name}]")
-                    for each in self._outputs.connected
-                ]
-                running += [
-                    tasks.create_task(each.run(), name=f"source[{each.name}]")
-                    for each in self._sources
-                ]
+                running: list[asyncio.Task[None]] = []
                 try:
-                    await first_of(self._connected(), stop)
-                    if stop.is_set():
-                        self._outputs.forget_wills()
-                        return  # nothing has begun
-                    if self._part is None:
-                        self.totals.unseen, self.totals.doubts = self.engine.foreseen(duration_s)
-                    on_ready()
-                    start_ns = self.clock.start()
-                    if self._part is None:
-                        self.start_ns = self.ticks.joined_ns = start_ns
-                        self.engine.start(start_ns)
+                    if self._hold is None:
+                        await self._run(duration_s, stop, on_ready, tasks, running)
                     else:
-                        await first_of(self.ticks.join(self._part), stop)
-                        if stop.is_set():
-                            return  # others still have its sensors
-                    await first_of(self._work(duration_s), stop)
-                    await self._flush(stop)
-                    await self._farewell(running[len(self._outbox.transports) :])
+                        async with self._hold.kept(tasks):
+                            await first_of(self._stand_by(self._hold, duration_s), stop)
+                            if self._hold.is_claimed:  # else another process has the part
+                                await self._run(duration_s, stop, on_ready, tasks, running)
                 finally:
+                    if self._hold is not None and self._hold.is_taken:
+                        self._outputs.forget_wills()
                     for task in running:
                         task.cancel()
+
+    async def _run(
+        self,
+        duration_s: float | None,
+        stop: asyncio.Event,
+        on_ready: Callable[[], object],
+        tasks: asyncio.TaskGroup,
+        running: list[asyncio.Task[None]],
+    ) -> None:
+        """Connect, and work until the end; what runs meanwhile is noted in `running`."""
+        running += [
+            tasks.create_task(each.run(), name=f"link[{each.name}]")
+            for each in self._outputs.connected
+        ]
+        running += [
+            tasks.create_task(each.run(), name=f"source[{each.name}]") for each in self._sources
+        ]
+        await first_of(self._connected(), stop)
+        if stop.is_set():
+            self._outputs.forget_wills()
+            return  # nothing has begun
+        if self._part is None:
+            self.totals.unseen, self.totals.doubts = self.engine.foreseen(duration_s)
+        on_ready()
+        start_ns = self.clock.start()
+        if self._part is None:
+            self.start_ns = self.ticks.joined_ns = start_ns
+            self.engine.start(start_ns)
+        else:
+            await self._join(self._part)
+        await first_of(self._work(duration_s), stop)
+        await self._flush(stop)
+        await self._farewell(running[len(self._outbox.transports) :])
+
+    async def _stand_by(self, hold: PartHold, duration_s: float | None) -> None:
+        """Work out what another process of the part sends, until this one has the part."""
+        end_ns = None if duration_s is None else self.start_ns + round(duration_s * NS)
+
+        def has_ended() -> bool:
+            return end_ns is not None and self.clock.now_ns() >= end_ns
+
+        await hold.watch.wait_until_up(FIRST_CONNECTION_S)
+        await self.ticks.stand_by(self.start_ns, lambda: hold.is_free or has_ended())
+        if not has_ended():
+            hold.claim()
+
+    async def _join(self, part: SessionPart) -> None:
+        """Go on at once with what nobody has sent yet, or begin when the scene does."""
+        if self._hold is None:
+            await self.ticks.stand_by(part.began_utc_ns, lambda: True)
+        margin_ns = 0 if self._hold is None else MARGIN_NS
+        await self.ticks.join(max(self.clock.now_ns() + margin_ns, part.began_utc_ns))
+        if self._hold is not None:
+            self._hold.begin(self.ticks)
 
     async def _connected(self) -> None:
         for transport in self._outputs.connected:
@@ -299,11 +349,10 @@ class Session:
         self.totals.drones = len(self.trajectories)
         for observer in self._observers:
             observer.begun(self)
-        self._presence.begin(self.ticks.joined_ns)
+        self._presence.begin(self.start_ns)
         presence, brokers = self._presence, self._outputs.brokers
         if any(link.is_up and not link.address.ends_with_us for link in brokers):
             asyncio.get_running_loop().call_later(ECHO_S, presence.complain_if_unheard)
-        self._outputs.place_wills()
         self.ticks.start(self.start_ns)
         for task in self.sensor_tasks.values():
             task.start(self.start_ns, self.ticks.joined_ns)
@@ -338,6 +387,5 @@ class Session:
         await self._outbox.drain(FAREWELL_S / 2)
 
     async def _drain(self) -> None:
-        if isinstance(self._presence, SessionPresence):
-            self._presence.tell_speed()
+        self._presence.tell_speed()
         await self._outputs.drain(FAREWELL_S)

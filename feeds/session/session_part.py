@@ -1,66 +1,96 @@
-"""A session that runs some of a scene's sensors: which, since when, and how it says so.
+"""A session of some of a scene's sensors, and the one process at a time that may send them.
 
-Others run the rest. What comes out of all is what one session of the whole scene sends: drones,
-surroundings and draws are those of the whole.
+Other sessions run the other sensors. What comes out of all of them is what one session of the whole
+scene sends: drones, surroundings and draws are those of the whole.
+
+Several processes may be started for a part. Each listens to `{prefix}/fleet/{part}`, where the one
+that sends says how it does, twice a second. The others work out the same and send nothing, until a
+last will says that it has died, or nothing was heard of it for `PATIENCE_S`. Then one of them says
+there that it has the part, with a higher claim, and connects under the part's client id, for which
+the broker cuts off whoever had it. Whoever hears of a higher claim than its own ends. And whoever
+has not heard its own words come back for `LEASE_S`, since it was frozen or the network was cut,
+sends nothing by any way until it does: by then others may have the part.
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
-from typing import Any
+import logging
+import os
+import socket
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
+from plotfeed.feeds.console.posix import alive_s
 from plotfeed.feeds.delivery.lateness import lateness_us
+from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, retained_message
+from plotfeed.feeds.messages.outgoing import Client, Outgoing, Transport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import SessionContext
-from plotfeed.feeds.transport.leased import Lease
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.feeds.transport.mqtt.connection import MqttConnection, OnMessage
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.session.ticks import Ticks
+
+log = logging.getLogger(__name__)
 
 FLEET = "fleet"
 """Level of topics behind the prefix."""
-STATUS_EVERY_NS = 2 * NS
-RUNNING, ENDED, DIED = "RUNNING", "ENDED", "DIED"
+JOINING, RUNNING, ENDED = "JOINING", "RUNNING", "ENDED"
+SAY_EVERY_S, LEASE_S, PATIENCE_S = 0.5, 2.0, 3.0
+"""The last is longer than the one before: who was silent for it sends nothing any more."""
+NEWS_S = 0.5
+"""By then a broker has passed on what it retains."""
+LOOK_S = 0.05
+MARGIN_NS = NS // 20
+"""Who takes over begins so much after now: clocks of machines may differ by that."""
+ON_THE_WAY_NS = NS // 2
+"""Of what has left, as much may still be on its way, and lost where a connection is."""
+MOST_GAPS = 1000
+NOT_HELD = "another process"
+"""What the ledger calls the place where messages of a part did not get that others may send."""
 
 
-async def join_at_once(caught_up_until_utc_ns: int) -> int:
-    """Sectors that end after what is caught up with are sent."""
-    return caught_up_until_utc_ns
+class PartTakenError(PlotfeedError):
+    """A part that another process has taken over."""
 
-
-@dataclass(frozen=True, slots=True)
-class SharedInputs:
-    """What one of several sessions makes of what all of them hear."""
-
-    others: frozenset[str]
-    """Sensors that other sessions run: those answer what is asked of them."""
-    leads: bool
-    """Whether it tells of what is refused, for all."""
+    exit_code = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionPart:
-    """What one of several sessions of a scene runs, and in whose place."""
+    """Which of a scene's sensors a session runs."""
 
-    name: str
-    """Among the parts of the scene, and as a level of topics."""
+    number: int = 1
+    """From 1 to the number of parts."""
+    parts: int = 1
     sensors: tuple[str, ...]
-    leads: bool = True
-    """Whether it also does what there is once in a scene: its cooperative drones, refusals."""
     began_utc_ns: int
-    """When the whole scene began, by the session's time."""
-    client_id: str = ""
-    """Of its connection to a broker, which cuts off whoever has the same; empty for any."""
-    wills: str = ""
-    """How client ids of its last wills begin, whoever runs its sensors; empty for any."""
-    lease: Lease | None = None
-    """Without which it sends nothing; None where nobody else can have these sensors."""
-    join: Callable[[int], Awaitable[int]] = join_at_once
-    """Given until when sectors have been worked out again, returns the time up to which others
-    send, so that this one sends what ends after it."""
-    told: dict[str, Any] = field(default_factory=dict)
-    """What its status says of who runs it."""
+    """When the scene began, by its own time: the same for all parts."""
+
+    @property
+    def leads(self) -> bool:
+        """Whether it does what there is once in a scene: its cooperative drones, refusals."""
+        return self.number == 1
+
+    @property
+    def name(self) -> str:
+        """Such as 2/3."""
+        return f"{self.number}/{self.parts}"
+
+    def source(self, scene: Scene) -> str:
+        """The topic on which the part says how it does; others are below it."""
+        return f"{scene.mqtt.prefix}/{FLEET}/{self.number}"
 
     def scene_of(self, scene: Scene) -> Scene:
         """The scene with these sensors alone."""
@@ -70,66 +100,202 @@ class SessionPart:
             left["cooperative"] = None
         return scene.model_copy(update=left)
 
-    def inputs_of(self, scene: Scene) -> SharedInputs:
-        """How it deals with what all sessions of the scene hear."""
-        every = frozenset(sensor.id for sensor in scene.sensor)
-        return SharedInputs(every - frozenset(self.sensors), self.leads)
+    def others(self, scene: Scene) -> frozenset[str]:
+        """Sensors of the scene that other sessions run."""
+        return frozenset(sensor.id for sensor in scene.sensor) - frozenset(self.sensors)
 
 
-class PartPresence:
-    """Says on {prefix}/fleet/{part} how a part does, for whoever looks after all of them."""
+class PartHold:
+    """Whether this process has a part: it says so, and hears whether another does."""
 
-    def __init__(
-        self, part: SessionPart, context: SessionContext, publish: Callable[[Message], object]
-    ) -> None:
-        self.topic = f"{context.scene.mqtt.prefix}/{FLEET}/{part.name}"
-        self._part, self._context, self._publish = part, context, publish
-        self._since_utc_ns, self._will = 0, b""
+    def __init__(self, part: SessionPart, context: SessionContext, address: BrokerAddress) -> None:
+        self.process = uuid4().hex[:12]
+        self.source = part.source(context.scene)
+        self.client_id = f"{context.scene.mqtt.prefix}-part-{part.number}".replace("/", "-")
+        self.gaps: deque[dict[str, Any]] = deque(maxlen=MOST_GAPS)
+        """What nobody sent: sensors, from when, until when, why."""
+        self._gaps_are_told = True
+        self.joined_ns = 0
+        """What ends after that this process sends; 0 before it does."""
+        self.watch: MqttTransport
+        """The connection by which it hears and says all this."""
+        self._part, self._context, self._address = part, context, address
+        self._ticks: Ticks | None = None
+        self._other: dict[str, Any] | None = None
+        """What another process said last, before this one had the part."""
+        self._session_gone = ""
+        """Which process has ended or died, as the part's session message says."""
+        self._silent_s = 0.0
+        self._claim = 0
+        self._number = 0
+        self._said_s: dict[int, float] = {}
+        """When it said what has those numbers."""
+        self._held_from_s = self._until_s = float("-inf")
+        self._taken: dict[str, Any] | None = None
 
-    def begin(self, start_utc_ns: int) -> None:
-        """The session sends what ends after that time."""
-        self._since_utc_ns = start_utc_ns
+    def listen(self, topics: Sequence[str], on_message: OnMessage) -> None:
+        """Have the watch hear those topics too, for the session."""
+        self._on_message = on_message
+        every = [self.source, f"{self.source}/gaps", *topics]
+        self.watch = MqttTransport(
+            self._address, f"{self.client_id}-watch", subscribe=every, on_message=self._hear
+        )
+        self._out = Outbox(self._context.clock, [self.watch])
+
+    @property
+    def holds(self) -> bool:
+        """Whether messages may be sent now."""
+        return self.joined_ns > 0 and alive_s() < self._until_s
+
+    @property
+    def is_free(self) -> bool:
+        """Whether no other process has the part, as far as is known."""
+        if not self.watch.is_up or self._silent_s < NEWS_S:
+            return False
+        other = self._other
+        is_gone = other is None or other["state"] == ENDED or other["process"] == self._session_gone
+        return is_gone or self._silent_s >= PATIENCE_S
+
+    @property
+    def is_claimed(self) -> bool:
+        """Whether this process has said that it has the part."""
+        return self._claim > 0
+
+    @property
+    def is_taken(self) -> bool:
+        """Whether another process has taken the part over from this one."""
+        return self._taken is not None
+
+    def claim(self) -> None:
+        """Say that this process has the part from now on."""
+        if self._other is not None and self._other["state"] != ENDED:
+            log.info("part %s: takes over from %s", self._part.name, self._other["worker"])
+        self._claim = 1 + (0 if self._other is None else self._other["claim"])
+        self._say(JOINING)
+
+    async def renewed(self) -> None:
+        """Return once what was said after this call has come back."""
+        since_s = alive_s()
+        while not since_s <= self._held_from_s <= alive_s() < self._until_s:  # noqa: ASYNC110
+            await asyncio.sleep(LOOK_S / 10)
+
+    def begin(self, ticks: Ticks) -> None:
+        """Send from now on what ends after the time at which the ticks have joined."""
+        self._ticks, self.joined_ns = ticks, ticks.joined_ns
+        ticks.take_not_sent()
+        from_ns, why = self._part.began_utc_ns, "nobody had begun"
+        if self._other is not None and self._other["began_utc_ns"] == from_ns:
+            from_ns = max(from_ns, self._other["sent_until_utc_ns"] - ON_THE_WAY_NS)
+            why = f"{self._other['worker']} no longer sends"
+        if self.joined_ns > from_ns:
+            self._tell_gap(self._part.sensors, from_ns, self.joined_ns, why)
         self._say(RUNNING)
-        self._plan(self._context.clock.now_ns() + STATUS_EVERY_NS)
 
-    def end(self) -> None:
-        """The session has come to its end."""
-        self._say(ENDED)
+    def cut_off(self) -> None:
+        """Tell that what was on its way to the broker may be lost: the connection was."""
+        now_ns = self._context.clock.now_ns()
+        silent_ns = round((alive_s() - self._held_from_s) * NS)
+        from_ns = max(now_ns - silent_ns - ON_THE_WAY_NS, self.joined_ns)
+        self._tell_gap(self._part.sensors, from_ns, now_ns, "the connection to the broker was lost")
 
-    def hear(self, payload: bytes) -> None:
-        """Say again that it runs, where a lost connection let a broker say that it died."""
-        if self._since_utc_ns and payload == self._will:
-            self._say(RUNNING)
+    @contextlib.asynccontextmanager
+    async def kept(self, tasks: asyncio.TaskGroup) -> AsyncIterator[None]:
+        """Listen and say how the part does meanwhile; at the end, that it has ended."""
+        keeping = [tasks.create_task(self.watch.run()), tasks.create_task(self._keep())]
+        try:
+            yield
+            if self._claim:
+                self._say(ENDED)
+                self._tell_gaps()
+                await self.watch.drain()
+        finally:
+            for task in keeping:
+                task.cancel()
 
-    def complain_if_unheard(self) -> None:
-        """Leave that to whoever looks after all parts."""
+    async def _keep(self) -> None:
+        """Say how the part does, and note whether another says so, until cancelled.
 
-    def will(self, start_utc_ns: int) -> Message:
-        """What a broker shall say if this session dies."""
-        message = self._message(DIED, start_utc_ns)
-        self._will = message.payload
-        return message
+        Raises `PartTakenError` where another process has taken it over.
+        """
+        say_s = alive_s()
+        while True:
+            await asyncio.sleep(LOOK_S)
+            self._silent_s = self._silent_s + LOOK_S if self.watch.is_up else 0.0
+            if self._taken is not None:
+                raise PartTakenError(
+                    f"part {self._part.name}: {self._taken['worker']} has taken it over"
+                )
+            if self._claim and self.watch.is_up and alive_s() >= say_s:
+                say_s = alive_s() + SAY_EVERY_S
+                self._say(RUNNING if self.joined_ns else JOINING)
 
-    def _plan(self, due_utc_ns: int) -> None:
-        def report() -> None:
-            self._say(RUNNING)
-            self._plan(due_utc_ns + STATUS_EVERY_NS)
+    def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        if topic == self.source:
+            if (status := part_status(payload)) is not None:
+                self._hear_status(status)
+        elif topic == f"{self.source}/gaps":
+            if not self._claim:
+                began_ns = self._part.began_utc_ns
+                told = [gap for gap in told_gaps(payload) if gap["to_utc_ns"] > began_ns]
+                self.gaps = deque(told, MOST_GAPS)
+        else:
+            if topic == f"{self.source}/session":
+                self._hear_session(payload)
+            self._on_message(topic, payload, content_type)
 
-        self._context.schedule.put(due_utc_ns, report)
+    def _hear_status(self, told: dict[str, Any]) -> None:
+        if told["process"] == self.process:
+            said_s = self._said_s.get(told["number"])
+            if said_s is not None:
+                self._held_from_s, self._until_s = said_s, said_s + LEASE_S
+                self._tell_gaps()  # not before: it may be another's part by now
+            return
+        self._silent_s = 0.0
+        if not self._claim:
+            if self._other is None and told["state"] != ENDED:
+                log.info("part %s: stands by, as %s has it", self._part.name, told["worker"])
+            self._other = told
+        elif (told["claim"], told["process"]) > (self._claim, self.process):
+            self._taken = told
+
+    def _hear_session(self, payload: bytes) -> None:
+        try:
+            told = json.loads(payload)
+            gone = "" if told["state"] == RUNNING else str(told["session"])
+        except (ValueError, KeyError, TypeError, RecursionError):
+            return
+        self._session_gone = gone
+        if gone and self._other is not None and self._other["process"] == gone:
+            self._silent_s = NEWS_S  # it is known without waiting
 
     def _say(self, state: str) -> None:
-        self._publish(self._message(state, self._context.clock.now_ns()))
-
-    def _message(self, state: str, now_utc_ns: int) -> Message:
-        totals, part = self._context.totals, self._part
+        if self._ticks is not None and (not_sent := self._ticks.take_not_sent()):
+            from_ns = min(first_ns for first_ns, _ in not_sent.values()) - 1
+            to_ns = max(last_ns for _, last_ns in not_sent.values())
+            self._tell_gap(not_sent.keys(), from_ns, to_ns, "it could not be sent in time")
+        self._number += 1
+        self._said_s[self._number] = alive_s()
+        self._said_s.pop(self._number - 8, None)
+        part, context, totals = self._part, self._context, self._context.totals
+        now_ns = context.clock.now_ns()
+        sent_until_ns = part.began_utc_ns if self._ticks is None else self._ticks.sent_until_ns
+        if self._ticks is None and self._other is not None:
+            sent_until_ns = self._other["sent_until_utc_ns"]
         p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
         said = {
-            "part": part.name,
+            "part": part.number,
+            "parts": part.parts,
             "state": state,
-            **part.told,
-            "time_utc": iso_utc(now_utc_ns),
-            "since_utc": iso_utc(self._since_utc_ns),
-            "sensors": len(part.sensors),
+            "process": self.process,
+            "worker": f"{socket.gethostname()}:{os.getpid()}",
+            "claim": self._claim,
+            "number": self._number,
+            "scene": context.scene.scene.name,
+            "began_utc_ns": part.began_utc_ns,
+            "time_utc": iso_utc(now_ns),
+            "sent_until_utc": iso_utc(sent_until_ns),
+            "sent_until_utc_ns": sent_until_ns,
+            "sensors": list(part.sensors),
             "drones": totals.drones,
             "telemetry": totals.telemetry,
             "plots": totals.plots,
@@ -139,6 +305,97 @@ class PartPresence:
             "lateness_p50_us": p50_us,
             "lateness_p99_us": p99_us,
         }
-        prefix = self._context.scene.mqtt.prefix
-        payload = json.dumps(said).encode()
-        return retained_message(f"{prefix}/{FLEET}", part.name, payload, now_utc_ns)
+        message = self._message(str(part.number), said, now_ns)
+        self._out.send_past_link(replace(message, qos=0))  # what is late is of no use to anybody
+
+    def _message(self, kind: str, said: object, now_ns: int) -> Message:
+        source = self.source if kind == "gaps" else self.source.rpartition("/")[0]
+        return retained_message(source, kind, json.dumps(said).encode(), now_ns)
+
+    def _tell_gap(self, sensors: Collection[str], from_ns: int, to_ns: int, why: str) -> None:
+        """Tell what nobody sent; where that goes on, as one gap."""
+        last = self.gaps[-1] if self.gaps else None
+        if last is not None and last["why"] == why and from_ns <= last["to_utc_ns"] + NS:
+            self.gaps.pop()
+            sensors = {*sensors, *last["sensors"]}
+            from_ns = min(from_ns, last["from_utc_ns"])
+            to_ns = max(to_ns, last["to_utc_ns"])
+        in_order = [name for name in self._part.sensors if name in sensors]
+        gap = {"sensors": in_order, "from_utc_ns": from_ns, "to_utc_ns": to_ns, "why": why}
+        self.gaps.append(gap)
+        self._gaps_are_told = False
+
+    def _tell_gaps(self) -> None:
+        if not self._gaps_are_told and self._taken is None:
+            self._gaps_are_told = True
+            now_ns = self._context.clock.now_ns()
+            self._out.send_past_link(self._message("gaps", [*self.gaps], now_ns))
+
+
+def part_status(payload: bytes) -> dict[str, Any] | None:
+    """What a part says of itself, if it is that."""
+    kinds: dict[str, type] = {
+        "process": str,
+        "state": str,
+        "worker": str,
+        "sensors": list,
+        "sent_until_utc": str,
+    }
+    numbers = ("part", "parts", "claim", "number", "began_utc_ns", "sent_until_utc_ns", "plots")
+    kinds |= dict.fromkeys(numbers, int)
+    try:
+        told = json.loads(payload)
+        is_one = all(type(told[key]) is kind for key, kind in kinds.items())
+        float(told["lateness_p99_us"]), int(told["missed_scans"])
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return dict(told) if is_one else None
+
+
+def told_gaps(payload: bytes) -> list[dict[str, Any]]:
+    """What nobody sent of a part, as it was told; nothing where the payload is nothing such."""
+    try:
+        return [
+            {
+                "sensors": [str(name) for name in gap["sensors"]],
+                "from_utc_ns": int(gap["from_utc_ns"]),
+                "to_utc_ns": int(gap["to_utc_ns"]),
+                "why": str(gap["why"]),
+            }
+            for gap in json.loads(payload)
+        ]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return []
+
+
+class HeldTransport:
+    """A transport that takes nothing, and says so, while the part may be another process's."""
+
+    def __init__(self, transport: Transport, hold: PartHold) -> None:
+        self._transport, self._hold = transport, hold
+        self.waiting_of: Callable[[Client], int] = transport.waiting_of
+        self.carries: Callable[[Message], bool] = transport.carries
+        self.prepare: Callable[[Sequence[Message]], None] = transport.prepare
+        self.drain = transport.drain
+
+    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+        """Send them, or settle them as undelivered."""
+        if self._hold.holds:
+            self._transport.publish(outgoing)
+            return
+        for one in outgoing:
+            one.settle(delivered=False, to=NOT_HELD)
+
+
+class PartLink(MqttTransport):
+    """The link of a part: under the part's client id, and only where this process has the part."""
+
+    def __init__(self, address: BrokerAddress, hold: PartHold, **how: Any) -> None:
+        super().__init__(address, hold.client_id, **how)
+        self._client_id, self._hold = hold.client_id, hold
+
+    async def _connect(self) -> MqttConnection:
+        if self.connections:
+            self._hold.cut_off()
+        await self._hold.renewed()
+        return await super()._connect()

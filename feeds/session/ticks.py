@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import itemgetter
 
@@ -23,7 +23,6 @@ from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask
-from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind
 from plotfeed.proto.utc import NS
@@ -33,6 +32,7 @@ LONGEST_NS = NS
 """No tick comes later than this after another, so that what comes in is taken in."""
 CAUGHT_UP_NS = NS // 4
 """Further behind, a session that joins others is not ready."""
+STAND_BY_S = 0.02
 INTAKE_NS = TICK_NS // 2
 """Real time that a tick spends on what has come in; the rest waits for the next."""
 MOST_SECTORS, MOST_TICKS = 512, 1000
@@ -90,14 +90,21 @@ class Ticks:
         taken = {name: task.outbox.counters.take_not_sent() for name, task in self._tasks.items()}
         return {name: stretch for name, stretch in taken.items() if stretch is not None}
 
-    async def join(self, part: SessionPart) -> None:
-        """Work out again what others have sent since the scene began, and note when to go on."""
-        self._shares, done_ns = True, part.began_utc_ns
-        while (now_ns := self._clock.now_ns()) - done_ns > CAUGHT_UP_NS:
-            await self._catch_up(now_ns)
-            done_ns = now_ns
-        self.joined_ns = await part.join(done_ns)
-        await self._catch_up(self.joined_ns)
+    async def stand_by(self, began_utc_ns: int, is_over: Callable[[], bool]) -> None:
+        """Work out what others send, or have sent since the scene began, until that is over."""
+        self._shares, done_ns = True, began_utc_ns
+        while not is_over() or self._clock.now_ns() - done_ns > CAUGHT_UP_NS:
+            if self._clock.now_ns() - done_ns < CAUGHT_UP_NS:
+                await asyncio.sleep(STAND_BY_S)
+                continue
+            done_ns = self._clock.now_ns()
+            self._inputs.take_in(done_ns, lambda: False)
+            await self._catch_up(done_ns)
+
+    async def join(self, t_utc_ns: int) -> None:
+        """Send what ends after that time; what ends before is worked out."""
+        self.joined_ns = t_utc_ns
+        await self._catch_up(t_utc_ns)
 
     async def _catch_up(self, t_utc_ns: int) -> None:
         for _ in self._sensors.caught_up(t_utc_ns):

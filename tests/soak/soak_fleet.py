@@ -1,13 +1,12 @@
-"""A fleet whose workers are killed, frozen and cut off at random times, against one process.
+"""A fleet whose processes are killed, frozen and cut off at random times, against one process.
 
     python tests/soak/soak_fleet.py --minutes 10 --seed 1
     python tests/soak/soak_fleet.py --minutes 10 --page       # and its figures in docs/fleet.md
 
-Every few seconds a worker gets SIGKILL, or SIGSTOP for longer or shorter than its lease and then
-SIGCONT, or all are cut off from the broker for a while; the seed says what and when. What a
-subscriber heard is held against what one process sends of the same scene. Fails where a message
-came twice, or out of order, or is none that one process sends, or where one is missing outside the
-gaps that the fleet tells of, and around the times without a broker: what was in a socket then.
+Every few seconds a process gets SIGKILL, or SIGSTOP for a while and then SIGCONT, or all are cut
+off from the broker for a while; the seed says what and when. What a subscriber heard is held
+against what one process sends of the same scene. Fails where a message came twice, or out of order,
+or is none that one process sends, or where one is missing outside the gaps that the parts tell of.
 """
 
 from __future__ import annotations
@@ -36,16 +35,12 @@ from support.cut_proxy import Proxy, proxied
 from support.fleet_process import NS, Fleet, fleet
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
-from plotfeed.feeds.fleet.fleet_parts import LATE
-
 DOCS = Path(__file__).parents[2] / "docs" / "fleet.md"
 BEGIN, END = "<!-- soak: begin -->", "<!-- soak: end -->"
 PROPERTIES = ("twice", "foreign", "disordered", "missing", "code")
 """Of what came of it: each must be 0."""
 FAULTS = ("killed", "frozen", "cut off")
-BEFORE_NS, AFTER_NS = 3 * NS // 2, 2 * NS
-"""Around the times without a broker: a message may be a scan late, and a worker that is busy takes
-a broken connection for a good one until it looks. What finds none then, the fleet tells."""
+FROZEN_S, CUT_S, PAUSE_S = (0.3, 8.0), (0.0, 3.0), (3.0, 8.0)
 TRACKS_OF = 4
 """One radar of so many sends tracks: those at one end, so that they are in one part."""
 
@@ -69,21 +64,17 @@ def text_of_scene(radars: int) -> str:
 class Disturber:
     """What becomes of workers, by chance."""
 
-    def __init__(self, at_work: Fleet, proxy: ProxyThread, seed: int, lease_s: float) -> None:
+    def __init__(self, at_work: Fleet, proxy: ProxyThread, seed: int) -> None:
         self.did: Counter[str] = Counter()
-        self.without_broker: list[tuple[int, int]] = []
-        self._fleet, self._proxy, self._lease_s = at_work, proxy, lease_s
+        self._fleet, self._proxy = at_work, proxy
         self._by_chance = random.Random(seed)  # noqa: S311
 
     def disturb(self, until_s: float) -> None:
         """One fault after the other, until then."""
         while time.monotonic() < until_s:
-            time.sleep(self._by_chance.uniform(2.0, 3 * self._lease_s))
+            time.sleep(self._by_chance.uniform(*PAUSE_S))
             what = self._by_chance.choice(FAULTS)
-            pids = sorted(self._fleet.pids().items())
-            if not pids:
-                continue
-            _, pid = self._by_chance.choice(pids)
+            pid = self._fleet.pid(self._by_chance.choice(sorted(self._fleet.statuses())))
             with suppress(ProcessLookupError):
                 os.kill(pid, 0)
                 self.did[what] += 1
@@ -91,17 +82,15 @@ class Disturber:
                     os.kill(pid, signal.SIGKILL)
                 elif what == "frozen":
                     os.kill(pid, signal.SIGSTOP)
-                    time.sleep(self._lease_s * self._by_chance.uniform(0.2, 2.5))
+                    time.sleep(self._by_chance.uniform(*FROZEN_S))
                     os.kill(pid, signal.SIGCONT)
                 else:
-                    self._cut_off(self._by_chance.uniform(0.0, 3.0))
+                    self._cut_off(self._by_chance.uniform(*CUT_S))
 
     def _cut_off(self, for_s: float) -> None:
-        from_ns = time.time_ns()
         self._proxy.cut(closed=True)
         time.sleep(for_s)
         self._proxy.cut(closed=False)
-        self.without_broker.append((from_ns, time.time_ns()))
 
 
 class ProxyThread:
@@ -138,37 +127,33 @@ def soaked(folder: Path, asked: argparse.Namespace) -> dict[str, Any]:
     scene = scene_file(folder, text_of_scene(asked.radars))
     names = [f"r{i}" for i in range(asked.radars)]
     quiet = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
-    words = ["--workers", str(asked.workers), "--lease", str(asked.lease), "--spares", "2"]
+    words = ["--workers", str(asked.workers), "--spares", str(asked.spares)]
     with mosquitto(folder, port, quiet):
         proxy = ProxyThread(port)
         with fleet(scene, port, *words, by_port=proxy.port) as at_work:
-            at_work.wait(lambda: at_work.sends(asked.workers, 0), "it never began")
+            at_work.wait(lambda: at_work.sends(asked.workers), "it never began")
             at_work.heard_of(names)
-            disturber = Disturber(at_work, proxy, asked.seed, asked.lease)
+            disturber = Disturber(at_work, proxy, asked.seed)
             disturber.disturb(time.monotonic() + 60 * asked.minutes)
-            at_work.wait(lambda: at_work.sends(asked.workers, 0), "it never sent again")
+            at_work.wait(lambda: at_work.sends(asked.workers), "it never sent again")
             at_work.heard_of(names)
-            missed = missed_scans(at_work)
-            code, duration_s = at_work.end()
-        without = [
-            {"sensors": names, "from_utc_ns": a - BEFORE_NS, "to_utc_ns": b + AFTER_NS}
-            for a, b in disturber.without_broker
-        ]
-        verdict, told = at_work.verdict(duration_s + 5, without), at_work.health()
+            verdict = at_work.verdict()
+            told, gaps = at_work.statuses(), at_work.gaps()
+            code = at_work.end()
     with_state = {f"r{i}" for i in tracking(asked.radars)}
     gaps_s: dict[str, list[float]] = {"late": [], "taken over": [], "taken over, tracks": []}
-    for gap in told["gaps"]:
-        if gap["to_utc_ns"]:
-            kind = "taken over, tracks" if with_state & set(gap["sensors"]) else "taken over"
-            length_s = (gap["to_utc_ns"] - gap["from_utc_ns"]) / NS
-            gaps_s["late" if gap["why"].endswith(LATE) else kind].append(length_s)
+    for gap in gaps:
+        kind = "taken over, tracks" if with_state & set(gap["sensors"]) else "taken over"
+        is_late = not gap["why"].endswith("no longer sends")
+        length_s = (gap["to_utc_ns"] - gap["from_utc_ns"]) / NS
+        gaps_s["late" if is_late else kind].append(length_s)
     return {
         "code": code,
         "minutes": asked.minutes,
         "workers": asked.workers,
-        "lease_s": asked.lease,
+        "spares": asked.spares,
         "did": dict(disturber.did),
-        "takeovers": told["takeovers"],
+        "takeovers": sum(each["claim"] - 1 for each in told.values()),
         "gaps_s": gaps_s,
         "heard": verdict.heard,
         "twice": verdict.twice,
@@ -176,20 +161,8 @@ def soaked(folder: Path, asked: argparse.Namespace) -> dict[str, Any]:
         "disordered": verdict.disordered,
         "in_gaps": verdict.in_gaps,
         "missing": len(verdict.missing),
-        "missed_scans": missed,
         "load": os.getloadavg()[1],
     }
-
-
-def missed_scans(at_work: Fleet) -> int:
-    """Scans that workers say they have left out, being late."""
-    found: dict[tuple[str, int], int] = {}
-    for message in list(at_work.client.heard):
-        if message.topic.startswith("plotfeed/fleet/") and "control" not in message.topic:
-            told = json.loads(message.payload)
-            of = told["part"], told["epoch"]  # a last will knows of none
-            found[of] = max(found.get(of, 0), told["missed_scans"])
-    return sum(found.values())
 
 
 def lines(found: dict[str, Any]) -> list[str]:
@@ -198,15 +171,13 @@ def lines(found: dict[str, Any]) -> list[str]:
     gaps = {kind: _lengths(each) for kind, each in found["gaps_s"].items()}
     return [
         f"- {found['minutes']:g} minutes, load average {found['load']:.1f}; {found['workers']} "
-        f"workers, leases of {found['lease_s']:g} s: {did}; {found['takeovers']} take-overs.",
-        f"- Nobody sent sensors that were taken over for {gaps['taken over']}; those whose part "
-        f"keeps tracks for {gaps['taken over, tracks']}.",
-        f"- Workers that were late, or had no lease or no broker, told of {gaps['late']}; scans "
-        f"missed in all {found['missed_scans']}.",
-        f"- Heard: {found['heard']:,} messages of plots and tracks. Not one process's octets: "
+        f"parts, of each {found['spares']} standing by: {did}; {found['takeovers']} take-overs.",
+        f"- Gaps told of a take-over: {gaps['taken over']}; where a part keeps tracks: "
+        f"{gaps['taken over, tracks']}.",
+        f"- Gaps told since a process was late, or had no broker: {gaps['late']}.",
+        f"- Heard: {found['heard']:,} messages of plots and tracks. Not one process's bytes: "
         f"{found['foreign']}; twice: {found['twice']}; out of order: {found['disordered']}.",
-        f"- Missing: {found['in_gaps']:,} in the gaps that were told and around the times without "
-        f"a broker; outside {found['missing']}.",
+        f"- Missing in the gaps that were told: {found['in_gaps']:,}; outside: {found['missing']}.",
     ]
 
 
@@ -223,7 +194,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=3)
     parser.add_argument("--radars", type=int, default=12)
-    parser.add_argument("--lease", type=float, default=2.0)
+    parser.add_argument("--spares", type=int, default=1)
     parser.add_argument("--page", action="store_true", help="write the figures to docs/fleet.md")
     asked = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # and end all that was started

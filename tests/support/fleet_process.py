@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
 from support.command import PLOTFEED
 from support.fleet_oracle import Verdict, judged, reference
 from support.mqtt_client import Client
@@ -25,19 +24,13 @@ from plotfeed.feeds.scene.scene import load
 NS = 1_000_000_000
 
 
-def skip_without_ray(errors: str) -> None:
-    """Skip a test where Ray's own processes do not start, as on a machine that is far too busy."""
-    if "Ray cannot be started" in errors:
-        pytest.skip("Ray cannot be started here")
-
-
 class Fleet:
     """One at work, and what is heard of it."""
 
     def __init__(
         self, scene: Path, port: int, errors: Path, *more: str, by_port: int | None = None
     ) -> None:
-        """`by_port` is what its workers take for the broker's."""
+        """`by_port` is what its processes take for the broker's."""
         self.scene, self.port, self._errors = scene, port, errors
         self.client = Client(port, 5, "plotfeed/#")
         url = f"mqtt://127.0.0.1:{by_port or port}"
@@ -47,66 +40,66 @@ class Fleet:
                 [*PLOTFEED, *words], stdout=subprocess.DEVNULL, stderr=file
             )
 
-    def health(self) -> dict[str, Any]:
-        """What the fleet said last."""
-        said = (m.payload for m in reversed([*self.client.heard]) if m.topic == "plotfeed/fleet")
-        return dict(json.loads(next(said, b'{"parts": [], "takeovers": 0, "gaps": []}')))
+    def statuses(self) -> dict[int, dict[str, Any]]:
+        """What each part said last."""
+        found = {}
+        for message in [*self.client.heard]:
+            level = message.topic.removeprefix("plotfeed/fleet/")
+            if level.isdecimal():
+                found[int(level)] = json.loads(message.payload)
+        return found
+
+    def gaps(self) -> list[dict[str, Any]]:
+        """What all parts said last that nobody sent."""
+        heard = {m.topic: m.payload for m in [*self.client.heard] if m.topic.endswith("/gaps")}
+        return [gap for payload in heard.values() for gap in json.loads(payload)]
+
+    def states(self, topic: str) -> list[str]:
+        """What was said on a topic of how somebody is, one after the other."""
+        heard = [m.payload for m in [*self.client.heard] if m.topic == topic and m.payload]
+        return [str(json.loads(payload)["state"]) for payload in heard]
 
     def errors(self) -> str:
         return self._errors.read_text()
 
     def wait(self, holds: Callable[[], object], says: str) -> None:
         def is_so() -> bool:
-            skip_without_ray(self.errors())
             assert self.process.poll() is None, self.errors()
             return bool(holds())
 
-        deadline_s = time.monotonic() + 180
-        while True:
-            try:
-                return wait_until(is_so, says)
-            except AssertionError:
-                if time.monotonic() > deadline_s or self.process.poll() is not None:
-                    raise AssertionError(f"{says}: {self.health()} {self.errors()}") from None
+        try:
+            wait_until(is_so, says)
+        except AssertionError:
+            raise AssertionError(f"{says}: {self.statuses()} {self.errors()}") from None
 
-    def sends(self, parts: int, takeovers: int) -> bool:
-        told = self.health()
+    def sends(self, parts: int, claims: int = 0) -> bool:
+        """Whether all parts do, and were taken so many times."""
+        told = self.statuses()
         return (
-            len(told["parts"]) == parts
-            and told["takeovers"] >= takeovers
-            and all(part["sends"] for part in told["parts"])
+            len(told) == parts
+            and sum(each["claim"] for each in told.values()) >= claims
+            and all(each["state"] == "RUNNING" for each in told.values())
         )
 
-    def pids(self) -> dict[str, int]:
-        parts = self.health()["parts"]
-        held = {part["part"]: part["worker"].rpartition(":")[2] for part in parts}
-        return {part: int(pid) for part, pid in held.items() if pid}
+    def pid(self, part: int) -> int:
+        """The process that has a part."""
+        return int(self.statuses()[part]["worker"].rpartition(":")[2])
 
-    def end(self) -> tuple[int, float]:
-        """Have it end: its exit code, and how long it ran in all, seconds."""
-        ended_ns = time.time_ns()
+    def end(self) -> int:
+        """Have it end: its exit code."""
         self.process.terminate()
-        code = self.process.wait(120)
-        return code, (ended_ns - self.began_ns) / NS
+        return self.process.wait(120)
 
-    @property
-    def began_ns(self) -> int:
-        """When its scene began."""
-        return int(self.health()["began_utc_ns"])
-
-    def verdict(
-        self,
-        duration_s: float,
-        more_gaps: Iterable[dict[str, Any]] = (),
-        first: int | None = None,
-    ) -> Verdict:
-        """What was heard of plots and tracks, or first of it, against what one process sends."""
-        wanted, heard = reference(load(self.scene), self.began_ns, duration_s), defaultdict(list)
+    def verdict(self, more_gaps: Iterable[dict[str, Any]] = ()) -> Verdict:
+        """What was heard of plots and tracks against what one process sends."""
+        began_ns = self.statuses()[1]["began_utc_ns"]
+        duration_s = (time.time_ns() - began_ns) / NS + 1
+        wanted, heard = reference(load(self.scene), began_ns, duration_s), defaultdict(list)
         topics = {message.topic for message in wanted}
-        for message in self.client.heard[:first]:
+        for message in self.client.heard:
             if message.topic in topics:
                 heard[message.topic].append(message.payload)
-        return judged(wanted, heard, [*self.health()["gaps"], *more_gaps])
+        return judged(wanted, heard, [*self.gaps(), *more_gaps])
 
     def heard_of(self, sensors: Iterable[str]) -> None:
         """Wait until each of those has sent more."""
@@ -128,9 +121,9 @@ def fleet(scene: Path, port: int, *more: str, by_port: int | None = None) -> Ite
     try:
         yield found
     finally:
-        for pid in found.pids().values():
+        for each in found.statuses().values():
             with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGCONT)
+                os.kill(int(each["worker"].rpartition(":")[2]), signal.SIGCONT)
         found.process.terminate()
         try:
             found.process.wait(60)

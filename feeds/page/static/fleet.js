@@ -1,4 +1,4 @@
-// How the workers of a fleet do, where the page is a fleet's.
+// How the parts of a fleet do, where the page is a fleet's.
 
 const byId = (id) => document.getElementById(id);
 
@@ -21,10 +21,10 @@ export class FleetCard {
   }
 }
 
-function row({ part, epoch, sensors, state, worker, age_s: age, lateness_p99_ms: late }) {
+function row({ part, claim, sensors, state, worker, age_s: age, lateness_p99_ms: late }) {
   const of = sensors.length > 3 ? `${sensors.slice(0, 2).join(", ")} and ${sensors.length - 2} more` : sensors.join(", ");
-  const made = document.createElement("li"), news = age === null ? "no news yet" : `sent until ${age.toFixed(1)} s ago, late by ${late.toFixed(2)} ms (p99)`;
-  made.append(cell("strong", `${part}.${epoch} ${state}`), ` ${worker || "nobody"}: ${of}; ${news}`);
+  const made = document.createElement("li"), news = age === null ? "no news yet" : `heard ${age.toFixed(1)} s ago, late by ${late.toFixed(2)} ms (p99)`;
+  made.append(cell("strong", `${part}.${claim} ${state}`), ` ${worker || "nobody"}: ${of}; ${news}`);
   made.title = sensors.join(", ");
   return made;
 }

@@ -27,8 +27,10 @@ log = logging.getLogger(__name__)
 AT_ONCE = 10
 """Connections that are made at a time: a broker has a queue for those that come, and others wait
 for the loop."""
-LOOK_EVERY_S = 0.25
-"""From one look at what is lost, and to be pinged, to the next."""
+FIRST_LOOK_S, LOOK_EVERY_S = 0.01, 0.25
+"""The latter from one look at what is lost, and to be pinged, to the next."""
+PROMPT_KEEP_ALIVE_S = 3
+"""A broker takes a connection for lost, and publishes its will, after 1.5 times that."""
 PATIENCE_S = 1.0
 """So long a session waits for its wills before it begins without the last of them."""
 CONNECT, CONNACK = 0x10, 0x20
@@ -48,12 +50,22 @@ class LastWills:
         link: MqttTransport,
         wills: Mapping[str, Message],
         on_back: Callable[[str], object],
+        *,
+        stem: str | None = None,
+        prompt: str = "",
     ) -> None:
-        """`wills` are retained messages by whose they are; those that join before `run` count."""
+        """`wills` are retained messages by whose they are; those that join before `run` count.
+
+        With a `stem` of client ids, they are those that another process may have had before, and
+        `on_back` is told of the first time too. Then the will that is named by `prompt` is
+        published within 1.5 times `PROMPT_KEEP_ALIVE_S` where a machine is gone.
+        """
         self.name = f"{link.name}-wills"
         self._link = link
         self._wills = wills
         self._on_back = on_back
+        self._stem = stem
+        self._prompt = prompt if stem is not None else ""
         self._client_ids: dict[str, str] = {}
         self._up: dict[str, _WillConnection] = {}
         """Those that are up, by whose they are, whoever was pinged last at the end."""
@@ -80,6 +92,8 @@ class LastWills:
         """
         loop = asyncio.get_running_loop()
         failures, again_s = 0, 0.0
+        if self._stem is not None:
+            self._client_ids = {whose: f"{self._stem}-{whose}" for whose in self._wills}
         try:
             while True:
                 if self._link.is_up and loop.time() >= again_s:
@@ -90,7 +104,7 @@ class LastWills:
                         failures += 1
                     self._placed.set()
                 self._ping_some(loop.time())
-                await asyncio.sleep(LOOK_EVERY_S)
+                await asyncio.sleep(LOOK_EVERY_S if self._placed.is_set() else FIRST_LOOK_S)
         finally:
             for connection in [*self._up.values()]:
                 if self._forgotten:
@@ -123,7 +137,12 @@ class LastWills:
         is_back = whose in self._client_ids
         client_id = self._client_ids.setdefault(whose, f"plotfeed-{whose}-{uuid4().hex[:8]}")
         connect = connect_packet(
-            client_id, self._wills[whose], self._link.version, access.username, access.password
+            client_id,
+            self._wills[whose],
+            self._link.version,
+            access.username,
+            access.password,
+            keep_alive_s=PROMPT_KEEP_ALIVE_S if whose == self._prompt else KEEP_ALIVE_S,
         )
         loop = asyncio.get_running_loop()
         connection = _WillConnection(connect)
@@ -161,6 +180,8 @@ class LastWills:
 
         One that has said nothing for as long as twice that time is cut.
         """
+        if self._prompt in self._up:
+            self._up[self._prompt].ping()
         some = -(-len(self._up) * LOOK_EVERY_S // (KEEP_ALIVE_S / 2))
         for whose in [*self._up][: int(some)]:
             connection = self._up.pop(whose)
@@ -237,7 +258,13 @@ class _WillConnection(asyncio.Protocol):
 
 
 def connect_packet(
-    client_id: str, will: Message, version: int, username: str | None, password: str | None
+    client_id: str,
+    will: Message,
+    version: int,
+    username: str | None,
+    password: str | None,
+    *,
+    keep_alive_s: int = KEEP_ALIVE_S,
 ) -> bytes:
     """A CONNECT that begins a clean session with that will, which is retained.
 
@@ -249,7 +276,7 @@ def connect_packet(
     parts = [
         packed_text("MQTT"),
         bytes((version, flags)),
-        KEEP_ALIVE_S.to_bytes(2, "big"),
+        keep_alive_s.to_bytes(2, "big"),
         varint(0) if version >= 5 else b"",  # its own properties
         packed_text(client_id),
         varint(len(of_will)) + of_will if version >= 5 else b"",

@@ -1,4 +1,4 @@
-"""`plotfeed fleet` on Ray: same bytes, and none twice whatever becomes of its workers."""
+"""`plotfeed fleet` and `run --part`: processes that are killed and frozen, and what is refused."""
 
 from __future__ import annotations
 
@@ -7,24 +7,22 @@ import os
 import signal
 import subprocess
 from collections import defaultdict
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from support.brokers import free_port, mosquitto
-from support.command import PLOTFEED, plotfeed
-from support.fleet_process import fleet, skip_without_ray
+from support.command import PLOTFEED, plotfeed_here
+from support.fleet_process import fleet
 from support.fleet_scenes import by_topic
+from support.mqtt_client import listening
 from support.road import fly
 from support.scene_files import DRONE, radar, scene_file, scene_text
+from support.waiting import wait_until
 
 from plotfeed.feeds.recording.session_again import SessionRecord
 from plotfeed.feeds.scene.scene import load
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
-
-if find_spec("ray") is None:  # whose import takes long
-    pytest.skip("could not import 'ray'", allow_module_level=True)
 
 SENSORS = "".join(
     [
@@ -33,36 +31,32 @@ SENSORS = "".join(
         radar("east", sectors=4, more="position_enu_m = [800.0, 0.0, 0.0]"),
     ]
 )
+START = ("--start", "2026-01-01T12:00:00Z")
+BROKER = "mqtt://127.0.0.1:1"
 
 
-def test_workers_of_ray_record_what_one_process_sends(tmp_path: Path) -> None:
+def test_parts_record_in_simulated_time_what_one_process_sends(tmp_path: Path) -> None:
     text = scene_text(sensors=SENSORS, start_utc="2026-01-01T12:00:00Z")
-    scene, parts = scene_file(tmp_path, text), tmp_path / "parts"
-    words = ["fleet", scene, "--workers", "2", "--broker", "none", "--speed", "max"]
-    done = subprocess.run(
-        [*PLOTFEED, *map(str, [*words, "--duration", "5", "--record", parts, "--json"])],
-        capture_output=True, text=True, timeout=600, check=False,
-    )  # fmt: skip
-    skip_without_ray(done.stderr)
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
-    loaded = load(scene)
-    sent = fly(loaded, 5.0, loaded.scene.start_utc_ns or 0).messages
+    scene = scene_file(tmp_path, text)
     found = defaultdict(list)
-    for file in sorted(parts.glob("*.mcap")):
-        assert SessionRecord.open(file).start_utc_ns == loaded.scene.start_utc_ns
+    for k in (1, 2):
+        file = tmp_path / f"{k}.mcap"
+        words = ["--part", f"{k}/2", "--broker", "none", "--speed", "max", "--duration", "5"]
+        done = plotfeed_here("run", scene, *words, "--record", file, "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["missed_scans"] == 0
+        assert SessionRecord.open(file).start_utc_ns == load(scene).scene.start_utc_ns
         with file.open("rb") as opened:
             for message in McapReader(opened).messages():
                 if message.stage is Stage.AFTER:
                     found[message.topic].append(message.payload)
-    wanted = by_topic(sent, 0)
+    loaded = load(scene)
+    wanted = by_topic(fly(loaded, 5.0, loaded.scene.start_utc_ns or 0).messages, 0)
     assert {topic: found[topic] for topic in wanted} == wanted
-    assert len(list(parts.glob("*.mcap"))) == 2
-    assert json.loads(done.stdout)["counts"]["missed_scans"] == 0
 
 
-def test_none_is_sent_twice_whatever_becomes_of_workers(tmp_path: Path) -> None:
-    """One is frozen, given up and wakes; one is killed."""
+def test_none_is_sent_twice_whatever_becomes_of_processes(tmp_path: Path) -> None:
+    """One is frozen while another stands by, and wakes; one is killed. Nobody else dies."""
     port = free_port()
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS, drones=DRONE))
     names = [sensor.id for sensor in load(scene).sensor]
@@ -70,59 +64,133 @@ def test_none_is_sent_twice_whatever_becomes_of_workers(tmp_path: Path) -> None:
     quiet = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
     with (
         mosquitto(tmp_path, port, quiet),
-        fleet(scene, port, "--workers", "2", "--lease", "3") as at_work,
+        fleet(scene, port, "--workers", "2", "--spares", "1") as at_work,
     ):
-        at_work.wait(lambda: at_work.sends(2, 0), "it never began")
+        at_work.wait(lambda: at_work.sends(2), "it never began")
+        at_work.wait(lambda: at_work.errors().count("stands by") >= 2, "nobody stands by")
         at_work.heard_of(names)
-        frozen, killed = at_work.pids().values()
+        frozen = at_work.pid(1)
         os.kill(frozen, signal.SIGSTOP)
-        at_work.wait(lambda: at_work.sends(2, 1), "nobody took over from who is frozen")
+        at_work.wait(lambda: at_work.pid(1) != frozen, "nobody took over from who is frozen")
+        at_work.wait(lambda: at_work.sends(2, 3), "who took over does not send")
         at_work.heard_of(names)
         os.kill(frozen, signal.SIGCONT)
-        at_work.wait(lambda: "is back" in at_work.errors(), "who was frozen never understood")
-        if killed not in at_work.pids().values():  # it was too slow, and is a spare now
-            (killed, *_) = at_work.pids().values()
+        at_work.wait(lambda: "has taken it over" in at_work.errors(), "it never understood")
+        killed = at_work.pid(2)
         os.kill(killed, signal.SIGKILL)
-        at_work.wait(lambda: "died" in at_work.errors(), "nobody saw that one was killed")
-        at_work.wait(lambda: at_work.sends(2, 2), "nobody took over from who was killed")
+        at_work.wait(lambda: at_work.pid(2) != killed, "nobody took over from who was killed")
+        at_work.wait(lambda: at_work.sends(2, 4), "who took over from it does not send")
         at_work.heard_of(names)
-        told = plotfeed("fleet", "status", scene, "--broker", broker, "--json")
+        told = plotfeed_here("fleet", "status", scene, "--broker", broker, "--json")
         assert told.returncode == 0, told.stderr
-        assert len(json.loads(told.stdout)["parts"]) == 2
-        assert "take-overs" in plotfeed("fleet", "status", scene, "--broker", broker).stdout
-        gaps = at_work.health()["gaps"]
-        code, duration_s = at_work.end()
-        assert code == 0, at_work.errors()
+        assert [row["state"] for row in json.loads(told.stdout)["parts"]] == ["RUNNING"] * 2
+        assert json.loads(told.stdout)["takeovers"] >= 2
+        assert "take-overs" in plotfeed_here("fleet", "status", scene, "--broker", broker).stdout
+        verdict = at_work.verdict()
+        assert at_work.end() == 0, at_work.errors()
         assert "Traceback" not in at_work.errors()
-    verdict = at_work.verdict(duration_s + 10)
+        wait_until(lambda: at_work.states("plotfeed/fleet/2")[-1] == "ENDED")
+        states = {name: at_work.states(f"plotfeed/{name}/status")[-1] for name in names}
     assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
+    assert not verdict.missing
     assert verdict.heard > 50
-    assert {gap["why"].partition(" ")[2] for gap in gaps} >= {"died"}
-    last = {m.topic: m for m in at_work.client.heard if m.topic.endswith("/status")}
-    assert {json.loads(last[f"plotfeed/{name}/status"].payload)["state"] for name in names} == {
-        "OFFLINE"
-    }
+    assert set(states.values()) == {"OFFLINE"}
+    deaths = [at_work.states(f"plotfeed/fleet/{part}/session").count("DIED") for part in (1, 2)]
+    assert deaths == [1, 1]
+
+
+def test_a_part_is_started_again_by_whoever_started_it_and_goes_on(tmp_path: Path) -> None:
+    """Without one that stands by; what its will says, it takes back itself."""
+    port = free_port()
+    scene = scene_file(tmp_path, scene_text(sensors=SENSORS, drones=DRONE))
+    with mosquitto(tmp_path, port), fleet(scene, port, "--workers", "1") as at_work:
+        at_work.wait(lambda: at_work.sends(1), "it never began")
+        os.kill(at_work.pid(1), signal.SIGKILL)
+        died = "plotfeed/fleet/1/session"
+        at_work.wait(lambda: at_work.states(died) == ["RUNNING", "DIED"], "no will came")
+        at_work.wait(lambda: at_work.sends(1, 2), "it was not started again")
+        at_work.wait(lambda: at_work.states(died)[-1] == "RUNNING", "it is still said to be dead")
+        verdict = at_work.verdict()
+    assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
+    assert not verdict.missing
+
+
+def test_parts_go_on_without_who_started_them(tmp_path: Path) -> None:
+    port = free_port()
+    scene = scene_file(tmp_path, scene_text(sensors=SENSORS, drones=DRONE))
+    with mosquitto(tmp_path, port), fleet(scene, port, "--workers", "1") as at_work:
+        at_work.wait(lambda: at_work.sends(1), "it never began")
+        at_work.process.kill()
+        at_work.process.wait()
+        since = len(at_work.client.heard)
+        wait_until(lambda: any("/asterix" in m.topic for m in at_work.client.heard[since + 20 :]))
+        os.kill(at_work.pid(1), signal.SIGTERM)
+        wait_until(lambda: at_work.states("plotfeed/fleet/1")[-1] == "ENDED")
 
 
 def test_there_is_no_fleet_where_none_says_so(tmp_path: Path) -> None:
     port = free_port()
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS))
-    with mosquitto(tmp_path, port):
-        done = plotfeed("fleet", "status", scene, "--broker", f"mqtt://127.0.0.1:{port}")
+    with mosquitto(tmp_path, port), listening(port, 5, "plotfeed/#") as client:
+        for level in ("1", "2", "1/gaps", "1/session", "x"):
+            client.publish(f"plotfeed/fleet/{level}", b'{"part": [{}]}', retain=True)
+        client.wait_for(lambda m: m.topic == "plotfeed/fleet/x")
+        done = plotfeed_here("fleet", "status", scene, "--broker", f"mqtt://127.0.0.1:{port}")
     assert done.returncode == 1
-    assert "no fleet says on plotfeed/fleet that it runs" in done.stderr
+    assert "no part of a fleet says on plotfeed/fleet/# that it runs" in done.stderr
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ([], "a fleet needs a broker"),
-        (["--broker", "none", "--ray", "127.0.0.1:1"], "Ray at 127.0.0.1:1 does not answer"),
-        (["extra"], "expected SCENE, or status SCENE"),
+        (["fleet", "SCENE"], "need a broker that all of them reach"),
+        (["fleet", "SCENE", "--broker", "none"], "tell by a broker how they do"),
+        (["run", "SCENE", "--part", "9/9", "--broker", BROKER, *START], "3 parts at most, not 9"),
+        (["fleet", "SCENE", "--broker", BROKER, "--start", "soon"], "--start: expected a time as"),
+        (["fleet", "SCENE", "extra"], "expected SCENE, status SCENE, or stop SCENE"),
+        (["fleet", "stop", "SCENE"], "stop ends what Ray runs: --ray HOST:PORT"),
+        (["fleet", "SCENE", "--broker", BROKER, "--ray", "127.0.0.1:1"], "127.0.0.1:1 does not"),
+        (["run", "SCENE", "--part", "0/3"], "--part: expected K/N"),
+        (["run", "SCENE", "--part", "4/3"], "--part: expected K/N"),
+        (["run", "SCENE", "--part", "1/3", "--broker", BROKER], "--part needs --start TIME"),
+        (["run", "SCENE", *START], "--start is for parts of a scene"),
+        (["run", "SCENE", "--part", "1/3", "--page", "1"], "--page is of a whole session"),
+        (["run", "SCENE", "--part", "1/3", "--broker", BROKER, "--speed", "2"], "in real time"),
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(tmp_path: Path, words: list[str], says: str) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS))
-    done = plotfeed("fleet", scene, *words)
+    done = plotfeed_here(*(str(scene) if word == "SCENE" else word for word in words))
     assert done.returncode in (1, 2)
     assert says in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("table", ["websocket", "telemetry.source"])
+def test_a_scene_whose_parts_would_get_into_each_others_way_is_refused(
+    tmp_path: Path, table: str
+) -> None:
+    more = {
+        "websocket": '\n[[websocket]]\ncarries = "plots"\nport = 8765\n',
+        "telemetry.source": '\n[[telemetry.source]]\nfrom = "mavlink:udpin:127.0.0.1:14550"\n',
+    }
+    scene = scene_file(tmp_path, scene_text(sensors=SENSORS) + more[table])
+    done = plotfeed_here("fleet", scene, "--broker", BROKER)
+    assert done.returncode == 2
+    assert table.partition(".")[0] in done.stderr
+
+
+def test_a_fleet_in_the_foreground_ends_by_ctrl_c_as_a_whole(tmp_path: Path) -> None:
+    port = free_port()
+    scene = scene_file(tmp_path, scene_text(sensors=SENSORS))
+    with mosquitto(tmp_path, port), listening(port, 5, "plotfeed/#") as client:
+        words = ["fleet", scene, "--broker", f"mqtt://127.0.0.1:{port}", "--json"]
+        process = subprocess.Popen(
+            [*PLOTFEED, *map(str, words)], stdout=subprocess.PIPE, start_new_session=True
+        )
+        client.wait_for(lambda m: "/asterix" in m.topic)
+        os.killpg(process.pid, signal.SIGINT)
+        told, _ = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert [row["state"] for row in json.loads(told)["parts"]] == ["ENDED"] * 2
+    assert json.loads(told)["counts"]["messages"] > 0

@@ -22,15 +22,11 @@ EVERY = tuple(sensor.id for sensor in mixed().sensor)
 
 
 def part_flown(sensors: tuple[str, ...], joins_ns: int, ends_ns: int | None) -> list[Message]:
-    """What a session sends that joins at one time, and ends at another."""
+    """What a session sends that begins anew at one time, and ends at another."""
     messages: list[Message] = []
 
-    async def join(caught_up_ns: int) -> int:
-        assert caught_up_ns <= joins_ns
-        return joins_ns
-
     tap = Tap(lambda message, _: messages.append(message))
-    part = SessionPart(name="0", sensors=sensors, began_utc_ns=START_NS, join=join)
+    part = SessionPart(sensors=sensors, began_utc_ns=START_NS)
     clock = InstantClock(joins_ns)
     asyncio.run(
         run_over(
@@ -74,7 +70,7 @@ def test_what_a_late_machine_leaves_out_is_told_and_changes_nothing_that_follows
     clock = StallingClock(START_NS, 3.0, stall_s)
     at_work = AtWork(clock)
     tap = Tap(lambda message, _: messages.append(message))
-    part = SessionPart(name="0", sensors=EVERY, began_utc_ns=START_NS)
+    part = SessionPart(sensors=EVERY, began_utc_ns=START_NS)
     asyncio.run(
         run_over(
             ([], {}),

@@ -1,62 +1,71 @@
-"""The files that a fleet can be started from are what their engines take, as far as can be seen."""
+"""The files that the parts of a fleet can be started from are what their engines take."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
+from support.command import plotfeed_here
+from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.cli.fleet import fleet
+from plotfeed.feeds.cli.main import cli
 
 FOLDER = Path(__file__).parents[3] / "examples" / "fleet"
+START = "2026-01-01T12:00:00Z"
 
 
-def takes(words: list[str]) -> dict[str, Any]:
-    """What the command makes of its words; raises what it would."""
-    assert words[0] == "fleet"
-    return fleet.make_context("fleet", list(words[1:])).params
+def takes(words: Sequence[str]) -> dict[str, Any]:
+    """What `plotfeed run` makes of its words; raises what it would."""
+    assert words[0] == "run"
+    return cli.commands["run"].make_context("run", list(words[1:])).params
 
 
-def test_the_services_of_compose_begin_a_fleet() -> None:
+def test_the_services_of_compose_are_all_parts_of_one_scene() -> None:
     services = yaml.safe_load((FOLDER / "compose.yaml").read_text())["services"]
-    asked = takes(services["coordinator"]["command"])
-    assert asked["ray_address"] == "head:6379"
-    assert asked["broker"] == "mqtt://broker:1883"
-    assert {each for service in services.values() for each in service.get("depends_on", ())} <= (
-        services.keys()
-    )
     mounted = services["broker"]["volumes"][0].partition(":")[0]
     assert (FOLDER / mounted).is_file()
-    for name in ("head", "places"):
-        assert services[name]["entrypoint"][:2] == ["ray", "start"]
-        assert "--block" in services[name]["entrypoint"]
+    parts = {name: takes(each["command"]) for name, each in services.items() if name != "broker"}
+    assert {asked["part"] for asked in parts.values()} == {"1/3", "2/3", "3/3"}
+    assert len({str(asked | {"part": ""}) for asked in parts.values()}) == 1
+    assert all(asked["wait"] for asked in parts.values())
+    assert all(services[name]["restart"] == "on-failure" for name in parts)
 
 
-def test_the_deployments_of_kubernetes_begin_a_fleet() -> None:
-    every = list(yaml.safe_load_all((FOLDER / "kubernetes.yaml").read_text()))
-    assert {each["kind"] for each in every} == {"Service", "Deployment"}
-    pods = {each["metadata"]["name"]: each["spec"] for each in every if each["kind"] != "Service"}
-    for spec in pods.values():
-        template = spec["template"]
-        assert spec["selector"]["matchLabels"] == template["metadata"]["labels"]
+def test_the_service_of_systemd_starts_a_part() -> None:
+    text = (FOLDER / "plotfeed-part@.service").read_text()
+    (line,) = re.findall(r"^ExecStart=\S+/plotfeed (.*)$", text, re.MULTILINE)
+    asked = takes(line.replace("%i", "1").replace("${PARTS}", "3").split())
+    assert asked["part"] == "1/3"
+    assert asked["start"] == "${START}"
+    assert asked["wait"]
+
+
+@pytest.mark.parametrize("spares", [0, 1])
+def test_kubernetes_is_told_to_run_each_part_and_those_that_stand_by(
+    tmp_path: Path, spares: int
+) -> None:
+    scene = scene_file(tmp_path, scene_text(sensors=radar("a") + radar("b")))
+    words = ["fleet", scene, "--workers", "2", "--spares", str(spares), "--kubernetes"]
+    words += ["--broker", "mqtt://broker.example:1883", "--start", START, "--duration", "60"]
+    done = plotfeed_here(*words)
+    assert done.returncode == 0, done.stderr
+    every = list(yaml.safe_load_all(done.stdout))
+    assert [each["kind"] for each in every] == ["StatefulSet"] * (1 + spares)
+    assert len({each["metadata"]["name"] for each in every}) == len(every)
+    for each in every:
+        spec, template = each["spec"], each["spec"]["template"]
+        assert spec["replicas"] == 2
+        assert spec["ordinals"] == {"start": 1}
+        assert spec["selector"]["matchLabels"].items() <= template["metadata"]["labels"].items()
         volumes = {volume["name"] for volume in template["spec"]["volumes"]}
         (container,) = template["spec"]["containers"]
         assert {mount["name"] for mount in container["volumeMounts"]} == volumes
-    (service,) = (each for each in every if each["kind"] == "Service")
-    labels = pods["plotfeed-head"]["template"]["metadata"]["labels"]
-    assert service["spec"]["selector"] == labels
-    (coordinator,) = pods["plotfeed-coordinator"]["template"]["spec"]["containers"]
-    asked = takes(coordinator["args"])
-    assert asked["ray_address"] == f"{service['metadata']['name']}:6379"
-    assert pods["plotfeed-coordinator"]["replicas"] == 1
-
-
-def test_the_image_has_what_ray_is_installed_from() -> None:
-    copied = [
-        line.split()[1]
-        for line in (FOLDER / "Dockerfile").read_text().splitlines()
-        if line.startswith("COPY requirements")
-    ]
-    assert copied
-    assert all((FOLDER.parents[1] / name).is_file() for name in copied)
+        (source,) = (env["valueFrom"] for env in container["env"] if env["name"] == "PART")
+        assert source["fieldRef"]["fieldPath"] == "metadata.labels['apps.kubernetes.io/pod-index']"
+        asked = takes(container["args"])
+        assert (asked["part"], asked["start"], asked["duration"]) == ("$(PART)/2", START, 60.0)
+        assert (asked["broker"], asked["wait"]) == ("mqtt://broker.example:1883", True)

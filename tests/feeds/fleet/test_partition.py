@@ -48,7 +48,7 @@ def test_any_partition_sends_the_bytes_of_one_process() -> None:
         assert len(parts) == n
         together: dict[str, list[bytes]] = {}
         for i, sensors in enumerate(parts):
-            part = SessionPart(name=str(i), sensors=sensors, leads=i == 0, began_utc_ns=START_NS)
+            part = SessionPart(number=i + 1, parts=n, sensors=sensors, began_utc_ns=START_NS)
             found = by_topic(flown_in_part(made, part))
             assert not together.keys() & found.keys(), n
             together |= found

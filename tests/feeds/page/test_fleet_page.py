@@ -1,4 +1,4 @@
-"""The page of a fleet: its scene, how its workers do, and no controls."""
+"""The page of a fleet: its scene, how its parts do, and no controls."""
 
 from __future__ import annotations
 
@@ -16,52 +16,53 @@ from support.road import NS, radar, scene
 from support.waiting import PATIENCE_S
 from websockets.asyncio.client import connect
 
-from plotfeed.feeds.fleet.coordinator import Coordinator
-from plotfeed.feeds.fleet.fleet_link import FleetLink
-from plotfeed.feeds.fleet.fleet_parts import FleetSettings, Gap, PartHeld, Worker
+from plotfeed.feeds.fleet.fleet_watch import FleetWatch
 from plotfeed.feeds.page.fleet_page import shown_on_page
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.updates import SectionKind
+from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto import plotfeed_pb2 as pb
-
-
-async def nobody() -> Worker:
-    raise AssertionError
-
-
-class Held:
-    name = "host:7"
-
+from plotfeed.proto.utc import iso_utc
 
 TRACKS = "tracker/tracks"
 
 
-def a_fleet(port: int = 1) -> tuple[Coordinator, FleetLink]:
-    """Of a broker at that port; at port 1 there is none."""
+def a_watch(port: int = 1) -> FleetWatch:
+    """At the broker of that port; at port 1 there is none."""
     radars = [radar(id="near"), radar(id="far", position_enu_m=[9e4, 0.0, 0.0])]
     made = scene(radars, seed=1, page={"tracks_topic": TRACKS})
-    fleet = Coordinator(made, FleetSettings(workers=2), nobody)
-    first = PartHeld("0-0", ("near",), True, "beginning", 0, epoch=2)
-    first.worker = Held()  # type: ignore[assignment]
-    first.joined_utc_ns, first.sent_until_utc_ns = NS, fleet.now_utc_ns - 3 * NS
-    fleet.parts = [first, PartHeld("0-1", ("far",), False, "taking over", NS)]
-    fleet.gaps.append(Gap("0-1", ("far",), "host:8 died", NS))
-    fleet.takeovers = 1
-    return fleet, FleetLink(fleet, BrokerAddress("127.0.0.1", port, (5,)))
+    return FleetWatch(made, BrokerAddress("127.0.0.1", port, (5,)))
+
+
+def status(part: int, number: int, **more: Any) -> bytes:
+    told = {
+        "part": part, "parts": 3, "state": "RUNNING", "process": f"p{part}", "worker": "host:7",
+        "claim": part, "number": number, "scene": "test", "began_utc_ns": 0,
+        "time_utc": iso_utc(WallClock().now_ns()), "sent_until_utc": "", "sent_until_utc_ns": 0,
+        "sensors": [("near", "far", "none")[part - 1]], "plots": 5, "missed_scans": 0,
+        "lateness_p99_us": 1500.0,
+    }  # fmt: skip
+    return json.dumps({**told, **more}).encode()
 
 
 @pytest.mark.asyncio
-async def test_the_page_tells_how_the_workers_of_a_fleet_do_and_takes_no_command() -> None:
-    _, link = a_fleet()
-    for name, status in {
-        "0-0": {"state": "RUNNING", "lateness_p99_us": 1500.0},
-        "gone": {},
-    }.items():
-        link._hear(f"plotfeed/fleet/{name}", json.dumps(status).encode(), None)
-    link._hear("plotfeed/fleet/0-1", b"{nonsense", None)
+async def test_the_page_tells_how_the_parts_of_a_fleet_do_and_takes_no_command() -> None:
+    watch = a_watch()
+    gap = {"sensors": ["near"], "from_utc_ns": 0, "to_utc_ns": NS, "why": "host:8 no longer sends"}
+    for topic, payload in (
+        ("1", status(1, 1)),
+        ("1", status(1, 2)),
+        ("2", status(2, 1)),
+        ("2/session", b'{"session": "p2", "state": "DIED"}'),
+        ("1/gaps", json.dumps([gap]).encode()),
+        ("2/gaps", b'{"nonsense": 1}'),
+        ("9", status(1, 1)),
+        ("2", b"{nonsense"),
+    ):
+        watch._hear(f"plotfeed/fleet/{topic}", payload, None)
     news: dict[str, Any] = {}
-    async with shown_on_page(PageAddress("127.0.0.1", 0), link, Tokens()) as urls:
+    async with shown_on_page(PageAddress("127.0.0.1", 0), watch, Tokens()) as urls:
         host = urls["page"].removeprefix("http://").rstrip("/")
         async with connect(f"ws://{host}/feed", origin=f"http://{host}") as feed:  # type: ignore[arg-type]
             while "fleet" not in news:
@@ -73,15 +74,24 @@ async def test_the_page_tells_how_the_workers_of_a_fleet_do_and_takes_no_command
             assert not json.loads(data)["ok"]
     told = news["fleet"]
     assert (told["takeovers"], told["gaps"]) == (1, 1)
-    assert told["last_gaps"] == ["nothing of part 0-1: still open, since host:8 died"]
-    first, second = told["parts"]
-    assert (first["state"], first["worker"], first["epoch"]) == ("RUNNING", "host:7", 2)
-    assert first["age_s"] >= 3.0
+    assert told["last_gaps"] == ["nothing of part 1 for 1.00 s: host:8 no longer sends"]
+    first, second, third = told["parts"]
+    assert (first["state"], first["worker"], first["claim"]) == ("RUNNING", "host:7", 1)
+    assert first["age_s"] >= 0.0
     assert first["lateness_p99_ms"] == 1.5
-    assert (second["state"], second["age_s"], second["sensors"]) == ("joining", None, ["far"])
+    assert (second["state"], second["age_s"], second["sensors"]) == ("DIED", None, ["far"])
+    assert (third["state"], third["plots"]) == ("not heard of", None)
     assert {sensor["id"] for sensor in news["scene"]["sensors"]} == {"near", "far"}
     assert set(news["settings"]) == {"near", "far"}
-    assert link.statuses.keys() == {"0-0"}
+
+
+def test_a_part_that_says_nothing_any_more_is_silent() -> None:
+    watch = a_watch()
+    watch._hear("plotfeed/fleet/1", status(1, 1), None)
+    assert watch.news()["parts"][0]["state"] == "silent"
+    assert not watch.is_known
+    watch._hear("plotfeed/fleet/1", status(1, 2, state="ENDED"), None)
+    assert watch.news()["parts"][0]["state"] == "ENDED"
 
 
 @pytest.mark.asyncio
@@ -90,13 +100,13 @@ async def test_the_page_shows_the_plots_and_tracks_that_the_broker_of_a_fleet_de
 ) -> None:
     port = free_port()
     with mosquitto(tmp_path, port):
-        fleet, link = a_fleet(port)
+        watch = a_watch(port)
         client = await asyncio.to_thread(Client, port, 5, "#")
         batch = pb.PlotBatch(sensor="near")
-        batch.plots.add(time_utc_ns=fleet.now_utc_ns, range_m=1200.0, azimuth_deg=30.0)
+        batch.plots.add(time_utc_ns=watch.now_utc_ns, range_m=1200.0, azimuth_deg=30.0)
         track = {"track": 7, "latitude_deg": 40.46, "longitude_deg": -3.72}
         frames: list[Any] = []
-        async with shown_on_page(PageAddress("127.0.0.1", 0), link, Tokens()) as urls:
+        async with shown_on_page(PageAddress("127.0.0.1", 0), watch, Tokens()) as urls:
             host = urls["page"].removeprefix("http://").rstrip("/")
             async with (
                 asyncio.timeout(PATIENCE_S),

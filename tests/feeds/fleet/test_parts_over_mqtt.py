@@ -1,0 +1,256 @@
+"""The parts of a scene over a broker: the bytes of one process, one sender at a time, gaps told."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import defaultdict
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.brokers import free_port
+from support.cut_proxy import Proxy, proxied
+from support.fleet_oracle import Verdict, judged, reference
+from support.fleet_scenes import by_topic, stateless
+from support.mqtt_client import Client, listening
+from support.road import START_NS, fly
+from support.sessions import AtWork, Start, every_broker, quiet_mosquitto
+from support.waiting import until
+
+from plotfeed.feeds.fleet.partition import partition
+from plotfeed.feeds.scene.scene import Scene, example
+from plotfeed.feeds.session.session import run_part
+from plotfeed.feeds.session.session_part import NOT_HELD, PartTakenError, SessionPart
+from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.proto.utc import NS, whole_second_ns
+
+
+@pytest.mark.asyncio
+async def test_the_parts_of_a_shipped_scene_send_what_one_process_does(tmp_path: Path) -> None:
+    """Its links, which lose and delay, among them; a broker's connections, simulated time."""
+    scene, port, duration_s = example("field-day"), free_port(), 30.0
+    parts = partition(scene, 3)
+    with quiet_mosquitto(tmp_path, port), listening(port, 5, "plotfeed/#") as client:
+        sent = await asyncio.to_thread(lambda: fly(scene, duration_s).messages)
+        whole = by_topic(sent)
+        sessions = [
+            run_part(
+                SessionPart(number=k, parts=3, sensors=sensors, began_utc_ns=START_NS),
+                scene=scene,
+                clock=InstantClock(START_NS - NS),
+                broker=f"mqtt://127.0.0.1:{port}",
+                duration_s=duration_s,
+            )
+            for k, sensors in enumerate(parts, 1)
+        ]
+        await asyncio.gather(*sessions)
+        messages = sum(map(len, whole.values()))
+        heard: dict[str, list[bytes]] = defaultdict(list)
+
+        def has_come() -> bool:
+            heard.clear()
+            for message in [*client.heard]:
+                if message.topic in whole:
+                    heard[message.topic].append(message.payload)
+            return sum(map(len, heard.values())) >= messages
+
+        def state(part: int) -> str:
+            said = [m.payload for m in [*client.heard] if m.topic == f"plotfeed/fleet/{part}"]
+            return str(json.loads(said[-1])["state"])
+
+        await until(has_come)
+        await until(lambda: {state(part) for part in (1, 2, 3)} == {"ENDED"})
+        said = {m.topic: json.loads(m.payload) for m in client.heard if "/fleet/" in m.topic}
+    assert messages > 1000
+    assert heard == whole
+    assert not any(topic.endswith("/gaps") for topic in said)
+
+
+@dataclass
+class Process:
+    """A session of the one part that there is, as of a process of its own."""
+
+    watch: AtWork
+    stop: asyncio.Event
+    task: asyncio.Task[Any]
+
+
+@dataclass
+class Part:
+    """A scene as one part, by as many processes as want to run it; and what is heard."""
+
+    scene: Scene
+    port: int
+    client: Client
+    network: Proxy
+    """What lies between the first process and the broker."""
+    began_ns: int
+    processes: list[Process] = field(default_factory=list)
+
+    def another(self) -> Process:
+        """One more."""
+        clock, stop = WallClock(), asyncio.Event()
+        watch = AtWork(clock)
+        part = SessionPart(
+            sensors=tuple(s.id for s in self.scene.sensor), began_utc_ns=self.began_ns
+        )
+        broker = f"mqtt://127.0.0.1:{self.port if self.processes else self.network.port}"
+        work = run_part(
+            part, scene=self.scene, clock=clock, broker=broker, stop=stop, observers=[watch]
+        )
+        self.processes.append(Process(watch, stop, asyncio.create_task(work)))
+        return self.processes[-1]
+
+    def said(self, level: str = "") -> list[Any]:
+        """What was said of the part, one after the other."""
+        topic = f"plotfeed/fleet/1{level}"
+        return [json.loads(m.payload) for m in [*self.client.heard] if m.topic == topic]
+
+    async def sends(self, claim: int) -> None:
+        """A process that has that claim does."""
+        await until(
+            lambda: any(t["claim"] == claim and t["state"] == "RUNNING" for t in self.said())
+        )
+        await self.more()
+
+    async def more(self) -> None:
+        since = len(self.client.heard)
+        await until(
+            lambda: any(
+                m.topic.startswith(f"plotfeed/{self.scene.sensor[0].id}/asterix")
+                for m in self.client.heard[since:]
+            )
+        )
+
+    def verdict(self) -> Verdict:
+        duration_s = (WallClock().now_ns() - self.began_ns) / NS + 1
+        wanted = reference(self.scene, self.began_ns, duration_s)
+        topics, heard = {m.topic for m in wanted}, defaultdict(list)
+        for message in self.client.heard:
+            if message.topic in topics:
+                heard[message.topic].append(message.payload)
+        return judged(wanted, heard, (self.said("/gaps") or [[]])[-1])
+
+
+@asynccontextmanager
+async def a_part(folder: Path, start: Start = quiet_mosquitto) -> AsyncIterator[Part]:
+    """At the end: nothing twice, nothing foreign, and what is missing is told."""
+    port = free_port()
+    with start(folder, port), listening(port, 5, "plotfeed/#") as client:
+        async with proxied(port) as network:
+            began_ns = whole_second_ns(WallClock().now_ns() + 2 * NS)
+            part = Part(stateless(), port, client, network, began_ns)
+            try:
+                yield part
+            finally:
+                for process in part.processes:
+                    process.stop.set()
+                tasks = [each.task for each in part.processes]
+                await asyncio.gather(*tasks, return_exceptions=True)
+        ended = [each for each in part.processes if each.task.exception() is None]
+        await until(lambda: not ended or part.said()[-1]["state"] == "ENDED")
+        verdict = await asyncio.to_thread(part.verdict)
+    assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
+    assert not verdict.missing
+    assert verdict.heard
+
+
+async def taken_from(process: Process) -> None:
+    with pytest.raises(PartTakenError, match="has taken it over"):
+        await process.task
+
+
+@every_broker
+@pytest.mark.asyncio
+async def test_who_stands_by_goes_on_when_the_will_of_who_sent_says_that_it_died(
+    tmp_path: Path, start: Start
+) -> None:
+    """The network of one is cut off for good: that is what a broker sees of a dead process."""
+    async with a_part(tmp_path, start) as part:
+        first = part.another()
+        await part.sends(1)
+        second = part.another()
+        await until(lambda: len(part.said()) > 4 and not second.watch.begins.is_set())
+        part.network.is_closed = True
+        part.network.cut()
+        await part.sends(2)
+        states = [told["state"] for told in part.said("/session")]
+        assert states == ["RUNNING", "DIED", "RUNNING"]
+        offline = [
+            json.loads(m.payload)["state"]
+            for m in part.client.heard
+            if m.topic == f"plotfeed/{part.scene.sensor[0].id}/status"
+        ]
+        assert offline[-1] == "ONLINE"
+        part.network.is_closed = False
+        await taken_from(first)
+
+
+@pytest.mark.asyncio
+async def test_who_is_cut_off_sends_nothing_by_any_way_until_it_is_heard_again(
+    tmp_path: Path,
+) -> None:
+    """Nobody is there to go on: then it does so itself, and tells what is missing."""
+    async with a_part(tmp_path) as part:
+        only = part.another()
+        await part.sends(1)
+        part.network.is_closed = True
+        part.network.cut()
+        await until(lambda: only.watch.totals.undelivered_to[NOT_HELD] > 3)
+        part.network.is_closed = False
+        await until(lambda: part.said("/gaps"))
+        await part.more()
+        assert part.said()[-1]["claim"] == 1
+
+
+@pytest.mark.asyncio
+async def test_who_wakes_up_when_another_has_its_part_ends_and_takes_nothing_back(
+    tmp_path: Path,
+) -> None:
+    """What it sends while its network holds everything back goes nowhere, when that lets go too."""
+    async with a_part(tmp_path) as part:
+        first = part.another()
+        await part.sends(1)
+        part.another()
+        await until(lambda: len(part.said()) > 4)
+        part.network.hold()
+        await part.sends(2)
+        release(part.network)
+        await taken_from(first)
+        await part.more()
+        await until(lambda: {told["claim"] for told in part.said()[-2:]} == {2})
+
+
+def release(network: Proxy) -> None:
+    for wire in network._wires:
+        wire.open.set()
+
+
+@pytest.mark.asyncio
+async def test_of_two_that_begin_together_one_sends(tmp_path: Path) -> None:
+    async with a_part(tmp_path) as part:
+        both = [part.another(), part.another()]
+        await until(lambda: any(each.task.done() for each in both))
+        (other,) = [each for each in both if not each.task.done()]
+        await part.sends(1)
+        await until(other.watch.begins.is_set)
+
+
+@pytest.mark.asyncio
+async def test_what_ends_in_order_is_ended_and_who_begins_anew_goes_on(tmp_path: Path) -> None:
+    """As where every process of a fleet is started anew, one after the other."""
+    async with a_part(tmp_path) as part:
+        first = part.another()
+        await part.sends(1)
+        first.stop.set()
+        await first.task
+        await until(lambda: part.said()[-1]["state"] == "ENDED")
+        assert [told["state"] for told in part.said("/session")] == ["RUNNING", "ENDED"]
+        part.another()
+        await part.sends(2)
+        (gap,) = [g for g in part.said("/gaps")[-1] if g["why"].endswith("no longer sends")]
+        assert gap["to_utc_ns"] > gap["from_utc_ns"]
