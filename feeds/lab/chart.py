@@ -157,16 +157,15 @@ def _measured(case: Case, stages: list[ChartStage]) -> tuple[MeasuredStage, ...]
             name=stage.name,
             question=stage.question,
             methods=tuple(each[start:end]),
-            front=tuple(_front(each[start:end])),
+            front=tuple(
+                on_front(
+                    np.array([m.time.median_ns for m in each[start:end]]),
+                    np.array([m.share for m in each[start:end]]),
+                ).tolist()
+            ),
         )
         for stage, (start, end) in zip(stages, pairwise(ends), strict=True)
     )
-
-
-def _front(methods: Sequence[MeasuredMethod]) -> list[int]:
-    costs = np.array([method.time.median_ns for method in methods])
-    found: list[int] = on_front(costs, np.array([method.share for method in methods])).tolist()
-    return found
 
 
 def _batches(case: Case) -> dict[int, Time]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plotfeed.feeds.lab.asked import AskedSensor
-from plotfeed.feeds.lab.evidence import SectorKey, SectorPlots, WaitingPlots, are_targets, names_of
+from plotfeed.feeds.lab.evidence import SectorKey, WaitingPlots, are_targets, names_of
 from plotfeed.feeds.lab.laws import (
     QUANTITIES,
     Comparison,
@@ -447,54 +446,32 @@ def _compared(parts: Sequence[tuple[SectorTruth, MeasuredPlots]]) -> Comparison:
     )
 
 
-MAX_WAITING_TRUTHS = 200_000
-"""Plots whose truth waits for what was measured; then the oldest are given up."""
+MAX_WAITING_TRUTHS = 50_000
+"""Sectors whose truth waits for what was measured; then the oldest are given up."""
+AwaitedPlots = tuple[SectorKey, SectorTruth, ErrorsTally]
+"""What is true of the plots of a sector, and where their errors are counted."""
 
 
-class MeasuredBesideTruth:
-    """Holds what has come of a sector until all of it is there; the ledger comes last as a rule."""
+def settled_errors(
+    waiting: WaitingPlots, awaited: Sequence[AwaitedPlots], *, at_end: bool = False
+) -> list[AwaitedPlots]:
+    """Count the errors of sectors whose plots are all there; what is left, of the others.
 
-    def __init__(self) -> None:
-        self._plots = WaitingPlots()
-        self._truths: OrderedDict[SectorKey, tuple[SectorTruth, ErrorsTally]] = OrderedDict()
-        self._waiting = 0
-
-    def add_plots(self, found: SectorPlots) -> None:
-        """Take the plots of a message."""
-        self._plots.add(found)
-        self._meet(found.key)
-
-    def add_truth(self, sector: SectorKey, truth: SectorTruth, errors: ErrorsTally) -> None:
-        """Take what is true of a sector's plots; their errors are counted where it says."""
-        if not len(truth.t_utc_ns) or sector in self._truths:
-            return
-        self._truths[sector] = truth, errors
-        self._waiting += len(truth.t_utc_ns)
-        self._meet(sector)
-        while self._waiting > MAX_WAITING_TRUTHS and self._truths:
-            _, (given_up, _) = self._truths.popitem(last=False)
-            self._waiting -= len(given_up.t_utc_ns)
-
-    def end(self) -> None:
-        """Nothing more comes: of sectors with some of their plots it is known that they differ."""
-        for sector, (truth, errors) in self._truths.items():
-            if self._plots.count(sector):
-                errors.contradicted += len(truth.plots)
-
-    def _meet(self, sector: SectorKey) -> None:
-        """Count errors if all are there, and that they contradict their truth if they do."""
-        if sector not in self._truths:
-            return
-        truth, errors = self._truths[sector]
-        if self._plots.count(sector) < len(truth.t_utc_ns):
-            return
-        del self._truths[sector]
-        self._waiting -= len(truth.t_utc_ns)
-        plots = self._plots.take(sector, truth.t_utc_ns)
+    At the end it is known that those with some of their plots contradict their truth.
+    """
+    left = []
+    for sector, truth, errors in awaited:
+        there = waiting.count(sector)
+        if there < len(truth.t_utc_ns):
+            errors.contradicted += len(truth.plots) if at_end and there else 0
+            left.append((sector, truth, errors))
+            continue
+        plots = waiting.take(sector, truth.t_utc_ns)
         if plots is None:
             errors.contradicted += len(truth.plots)
         else:
             errors.add(truth, plots.rows(truth.are_targets))
+    return left[-MAX_WAITING_TRUTHS:]
 
 
 FALSE_VERDICTS = 1e-3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,11 @@ from plotfeed.feeds.lab.checks import (
     EDGES,
     MAX_CELLS,
     AlarmFigures,
+    AwaitedPlots,
     ErrorFigures,
     ErrorsTally,
     Judged,
     LookTally,
-    MeasuredBesideTruth,
     PdFigures,
     Verdicts,
     alarm_figures,
@@ -35,9 +35,10 @@ from plotfeed.feeds.lab.checks import (
     pd_by_range,
     pd_of_all,
     sector_truths,
+    settled_errors,
     verdicts,
 )
-from plotfeed.feeds.lab.evidence import Evidence, are_targets, names_of
+from plotfeed.feeds.lab.evidence import Evidence, WaitingPlots, are_targets, names_of
 from plotfeed.feeds.lab.laws import CELLS
 from plotfeed.feeds.lab.ledger_columns import LedgerTables, ToldMessages
 from plotfeed.feeds.lab.links import (
@@ -143,62 +144,27 @@ NEEDED = (
 MAX_SENSORS = 10_000
 
 
-@dataclass(slots=True)
-class Counted:
-    """What a recording's ledger came to."""
-
-    sensors: dict[tuple[str, str], SensorTally] = field(default_factory=dict)
-    """By prefix and name."""
-    plots_from: dict[tuple[str, str], str] = field(default_factory=dict)
-    """Where the plots were found, by sensor."""
-    entries: int = 0
-    unreadable: int = 0
-    """Entries that are no ledger."""
-    repeated: int = 0
-    """Entries that were there before."""
-    first_ns: int | None = None
-    """Log time of the first entry."""
-    last_ns: int | None = None
-    scene: str = ""
-    """Name of the recorded scene, if there is one."""
-    scene_sensors: list[str] = field(default_factory=list)
-    """Of that scene, in its order."""
-    notes: list[str] = field(default_factory=list)
-    damage: list[Damage] = field(default_factory=list)
-
-
-def read(path: Path) -> Counted:
-    """Count a file; raises `PlotfeedError` if it is no MCAP or holds no ledger, and `OSError`."""
-    with Evidence.of(path) as evidence:
-        found, join = Counted(damage=evidence.log.damage), MeasuredBesideTruth()
-        if evidence.has_scene:
-            evidence.ask()
-        if evidence.problem:
-            found.notes.append(f"its scene cannot be used: {evidence.problem}")
-        if evidence.scene is not None:
-            found.scene = evidence.scene.scene.name
-            found.scene_sensors = [sensor.id for sensor in evidence.scene.sensor]
-        for part in evidence.parts():
-            for plots in part.plots:
-                join.add_plots(plots)
-            for whose, told, keys in part.by_sensor():
-                if whose not in found.sensors and len(found.sensors) >= MAX_SENSORS:
-                    continue
-                tally = found.sensors.setdefault(
-                    whose, SensorTally(*whose, evidence.asked.get(whose[1]))
-                )
-                asked = tally.add(told)
-                spoilt = _spoilt(told, whose, evidence.carriers)
-                for entry, truth in sector_truths(told, asked):
-                    if entry not in spoilt:
-                        join.add_truth(keys[entry], truth, tally.errors)
-        join.end()
-        for sensor in found.sensors.values():
-            sensor.errors.count()
-        found.plots_from = evidence.carrier_of(WHEN)
-        found.entries = sum(sensor.entries for sensor in found.sensors.values())
-        found.unreadable, found.repeated = evidence.unreadable, evidence.repeated
-        found.first_ns, found.last_ns = evidence.first_ns, evidence.last_ns
+def counted(evidence: Evidence) -> dict[tuple[str, str], SensorTally]:
+    """What a recording's ledger came to, by prefix and sensor, read in one pass."""
+    found: dict[tuple[str, str], SensorTally] = {}
+    carried, waiting = set(evidence.carriers.values()), WaitingPlots()
+    awaited: list[AwaitedPlots] = []
+    for part in evidence.parts():
+        for plots in part.plots:
+            waiting.add(plots)
+        for whose, told, keys in part.by_sensor():
+            if whose not in found and len(found) >= MAX_SENSORS:
+                continue
+            tally = found.setdefault(whose, SensorTally(*whose, evidence.asked.get(whose[1])))
+            asked = tally.add(told)
+            spoilt = _spoilt(told, whose, evidence.carriers)
+            for entry, truth in sector_truths(told, asked) if whose in carried else ():
+                if entry not in spoilt:
+                    awaited.append((keys[entry], truth, tally.errors))
+        awaited = settled_errors(waiting, awaited)
+    settled_errors(waiting, awaited, at_end=True)
+    for tally in found.values():
+        tally.errors.count()
     return found
 
 
@@ -281,48 +247,42 @@ class LedgerReport:
     """Relative, of times that are quantiles; of Kolmogorov's distance."""
 
 
-def report(path: Path, found: Counted) -> LedgerReport:
-    """The figures of what was counted."""
-    names, sensors = _names(found.sensors.values()), _in_order(found)
-    told_links = [
-        link_figures(names[key], number, link, order)
-        for key, tally in sensors
-        for number, (link, order) in enumerate(tally.messages(), 1)
-        if len(link.first)
-    ]
-    told_sensors = [
-        _sensor(names[key], tally, found.plots_from.get(key, "")) for key, tally in sensors
-    ]
-    return LedgerReport(
-        file=str(path),
-        scene=found.scene,
-        entries=found.entries,
-        first_utc_ns=min((link.first_utc_ns for link in told_links), default=found.first_ns or 0),
-        last_utc_ns=max([found.last_ns or 0, *(link.last_utc_ns for link in told_links)]),
-        links=told_links,
-        sensors=told_sensors,
-        verdicts=verdicts(judged_of(told_links, told_sensors)),
-        notes=_notes(found),
-        damage=list(found.damage),
-        curve=[*CURVE.tolist(), 1.0],
-        normalised_edges=EDGES.tolist(),
-        resolution={"times": 0.0, "distance": 1 / CELLS},
-    )
-
-
-def _names(tallies: Any) -> dict[tuple[str, str], str]:
-    """Names of sensors, with the prefix of their topics where the file has several."""
-    several = len({tally.prefix for tally in tallies}) > 1
-    return {
-        (t.prefix, t.sensor): f"{t.prefix}/{t.sensor}" if several else t.sensor for t in tallies
-    }
-
-
-def _in_order(found: Counted) -> list[tuple[tuple[str, str], SensorTally]]:
-    """Sensors as the scene has them, then by name."""
-    places = {name: place for place, name in enumerate(found.scene_sensors)}
-    by_name = sorted(found.sensors.items())
-    return sorted(by_name, key=lambda each: (each[0][0], places.get(each[0][1], len(places))))
+def report(path: Path) -> LedgerReport:
+    """A file in figures; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
+    with Evidence.of(path) as evidence:
+        if evidence.has_scene:
+            evidence.ask()
+        found = counted(evidence)
+        scene = evidence.scene
+        places = {} if scene is None else {s.id: place for place, s in enumerate(scene.sensor)}
+        # As the scene has them, then by name.
+        sensors = sorted(found, key=lambda key: (key[0], places.get(key[1], len(places)), key[1]))
+        several = len({prefix for prefix, _ in sensors}) > 1
+        names = {key: "/".join(key) if several else key[1] for key in sensors}
+        plots_from = evidence.carrier_of(WHEN)
+        links = [
+            link_figures(names[key], number, link, order)
+            for key in sensors
+            for number, (link, order) in enumerate(found[key].messages(), 1)
+            if len(link.first)
+        ]
+        told = [_sensor(names[key], found[key], plots_from.get(key, "")) for key in sensors]
+        first_ns, last_ns = evidence.first_ns or 0, evidence.last_ns or 0
+        return LedgerReport(
+            file=str(path),
+            scene="" if scene is None else scene.scene.name,
+            entries=sum(tally.entries for tally in found.values()),
+            first_utc_ns=min((link.first_utc_ns for link in links), default=first_ns),
+            last_utc_ns=max([last_ns, *(link.last_utc_ns for link in links)]),
+            links=links,
+            sensors=told,
+            verdicts=verdicts(judged_of(links, told)),
+            notes=_notes(evidence, sum(tally.left_out for tally in found.values())),
+            damage=list(evidence.log.damage),
+            curve=[*CURVE.tolist(), 1.0],
+            normalised_edges=EDGES.tolist(),
+            resolution={"times": 0.0, "distance": 1 / CELLS},
+        )
 
 
 def _sensor(name: str, tally: SensorTally, plots_from: str) -> SensorFigures:
@@ -369,14 +329,14 @@ def judged_of(links: Sequence[LinkFigures], sensors: Sequence[SensorFigures]) ->
         yield of_count(of.sensor, "time", of.times_off, f"of {of.joined} plots at other times")
 
 
-def _notes(found: Counted) -> list[str]:
-    tallies = found.sensors.values()
+def _notes(evidence: Evidence, left_out: int) -> list[str]:
     counts = {
-        "entries are no ledger and are left out": found.unreadable,
-        "entries were recorded twice and count once": found.repeated,
-        "entries are under more link settings than are told": sum(t.left_out for t in tallies),
+        "entries are no ledger and are left out": evidence.unreadable,
+        "entries were recorded twice and count once": evidence.repeated,
+        "entries are under more link settings than are told": left_out,
     }
-    return [*found.notes, *(f"{count} {what}" for what, count in counts.items() if count)]
+    notes = [f"its scene cannot be used: {evidence.problem}"] if evidence.problem else []
+    return notes + [f"{count} {what}" for what, count in counts.items() if count]
 
 
 def as_values(told: LedgerReport) -> dict[str, Any]:

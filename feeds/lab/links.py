@@ -234,13 +234,14 @@ def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
     survival = (
         asked.loss.burst_survival(LONGEST_SUMMED) if asked and loses else np.array([math.nan])
     )
+    z, p = _burst_chances(total, count, survival)
     return Bursts(
         bursts=count,
         cut=order.cut_bursts,
         asked_mean=asked.loss.mean_burst if asked and loses else math.nan,
         delivered_mean=total / count if count else math.nan,
-        z=_burst_z(total, count, survival),
-        p=_burst_p(total, count, survival),
+        z=z,
+        p=p,
         asked_survival=survival[:told].tolist(),
         delivered_survival=[
             sum(times for n, times in lengths.items() if n >= least) / count if count else math.nan
@@ -250,21 +251,15 @@ def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
     )
 
 
-def _burst_z(total: int, count: int, survival: Floats) -> float:
-    """A z-score by the mean of lengths, sum S(n), and of their squares, sum (2n - 1) S(n)."""
+def _burst_chances(total: int, count: int, survival: Floats) -> tuple[float, float]:
+    """A z-score by the mean of lengths, sum S(n), and of squares, sum (2n - 1) S(n); and p."""
     if count < FEWEST_BURSTS or not survival[-1] < 1e-9:
-        return math.nan
-    mean = survival.sum()
+        return math.nan, math.nan
+    mean, z = survival.sum(), math.nan
     variance = ((2 * np.arange(1, len(survival) + 1) - 1) * survival).sum() - mean**2
-    if not variance > 1e-9:
-        return math.nan
-    return float((total - count * mean) / math.sqrt(count * variance))
-
-
-def _burst_p(total: int, count: int, survival: Floats) -> float:
-    if count < FEWEST_BURSTS or not survival[-1] < 1e-9:
-        return math.nan
-    return p_of_lengths(survival, count, total)
+    if variance > 1e-9:
+        z = float((total - count * mean) / math.sqrt(count * variance))
+    return z, p_of_lengths(survival, count, total)
 
 
 CURVE = np.concatenate([[0.0, 0.001, 0.002, 0.005], np.arange(1, 100) / 100, [0.995, 0.998, 0.999]])
@@ -481,21 +476,16 @@ def _duplicates(asked: LinkExpectation | None, count: int, passed: int) -> Share
     return _binomial(count, of, asked.link.duplicate if asked else math.nan)
 
 
-def _asked_overtaking(asked: LinkExpectation | None) -> float:
-    """Overtaking asked: 0 where order is kept, else NaN, as it depends on how messages come."""
-    if asked is None:
-        return math.nan
-    link = asked.link
-    least_ms, most_ms = asked.delay.quantile_ms([0.0, 1.0])
-    kept = link.keeps_order or (least_ms == most_ms and link.reorder is None)
-    return 0.0 if kept else math.nan
-
-
 def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:
-    share, mean = _asked_overtaking(asked), math.nan
+    """Overtaking: none is asked where order is kept; else it depends on how messages come."""
+    share = p = math.nan
+    if asked is not None:
+        least_ms, most_ms = asked.delay.quantile_ms([0.0, 1.0])
+        same = least_ms == most_ms and asked.link.reorder is None
+        share = 0.0 if asked.link.keeps_order or same else math.nan
     if share == 0.0 and order.left:
-        mean = 0.0 if order.overtook else 1.0
-    return _share(order.overtook, order.left, share, p=mean)
+        p = 0.0 if order.overtook else 1.0
+    return _share(order.overtook, order.left, share, p=p)
 
 
 MAX_DELAYS_SHOWN = 5

@@ -17,7 +17,7 @@ from plotfeed.feeds.console.extras import check_picture
 from plotfeed.feeds.console.printed import Row, printable, say, say_damage
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.lab.checks import PdFigures, Verdicts
-from plotfeed.feeds.lab.figures import LedgerReport, SensorFigures, as_values, read, report
+from plotfeed.feeds.lab.figures import LedgerReport, SensorFigures, as_values, report
 from plotfeed.feeds.lab.laws import QUANTITIES, share_interval
 from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, link_text
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, finish, save_picture
@@ -516,7 +516,7 @@ def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool =
     if chart is not None:
         refuse_if_there(chart, force=force)  # before anything is read in vain
         check_picture(chart)
-    told = report(path, read(path))
+    told = report(path)
     if chart is not None:
         draw_report(told, chart)
     if as_json:

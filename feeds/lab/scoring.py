@@ -463,7 +463,9 @@ def drone_scores(
     how: ScoreSettings,
 ) -> list[DroneScore]:
     """Each drone's own score, in their order."""
-    protected = _protected(truths, how)
+    protected = truths.site
+    if how.protected_deg is not None:
+        protected = LocalFrame(*how.protected_deg, 0.0)
     row_keys = rows.step * max(len(usable.names), 1) + rows.track
     found = []
     step_s = grid.step_ns / NS
@@ -538,12 +540,6 @@ def _longest(missing: Bools) -> int:
     return int((ends - begins).max()) if len(begins) else 0
 
 
-def _protected(truths: Truths, how: ScoreSettings) -> LocalFrame | None:
-    if how.protected_deg is not None:
-        return LocalFrame(*how.protected_deg, 0.0)
-    return truths.site
-
-
 def _distance_at(
     path: FlightPath, known_ns: int, stamped_ns: int, protected: LocalFrame | None
 ) -> float:
@@ -606,7 +602,8 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
         known = _set_figures(field, usable, rows=other_rows, walked=other, how=how)
     located = Located(truths, usable, field.grid, field.level)
     errors = report_errors(located, walked.assigned, dimensions)
-    tracked = _tracked(field, walked)
+    tracked = np.zeros_like(field.there)
+    tracked[walked.assigned.step, walked.assigned.drone] = True
     drones = drone_scores(
         truths,
         usable=usable,
@@ -717,12 +714,6 @@ def _walked(
 def _segments(walked: Walked, how: ScoreSettings) -> Segments:
     assigned = walked.assigned
     return segments_of(assigned.track, assigned.drone, assigned.step, how.end_steps)
-
-
-def _tracked(field: _Field, walked: Walked) -> Bools:
-    tracked = np.zeros_like(field.there)
-    tracked[walked.assigned.step, walked.assigned.drone] = True
-    return tracked
 
 
 def _set_figures(

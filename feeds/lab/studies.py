@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
 from math import ceil, log10
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -265,11 +266,7 @@ def draw_sweep(
         save_picture(figure, path)
 
 
-def _alert(figures: LevelFigures) -> Interval:
-    return figures.alert_distance_m
-
-
-ALERT = "Alert", "metres from what is protected", _alert
+ALERT = "Alert", "metres from what is protected", attrgetter("alert_distance_m")
 
 
 def _told_error(by: Mapping[Any, LevelFigures], sensor: str) -> str:
@@ -302,7 +299,8 @@ def _detection_by_distance(
         begins_m = [m for m, (looks, _) in found.items() if looks >= FEWEST_LOOKS]
         if begins_m:
             drawn = True
-            half_m = _half_width_m(results)
+            row = next(row for result in results.values() for row in result["distances"])
+            half_m = float(row[2] - row[1]) / 2
             shares = [found[m][1] / found[m][0] for m in begins_m]
             middles_km = [(m + half_m) / 1000 for m in begins_m]
             axes.plot(middles_km, shares, ".-", color=colour, lw=1.1, label=axis.name(level))
@@ -312,11 +310,6 @@ def _detection_by_distance(
         axes.legend(frameon=False, fontsize=8.5)
     title = f"Detection: {printable(sensor)}"
     finish(axes, title, "true distance, km", "share of looks", drawn=drawn)
-
-
-def _half_width_m(results: Results) -> float:
-    row = next(row for result in results.values() for row in result["distances"])
-    return float(row[2] - row[1]) / 2
 
 
 def _sweep_title(

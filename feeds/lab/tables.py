@@ -222,10 +222,6 @@ def _csv(columns: TableColumns) -> bytes:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(_text_rows(columns))
-    return text.getvalue().encode()
-
-
-def _text_rows(columns: TableColumns) -> Iterator[list[Any]]:
     for row in zip(*columns.values(), strict=True):
-        yield [as_text(cell) if isinstance(cell, str) else cell for cell in row]
+        writer.writerow([as_text(cell) if isinstance(cell, str) else cell for cell in row])
+    return text.getvalue().encode()

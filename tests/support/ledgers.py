@@ -11,7 +11,7 @@ from support.links import OCTETS, due_times, passed
 from support.road import START_NS
 
 from plotfeed.feeds.impairment.link import Fate, Outcome
-from plotfeed.feeds.lab.figures import LedgerReport, read, report
+from plotfeed.feeds.lab.figures import LedgerReport, report
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
@@ -129,7 +129,7 @@ def changed(
 
 def told(path: Path) -> LedgerReport:
     """What is reported of a file."""
-    return report(path, read(path))
+    return report(path)
 
 
 def told_of(folder: Path, ledgers: Sequence[pb.Ledger | bytes]) -> LedgerReport:
