@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import zlib
 from collections.abc import Callable, Iterator
@@ -14,8 +15,6 @@ from plotfeed.replay.recorded import CHUNK_OCTETS
 MAGIC = b"\x1f\x8b"
 MOST_UNPACKED, SPARE_OCTETS = 256, 1 << 20
 """Octets of content for each of a file's that was read, and in any case; as for chunks of MCAP."""
-_GZIP = 31
-"""The window of zlib, with which it expects gzip's head and tail."""
 _SIZE_OCTETS = 4
 
 
@@ -30,10 +29,8 @@ class UnpackedFile(io.RawIOBase):
         super().__init__()
         self.on_damage: Callable[[int, str], None] = lambda _at, _what: None
         self._packed = packed
-        self._member = zlib.decompressobj(_GZIP)
-        self._input = b""
-        self._read = 0
-        self._may_unpack = SPARE_OCTETS
+        self._content = gzip.GzipFile(fileobj=packed)
+        self._octets = 0
         self._ended = False
 
     def readable(self) -> bool:
@@ -42,58 +39,24 @@ class UnpackedFile(io.RawIOBase):
 
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
         """Fill the beginning of a buffer; 0 at the end."""
-        while not self._ended:
-            piece = self._unpack(len(buffer))
-            if piece:
-                self._may_unpack -= len(piece)
-                buffer[: len(piece)] = piece
-                return len(piece)
-            if self._member.eof:
-                self._next_member()
-            elif not self._input:
-                self._fill()
-        return 0
-
-    def _unpack(self, octets: int) -> bytes:
-        if self._member.eof:
-            return b""
-        if self._may_unpack <= 0:
-            self._end(f"it would grow to more than {MOST_UNPACKED} times its octets")
-            return b""
+        if self._ended:
+            return 0
         try:
-            piece = self._member.decompress(self._input, min(octets, self._may_unpack))
-        except zlib.error as error:
-            self._end(f"what gzip packed is broken: {error}")
-            return b""
-        self._input = self._member.unconsumed_tail
-        return piece
+            piece = self._content.read1(len(buffer))
+        except EOFError:
+            return self._end("what gzip packed is cut off")
+        except (gzip.BadGzipFile, zlib.error) as error:
+            return self._end(f"what gzip packed is broken: {error}")
+        self._octets += len(piece)
+        if self._octets > SPARE_OCTETS + MOST_UNPACKED * self._packed.tell():
+            return self._end(f"it would grow to more than {MOST_UNPACKED} times its octets")
+        buffer[: len(piece)] = piece
+        return len(piece)
 
-    def _next_member(self) -> None:
-        """Begin the next member, or end; zeros may follow the last one, to fill a tape's block."""
-        left = self._member.unused_data.lstrip(b"\0")
-        self._input, self._member = b"", zlib.decompressobj(_GZIP)
-        while not left:
-            left = self._packed.read(CHUNK_OCTETS)
-            if not left:
-                self._ended = True
-                return
-            self._counted(left)
-            left = left.lstrip(b"\0")
-        self._input = left
-
-    def _fill(self) -> None:
-        self._input = self._packed.read(CHUNK_OCTETS)
-        self._counted(self._input)
-        if not self._input:
-            self._end("what gzip packed is cut off")
-
-    def _counted(self, octets: bytes) -> None:
-        self._read += len(octets)
-        self._may_unpack += MOST_UNPACKED * len(octets)
-
-    def _end(self, what: str) -> None:
+    def _end(self, what: str) -> int:
         self._ended = True
-        self.on_damage(self._read, what)
+        self.on_damage(self._packed.tell(), what)
+        return 0
 
 
 @contextmanager

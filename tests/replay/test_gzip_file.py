@@ -73,9 +73,8 @@ def test_what_is_cut_off_or_broken_is_told_behind_what_is_whole(tmp_path: Path) 
     assert "what gzip packed is cut off" in damage
     path.write_bytes(packed[:-6] + b"\0\0" + packed[-4:])
     messages, damage = read(path)
-    assert damage == [
-        "what gzip packed is broken: Error -3 while decompressing data: incorrect data check"
-    ]
+    (told,) = damage
+    assert told.startswith("what gzip packed is broken: CRC check failed")
 
 
 def test_a_small_file_does_not_become_a_machine_s_memory() -> None:
