@@ -33,7 +33,7 @@ from plotfeed.proto.units import with_rounding
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from plotfeed.models.state import Floats, Ints
+    from plotfeed.models.state import Ints
 
 UDP_OCTETS = 1400
 """A data block of this length goes into one datagram on any common link."""
@@ -55,7 +55,7 @@ class Encoder:
     in the order of the record. `lsb` gives the LSB in the column's unit where that is not the
     layout's: an int for a column of integers, such as nanoseconds, whose arithmetic is then exact.
     `deviations` names the columns that are standard deviations, each with the value whose it is,
-    for all records or for none: they are stated as `StatedDeviations` says.
+    for all records or for none: they are stated with the rounding of these, rounded up.
 
     A value is rounded half to even; outside the range it saturates, wraps or is refused as its
     quantity says. What is not a finite number is refused: EncodeError names its path.
@@ -87,7 +87,7 @@ class Encoder:
         self._templates = np.repeat(np.frombuffer(bare, f"V{width}"), self.sources)
         _Columns(octets, stamped, lsb).put_into(self._templates, fixed)
         self._columns = _Columns(octets, varying, lsb)
-        self._deviations = _stated(self._columns, deviations or {})
+        self._deviations = _Deviations(self._columns, deviations or {})
 
     def records(self, columns: Mapping[str, ArrayLike], sources: Ints | None = None) -> bytes:
         """The records of columns by path; each (n,), or one number or text for all records.
@@ -104,8 +104,7 @@ class Encoder:
             raise EncodeError(f"which of {self.sources} sources is not said", field="records")
         alike = values if sources is None else [*values, sources]
         n = _rows(alike, "columns of different lengths, {}", "records")
-        if self._deviations is not None:
-            self._deviations.put_in(values)
+        self._deviations.state(values)
         templates = self._templates
         records = np.repeat(templates, n) if sources is None else templates[sources]
         return self._columns.put_into(records, values)
@@ -130,39 +129,33 @@ def _rows(columns: Sequence[NDArray[Any]], wrong: str, name: str) -> int:
     return lengths.pop()
 
 
-class StatedDeviations:
-    """How standard deviations are stated of values that travel as multiples of an LSB.
+class _Deviations:
+    """Columns of standard deviations, of values that travel as multiples of an LSB.
 
-    With what the value's own rounding adds, rounded up to their own LSB, of which there are at
-    most so many: never as 0, which would say that the value is exact.
+    They are stated with what the value's own rounding adds, rounded up to their own LSB, of which
+    there are at most so many: never as 0, which would say that the value is exact.
     """
 
-    def __init__(self, places: Sequence[int], lsb: Floats, most: Floats, value_lsb: Floats) -> None:
-        """The place of each column of deviations, its LSB and most, and the LSB of its value."""
-        self._places, self._lsb, self._most, self._value_lsb = places, lsb, most, value_lsb
+    def __init__(self, columns: _Columns, whose: Mapping[str, str]) -> None:
+        paths = [slot.path for slot in columns.slots]
+        self._places = [place for place, path in enumerate(paths) if path in whose]
+        for path in (paths[place] for place in self._places):
+            if whose[path] not in paths:
+                raise EncodeError("a standard deviation of what is not sent", field=path)
+        lsb = np.array(columns.lsb, np.float64)[:, None]
+        most = [[_rule(columns.slots[place].part).high] for place in self._places]
+        self._most = np.array(most, np.float64).reshape(-1, 1)
+        self._lsb = lsb[self._places]
+        self._value_lsb = lsb[[paths.index(whose[paths[place]]) for place in self._places]]
 
-    def put_in(self, values: list[NDArray[Any]]) -> None:
+    def state(self, values: list[NDArray[Any]]) -> None:
         """State those among the columns, (n,) each. What is NaN stays so."""
-        sigmas = np.array([values[place] for place in self._places], np.float64)
-        rounded = with_rounding(sigmas, self._value_lsb)
-        steps = np.minimum(np.ceil(rounded / self._lsb), self._most)
-        for place, stated in zip(self._places, steps * self._lsb, strict=True):
-            values[place] = stated
-
-
-def _stated(columns: _Columns, deviations: Mapping[str, str]) -> StatedDeviations | None:
-    """What states those deviations which are among the columns, if there are any."""
-    paths = [slot.path for slot in columns.slots]
-    places = [place for place, path in enumerate(paths) if path in deviations]
-    if not places:
-        return None
-    for place in places:
-        if deviations[paths[place]] not in paths:
-            raise EncodeError("a standard deviation of what is not sent", field=paths[place])
-    whose = [paths.index(deviations[paths[place]]) for place in places]
-    lsb = np.array(columns.lsb, np.float64)[:, None]
-    most = np.array([_rule(columns.slots[place].part).high for place in places], np.float64)
-    return StatedDeviations(places, lsb[places], most[:, None], lsb[whose])
+        if self._places:
+            sigmas = np.array([values[place] for place in self._places], np.float64)
+            rounded = with_rounding(sigmas, self._value_lsb)
+            steps = np.minimum(np.ceil(rounded / self._lsb), self._most)
+            for place, stated in zip(self._places, steps * self._lsb, strict=True):
+                values[place] = stated
 
 
 class _Columns:
