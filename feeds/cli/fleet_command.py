@@ -15,7 +15,7 @@ from typing import Any
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.console.process import stopped_by_signals
-from plotfeed.feeds.fleet.fleet_watch import FleetWatch, gap_words
+from plotfeed.feeds.fleet.fleet_watch import SILENT, UNKNOWN, FleetWatch, gap_words
 from plotfeed.feeds.fleet.kubernetes import manifests
 from plotfeed.feeds.fleet.local_parts import LocalParts
 from plotfeed.feeds.fleet.part_asked import check_scene, start_of
@@ -162,7 +162,7 @@ async def _heard(watch: FleetWatch, page: str | None) -> int:
     async with watch.link.connected(CONNECT_S):
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(HEARD_S):
-                while not watch.is_known:  # noqa: ASYNC110 - of what comes in
+                while not _is_known(watch.news()["parts"]):  # noqa: ASYNC110 - of what comes in
                     await asyncio.sleep(LOOK_S)
         if page is None or not watch.is_heard:
             return 0
@@ -172,14 +172,17 @@ async def _heard(watch: FleetWatch, page: str | None) -> int:
     return INTERRUPTED if signal.SIGINT in signals else 0
 
 
+def _is_known(parts: list[dict[str, Any]]) -> bool:
+    return bool(parts) and all(row["state"] not in (SILENT, UNKNOWN) for row in parts)
+
+
 def _status_lines(news: dict[str, Any]) -> Iterator[str]:
-    parts = news["parts"]
-    yield f"scene {news['scene']}: {len(parts)} parts, take-overs {news['takeovers']}"
+    yield f"scene {news['scene']}: {len(news['parts'])} parts, take-overs {news['takeovers']}"
     rows = [["part", "sensors", "state", "worker", "claim", "plots", "missed", "late p99", ""]]
-    for row in parts:
-        counts = ["" if row[key] is None else str(row[key]) for key in ("plots", "missed_scans")]
-        late, until = f"{row['lateness_p99_ms']:.2f} ms", f"sent until {row['sent_until_utc']}"
-        who = [str(row["part"]), str(len(row["sensors"])), row["state"], row["worker"]]
-        rows.append([*who, str(row["claim"]), *counts, late, until])
+    for row in news["parts"]:
+        late_ms, until = row["lateness_p99_us"] / 1e3, row["sent_until_utc"] or "never"
+        told = (len(row["sensors"]), row["state"], row["worker"] or "", row["claim"])
+        counts = (row["plots"] or 0, row["missed_scans"] or 0, f"{late_ms:.2f} ms")
+        rows.append([str(row["part"]), *map(str, (*told, *counts)), f"sent until {until}"])
     yield from aligned(rows, "<><<>>>>")
     yield from map(gap_words, news["gaps"])

@@ -21,6 +21,7 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.utc import NS, utc_ns
 
 DIED, SILENT, UNKNOWN = "DIED", "silent", "not heard of"
+SHOWN = ("worker", "sensors", "plots", "missed_scans", "lateness_p99_us", "sent_until_utc", "age_s")
 
 
 class FleetWatch:
@@ -46,55 +47,36 @@ class FleetWatch:
         return bool(self._statuses)
 
     @property
-    def is_known(self) -> bool:
-        """Whether it is known of every part how it does."""
-        return self.is_heard and all(
-            row["state"] not in (SILENT, UNKNOWN) for row in self.news()["parts"]
-        )
-
-    @property
     def now_utc_ns(self) -> int:
         """The scene's time."""
         return time.time_ns() + self._shift_ns
 
     def news(self) -> dict[str, Any]:
         """What is known, as JSON: a row for each part of the fleet that was heard of last."""
-        statuses = self._statuses
-        last = max(statuses.values(), key=lambda told: str(told.get("time_utc")), default=None)
-        parts = 0 if last is None else last["parts"]
-        mine = {k: t for k, t in statuses.items() if k <= parts and t["parts"] == parts}
+        told, nobody = self._statuses.values(), {"parts": 0, "scene": ""}
+        last: dict[str, Any] = max(told, key=lambda each: str(each["time_utc"]), default=nobody)
+        parts = range(1, last["parts"] + 1)
+        rows = [self._row(k, last["parts"]) for k in parts]
         return {
-            "scene": "" if last is None else str(last.get("scene")),
-            "takeovers": sum(max(told["claim"] - 1, 0) for told in mine.values()),
-            "parts": [self._row(k, mine.get(k)) for k in range(1, parts + 1)],
-            "gaps": [
-                {"part": k, **gap} for k in range(1, parts + 1) for gap in self._gaps.get(k, ())
-            ],
+            "scene": last["scene"],
+            "takeovers": sum(max(row["claim"] - 1, 0) for row in rows),
+            "parts": rows,
+            "gaps": [{"part": k, **gap} for k in parts for gap in self._gaps.get(k, ())],
         }
 
-    def _row(self, part: int, told: dict[str, Any] | None) -> dict[str, Any]:
-        if told is None:
-            return {"part": part, "state": UNKNOWN, "sensors": [], "worker": "", "claim": 0,
-                    "plots": None, "missed_scans": None, "lateness_p99_ms": 0.0,
-                    "sent_until_utc": "", "age_s": None}  # fmt: skip
+    def _row(self, part: int, parts: int) -> dict[str, Any]:
+        told = self._statuses.get(part, {})
+        if told.get("parts") != parts:
+            nothing = {"sensors": [], "claim": 0, "lateness_p99_us": 0.0}
+            return dict.fromkeys(SHOWN, None) | {"part": part, "state": UNKNOWN} | nothing
         fresh_s, state = self._fresh_s.get(part), told["state"]
         age_s = None if fresh_s is None else time.monotonic() - fresh_s
         if state != ENDED and self._gone.get(part) == told["process"]:
             state = DIED
         elif state != ENDED and (age_s is None or age_s > PATIENCE_S):
             state = SILENT
-        return {
-            "part": part,
-            "state": state,
-            "sensors": [str(name) for name in told["sensors"]],
-            "worker": told["worker"],
-            "claim": told["claim"],
-            "plots": told["plots"],
-            "missed_scans": int(told["missed_scans"]),
-            "lateness_p99_ms": float(told["lateness_p99_us"]) / 1e3,
-            "sent_until_utc": told["sent_until_utc"],
-            "age_s": age_s,
-        }
+        shown = {key: told[key] for key in ("part", "claim", *SHOWN[:-1])}
+        return {**shown, "state": state, "age_s": age_s}
 
     def _hear(self, topic: str, payload: bytes, _content_type: str | None) -> None:
         level, _, kind = topic.removeprefix(f"{self.root}/").partition("/")
@@ -110,8 +92,8 @@ class FleetWatch:
             before = self._statuses.get(part)
             if before is not None and before["number"] != status["number"]:
                 self._fresh_s[part] = time.monotonic()
-                now_ns = utc_ns(str(status.get("time_utc")))
-                self._shift_ns = 0 if now_ns is None else now_ns - time.time_ns()
+                now_ns = time.time_ns()
+                self._shift_ns = (utc_ns(status["time_utc"]) or now_ns) - now_ns
             self._statuses[part] = status
 
 

@@ -53,12 +53,8 @@ class LocalParts:
             code = process.returncode or 0
             if stop.is_set() or code in FOR_GOOD:
                 return 0 if stop.is_set() else code
-            log.warning(
-                "part %d/%d: its process has ended (%d), another is started",
-                k + 1,
-                len(self.starts),
-                code,
-            )
+            which = f"part {k + 1}/{len(self.starts)}"
+            log.warning("%s: its process has ended (%d), another is started", which, code)
             if asyncio.get_running_loop().time() - began_s < RAN_S:
                 await asyncio.sleep(AGAIN_S)
         return 0

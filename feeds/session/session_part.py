@@ -57,6 +57,7 @@ MARGIN_NS = NS // 20
 ON_THE_WAY_NS = NS // 2
 """Of what has left, as much may still be on its way, and lost where a connection is."""
 MOST_GAPS = 1000
+COUNTED = ("drones", "telemetry", "plots", "messages", "undelivered", "missed_scans")
 NOT_HELD = "another process"
 """What the ledger calls the place where messages of a part did not get that others may send."""
 
@@ -204,7 +205,7 @@ class PartHold:
         keeping = [tasks.create_task(self.watch.run()), tasks.create_task(self._keep())]
         try:
             yield
-            if self._claim:
+            if self._claim and not self.is_taken:
                 self._say(ENDED)
                 self._tell_gaps()
                 await self.watch.drain()
@@ -246,7 +247,7 @@ class PartHold:
     def _hear_status(self, told: dict[str, Any]) -> None:
         if told["process"] == self.process:
             said_s = self._said_s.get(told["number"])
-            if said_s is not None:
+            if said_s is not None and self._taken is None:
                 self._held_from_s, self._until_s = said_s, said_s + LEASE_S
                 self._tell_gaps()  # not before: it may be another's part by now
             return
@@ -256,7 +257,7 @@ class PartHold:
                 log.info("part %s: stands by, as %s has it", self._part.name, told["worker"])
             self._other = told
         elif (told["claim"], told["process"]) > (self._claim, self.process):
-            self._taken = told
+            self._taken, self._until_s = told, float("-inf")
 
     def _hear_session(self, payload: bytes) -> None:
         try:
@@ -296,12 +297,7 @@ class PartHold:
             "sent_until_utc": iso_utc(sent_until_ns),
             "sent_until_utc_ns": sent_until_ns,
             "sensors": list(part.sensors),
-            "drones": totals.drones,
-            "telemetry": totals.telemetry,
-            "plots": totals.plots,
-            "messages": totals.messages,
-            "undelivered": totals.undelivered,
-            "missed_scans": totals.missed_scans,
+            **{name: getattr(totals, name) for name in COUNTED},
             "lateness_p50_us": p50_us,
             "lateness_p99_us": p99_us,
         }
@@ -326,27 +322,24 @@ class PartHold:
         self._gaps_are_told = False
 
     def _tell_gaps(self) -> None:
-        if not self._gaps_are_told and self._taken is None:
+        if not self._gaps_are_told:
             self._gaps_are_told = True
             now_ns = self._context.clock.now_ns()
             self._out.send_past_link(self._message("gaps", [*self.gaps], now_ns))
 
 
+WORDS = ("process", "state", "worker", "scene", "time_utc", "sent_until_utc")
+NUMBERS = ("part", "parts", "claim", "number", "began_utc_ns", "sent_until_utc_ns", *COUNTED)
+"""Of what a part says of itself, beside its sensors and its lateness."""
+
+
 def part_status(payload: bytes) -> dict[str, Any] | None:
     """What a part says of itself, if it is that."""
-    kinds: dict[str, type] = {
-        "process": str,
-        "state": str,
-        "worker": str,
-        "sensors": list,
-        "sent_until_utc": str,
-    }
-    numbers = ("part", "parts", "claim", "number", "began_utc_ns", "sent_until_utc_ns", "plots")
-    kinds |= dict.fromkeys(numbers, int)
     try:
         told = json.loads(payload)
+        kinds = dict.fromkeys(WORDS, str) | dict.fromkeys(NUMBERS, int) | {"sensors": list}
         is_one = all(type(told[key]) is kind for key, kind in kinds.items())
-        float(told["lateness_p99_us"]), int(told["missed_scans"])
+        told["lateness_p99_us"] = float(told["lateness_p99_us"])
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
     return dict(told) if is_one else None

@@ -131,8 +131,12 @@ def take_overs(folder: Path, drones: int, what: str, times: int, spares: int) ->
     with mosquitto(folder, port), fleet(path, port, *words) as at_work:
         at_work.wait(lambda: at_work.sends(2), "it never began")
         found = []
-        for _ in range(times):
-            time.sleep(12.0)  # the next one stands by then
+        for number in range(times):
+            at_work.wait(
+                lambda ready=spares * (2 + number): at_work.errors().count("stands by") >= ready,
+                "none stands by",
+            )
+            time.sleep(3.0)
             found.append(fault_s(at_work, what))
         return found
 

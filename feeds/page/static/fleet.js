@@ -21,9 +21,9 @@ export class FleetCard {
   }
 }
 
-function row({ part, claim, sensors, state, worker, age_s: age, lateness_p99_ms: late }) {
+function row({ part, claim, sensors, state, worker, age_s: age, lateness_p99_us: late }) {
   const of = sensors.length > 3 ? `${sensors.slice(0, 2).join(", ")} and ${sensors.length - 2} more` : sensors.join(", ");
-  const made = document.createElement("li"), news = age === null ? "no news yet" : `heard ${age.toFixed(1)} s ago, late by ${late.toFixed(2)} ms (p99)`;
+  const made = document.createElement("li"), news = age === null ? "no news yet" : `heard ${age.toFixed(1)} s ago, late by ${(late / 1e3).toFixed(2)} ms (p99)`;
   made.append(cell("strong", `${part}.${claim} ${state}`), ` ${worker || "nobody"}: ${of}; ${news}`);
   made.title = sensors.join(", ");
   return made;
