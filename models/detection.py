@@ -16,22 +16,8 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import (
-    betainc,
-    betaincc,
-    betainccinv,
-    betaincinv,
-    exp1,
-    expit,
-    gammainc,
-    gammaincc,
-    gammainccinv,
-    gammaincinv,
-    gammaln,
-    xlogy,
-)
 
-from plotfeed.models import looks_chain
+from plotfeed.models import looks_chain, special
 from plotfeed.models.accuracy import paired_snr
 from plotfeed.models.gamma_tail import gamma_exceeded_with
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
@@ -75,21 +61,21 @@ def miss_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) 
 @nan_without_warnings
 def threshold_noncoherent(pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """Threshold on the sum of the looks' powers where the noise power is known (eq 22)."""
-    return as_floats(gammainccinv(n_looks, _probability(pfa)))
+    return as_floats(special.gammainccinv(n_looks, _probability(pfa)))
 
 
 @nan_without_warnings
 def pd_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """Probability of detection, sum of looks of equal SNR, noise known (eq 23, right form)."""
     threshold = threshold_noncoherent(pfa, n_looks)
-    return as_floats(gammaincc(n_looks, threshold / (1 + _power(snr))))
+    return as_floats(special.gammaincc(n_looks, threshold / (1 + _power(snr))))
 
 
 @nan_without_warnings
 def miss_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
     """Complement of `pd_noncoherent_swerling2`."""
     threshold = threshold_noncoherent(pfa, n_looks)
-    return as_floats(gammainc(n_looks, threshold / (1 + _power(snr))))
+    return as_floats(special.gammainc(n_looks, threshold / (1 + _power(snr))))
 
 
 @nan_without_warnings
@@ -100,8 +86,8 @@ def threshold_noncoherent_cfar(
     # The ratio of the sums is a ratio of two shares of one beta variable; each share from its own
     # inverse, for neither is good as one less the other.
     probability = _probability(pfa)
-    test_share = betainccinv(n_looks, n_reference, probability)
-    reference_share = betaincinv(n_reference, n_looks, probability)
+    test_share = special.betainccinv(n_looks, n_reference, probability)
+    reference_share = special.betaincinv(n_reference, n_looks, probability)
     return as_floats(test_share / reference_share)
 
 
@@ -115,8 +101,8 @@ def pd_noncoherent_cfar(
     looks together.
     """
     test, reference = _cfar_shares(snr, pfa, n_looks, n_reference)
-    by_test = betaincc(n_looks, n_reference, test)
-    by_reference = betainc(n_reference, n_looks, reference)
+    by_test = special.betaincc(n_looks, n_reference, test)
+    by_reference = special.betainc(n_reference, n_looks, reference)
     return as_floats(np.where(test < reference, by_test, by_reference))
 
 
@@ -141,7 +127,7 @@ def pd_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
     pd = np.zeros(np.broadcast_shapes(finished.shape, threshold.shape))
     miss = np.zeros_like(pd)
     for n in range(_poisson_terms(threshold)):
-        weight = np.exp(xlogy(n, threshold) - threshold - gammaln(n + 1))
+        weight = np.exp(special.xlogy(n, threshold) - threshold - special.gammaln(n + 1))
         pd = pd + weight * phase.sum(axis=-1)
         miss = miss + weight * finished
         leaving = phase * ends
@@ -169,7 +155,7 @@ def pd_logistic(
 ) -> Floats:
     """Probability of detection by a listener of that sensitivity (eq 43, in dB throughout)."""
     margin_db = as_floats(snr_db) - as_floats(sensitivity_db)
-    return as_floats(expit(margin_db * as_floats(slope_per_db)))
+    return as_floats(special.expit(margin_db * as_floats(slope_per_db)))
 
 
 def draw_hits(pd: ArrayLike, rng: np.random.Generator) -> Bools:
@@ -210,9 +196,9 @@ def inverse_detected_snr(snr: ArrayLike, pfa: float, n_reference: int) -> Floats
     mean = 1.0 + as_floats(snr)[..., None]
     alpha = cfar_multiplier(pfa, n_reference)
     nodes, weights = unit_interval()
-    gamma = gammaincinv(n_reference, nodes)
+    gamma = special.gammaincinv(n_reference, nodes)
     y = alpha * gamma / (mean + alpha)
-    return np.asarray(np.exp(y) * exp1(y) / mean @ weights)
+    return np.asarray(np.exp(y) * special.exp1(y) / mean @ weights)
 
 
 @nan_without_warnings

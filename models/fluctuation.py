@@ -16,22 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import (
-    betainc,
-    betaincc,
-    betaincinv,
-    gammainc,
-    gammaincc,
-    gammaincinv,
-    gammaln,
-    nbdtrik,
-    ndtri,
-    pdtr,
-    pdtrc,
-    pdtrik,
-    xlogy,
-)
 
+from plotfeed.models import special
 from plotfeed.models.detection import (
     inverse_detected_snr,
     threshold_noncoherent,
@@ -72,37 +58,41 @@ class _Terms(NamedTuple):
 @lru_cache(maxsize=256)
 def _terms_of_cfar(pfa: float, n_looks: int, n_reference: int) -> _Terms:
     ratio = float(threshold_noncoherent_cfar(pfa, n_looks, n_reference))
-    share = float(betaincinv(n_reference, n_looks, pfa))
+    share = float(special.betaincinv(n_reference, n_looks, pfa))
     most = ratio * (n_reference + SURE * n_reference**0.5 + LONG_TAIL) + LONG_TAIL
     orders = n_looks + np.arange(int(most) + 1)
-    return _Terms(betainc(n_reference, orders, share), betaincc(n_reference, orders, share), share)
+    return _Terms(
+        special.betainc(n_reference, orders, share),
+        special.betaincc(n_reference, orders, share),
+        share,
+    )
 
 
 @lru_cache(maxsize=256)
 def _terms_of_known_noise(pfa: float, n_looks: int) -> _Terms:
     y = float(threshold_noncoherent(pfa, n_looks))
     orders = n_looks + np.arange(int(y + SURE * y**0.5 + LONG_TAIL) + 1)
-    return _Terms(gammaincc(orders, y), gammainc(orders, y), np.nan)
+    return _Terms(special.gammaincc(orders, y), special.gammainc(orders, y), np.nan)
 
 
 def _log_weights(total: Floats, order: float, k: Floats) -> Floats:
     """Logarithms of the weights at numbers k, (K,) or (n, K), of ratios summed over looks, (n,)."""
     total = total[:, None]
     if order == STEADY:
-        return np.asarray(xlogy(k, total) - total - gammaln(k + 1))
+        return np.asarray(special.xlogy(k, total) - total - special.gammaln(k + 1))
     mean = total / order
     with np.errstate(divide="ignore"):
         kept = np.where(k > 0, -k * np.log1p(1 / mean), 0.0)
-    counted = gammaln(order + k) - gammaln(order) - gammaln(k + 1)
+    counted = special.gammaln(order + k) - special.gammaln(order) - special.gammaln(k + 1)
     return np.asarray(counted + kept - order * np.log1p(mean))
 
 
 def _beyond(total: Floats, order: float, last: int) -> Floats:
     """Weights beyond the last, summed."""
     if order == STEADY:
-        return np.asarray(pdtrc(last, total))
+        return np.asarray(special.pdtrc(last, total))
     mean = total / order
-    return np.asarray(betainc(last + 1, order, 1 / (1 + 1 / mean)))
+    return np.asarray(special.betainc(last + 1, order, 1 / (1 + 1 / mean)))
 
 
 def _is_beyond(total: Floats, order: float, terms: _Terms) -> NDArray[np.bool_]:
@@ -172,9 +162,9 @@ def _detected(cfar: FluctuatingCfar, snr: Floats, order: float, u: Floats) -> tu
     terms = _terms_of_cfar(*cfar)
     total = _total(snr, n_looks)
     k = _numbers(total, order, terms, u[0])
-    chance = betainc(n_reference, n_looks + k, terms.share)
-    reference = betaincinv(n_reference, n_looks + k, np.maximum(u[1], 1e-300) * chance)
-    power = gammaincinv(n_looks + k + n_reference, u[2])
+    chance = special.betainc(n_reference, n_looks + k, terms.share)
+    reference = special.betaincinv(n_reference, n_looks + k, np.maximum(u[1], 1e-300) * chance)
+    power = special.gammaincinv(n_looks + k + n_reference, u[2])
     ratio = 1 / terms.share - 1
     threshold = ratio * reference * power
     return np.maximum((1 - reference) * power, threshold), threshold
@@ -185,14 +175,14 @@ def _poisson(mean: Floats, u: Floats) -> Floats:
 
     The nearest of Cornish and Fisher's expansion, put right by the distribution function.
     """
-    z = ndtri(np.maximum(u, 1e-300))
+    z = special.ndtri(np.maximum(u, 1e-300))
     k = np.maximum(np.floor(mean + z * np.sqrt(mean) + (z * z - 1) / 6), 0.0)
     for _ in range(CORRECTIONS):
-        step = (pdtr(k, mean) < u).astype(np.float64) - (pdtr(k - 1, mean) >= u)
+        step = (special.pdtr(k, mean) < u).astype(np.float64) - (special.pdtr(k - 1, mean) >= u)
         if not step.any():
             return np.asarray(k)
         k = np.maximum(k + step, 0.0)
-    return np.asarray(np.ceil(pdtrik(u, mean)))
+    return np.asarray(np.ceil(special.pdtrik(u, mean)))
 
 
 def _numbers(total: Floats, order: float, terms: _Terms, u: Floats) -> Floats:
@@ -218,9 +208,9 @@ def _numbers(total: Floats, order: float, terms: _Terms, u: Floats) -> Floats:
             below = 1 - (cumulated[far, -1] + beyond[far] - wanted[far])
             mean = part[far] / order
             if order == STEADY:
-                numbers = pdtrik(below, part[far])
+                numbers = special.pdtrik(below, part[far])
             else:
-                numbers = nbdtrik(below, order, 1 / (1 + mean))
+                numbers = special.nbdtrik(below, order, 1 / (1 + mean))
             found[a : a + step][far] = np.maximum(np.ceil(numbers), len(k))
     return found
 
@@ -238,7 +228,7 @@ def inverse_detected_fluctuating(
     total = _total(snr, n_looks).ravel()
     k = np.arange(len(terms.hit), dtype=np.float64)
     fewer = n_looks - 1 + k
-    inverse = betainc(n_reference, np.maximum(fewer, 1), terms.share) / np.maximum(fewer, 1)
+    inverse = special.betainc(n_reference, np.maximum(fewer, 1), terms.share) / np.maximum(fewer, 1)
     if n_looks == 1:
         inverse[0] = pfa * float(inverse_detected_snr(0.0, pfa, n_reference))
     found = np.empty(len(total))

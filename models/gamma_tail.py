@@ -12,8 +12,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import gammainccinv, gammaincinv, ndtr, ndtri
 
+from plotfeed.models import special
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats
 
@@ -27,11 +27,11 @@ DEGREE = 6
 @nan_without_warnings
 def gamma_exceeded_with(probability: Floats, order: float) -> Floats:
     """Values that a gamma variable of that order exceeds with those probabilities; (n,)."""
-    place = (ndtri(probability) + LOWEST) * -PIECES
+    place = (special.ndtri(probability) + LOWEST) * -PIECES
     coefficients = _log_pieces(float(order))
     tabulated = (place >= 0) & (place < len(coefficients))
     if not tabulated.all():
-        value = as_floats(gammainccinv(order, probability))
+        value = as_floats(special.gammainccinv(order, probability))
         if tabulated.any():
             value[tabulated] = gamma_exceeded_with(probability[tabulated], order)
         return value
@@ -53,6 +53,10 @@ def _log_pieces(order: float) -> Floats:
     starts = np.arange(round((HIGHEST - LOWEST) * PIECES))
     deviate = LOWEST + (starts[:, None] + at) / PIECES
     lower = deviate < 0
-    value = np.where(lower, gammaincinv(order, ndtr(deviate)), gammainccinv(order, ndtr(-deviate)))
+    value = np.where(
+        lower,
+        special.gammaincinv(order, special.ndtr(deviate)),
+        special.gammainccinv(order, special.ndtr(-deviate)),
+    )
     powers = np.vander(at, increasing=True)
     return np.ascontiguousarray(np.linalg.solve(powers, np.log(value / order).T).T)

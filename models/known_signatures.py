@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from plotfeed.models.effects.target_echoes import NOT_STATED, TargetEcho, TargetEchoes
 from plotfeed.models.emitters import EmitterTable
 from plotfeed.models.known_rows import trimmed, with_room
 from plotfeed.models.state import DRONE, Floats, Ints, Signatures, Texts
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.target_echoes import TargetEcho, TargetEchoes
 
 COLUMNS = ("_rcs_m2", "_sound_power_db", "_size_m", "_target_class", "_model")
 
@@ -67,6 +71,8 @@ class KnownSignatures:
         self, known: list[TargetEcho | None], rows: Ints, echoes: TargetEchoes | None
     ) -> None:
         for i, row in enumerate(rows.tolist()):
+            from plotfeed.models.effects.target_echoes import NOT_STATED
+
             number = NOT_STATED if echoes is None else int(echoes.kind[i])
             echo = None if echoes is None or number == NOT_STATED else echoes.kinds[number]
             if known[row] != echo:
@@ -76,6 +82,8 @@ class KnownSignatures:
         if self._echoes is None:
             return None
         if self._echo_columns is None or len(self._echo_columns.kind) != len(self._echoes):
+            from plotfeed.models.effects.target_echoes import TargetEchoes
+
             self._echo_columns = TargetEchoes.of(self._echoes)
         return self._echo_columns
 

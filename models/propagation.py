@@ -17,6 +17,8 @@ C_M_S = 299_792_458.0  # m/s, exact (SI)
 BOLTZMANN_J_K = 1.380649e-23  # J/K, exact (SI)
 T0_K = 290.0  # K, the temperature at which noise figures are stated (IEEE)
 
+# Effective over true radius of the Earth, of average air (ITU-R P.834).
+USUAL_K = 4 / 3
 NEAREST_M = 1.0
 """Echoes, made for the far field, are not taken closer to an antenna than this."""
 SPREAD = (4 * np.pi) ** 3

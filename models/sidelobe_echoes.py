@@ -18,17 +18,11 @@ from plotfeed.models.false_alarms import cells_across, whole_cells
 from plotfeed.models.frames import enu_to_aer, wrap_180, wrap_360
 from plotfeed.models.sensors.echo_radar import mean_over_signals
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel, Targets
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets
 from plotfeed.models.state import Floats, Ints, Plots
 
 SIDELOBE = "sidelobe"
 """What such plots are of, before the name of their sensor, among drones and movers."""
-
-
-def shows_sidelobes(model: SensorModel) -> bool:
-    """Whether a sensor reports what comes by its side lobes."""
-    effects = model.echo_effects if isinstance(model, PolarRadar) else None
-    return effects is not None and effects.antenna is not None and effects.antenna.shows_sidelobes
 
 
 def sidelobe_plots(

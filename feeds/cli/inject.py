@@ -6,11 +6,11 @@ import asyncio
 import re
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from plotfeed.feeds.cli.flight_summary import summary_lines
+from plotfeed.feeds.cli.inject_settings import InjectSettings
 from plotfeed.feeds.cli.session_answers import SessionAnswers
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import say
@@ -34,38 +34,24 @@ CONNECT_S = 5.0
 MOST_SKIPPED_TOLD, MOST_REFUSALS_TOLD = 5, 5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InjectSettings:
-    """What the options of `inject` ask for, beside how to read the flight."""
-
-    broker: BrokerAddress
-    prefix: str
-    drone: str | None
-    speed: float
-    shift: bool
-    """Whether the flight's time begins now; otherwise its reports keep the time of the file."""
-    encoding: Literal["protobuf", "json"]
-    raw: bool
-    takeoff_height_m: float | None
-    geoid_undulation_m: float | None
-    rcs_m2: float | None
-
-    def completed(self, report: PositionReport) -> PositionReport:
-        """The report with what only the user knows: height above the ellipsoid, metres, and RCS."""
-        if self.rcs_m2 is not None:
-            report = replace(report, rcs_m2=self.rcs_m2)
-        declared = {
-            AltitudeReference.ABOVE_TAKEOFF: self.takeoff_height_m,
-            AltitudeReference.MEAN_SEA_LEVEL: self.geoid_undulation_m,
-        }
-        above_m = declared.get(report.altitude_reference)
-        if above_m is None:
-            return report
-        height_m = report.altitude_m + above_m
-        return replace(report, altitude_m=height_m, altitude_reference=AltitudeReference.ELLIPSOID)
+def completed(settings: InjectSettings, report: PositionReport) -> PositionReport:
+    """The report with what only the user knows: height above the ellipsoid, metres, and RCS."""
+    if settings.rcs_m2 is not None:
+        report = replace(report, rcs_m2=settings.rcs_m2)
+    declared = {
+        AltitudeReference.ABOVE_TAKEOFF: settings.takeoff_height_m,
+        AltitudeReference.MEAN_SEA_LEVEL: settings.geoid_undulation_m,
+    }
+    above_m = declared.get(report.altitude_reference)
+    if above_m is None:
+        return report
+    height_m = report.altitude_m + above_m
+    return replace(report, altitude_m=height_m, altitude_reference=AltitudeReference.ELLIPSOID)
 
 
-def publish_flight(path: Path, options: FlightOptions, settings: InjectSettings) -> int:
+def publish_flight(
+    path: Path, options: FlightOptions, settings: InjectSettings, broker: BrokerAddress
+) -> int:
     """Publish the flight in a file at its own tempo; the exit code. Raises `PlotfeedError`."""
     recorded = read(path, replace(options, start_utc_ns=time.time_ns()))
     skipped = recorded.skipped[:MOST_SKIPPED_TOLD]
@@ -78,7 +64,7 @@ def publish_flight(path: Path, options: FlightOptions, settings: InjectSettings)
     say(f"{path}: {len(flight.reports)} reports, {duration_s:.0f} s to fly")
     for line in summary_lines(recorded):
         say(f"  {line}")
-    return asyncio.run(_Injection(flight, settings).run())
+    return asyncio.run(_Injection(flight, settings, broker).run())
 
 
 def retimed(
@@ -116,9 +102,9 @@ def retimed(
 class _Injection:
     """A flight on its way to a broker, and what becomes of its reports."""
 
-    def __init__(self, flight: Flight, settings: InjectSettings) -> None:
+    def __init__(self, flight: Flight, settings: InjectSettings, broker: BrokerAddress) -> None:
         self._flight = flight
-        self._settings = settings
+        self._settings, self._broker = settings, broker
         drone = settings.drone or re.sub(r"[\s/+#]", "-", flight.name)
         self._topic = f"{settings.prefix}/telemetry/{drone}"
         self._sent = self._undelivered = 0
@@ -131,11 +117,11 @@ class _Injection:
 
     async def run(self) -> int:
         """Connect, send each report when it is due, and pass on what is said of them."""
-        settings, topic, answers = self._settings, self._topic, self._answers
+        topic, answers = self._topic, self._answers
         if not topic.isprintable() or "+" in topic or "#" in topic:
             raise PlotfeedError(f"topic {topic!a}: expected printable characters without + and #")
         link = MqttTransport(
-            settings.broker,
+            self._broker,
             "plotfeed-inject",
             subscribe=answers.topics,
             on_message=answers.hear,
@@ -149,7 +135,7 @@ class _Injection:
         for line in answers.details[:MOST_REFUSALS_TOLD]:
             say(f"plotfeed: refused: {line}", err=True)
         say(
-            f"{self._sent} reports sent to {settings.broker} as {topic}, "
+            f"{self._sent} reports sent to {self._broker} as {topic}, "
             f"{self._undelivered} undelivered, {answers.refused} refused"
         )
         return 0 if self._is_taken_in() and is_seen else FAILED
@@ -199,7 +185,7 @@ class _Injection:
                 await clock.sleep_until(report.t_utc_ns)
                 message = Message(
                     topic=self._topic,
-                    payload=encode(settings.completed(report)),
+                    payload=encode(completed(settings, report)),
                     content_type=content_type,
                     due_utc_ns=report.t_utc_ns,
                 )

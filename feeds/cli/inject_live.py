@@ -11,7 +11,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from plotfeed.feeds.cli.inject import CONNECT_S, MOST_REFUSALS_TOLD, InjectSettings
+from plotfeed.feeds.cli.inject import CONNECT_S, MOST_REFUSALS_TOLD, completed
+from plotfeed.feeds.cli.inject_settings import InjectSettings, SourceKeys
 from plotfeed.feeds.cli.session_answers import SessionAnswers
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.printed import say
@@ -25,6 +26,7 @@ from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.live_source import LiveSource
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
@@ -41,21 +43,19 @@ MAX_DRONES = 10_000
 """That are told apart in the counts."""
 
 
-def settings_of_source(
-    url: str, settings: InjectSettings, options: dict[str, Any]
-) -> TelemetrySource:
+def settings_of_source(url: str, settings: InjectSettings, options: SourceKeys) -> TelemetrySource:
     """The keys of a source as options give them; raises `PlotfeedError`."""
     if settings.speed != 1 or settings.shift or settings.raw:
         raise PlotfeedError(f"{url}: --speed, --now and --raw are for files")
     tree: dict[str, Any] = {"url": url, "drone": settings.drone, "rcs_m2": settings.rcs_m2}
-    tree |= {name: options[name] for name in ("altitude", "ask_hz", "qnh_hpa", "interface")}
-    if options["view"] is not None:
+    tree |= {
+        name: getattr(options, name) for name in ("altitude", "ask_hz", "qnh_hpa", "interface")
+    }
+    if options.view is not None:
         try:
-            tree["view"] = [float(text) for text in options["view"].split(",")]
+            tree["view"] = [float(text) for text in options.view.split(",")]
         except ValueError:
-            raise PlotfeedError(
-                f"--view: expected LAT,LON,LAT,LON, not {options['view']!r}"
-            ) from None
+            raise PlotfeedError(f"--view: expected LAT,LON,LAT,LON, not {options.view!r}") from None
     try:
         return TelemetrySource.model_validate(tree)
     except ValidationError as error:
@@ -65,16 +65,21 @@ def settings_of_source(
 
 
 def publish_source(
-    source: TelemetrySource, settings: InjectSettings, duration_s: float | None
+    source: TelemetrySource,
+    settings: InjectSettings,
+    broker: BrokerAddress,
+    duration_s: float | None,
 ) -> int:
     """Listen and publish; the exit code. Raises `PlotfeedError`."""
-    return asyncio.run(_Relay(source, settings).run(duration_s))
+    return asyncio.run(_Relay(source, settings, broker).run(duration_s))
 
 
 class _Relay:
     """Reports on their way from a source to a broker, and what becomes of them."""
 
-    def __init__(self, source: TelemetrySource, settings: InjectSettings) -> None:
+    def __init__(
+        self, source: TelemetrySource, settings: InjectSettings, broker: BrokerAddress
+    ) -> None:
         self._settings = settings
         self._clock = WallClock()
         self._template = source.template
@@ -86,7 +91,7 @@ class _Relay:
             self._encode, self._content_type = encode_json, JSON
         self._answers = SessionAnswers(settings.prefix, "")
         self._link = MqttTransport(
-            settings.broker,
+            broker,
             "plotfeed-inject",
             subscribe=self._answers.topics,
             on_message=self._answers.hear,
@@ -158,7 +163,7 @@ class _Relay:
             self._drones[drone] = None
         message = Message(
             topic=f"{self._settings.prefix}/telemetry/{drone}",
-            payload=self._encode(self._settings.completed(report)),
+            payload=self._encode(completed(self._settings, report)),
             content_type=self._content_type,
             due_utc_ns=report.t_utc_ns,
         )

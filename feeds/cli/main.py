@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +13,10 @@ import click
 
 from plotfeed.feeds.cli.fleet import fleet
 from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES, epilog_of
-from plotfeed.feeds.cli.options import (
-    DEFAULT_BROKER,
-    NEW_FILE,
-    POSITIVE,
-    access_options,
-    flight_options,
-    force_option,
-    session_options,
-    source_options,
-    take_access,
-    take_flight_options,
-    take_source_options,
-)
+from plotfeed.feeds.cli.inject_settings import FlightKeys, InjectSettings, SourceKeys
+from plotfeed.feeds.cli.options import NEW_FILE, POSITIVE, AccessOptions, force_option, options_of
 from plotfeed.feeds.cli.recording_commands import convert, merge, record, replay, report, show
+from plotfeed.feeds.cli.run_settings import RunSettings
 from plotfeed.feeds.cli.score_commands import score
 from plotfeed.feeds.cli.sweep_commands import sweep
 from plotfeed.feeds.console import INTERRUPTED
@@ -64,9 +55,9 @@ def cli() -> None:
 
 @cli.command()
 @click.argument("scene", default="field-day")
-@session_options
+@options_of(RunSettings)
 @click.option("--no-page", is_flag=True, help="Serve no live page, which a demo has by itself.")
-def demo(scene: str, *, no_page: bool, **options: Any) -> int:
+def demo(settings: RunSettings, *, scene: str, no_page: bool) -> int:
     """Run a scene that comes with plotfeed: a field day, or another one by its name.
 
     `plotfeed scenes` lists them. On the field day five kinds of sensors see twenty-one drones, over
@@ -74,12 +65,12 @@ def demo(scene: str, *, no_page: bool, **options: Any) -> int:
     can be paused and hurried there. Sensors report as ASTERIX, SAPIENT and protobuf over MQTT, by
     an embedded broker unless another is named.
     """
-    from plotfeed.feeds.cli.run import RunSettings, run_in_terminal
+    from plotfeed.feeds.cli.run import run_in_terminal
     from plotfeed.feeds.scene.scene import example
 
-    if no_page and options["page"] is not None:
+    if no_page and settings.page is not None:
         raise click.UsageError("--no-page contradicts --page")
-    settings = RunSettings(shows_page=not no_page, can_be_held=True, **options)
+    settings = replace(settings, shows_page=not no_page, can_be_held=True)
     return run_in_terminal(example(scene), settings)
 
 
@@ -101,17 +92,16 @@ def demo(scene: str, *, no_page: bool, **options: Any) -> int:
     metavar="TIME",
     help="Begin the scene at this time, as 2026-01-01T12:00:00Z: all parts at the same.",
 )
-@session_options
-def run(scene: Path, **options: Any) -> int:
+@options_of(RunSettings)
+def run(settings: RunSettings, *, scene: Path, **more: Any) -> int:
     """Run SCENE, a TOML file, or run the record of a session (MCAP) again.
 
     Sensors report as the scene says: as ASTERIX, SAPIENT and protobuf, over MQTT and UDP.
     """
-    from plotfeed.feeds.cli.run import RunSettings, run_again, run_in_terminal
-    from plotfeed.feeds.recording.session_again import is_record
+    from plotfeed.feeds.cli.run import is_record, run_again, run_in_terminal
     from plotfeed.feeds.scene.scene import load
 
-    settings = RunSettings(**options)
+    settings = replace(settings, **more)
     if is_record(scene):
         return run_again(scene, settings)
     return run_in_terminal(load(scene), settings)
@@ -119,67 +109,14 @@ def run(scene: Path, **options: Any) -> int:
 
 @cli.command()
 @click.argument("flight", metavar="FLIGHT-or-SOURCE")
-@click.option(
-    "--drone",
-    metavar="ID",
-    help="Name the drone so in its topic; without it as the file is called, or as the source says.",
-)
-@click.option(
-    "--broker",
-    default=DEFAULT_BROKER,
-    show_default=True,
-    metavar="URL",
-    help="Publish at the broker mqtt://HOST:PORT or mqtts://HOST:PORT.",
-)
-@click.option(
-    "--prefix",
-    default="plotfeed",
-    show_default=True,
-    help="Begin the topic with these levels, as the session's scene has them.",
-)
-@click.option(
-    "--speed",
-    type=click.FloatRange(min=0.01, max=1000),
-    default=1.0,
-    show_default=True,
-    help="Fly so many times as fast as it was flown.",
-)
-@click.option(
-    "--now",
-    "shift",
-    is_flag=True,
-    help="Let the flight begin now; without it reports keep the times of the file.",
-)
-@click.option(
-    "--encoding",
-    type=click.Choice(["protobuf", "json"]),
-    default="protobuf",
-    show_default=True,
-    help="Encode reports so.",
-)
-@click.option("--raw", is_flag=True, help="Send positions as recorded, without smoothing.")
-@click.option(
-    "--takeoff-height-m",
-    type=float,
-    metavar="METRES",
-    help="Add the height of the place of take-off above the ellipsoid to altitudes above it.",
-)
-@click.option(
-    "--geoid-undulation-m",
-    type=float,
-    metavar="METRES",
-    help="Add the height of the sea above the ellipsoid to altitudes above mean sea level.",
-)
-@click.option(
-    "--rcs-m2",
-    type=POSITIVE,
-    metavar="M2",
-    help="Report this radar cross-section in square metres, in place of the scene's.",
-)
-@access_options
-@flight_options
-@source_options
-def inject(flight: str, broker: str, **options: Any) -> int:
+@options_of(InjectSettings, AccessOptions, FlightKeys, SourceKeys)
+def inject(
+    settings: InjectSettings,
+    access: AccessOptions,
+    how_to_read: FlightKeys,
+    how_to_listen: SourceKeys,
+    flight: str,
+) -> int:
     """Publish FLIGHT, a recorded file, or what a live SOURCE says, as live telemetry.
 
     FLIGHT is a DJI subtitle file (.srt), a table (.csv, .tsv, .txt), a log of ArduPilot (.bin),
@@ -188,18 +125,17 @@ def inject(flight: str, broker: str, **options: Any) -> int:
     SOURCE is KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or mavlink:-, of the
     kinds mavlink, remote-id, sbs1, beast and asterix-021.
     """
-    from plotfeed.feeds.cli.inject import InjectSettings, publish_flight
+    from plotfeed.feeds.cli.inject import publish_flight
     from plotfeed.feeds.cli.inject_live import publish_source, settings_of_source
     from plotfeed.feeds.scene.source_keys import looks_like_source
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
-    address = BrokerAddress.parse(broker, **take_access(options))
-    how_to_read, how_to_listen = take_flight_options(options), take_source_options(options)
-    settings = InjectSettings(broker=address, **options)
+    address = BrokerAddress.parse(settings.broker, **access.parsed())
+    options = how_to_read.parsed()
     if looks_like_source(flight) and not Path(flight).exists():
         source = settings_of_source(flight, settings, how_to_listen)
-        return publish_source(source, settings, how_to_listen["duration"])
-    return publish_flight(Path(flight), how_to_read, settings)
+        return publish_source(source, settings, address, how_to_listen.duration)
+    return publish_flight(Path(flight), options, settings, address)
 
 
 @cli.command()

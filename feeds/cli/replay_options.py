@@ -6,27 +6,16 @@ import tomllib
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
-
-from pydantic import ValidationError
+from typing import TYPE_CHECKING, Any, Literal
 
 from plotfeed.feeds.cli.options import udp_destination
-from plotfeed.feeds.replaying.destinations import Destinations
-from plotfeed.feeds.replaying.replay_settings import (
-    Choice,
-    LinkRule,
-    Moment,
-    ReplayError,
-    ReplaySettings,
-    Selection,
-    Stamps,
-    TopicRule,
-)
-from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.scene.problems import problems_of
-from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.console.option_fields import MAX_SEED, option
 from plotfeed.proto.utc import NS
-from plotfeed.replay.pacing import speed_of
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.replaying.destinations import Destinations
+    from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplaySettings
+    from plotfeed.feeds.scene.link_keys import LinkSettings
 
 MAX_OCTETS = 1 << 20
 """Of a file with the keys of a link."""
@@ -38,28 +27,82 @@ RECORDED = "recorded"
 class ReplayOptions:
     """What the options of `replay` ask for."""
 
-    broker: str | None
-    udp: tuple[str, ...]
-    ttl: int
-    interface: str | None
-    topics: tuple[str, ...]
-    speed: float
-    fastest: bool
-    start: str | None
-    end: str | None
-    laps: int
-    """0 is without end."""
-    date: datetime | None
-    """On which a file without dates begins."""
-    stage: Choice
-    truth: bool
-    stamps: str | None
-    seed: int
-    links: tuple[str, ...]
-    latency_ms: float | None
-    jitter_ms: float | None
-    loss: float | None
-    as_json: bool
+    broker: str | None = option(
+        None,
+        "Send to the broker at mqtt://HOST:PORT or mqtts://HOST:PORT; without it and without "
+        "--udp to mqtt://127.0.0.1:1883.",
+        metavar="URL",
+    )
+    udp: tuple[str, ...] = option(
+        (),
+        "Send ASTERIX there by UDP, or by 'recorded' each datagram to where it once went; may be "
+        "repeated.",
+        metavar="ADDRESS:PORT",
+    )
+    ttl: int = option(
+        1, "Let multicast pass so many networks less one (its time to live).", low=0, high=255
+    )
+    interface: str | None = option(
+        None, "Send multicast by this network interface, such as eth0.", metavar="NAME"
+    )
+    topics: tuple[str, ...] = option(
+        (),
+        "Let topics that begin with the levels of OLD begin with NEW; may be repeated.",
+        metavar="OLD=NEW",
+        name="--topic",
+    )
+    speed: float = option(
+        1.0, "Replay so many times as fast as it was recorded.", low=0.001, high=10_000
+    )
+    fastest: bool = option(False, "Send as fast as possible, without deadlines.")
+    start: str | None = option(
+        None,
+        "Begin so many seconds after the beginning, or at a time as 2026-01-01T12:00:00Z.",
+        metavar="TIME",
+    )
+    end: str | None = option(
+        None,
+        "End before that time, given as for --start; what was recorded at it is left out.",
+        metavar="TIME",
+    )
+    laps: int = option(
+        1,
+        "Replay N times over; without N, until it is stopped.",
+        low=0,
+        metavar="[N]",
+        name="--loop",
+        tells_default=False,
+        bare=0,
+    )
+    date: datetime | None = option(
+        None, "Let a file without dates (FINAL, raw ASTERIX) begin on this day; else on 1970-01-01."
+    )
+    stage: Literal["after", "before", "telemetry"] = option(
+        "after",
+        "Send what left or was heard (after), what sensors handed to their links (before), or "
+        "what came in (telemetry).",
+    )
+    truth: bool = option(False, "Send the ledger too, which says whose plot is whose.")
+    stamps: str | None = option(
+        None,
+        "Write times inside messages anew: keep leaves them alone, now makes them as much later "
+        "as the message is, and +SECONDS so much later; without it keep, but now for telemetry.",
+        metavar="HOW",
+    )
+    as_json: bool = option(False, "Print nothing but the counts at the end, as one JSON object.")
+    links: tuple[str, ...] = option(
+        (),
+        "Put the messages of each sensor on a link by the keys of a scene's [sensor.link] in "
+        "this TOML file; with TOPIC= only those whose topics begin so. May be repeated.",
+        metavar="[TOPIC=]FILE",
+        name="--link",
+    )
+    seed: int = option(
+        0,
+        "Draw delays and losses of links by this seed; with the same seed they are the same.",
+        low=0,
+        high=MAX_SEED,
+    )
 
     @property
     def date_utc_ns(self) -> int:
@@ -68,6 +111,9 @@ class ReplayOptions:
 
     def destinations(self, default_broker: str, access: dict[str, Any]) -> Destinations:
         """The places that it goes to; `access` is all but the URL of a broker's address."""
+        from plotfeed.feeds.replaying.destinations import Destinations
+        from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+
         url = self.broker or (None if self.udp else default_broker)
         return Destinations(
             brokers=() if url is None else (BrokerAddress.parse(url, **access),),
@@ -81,6 +127,15 @@ class ReplayOptions:
 
     def settings(self) -> ReplaySettings:
         """What is replayed, and how; raises `ReplayError`."""
+        from plotfeed.feeds.replaying.replay_settings import (
+            Moment,
+            ReplaySettings,
+            Selection,
+            Stamps,
+            TopicRule,
+        )
+        from plotfeed.replay.pacing import speed_of
+
         return ReplaySettings(
             selection=Selection(stage=self.stage, truth=self.truth),
             speed=speed_of(1.0 if self.fastest else self.speed),
@@ -97,17 +152,13 @@ class ReplayOptions:
     def _links(self) -> tuple[LinkRule, ...]:
         """Links of topics before those of all, whatever their order on the command line."""
         rules = [_link_rule(text) for text in self.links]
-        tree: dict[str, Any] = {"latency_ms": self.latency_ms, "jitter_ms": self.jitter_ms}
-        if self.loss is not None:
-            tree["loss"] = {"kind": "random", "probability": self.loss}
-        tree = {key: value for key, value in tree.items() if value is not None}
-        if tree:
-            rules.append(LinkRule("", _link(tree, "link: ")))
         return tuple(sorted(rules, key=lambda rule: -len(rule.topic)))
 
 
 def _link_rule(text: str) -> LinkRule:
     """The link in FILE, for all topics, or TOPIC=FILE: the keys of a scene's [sensor.link]."""
+    from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplayError
+
     topic, equals, name = text.rpartition("=")
     if equals and not topic:
         raise ReplayError(f"link: expected FILE or TOPIC=FILE, not {text!r}")
@@ -123,6 +174,12 @@ def _link_rule(text: str) -> LinkRule:
 
 
 def _link(tree: dict[str, Any], where: str) -> LinkSettings:
+    from pydantic import ValidationError
+
+    from plotfeed.feeds.replaying.replay_settings import ReplayError
+    from plotfeed.feeds.scene.link_keys import LinkSettings
+    from plotfeed.feeds.scene.problems import problems_of
+
     try:
         return LinkSettings.model_validate(tree)
     except ValidationError as error:

@@ -10,11 +10,11 @@ import os
 import signal
 from collections import Counter
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,6 +24,7 @@ from plotfeed.feeds.cli.run_destinations import (
     named_outgoing,
     sent_elsewhere,
 )
+from plotfeed.feeds.cli.run_settings import RunSettings
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import (
@@ -37,23 +38,17 @@ from plotfeed.feeds.console.process import (
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.lateness import lateness_us
-from plotfeed.feeds.metrics import MetricsAddress, served
-from plotfeed.feeds.recording.recorder import (
-    RawFile,
-    Recorder,
-    SessionRecorder,
-    attachments_of,
-)
-from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.session.session import run, run_part
-from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.session.session_part import SessionPart
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 """Of the extra `page`; the page loads them once the session is under way."""
@@ -65,49 +60,13 @@ NOT_SENT = "plotfeed: {}: not sent to where its session went: {}"
 """A recording is data: whoever wrote it does not say where anything is sent."""
 REASONS_TOLD = 3
 """Of refusals, in the line of status."""
+RECORDS = ".mcap"
+"""How the names of files end that hold the record of a session."""
 FASTEST = "max"
 """In place of a speed."""
 
 RunSession = Callable[..., Coroutine[None, None, SessionCounters]]
 """Given `stop` and `on_ready`."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunSettings:
-    """What the options of `run` and `demo` ask for, beside the scene."""
-
-    broker: str | None
-    wait: bool
-    """Whether to wait for a broker that is not up yet."""
-    udp: tuple[str, ...]
-    """Where ASTERIX goes instead of where the scene says."""
-    middleware: str | None
-    """Of SAPIENT, instead of the scene's."""
-    tak: tuple[str, ...]
-    """TAK servers instead of the scene's."""
-    http: tuple[str, ...]
-    """FORMAT=URL, instead of where the scene posts tracks."""
-    duration: float | None
-    """Seconds; None is as long as the scene says, or as what is run again."""
-    speed: str
-    write: Path | None
-    record: Path | None
-    force: bool
-    metrics: str | None
-    """Where to serve metrics."""
-    page: str | None
-    """Where to serve the page."""
-    as_json: bool
-    telemetry: Path | None = None
-    """A recorded session whose inputs are taken in again."""
-    shows_page: bool = False
-    """Whether the page is served even if nobody said where."""
-    part: str | None = None
-    """K/N, where other processes run the other parts of the scene."""
-    start: str | None = None
-    """When all parts begin."""
-    can_be_held: bool = False
-    """Whether time can be paused and hurried although nobody asked for another than the world's."""
 
 
 def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
@@ -116,19 +75,34 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
         BrokerAddress.parse(settings.broker)  # what is wrong with it is told before anything begins
     scene = scene.sent_to(named_outgoing(scene, settings))
     serves_page, note = _page(settings)
-    again = SessionRecord.open(settings.telemetry) if settings.telemetry else None
-    if again is not None and not again.has_ticks:
-        say(BEFORE_TICKS.format(again.path), err=True)
+    again: SessionRecord | None = None
+    if settings.telemetry:
+        from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
+
+        again = SessionRecord.open(settings.telemetry)
+        if not again.has_ticks:
+            say(BEFORE_TICKS.format(again.path), err=True)
     start_utc_ns = scene.scene.start_utc_ns if again is None else again.start_utc_ns
     part, clock = _part_and_clock(scene, settings, start_utc_ns)
     duration_s, begins_ns = settings.duration, clock.now_ns()
     if again is not None and duration_s is None and scene.scene.duration_s is None:
         duration_s = (again.end_utc_ns - again.start_utc_ns) / NS
     with contextlib.ExitStack() as files:
-        raw = recorder = None
+        raw: RawFile | None = None
+        recorder: Recorder | None = None
+        observers: list[Observer] = []
         if settings.write:
+            from plotfeed.feeds.recording.recorder import RawFile
+
             raw = files.enter_context(RawFile(settings.write, force=settings.force))
+            observers.append(raw)
         if settings.record:
+            from plotfeed.feeds.recording.recorder import (
+                Recorder,
+                SessionRecorder,
+                attachments_of,
+            )
+
             recorder = files.enter_context(
                 Recorder(
                     settings.record,
@@ -137,12 +111,12 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
                     waits=clock.can_wait,
                 )
             )
-        observers: list[Observer] = [raw] if raw else []
-        if recorder:
             observers.append(SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth))
         if settings.telemetry:
             observers.append(RecordedTelemetry(settings.telemetry))
         if settings.metrics is not None:
+            from plotfeed.feeds.metrics import MetricsAddress, served
+
             address = MetricsAddress.parse(settings.metrics)
             observers.append(files.enter_context(served(address)))
         runner = partial(_run_with_page, settings) if serves_page else _runner(scene, settings)
@@ -185,9 +159,16 @@ def _part_and_clock(
     return part_asked(scene, settings.part, start=settings.start, broker=broker, speed=speed)
 
 
+def is_record(path: Path) -> bool:
+    """Whether a file is to be taken for a record and not for a scene."""
+    return path.suffix == RECORDS
+
+
 def run_again(path: Path, settings: RunSettings) -> int:
     """Run the record of a session again, with the scene that it holds; the exit code."""
     with own_folder() as folder:
+        from plotfeed.feeds.recording.session_again import SessionRecord
+
         scene = SessionRecord.open(path).scene(folder)
         elsewhere = list(sent_elsewhere(scene, settings))
         if elsewhere:
@@ -223,13 +204,15 @@ def _runner(scene: Scene, settings: RunSettings) -> RunSession:
 
 async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounters:
     """Sessions as the page's viewers want them, at the page's usual port or any that is free."""
-    from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAddress, PageError, fixed_tokens
-    from plotfeed.feeds.page.run_with_page import run_with_page
 
     def another_clock(other: Scene) -> Clock:
         return _clock(other.scene.start_utc_ns, settings)
 
+    from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAddress, PageError, fixed_tokens
+
     tokens = fixed_tokens(os.environ)
+
+    from plotfeed.feeds.page.run_with_page import run_with_page
 
     async def run_at(address: PageAddress) -> SessionCounters:
         return await run_with_page(address, another_clock=another_clock, tokens=tokens, **session)

@@ -7,12 +7,11 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
-from typing import Protocol
 
 from pydantic import ValidationError
 
 from plotfeed.feeds.cli.options import udp_destination
+from plotfeed.feeds.cli.run_settings import RunSettings
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.scene.fields import split_address
@@ -40,39 +39,7 @@ MOST_UNSEEN = 3
 """Drones that no sensor sees, told one by one."""
 
 
-class NamedDestinations(Protocol):
-    """What the options of a command name."""
-
-    @property
-    def broker(self) -> str | None:
-        """URL, or none."""
-
-    @property
-    def wait(self) -> bool:
-        """Whether to wait for a broker that is not up yet."""
-
-    @property
-    def udp(self) -> tuple[str, ...]:
-        """Addresses for ASTERIX."""
-
-    @property
-    def middleware(self) -> str | None:
-        """HOST:PORT of a SAPIENT middleware."""
-
-    @property
-    def tak(self) -> tuple[str, ...]:
-        """Servers."""
-
-    @property
-    def http(self) -> tuple[str, ...]:
-        """FORMAT=URL, each."""
-
-    @property
-    def telemetry(self) -> Path | None:
-        """A recorded session whose inputs are taken in again."""
-
-
-def named_outgoing(scene: Scene, settings: NamedDestinations) -> WaysOut:
+def named_outgoing(scene: Scene, settings: RunSettings) -> WaysOut:
     """Destinations of the scene, or those that the command line names instead."""
     to = replace(scene.outgoing, waits=settings.wait)
     if settings.middleware is not None:
@@ -117,7 +84,7 @@ def _first_problem(error: ValidationError) -> str:
     return next(iter(problems_of(error, {})))[1]
 
 
-def sent_elsewhere(scene: Scene, settings: NamedDestinations) -> Iterator[str]:
+def sent_elsewhere(scene: Scene, settings: RunSettings) -> Iterator[str]:
     """Where the scene of a recording was sent, and is not unless somebody says so."""
     if scene.mqtt.broker not in (None, NO_BROKER) and settings.broker is None:
         yield f"{without_secrets(scene.mqtt.broker)} (--broker)"

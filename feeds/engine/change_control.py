@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.console.printed import in_short
 from plotfeed.feeds.scene.changes import Command, ControlError, Layers, joined, with_change
@@ -16,10 +16,12 @@ from plotfeed.feeds.scene.mission_keys import Resume
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.story_keys import Story, StoryChange, StoryState
-from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.sensing.scene_drones import SceneDrones
 from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
 
 MAX_UNDONE = 100
 """Changes that are remembered to be undone; the oldest are forgotten."""

@@ -9,45 +9,46 @@ is a file in `proto.asterix`, a row of `ASTERIX_FORMATS` there, how sensors spea
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plotfeed.feeds.formats.asterix_015 import Asterix015
-from plotfeed.feeds.formats.asterix_048 import Asterix048
-from plotfeed.feeds.formats.asterix_062 import Asterix062
-from plotfeed.feeds.formats.asterix_205 import Asterix205
 from plotfeed.feeds.formats.message_format import (
     Announcer,
     Format,
     MessageFormat,
     SectorFormat,
 )
-from plotfeed.feeds.formats.plot_batches import PlotBatches
-from plotfeed.feeds.formats.sapient import FORMAT as SAPIENT
-from plotfeed.feeds.formats.sensor_tracks import SceneTracks
-from plotfeed.feeds.formats.track_messages import TRACK_ROWS
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.loaded_on_use import LoadedOnUse
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
-from plotfeed.proto.asterix.categories import know
-from plotfeed.proto.asterix.decode_plots import plots_in_asterix
-from plotfeed.proto.plot_messages import plots_in_batch
 
-FORMATS: dict[str, Format] = {
-    row.name: row
-    for row in (
-        Format(facts=REPORT_FORMATS["plots"], maker=PlotBatches, plots_in=plots_in_batch),
-        Format(facts=REPORT_FORMATS["asterix-015"], maker=Asterix015, plots_in=plots_in_asterix),
-        Format(facts=REPORT_FORMATS["asterix-048"], maker=Asterix048, plots_in=plots_in_asterix),
-        Format(facts=REPORT_FORMATS["asterix-205"], maker=Asterix205, plots_in=plots_in_asterix),
-        Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062, plots_in=None),
-        SAPIENT,
-        *TRACK_ROWS,
-    )
-}
-"""By the name that scenes have for it; the first are those that say most of plots."""
+if TYPE_CHECKING:
+    from plotfeed.feeds.formats.sensor_tracks import SceneTracks
+
+# By the name that scenes have for it; the first are those that say most of plots. Formats that no
+# scene asks for are not loaded.
+FORMATS: LoadedOnUse[Format] = LoadedOnUse(
+    {
+        name: f"plotfeed.feeds.formats.{home}"
+        for name, home in (
+            ("plots", "plot_batches:FORMAT"),
+            ("asterix-015", "asterix_015:FORMAT"),
+            ("asterix-048", "asterix_048:FORMAT"),
+            ("asterix-205", "asterix_205:FORMAT"),
+            ("asterix-062", "asterix_062:FORMAT"),
+            ("sapient", "sapient:FORMAT"),
+            *(
+                (name, "track_messages:TRACK_ROWS")
+                for name, facts in REPORT_FORMATS.items()
+                if facts.tells_tracks and not facts.categories
+            ),
+        )
+    }
+)
 
 
 def register(row: Format, *sensors: type[SensorKeys]) -> None:
@@ -55,6 +56,8 @@ def register(row: Format, *sensors: type[SensorKeys]) -> None:
     if row.name in FORMATS:
         raise ValueError(f"there is a format {row.name} already")
     FORMATS[row.name], REPORT_FORMATS[row.name] = row, row.facts
+    from plotfeed.proto.asterix.categories import know
+
     know(row.facts)
     for keys in sensors:
         keys.formats += (row.name,)
@@ -62,12 +65,13 @@ def register(row: Format, *sensors: type[SensorKeys]) -> None:
 
 def carries_plots(topic: str) -> bool:
     """Whether messages of a topic hold a sector's plots or tracks."""
-    return any(topic.endswith(f"/{row.facts.topic}") for row in FORMATS.values())
+    return any(topic.endswith(f"/{facts.topic}") for facts in REPORT_FORMATS.values())
 
 
 def in_time(scene: Scene) -> Callable[[Message, int], Message | None]:
     """The rule for messages that leave late: as they may leave at a time, or None."""
-    rules = {f"/{row.facts.topic}": row.late for row in FORMATS.values() if row.late is not None}
+    asked = {name: FORMATS[name] for sensor in scene.sensor for name in sensor.report}
+    rules = {f"/{row.facts.topic}": row.late for row in asked.values() if row.late is not None}
 
     def check(message: Message, t_utc_ns: int) -> Message | None:
         for end, late in rules.items():
@@ -88,11 +92,16 @@ class SceneFormats:
         self._report = np.array([self._reports.index(names) for names in asked], np.int64)
         wanted = dict.fromkeys(name for names in self._reports for name in names)
         self._formats = {name: FORMATS[name].make(scene) for name in wanted}
-        self._tracks = SceneTracks(scene)
+        self._tracks: SceneTracks | None = None
+        if any(REPORT_FORMATS[name].tells_tracks for name in wanted):
+            from plotfeed.feeds.formats.sensor_tracks import SceneTracks
+
+            self._tracks = SceneTracks(scene)
 
     def messages(self, batch: Batch) -> list[list[Message]]:
         """Messages of each sector, due when it ends, in the order in which they are to leave."""
-        batch = self._tracks.tracked(batch)
+        if self._tracks is not None:
+            batch = self._tracks.tracked(batch)
         if len(self._reports) == 1:
             return self._in_formats(0, batch)
         return batch.in_groups(self._report[batch.sectors.sensor], self._in_formats)

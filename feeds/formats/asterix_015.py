@@ -8,14 +8,17 @@ from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
     AsterixFormat,
     Blocks,
+    Format,
     Sensors,
     limits_of,
     numbers_of,
     periods_in,
+    plots_in_asterix,
     sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at, geodetic, site_frame
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
@@ -177,3 +180,6 @@ def _component(identity: int, place: LocalFrame) -> Component:
         longitude_deg=place.longitude_deg,
         height_m=place.height_m,
     )
+
+
+FORMAT = Format(facts=REPORT_FORMATS["asterix-015"], maker=Asterix015, plots_in=plots_in_asterix)

@@ -7,13 +7,16 @@ import numpy as np
 from plotfeed.feeds.formats.message_format import (
     AsterixFormat,
     Blocks,
+    Format,
     Sensors,
     limits_of,
     numbers_of,
+    plots_in_asterix,
     sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.models.frames import aer_to_enu
@@ -88,3 +91,6 @@ class Asterix048(AsterixFormat):
         frames = frames_at(self._frames, parts.of_rows())
         there_enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
         return self._sea_level.undulation_m(*frames.to_geodetic(there_enu_m)[:2])
+
+
+FORMAT = Format(facts=REPORT_FORMATS["asterix-048"], maker=Asterix048, plots_in=plots_in_asterix)

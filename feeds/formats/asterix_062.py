@@ -8,6 +8,7 @@ from plotfeed.feeds.formats.message_format import (
     SERVICE_PERIOD_NS,
     AsterixFormat,
     Blocks,
+    Format,
     Sensors,
     limits_of,
     numbers_of,
@@ -15,6 +16,7 @@ from plotfeed.feeds.formats.message_format import (
     sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch, of_parts
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.asterix.cat063 import StatusEncoder063
@@ -54,3 +56,6 @@ class Asterix062(AsterixFormat):
             for i, block in zip(due.tolist(), service, strict=True):
                 found[i].append((63, block))
         return found
+
+
+FORMAT = Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062, plots_in=None)

@@ -6,12 +6,15 @@ from plotfeed.feeds.formats.asterix_015 import Status025
 from plotfeed.feeds.formats.message_format import (
     AsterixFormat,
     Blocks,
+    Format,
     Sensors,
     numbers_of,
+    plots_in_asterix,
     sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
 
@@ -45,3 +48,6 @@ class Asterix205(AsterixFormat):
         found = [[(205, block) for block in blocks] for blocks in bearings]
         self._status.add_to(found, sectors)
         return found
+
+
+FORMAT = Format(facts=REPORT_FORMATS["asterix-205"], maker=Asterix205, plots_in=plots_in_asterix)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -17,9 +17,11 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Ints
 from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.errors import EncodeError
-from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.report_format import ReportFormat
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.proto.measured_plots import MeasuredPlots
 
 MAX_BLOCK_OCTETS = 65535
 """What the length field of an ASTERIX data block can say."""
@@ -127,6 +129,13 @@ class Format:
                 what = f"{why}, for {error.field} of {self.name}"
                 found.append((key_of_item(error.field, index, sensor), what))
         return found
+
+
+def plots_in_asterix(payload: bytes, near_utc_ns: int) -> MeasuredPlots:
+    """The plots in a datagram of ASTERIX, whose UTC time is near that; raises `DecodeError`."""
+    from plotfeed.proto.asterix import decode_plots
+
+    return decode_plots.plots_in_asterix(payload, near_utc_ns)
 
 
 def key_of_item(item: str, index: int, sensor: Sensor) -> str:

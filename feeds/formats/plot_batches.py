@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.message_format import Sensors, Topics, message_to
+from plotfeed.feeds.formats.message_format import (
+    Format,
+    Sensors,
+    Topics,
+    message_to,
+)
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.proto.plot_messages import plot_batches
+from plotfeed.proto.plot_messages import plot_batches, plots_in_batch
 
 PLOTS = REPORT_FORMATS["plots"]
 
@@ -35,3 +40,6 @@ class PlotBatches:
         )
         every = zip(sensors, batches, stamps, strict=True)
         return [[message_to(self._addresses[i], batch, stamp)] for i, batch, stamp in every]
+
+
+FORMAT = Format(facts=REPORT_FORMATS["plots"], maker=PlotBatches, plots_in=plots_in_batch)

@@ -96,12 +96,12 @@ ENCODERS: dict[str, Callable[[], Encoder]] = {
 }
 
 
-TRACK_ROWS = tuple(
-    Format(
+TRACK_ROWS = {
+    name: Format(
         facts=REPORT_FORMATS[name],
         maker=partial(TrackMessages, name, ENCODERS[name]),
         plots_in=None,
     )
     for name in ENCODERS
-)
+}
 """Rows of the table of formats."""

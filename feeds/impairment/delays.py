@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
 
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.models import special
 from plotfeed.models.state import Floats
 
 CLIP = 4.0
@@ -25,12 +25,12 @@ NORMAL_PART = 0.25
 
 
 def _normal(u: Floats) -> Floats:
-    score: Floats = np.minimum(np.maximum(ndtri(u), -CLIP), CLIP)
+    score: Floats = np.minimum(np.maximum(special.ndtri(u), -CLIP), CLIP)
     return score
 
 
 def _normal_cdf(x: Floats) -> Floats:
-    return np.where(x < -CLIP, 0.0, np.where(x >= CLIP, 1.0, ndtr(x)))
+    return np.where(x < -CLIP, 0.0, np.where(x >= CLIP, 1.0, special.ndtr(x)))
 
 
 def _uniform(u: Floats) -> Floats:
@@ -60,10 +60,10 @@ def _paretonormal_cdf(x: Floats) -> Floats:
     low, high = np.full(x.shape, -CLIP), np.full(x.shape, CLIP)
     for _ in range(60):
         middle = (low + high) / 2
-        above = NORMAL_PART * middle + (1 - NORMAL_PART) * _pareto(ndtr(middle)) > x
+        above = NORMAL_PART * middle + (1 - NORMAL_PART) * _pareto(special.ndtr(middle)) > x
         low, high = np.where(above, low, middle), np.where(above, middle, high)
     least = float(_paretonormal(np.zeros(1))[0])
-    return np.where(x < least, 0.0, np.where(x >= CLIP, 1.0, ndtr(high)))
+    return np.where(x < least, 0.0, np.where(x >= CLIP, 1.0, special.ndtr(high)))
 
 
 SHAPES: dict[str, tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]] = {
@@ -214,10 +214,10 @@ class DelaySeries:
 
 
 def _scores(u: Floats) -> Floats:
-    scores: Floats = ndtri(np.maximum(u, 2.0**-54))  # a uniform number may be 0
+    scores: Floats = special.ndtri(np.maximum(u, 2.0**-54))  # a uniform number may be 0
     return scores
 
 
 def _uniform_of_normal(scores: Floats) -> Floats:
-    u: Floats = ndtr(scores)
+    u: Floats = special.ndtr(scores)
     return u

@@ -16,15 +16,15 @@ from contextlib import closing
 from dataclasses import dataclass
 from decimal import Decimal, DecimalException
 from functools import lru_cache
-from importlib.util import find_spec
 from itertools import islice, product
 from pathlib import Path
 from typing import Any, NoReturn, Self, TypeVar
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import lock
-from plotfeed.feeds.console.printed import finite, naming, say
+from plotfeed.feeds.console.printed import naming, say
 from plotfeed.feeds.console.status_line import with_progress
+from plotfeed.feeds.lab.lab_settings import RunsAsked
 from plotfeed.feeds.recording.recorder import files_of
 from plotfeed.feeds.scene.presets.preset import with_presets
 from plotfeed.feeds.scene.presets.system import with_systems
@@ -498,39 +498,6 @@ class RunJob:
 
     def __str__(self) -> str:
         return f"run {self.run} of {self.level}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunsAsked:
-    """What is asked of many runs, in the words of the options of commands."""
-
-    vary: Sequence[str]
-    runs: int
-    seed: int
-    duration: float | None
-    processes: int | None
-    ray: str | None
-    force: bool
-    as_json: bool
-
-    def processes_of(self, jobs: int) -> int | None:
-        """Processes to be started here; None where a cluster has them."""
-        if self.ray is not None:
-            return None
-        if self.processes is not None:
-            return min(self.processes, max(jobs, 1))
-        if jobs and not find_spec("ray"):
-            say("plotfeed: one process, as ray is missing: pip install 'plotfeed[fleet]'", err=True)
-            return 1
-        return min(os.cpu_count() or 1, max(jobs, 1))
-
-    def tell(self, told: Mapping[str, Any], lines: Iterable[str], written: Sequence[Path]) -> None:
-        """Print what came of the runs, in lines or as one JSON object, and the files."""
-        if self.as_json:
-            say(json.dumps(finite({**told, "files": [str(path) for path in written]})))
-            return
-        for line in (*lines, *(f"written: {path}" for path in written)):
-            say(line)
 
 
 class Journal:

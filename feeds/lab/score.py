@@ -23,6 +23,7 @@ from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
 from plotfeed.feeds.lab.feed_checks import as_json, as_text, check_feed
 from plotfeed.feeds.lab.flights import read_truths, scene_of
+from plotfeed.feeds.lab.lab_settings import ScoreOptions
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score, ScoreSettings, SetFigures, score_run
 from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells, percent
@@ -676,26 +677,6 @@ def clean(text: str) -> str:
 KEPT, BROKEN = 0, 1
 """Exit codes."""
 NO_PROFILE = "no profile"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScoreOptions:
-    """What `plotfeed score` is asked, in the words of its options."""
-
-    tracks: Path | None = None
-    """The file of tracks; without it they are in the recording."""
-    topics: Sequence[str] = ()
-    out: Path | None = None
-    junit: Path | None = None
-    profile: str | None = None
-    cutoff_m: float | None = None
-    stale_s: float | None = None
-    protect: str | None = None
-    """LATITUDE,LONGITUDE."""
-    feed: bool = False
-    """Whether the feed is checked, and no tracker."""
-    as_json: bool = False
-    force: bool = False
 
 
 def score_recording(recording: Path, options: ScoreOptions) -> int:

@@ -6,7 +6,6 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from importlib.util import find_spec
 from math import ceil, log10
 from operator import attrgetter
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from plotfeed.feeds.console.extras import check_picture, need_extra
 from plotfeed.feeds.console.printed import aligned, printable, say
 from plotfeed.feeds.console.process import refuse_if_there
+from plotfeed.feeds.lab.lab_settings import SweepSettings, TrackerSettings
 from plotfeed.feeds.lab.pictures import (
     LEVELS_DRAWN,
     LevelAxis,
@@ -30,7 +30,6 @@ from plotfeed.feeds.lab.pictures import (
 from plotfeed.feeds.lab.runs import (
     NAME,
     Journal,
-    RunsAsked,
     SweepLevel,
     VariedKey,
     digests,
@@ -54,13 +53,10 @@ from plotfeed.feeds.lab.sweep import (
     run_once,
 )
 from plotfeed.feeds.lab.tables import (
-    CSV,
-    PARQUET,
     TABLES,
     check_suffix,
     level_columns,
     table_of,
-    usual_suffix,
     write_table,
 )
 from plotfeed.feeds.lab.trackers import (
@@ -73,7 +69,6 @@ from plotfeed.feeds.scene.fields import Enu
 from plotfeed.models.bootstrap import Interval, mean_interval
 from plotfeed.proto.errors import PlotfeedError
 
-PICTURE = "sweep.png"
 CLASSES = 40
 """Of distance, at least, up to the furthest range."""
 NOT_SENT = ("asterix", "http", "mqtt", "page", "sapient", "tak", "udp", "websocket")
@@ -89,41 +84,6 @@ NOT_FELT = (
     "sic",
 )
 """Ends of paths of keys that make none."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweepSettings(RunsAsked):
-    """What a sweep is asked to do, in the words of the command's options."""
-
-    out: Path
-    chart: Path | None
-    protect: str | None
-    """EAST,NORTH,UP of the site, metres; without it, the site."""
-    alert_plots: int
-    alert_within: float
-    """Seconds."""
-
-    @property
-    def is_one_table(self) -> bool:
-        """Whether one file is asked for, and not a folder."""
-        return self.out.suffix in (PARQUET, CSV)
-
-    @property
-    def folder(self) -> Path:
-        """Where the journal is; of one file it is hidden, and goes when that is written."""
-        return self.out.with_name(f".{self.out.name}.sweep") if self.is_one_table else self.out
-
-    def tables(self) -> dict[str, Path]:
-        """Files of tables, by name."""
-        if self.is_one_table:
-            return {"runs": self.out}
-        return {name: self.out / f"{name}{usual_suffix()}" for name in TABLES}
-
-    def picture(self) -> Path | None:
-        """The file of the chart, if there is one."""
-        if self.chart is None and not self.is_one_table and find_spec("matplotlib"):
-            return self.out / PICTURE
-        return self.chart
 
 
 def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
@@ -145,7 +105,7 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
     )
     journal = settings.folder / NAME
     if not journal.exists():
-        for path in settings.tables().values():
+        for path in settings.tables(TABLES).values():
             refuse_if_there(path, force=settings.force)
     told = {
         "plotfeed": version("plotfeed"),
@@ -161,7 +121,7 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
         before = finish_runs(kept, run_once, levels, settings, plan)
         done = kept.of_first(settings.runs)
         figures = figures_of(levels, done)
-        for name, path in settings.tables().items():
+        for name, path in settings.tables(TABLES).items():
             write_table(path, *table_of(name, levels, done))
         picture = settings.picture()
         if picture is not None:
@@ -172,7 +132,7 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
     settings.tell(
         counts | {"figures": [each.as_json() for each in figures]},
         _sweep_lines(figures, counts),
-        [*settings.tables().values(), *([picture] if picture else [])],
+        [*settings.tables(TABLES).values(), *([picture] if picture else [])],
     )
     if picture is None and not settings.is_one_table and not settings.as_json:
         say("no chart: pip install 'plotfeed[charts]'")
@@ -405,22 +365,6 @@ def _title(points: Sequence[CurvePoint]) -> str:
     runs = sum(point.runs for point in points)
     more = f"; failed in {failed}" if failed else ""
     return plain_text(f"{names}: {runs} runs, bars 95 % over those of a level{more}")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrackerSettings(RunsAsked):
-    """What is asked of runs of trackers, in the words of the command's options."""
-
-    trackers: Sequence[str]
-    speed: float
-    patience: float
-    topic: str | None
-    folder: Path
-
-    def files(self) -> list[Path]:
-        """The table, and the picture where it can be drawn."""
-        picture = [self.folder / "curve.png"] if find_spec("matplotlib") else []
-        return [self.folder / f"scores{usual_suffix()}", *picture]
 
 
 def score_tracker(scene: Path, settings: TrackerSettings, how: ScoreSettings) -> int:

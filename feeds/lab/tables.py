@@ -8,7 +8,6 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
-from importlib.util import find_spec
 from operator import attrgetter, itemgetter
 from pathlib import Path
 from types import MappingProxyType
@@ -16,6 +15,7 @@ from typing import Any, NamedTuple
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import Row, aligned, naming, printable, widths
+from plotfeed.feeds.lab.lab_settings import PARQUET
 from plotfeed.feeds.lab.runs import SweepLevel
 from plotfeed.feeds.lab.sweep import DISTANCE_COLUMNS, DRONE_COLUMNS, SENSOR_COLUMNS
 from plotfeed.replay.plots_csv import as_text
@@ -125,7 +125,6 @@ def table(
         yield f"  {line}".rstrip()
 
 
-PARQUET, CSV = ".parquet", ".csv"
 TABLES: Mapping[str, tuple[str, Mapping[str, type]]] = {
     "runs": ("sensors", SENSOR_COLUMNS),
     "drones": ("drones", DRONE_COLUMNS),
@@ -133,11 +132,6 @@ TABLES: Mapping[str, tuple[str, Mapping[str, type]]] = {
 }
 """By name: where a run's result has its rows, and the columns of them."""
 TableColumns = dict[str, list[Any]]
-
-
-def usual_suffix() -> str:
-    """The suffix of tables in a folder: Parquet where it can be written here."""
-    return PARQUET if find_spec("pyarrow") else CSV
 
 
 def check_suffix(path: Path) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import UTC
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -17,6 +17,7 @@ from plotfeed.feeds.console.printed import say, say_damage
 from plotfeed.feeds.console.process import made_of
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
+from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
@@ -44,30 +45,6 @@ MAX_RETAINED = 100_000
 """Topics of which a slice has what was retained when it begins."""
 SESSION = "/session"
 """The end of the topic on which a session says when it began: without that, no record is one."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConvertSettings:
-    """What a conversion is asked to do, in the words of the command's options."""
-
-    topics: Sequence[str] = ()
-    """Topic filters; without any, all topics."""
-    stages: Sequence[str] = ()
-    """Without any, all that the format holds."""
-    start: str | None = None
-    """The log time from which on messages are converted, as `Moment.parse` has it."""
-    end: str | None = None
-    """The log time before which."""
-    from_format: str | None = None
-    """Without it, what the content or the suffix says."""
-    to_format: str | None = None
-    """Without it, what the suffix says."""
-    date: datetime | None = None
-    """The day on which a file without dates begins."""
-    table: str | None = None
-    """Of Parquet or CSV; without it the one that the file's name ends in, else plots."""
-    force: bool = False
-    as_json: bool = False
 
 
 @dataclass(slots=True)

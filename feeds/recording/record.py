@@ -7,7 +7,6 @@ import json
 import signal
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from plotfeed.feeds.console.status_line import interval_s, show_last_status, sho
 from plotfeed.feeds.messages.message import checked_topic_filter
 from plotfeed.feeds.recording.record_sources import BrokerSource, UdpSource
 from plotfeed.feeds.recording.recorder import SUFFIX, Recorder
+from plotfeed.feeds.recording.recording_settings import RecordSettings
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import (
     DEFAULT_PORTS,
@@ -33,20 +33,6 @@ MAX_TOPICS = 65_536
 
 LIVE = "mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
 CaptureSource = BrokerSource | UdpSource
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordSettings:
-    """What a recording is asked to do, in the words of the command's options."""
-
-    interface: str | None = None
-    """Where a multicast group is joined."""
-    duration: float | None = None
-    """Seconds after which it ends."""
-    count: int | None = None
-    """Messages after which it ends."""
-    as_json: bool = False
-    force: bool = False
 
 
 def source_of(

@@ -21,7 +21,6 @@ from plotfeed.feeds.console.process import new_file
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.terrain_keys import HORIZONS
-from plotfeed.feeds.sensing.horizons import horizons_of
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.content_types import ASTERIX
 from plotfeed.replay.mcap.mcap_writer import McapWriter
@@ -267,6 +266,8 @@ def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
             name=SCENE_NAME, media_type="application/toml", data=text, log_time_ns=now_utc_ns
         )
     for name in files_of(scene):
+        from plotfeed.feeds.sensing.horizons import horizons_of
+
         data = horizons_of(scene) if name == HORIZONS else scene.file(name).read_bytes()
         yield Attachment(
             name=name, media_type="application/octet-stream", data=data, log_time_ns=now_utc_ns

@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from plotfeed.feeds.recording.recorder import SCENE_NAME, SUFFIX, files_of
+from plotfeed.feeds.recording.recorder import SCENE_NAME, files_of
 from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.errors import PlotfeedError
@@ -127,8 +127,3 @@ def _is_of_clock(message: Recorded) -> bool:
     except ValueError:
         return False
     return isinstance(command, dict) and "clock" in command
-
-
-def is_record(path: Path) -> bool:
-    """Whether a file is to be taken for a record and not for a scene."""
-    return path.suffix == SUFFIX

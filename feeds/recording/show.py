@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -16,12 +15,11 @@ from plotfeed.feeds.console.printed import printable, say, say_damage
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.recording.record_text import (
     EXTRA,
-    Categories,
-    categories_of,
     record_json,
     record_line,
     record_tree,
 )
+from plotfeed.feeds.recording.recording_settings import ShowSettings
 from plotfeed.feeds.recording.summary_text import figures, shown_time, summary_lines
 from plotfeed.proto.asterix.codec.decode import Block, Record, records_in
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS
@@ -37,40 +35,6 @@ from plotfeed.replay.summary import Summary
 # What raw ASTERIX does not need is imported where it is needed: it takes longer than reading.
 
 LINES_AT_ONCE = 64
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShowSettings:
-    """What is to be shown, and how, in the words of the command's options."""
-
-    listed: bool = False
-    """Whether the messages of a file are wanted."""
-    count: int | None = None
-    """Lines after which it ends."""
-    duration: float | None = None
-    """Seconds after which it ends, of what is live."""
-    topics: Sequence[str] = ()
-    """Topic filters; without any, all topics."""
-    stages: Sequence[str] = ()
-    """Of a file; without any, all stages."""
-    interface: str | None = None
-    """Where a multicast group is joined."""
-    as_json: bool = False
-    verbose: bool = False
-    """Whether messages are trees with names, units and words."""
-    editions: Sequence[str] = ()
-    """Of ASTERIX, in place of the usual ones."""
-    categories: Categories = field(init=False)
-    """The layouts that ASTERIX is read by."""
-
-    def __post_init__(self) -> None:
-        chosen = categories_of(self.editions, verbose=self.verbose)
-        object.__setattr__(self, "categories", chosen)
-
-    def chooses(self, message: Recorded) -> bool:
-        """Whether that message is wanted."""
-        of_stage = not self.stages or message.stage in self.stages
-        return of_stage and is_chosen(message.topic, self.topics)
 
 
 def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> int:

@@ -2,21 +2,78 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
+import sys
+from functools import cache
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats
 
 
 class SceneTable(BaseModel):
-    """A table of the scene file."""
+    """A table of the scene file. What checks it is built when the first such table is checked."""
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )
+
+    @classmethod
+    def meanings(cls) -> dict[str, str]:
+        """The meanings of its keys, from the strings beneath them in the source."""
+        found: dict[str, str] = {}
+        for each in reversed(cls.__mro__):
+            for name in vars(each).get("__annotations__", ()):
+                found.pop(name, None)
+            found |= _strings_beneath(each.__module__).get(each.__name__, {})
+        return {name: text for name, text in found.items() if name in cls.model_fields}
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /
+    ) -> JsonSchemaValue:
+        """JSON schema of the table, with the meanings of its keys."""
+        schema = handler(core_schema)
+        keys = handler.resolve_ref_schema(schema).get("properties", {})
+        for name, text in cls.meanings().items():
+            keys[name]["description"] = text
+        return schema
+
+
+@cache
+def _strings_beneath(module: str) -> dict[str, dict[str, str]]:
+    """The strings beneath annotated names of each class of a module, by the class and the name.
+
+    It costs as much as compiling the module, which a session that prints no schema spares.
+    """
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
+    except (OSError, TypeError, KeyError):  # no source is installed, or none was ever a file
+        return {}
+    found: dict[str, dict[str, str]] = {}
+    for of_class in (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+        told = found.setdefault(of_class.name, {})
+        for key, below in zip(of_class.body, of_class.body[1:], strict=False):
+            match key, below:
+                case (
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str(text))),
+                ):
+                    told[name] = inspect.cleandoc(text)
+    return found
 
 
 def _name(value: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -15,7 +15,9 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Speed,
 )
-from plotfeed.models.flight_plan import FlightLimits
+
+if TYPE_CHECKING:
+    from plotfeed.models.flight_plan import FlightLimits
 
 MAX_TURNS = 100.0
 
@@ -35,6 +37,8 @@ class LimitKeys(SceneTable):
     @property
     def model(self) -> FlightLimits:
         """The limits by which a flight is planned."""
+        from plotfeed.models.flight_plan import FlightLimits
+
         return FlightLimits(**self.model_dump())
 
 

@@ -95,6 +95,9 @@ def _suggestion(location: tuple[int | str, ...]) -> str:
 
 
 def _models() -> Iterator[type[BaseModel]]:
+    from plotfeed.feeds.scene.sensors import SENSORS
+
+    list(SENSORS.values())  # loads them
     waiting = list(SceneTable.__subclasses__())
     while waiting:
         model = waiting.pop()

@@ -153,7 +153,7 @@ class Scene(DestinationTables, WorldKeys):
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /
     ) -> JsonSchemaValue:
         """JSON schema of a scene's file, in which systems may stand for all sensors."""
-        schema = handler(core_schema)
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
         found = handler.resolve_ref_schema(schema)
         found["required"] = [key for key in found["required"] if key != "sensor"]
         found["anyOf"] = [{"required": ["sensor"]}, {"required": ["system"]}]

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.geoid import geoid_undulation_m
 
 ABOVE_SEA, ABOVE_ELLIPSOID = "height_msl_m", "height_m"
 PLACE = ("latitude_deg", "longitude_deg")
@@ -30,7 +29,11 @@ def with_ellipsoidal_heights(tree: dict[str, Any]) -> dict[str, Any]:
     stated_m = _numbers(keys.get("geoid_undulation_m"))
 
     def undulation_m(latitude_deg: float, longitude_deg: float) -> float:
-        return stated_m[0] if stated_m else float(geoid_undulation_m(latitude_deg, longitude_deg))
+        if stated_m:
+            return stated_m[0]
+        from plotfeed.models.geoid import geoid_undulation_m
+
+        return float(geoid_undulation_m(latitude_deg, longitude_deg))
 
     def converted(part: Any, key: str) -> Any:
         if isinstance(part, list | tuple):

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.geoid import geoid_undulation_m
 from plotfeed.models.state import Floats
 from plotfeed.proto.errors import PlotfeedError
 
@@ -39,6 +38,8 @@ class SeaLevel:
         """Height of sea level above the WGS-84 ellipsoid, metres, at places; (...)."""
         if self._stated_m is not None:
             return np.full(np.broadcast(latitude_deg, longitude_deg).shape, self._stated_m)
+        from plotfeed.models.geoid import geoid_undulation_m
+
         if self._of_grid is None:
             return geoid_undulation_m(latitude_deg, longitude_deg)
         found_m = self._of_grid(latitude_deg, longitude_deg)

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from plotfeed.feeds.scene.fields import Azimuth, Decibels, Name, SceneTable
-from plotfeed.models.effects.target_echoes import (
-    Aspect,
-    AspectTable,
-    LobedAspect,
-    TargetEcho,
-    TargetEchoes,
-)
 from plotfeed.models.state import DRONE
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.target_echoes import Aspect, TargetEcho, TargetEchoes
 
 Swerling = Annotated[int, Field(ge=0, le=4)]
 
@@ -31,6 +27,8 @@ class LobedAspectKeys(SceneTable):
 
     def model(self) -> Aspect:
         """Aspect for a model."""
+        from plotfeed.models.effects.target_echoes import LobedAspect
+
         return LobedAspect(self.depth_db)
 
 
@@ -54,6 +52,8 @@ class TableAspectKeys(SceneTable):
 
     def model(self) -> Aspect:
         """Aspect for a model."""
+        from plotfeed.models.effects.target_echoes import AspectTable
+
         return AspectTable(self.angle_deg, self.gain_db)
 
 
@@ -71,6 +71,8 @@ class TargetKeys(SceneTable):
 
     def echo(self, swerling: int | None) -> TargetEcho:
         """What is stated of such a drone, by its own case if it has one."""
+        from plotfeed.models.effects.target_echoes import TargetEcho
+
         return TargetEcho(
             swerling=self.swerling if swerling is None else swerling,
             aspect=None if self.aspect is None else self.aspect.model(),
@@ -95,6 +97,8 @@ class EchoesByClass:
 
     def __init__(self, targets: Sequence[TargetKeys]) -> None:
         self._numbers = {keys.target_class: n for n, keys in enumerate(targets)}
+        from plotfeed.models.effects.target_echoes import TargetEchoes
+
         self._echoes = TargetEchoes.of([*(keys.echo(None) for keys in targets), None])
 
     def of(self, classes: Sequence[str]) -> TargetEchoes:
@@ -108,6 +112,8 @@ def echoes_of(
 ) -> TargetEchoes:
     """The echo of one drone of a class, or of one with a case of its own; of nothing, none."""
     found = [keys.echo(swerling) for keys in targets if keys.target_class == target_class]
+    from plotfeed.models.effects.target_echoes import TargetEcho, TargetEchoes
+
     if not found and swerling is not None:
         found = [TargetEcho(swerling=swerling)]
     return TargetEchoes.of(found[:1] or [None])

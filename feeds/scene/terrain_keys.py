@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import SceneTable
-from plotfeed.models.effects.line_of_sight import USUAL_K
+from plotfeed.models.propagation import USUAL_K
 
 HORIZONS = "horizons"
 """What a recording has in the place of the files of [terrain]."""

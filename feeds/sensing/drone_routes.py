@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,12 +16,14 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.target_keys import echoes_of
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport
-from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, to_ecef
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.known_track import KnownTrack
 from plotfeed.models.state import DRONE, Emitter, Floats, Signature
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.models.flight_plan import FlightPlan
 
 MAX_LEG_M = 500.0
 """A straight line this long leaves the curve of constant height by 5 mm."""
@@ -58,10 +61,14 @@ class SceneSpace:
             at = np.array([place.east_m, place.north_m, place.above_site_m], np.float64)
             return at + offset_enu_m
         moved = geodetic(self.site, place, offset_enu_m)
+        from plotfeed.models.flight_plan import level_from_ecef
+
         return level_from_ecef(self.frame, geodetic_to_ecef(*moved))
 
     def track(self, plan: FlightPlan, begin_ns: int = 0, *, repeat: bool = False) -> KnownTrack:
         """A plan as it is flown from then on."""
+        from plotfeed.models.flight_plan import to_ecef
+
         t_s, position_m, velocity_m_s = to_ecef(self.frame, plan.knots())
         times_ns = [begin_ns + round(t * NS) for t in t_s.tolist()]
         return KnownTrack.smooth(times_ns, position_m, velocity_m_s, repeat=repeat)
@@ -83,6 +90,8 @@ def planned(space: SceneSpace, drone: Drone) -> DroneRoute:
 def _by_legs(space: SceneSpace, drone: Drone) -> DroneRoute:
     offset_m = drone.offset_enu_m
     home_m = np.zeros(3) if drone.home is None else space.level_m(drone.home, offset_m)
+    from plotfeed.models.flight_plan import FlightPlan
+
     plan = FlightPlan(drone.limits.model, home_m)
     ends = []
     for leg in drone.leg:
@@ -174,7 +183,6 @@ def _recorded_reports(
 
     And to which of them no flight leads from before.
     """
-    from plotfeed.feeds.telemetry.flights import read, smoothed
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
 
     options = FlightOptions(
@@ -186,6 +194,8 @@ def _recorded_reports(
         start_utc_ns=begin_ns,
         max_speed_m_s=scene.telemetry.max_speed_m_s,
     )
+    from plotfeed.feeds.telemetry.flights import read, smoothed
+
     flight = smoothed(read(scene.file(recorded.file), options))
     takeoff_height_m = recorded.takeoff_height_m
     if takeoff_height_m is None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,8 +30,6 @@ from plotfeed.feeds.sensing.world import World
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, PairDraws, Purpose, ScanDraws
-from plotfeed.models.cueing import CuedState
-from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.effects.classification import ClaimDraws
 from plotfeed.models.known_rows import renamed
 from plotfeed.models.local_frames import LocalFrames
@@ -39,6 +37,10 @@ from plotfeed.models.sensors.stacking import grouping_key
 from plotfeed.models.state import Bools
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS, NS_IN_MS
+
+if TYPE_CHECKING:
+    from plotfeed.models.cueing import CuedState
+    from plotfeed.models.dwell_agenda import PointedBeams
 
 AHEAD_NS = 10_000_000
 """A sector is worked out this long before its messages are due, so that only sending is left.

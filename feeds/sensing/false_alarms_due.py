@@ -6,15 +6,18 @@ A rotating sensor's are drawn when a scan begins, all at once, and wait until th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plotfeed.models.beam import Sector, Sectors, Timetable
 from plotfeed.models.chance import NO_SCAN, Chance, Purpose
-from plotfeed.models.clutter import ClutterMap
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel
 from plotfeed.models.state import Plots
+
+if TYPE_CHECKING:
+    from plotfeed.models.clutter import ClutterMap
 
 OfSensor = tuple[int, Plots]
 NONE_DUE_NS = np.iinfo(np.int64).max

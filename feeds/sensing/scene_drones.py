@@ -6,6 +6,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,15 +30,16 @@ from plotfeed.feeds.sensing.drone_routes import (
     signature_of,
     tells_echoes,
 )
-from plotfeed.feeds.sensing.other_movers import launch_others
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
-from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity
 from plotfeed.models.known_track import MAX_TRACKS, KnownTrack, Segment
 from plotfeed.models.live_samples import FOREVER_NS
 from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.models.flight_plan import FlightPlan
 
 FENCE_LOOKS = 33
 """At so many places of each stretch it is asked whether they are within a geofence."""
@@ -68,7 +70,12 @@ def launch(scene: Scene, trajectories: Trajectories, start_utc_ns: int) -> Scene
     Raises `PlotfeedError` for a flight without use.
     """
     drones = SceneDrones(scene, trajectories, start_utc_ns)
-    launch_others(scene, trajectories, start_utc_ns)  # what is drawn for drones goes by their rows
+    if scene.birds or scene.road or scene.turbine:
+        from plotfeed.feeds.sensing.other_movers import launch_others
+
+        launch_others(
+            scene, trajectories, start_utc_ns
+        )  # what is drawn for drones goes by their rows
     return drones
 
 
@@ -205,6 +212,8 @@ class _FlyingDrone:
 
     def _leave(self, happening: Contingency, at_ns: int, doing: str = "") -> None:
         """Leave its way then, or whatever it does instead."""
+        from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity
+
         name, before = self._drone.id, self._conduct_at(at_ns)
         segment = self._trajectories.segment_at(name, at_ns)
         if not segment.alive:
@@ -282,6 +291,8 @@ class _FlyingDrone:
 
     def _home_m(self) -> Floats:
         """The place where a drone lands when it comes home, as one of its scene."""
+        from plotfeed.models.flight_plan import level_from_ecef
+
         if self._drone.home is not None:
             return self._space.level_m(self._drone.home, self._drone.offset_enu_m)
         first_m = level_from_ecef(self._space.frame, self._route.track.position_ecef_m[0])
@@ -289,6 +300,8 @@ class _FlyingDrone:
 
     def _on_route_m(self, t_ns: int) -> Floats:
         """Where its route is after so long; at its end, the last place."""
+        from plotfeed.models.flight_plan import level_from_ecef
+
         segment = self._route.track.segment_at(t_ns)
         if not segment.alive:
             segment = self._route.track.segment_at(t_ns - 1)
@@ -335,6 +348,8 @@ class _FlyingDrone:
         return outside_ns
 
     def _is_within(self, segment: Segment, times_ns: Ints, fence: GeofenceKeys) -> Bools:
+        from plotfeed.models.flight_plan import level_from_ecef
+
         away_m = level_from_ecef(self._space.frame, segment.position_m(times_ns)) - self._home_m()
         within: Bools = np.hypot(away_m[:, 0], away_m[:, 1]) <= fence.radius_m
         if fence.above_home_m is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,23 +17,24 @@ from numpy.typing import NDArray
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.sensing.false_alarms_due import FalseAlarmsDue, OfSensor
 from plotfeed.feeds.sensing.sensor_site import SensorSite, with_heights
-from plotfeed.feeds.sensing.sidelobe_looks import SidelobeLooks
-from plotfeed.feeds.sensing.steered_sensors import Aims, Cueing
 from plotfeed.models.beam import Sectors, Timetable
 from plotfeed.models.beam_meetings import CULLED_FROM, Borders, meetings
 from plotfeed.models.chance import Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
-from plotfeed.models.dwell_agenda import Agenda, PointedBeams
-from plotfeed.models.effects.classification import ClaimDraws, HeldClaims
 from plotfeed.models.frames import Axes
 from plotfeed.models.local_frames import frames_at, rows_about
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.electronic_radar import ElectronicRadar
-from plotfeed.models.sensors.joint_sensor import JointSensor
+from plotfeed.models.sensors.joint_sensor import DwellingSensor, JointSensor
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS, SensorModel, Targets
 from plotfeed.models.sensors.stacking import stacked
 from plotfeed.models.state import Columns, Floats, Ints, Looks, PlaceState, Plots, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.sensing.sidelobe_looks import SidelobeLooks
+    from plotfeed.feeds.sensing.steered_sensors import Aims, Cueing
+    from plotfeed.models.dwell_agenda import PointedBeams
+    from plotfeed.models.effects.classification import ClaimDraws
 
 TRAVEL_TIME_STEPS = 5
 """Of the fixed point for when a sound left: they leave 3 cm at 60 m/s and 1 km."""
@@ -79,9 +80,15 @@ class SensorGroup:
         self._frames = self.site.frame if self._is_alone else at_work.frames
         self._model = stacked(models)
         self._merges = getattr(self._model, "merging", None) is not None
+        from plotfeed.models.dwell_agenda import Agenda
+
         self._agenda = Agenda.empty()
-        of_scene = at_work.names, at_work.trajectories, at_work.chances
-        self._sidelobes = SidelobeLooks.of(self.models, *of_scene)
+        self._sidelobes: SidelobeLooks | None = None
+        if any(model.shows_sidelobes for model in models):
+            from plotfeed.feeds.sensing.sidelobe_looks import SidelobeLooks
+
+            of_scene = at_work.names, at_work.trajectories, at_work.chances
+            self._sidelobes = SidelobeLooks.of(self.models, *of_scene)
         self._place = np.zeros(max(sensors) + 1, np.int64)
         self._place[self.sensors] = np.arange(len(sensors))
         self._reach_m = np.zeros(max(sensors) + 1)
@@ -90,7 +97,7 @@ class SensorGroup:
     def beams(self) -> PointedBeams | None:
         """Where the beams of the last period pointed; None where none is steered."""
         model = self._model
-        return model.pointed(self._agenda) if isinstance(model, ElectronicRadar) else None
+        return model.pointed(self._agenda) if isinstance(model, DwellingSensor) else None
 
     @nan_without_warnings
     def look(self, sectors: Sectors) -> Batch:
@@ -128,7 +135,7 @@ class SensorGroup:
         if aims is not None:
             targets = aims.by_mount(targets, row)
         rng: Any = generators[0] if self._is_alone else DrawsBySensor(generators, row)
-        if isinstance(self._model, ElectronicRadar):
+        if isinstance(self._model, DwellingSensor):
             looks, detections, self._agenda = self._model.observe_period(
                 self._agenda, targets, sectors.one(0), rng
             )
@@ -265,6 +272,8 @@ class SensorGroup:
             sensor=None if self._is_alone else sensors[row],
         )
         if held_ns := self._model.claims_held_ns:
+            from plotfeed.models.effects.classification import HeldClaims
+
             held = HeldClaims(self._at_work.claims, int(self.sensors[0]), held_ns)
             targets = replace(targets, claims=held)
         if self._model.draws_by_pair:

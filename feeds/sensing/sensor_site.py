@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from plotfeed.feeds.formats import FORMATS
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.chance import Chance
-from plotfeed.models.effects.decorrelation import TargetStrengths
-from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import Axes, LocalFrame, aer_to_enu, enu_to_aer
 from plotfeed.models.state import Ints, Looks, PlaceState, Plots, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.decorrelation import TargetStrengths
+    from plotfeed.models.effects.readings import Readings
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ class SensorSite:
             reads_bistatic_ranges=sensor.geometry is SensorGeometry.BISTATIC,
             clock_ahead_ns=sensor.clock_ahead_ns,
             errs=sensor.bias is not None or sensor.drift is not None,
-            tells_heights=any(FORMATS[name].facts.tells_heights for name in sensor.report),
+            tells_heights=any(REPORT_FORMATS[name].tells_heights for name in sensor.report),
             is_steered=mount_of(sensor) is not None,
             trajectories=trajectories,
         )
@@ -102,6 +104,8 @@ def strengths_of(sensor: Sensor, chance: Chance) -> TargetStrengths | None:
     tau_s: float | None = getattr(sensor, "decorrelation_s", None)
     if tau_s is None:
         return None
+    from plotfeed.models.effects.decorrelation import TargetStrengths
+
     return TargetStrengths(chance, step_ns=sensor.scan.period_ns, time_constant_ns=tau_s * NS)
 
 

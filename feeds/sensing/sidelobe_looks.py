@@ -13,7 +13,7 @@ from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.movers import other_name
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
-from plotfeed.models.sidelobe_echoes import SIDELOBE, shows_sidelobes, sidelobe_plots
+from plotfeed.models.sidelobe_echoes import SIDELOBE, sidelobe_plots
 from plotfeed.models.truth import Trajectories
 
 
@@ -38,7 +38,7 @@ class SidelobeLooks:
         radars = {
             i: model
             for i, model in models.items()
-            if isinstance(model, PolarRadar) and shows_sidelobes(model)
+            if isinstance(model, PolarRadar) and model.shows_sidelobes
         }
         if not radars:
             return None

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,22 +20,14 @@ from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import Cue, MountKeys, cue_order, home_of, mount_of
 from plotfeed.models.beam import Sectors
-from plotfeed.models.cueing import (
-    HOME,
-    CueBatch,
-    CuedState,
-    CueRule,
-    advanced,
-    after_dwell,
-    after_plots,
-    turned_to,
-)
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
-from plotfeed.models.pointing import Aim, at_rest, from_mount, to_mount
-from plotfeed.models.sensors.camera import Camera
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots
 from plotfeed.proto.utc import NS, NS_IN_MS
+
+if TYPE_CHECKING:
+    from plotfeed.models.cueing import CueBatch, CuedState, CueRule
+    from plotfeed.models.pointing import Aim
 
 TOPIC, LOOK_AT = "cue", "look_at"
 """What a mount says that it is cued by, if not by a sensor."""
@@ -53,6 +45,8 @@ class Aims(Columns):
 
     def by_mount(self, targets: Targets, row: Ints) -> Targets:
         """Targets by the axes of the mounts, each of the scan of that row; (n,)."""
+        from plotfeed.models.pointing import to_mount
+
         return replace(
             targets,
             position_enu_m=to_mount(targets.position_enu_m, self.pan_deg[row], self.tilt_deg[row]),
@@ -67,6 +61,8 @@ class Aims(Columns):
         pan_deg, tilt_deg = self.pan_deg[row], self.tilt_deg[row]
         level = not found.elevation_deg.size or np.isnan(found.elevation_deg).all()
         own_deg = np.zeros(len(found)) if level else found.elevation_deg
+        from plotfeed.models.pointing import from_mount
+
         azimuth_deg, elevation_deg = from_mount(found.azimuth_deg, own_deg, pan_deg, tilt_deg)
         turned = {"azimuth_deg": azimuth_deg}
         if not level:
@@ -79,6 +75,8 @@ class Aims(Columns):
     def of_alarms(self, alarms: Plots, sensor: int, model: SensorModel) -> Plots:
         """False alarms of one sensor by its mount's axes, as its lens and its mount have them."""
         row = np.searchsorted(self.sensor, [sensor])
+        from plotfeed.models.sensors.camera import Camera
+
         if isinstance(model, Camera):
             alarms = model.zoomed_alarms(alarms, float(self.field_deg[row[0]]))
         turned: Plots = self.rows(row).back(alarms)
@@ -136,7 +134,11 @@ class Cueing:
         """Let all mounts be at rest then, where they look without cues."""
         for steered in self._steered.values():
             aim = steered.rule.mount.reachable(steered.look_at or steered.rule.home)
+            from plotfeed.models.cueing import HOME, CuedState
+
             source = HOME if steered.look_at is None else LOOK_AT
+            from plotfeed.models.pointing import at_rest
+
             steered.state = CuedState(
                 pointing=at_rest(aim, start_utc_ns), aim=aim, source=source, firm=bool(source)
             )
@@ -149,6 +151,8 @@ class Cueing:
         made = self._made(sensor, keys)
         before.keys, before.rule = keys, made.rule
         state = before.state
+        from plotfeed.models.cueing import HOME, turned_to
+
         if made.look_at is not None and made.look_at != before.look_at:
             before.state = turned_to(state, made.rule, made.look_at, LOOK_AT, None, firm=True)
         elif made.look_at is None and state.source in {HOME, LOOK_AT}:
@@ -198,10 +202,15 @@ class Cueing:
         if keys.look_at is not None:
             look_at = keys.look_at.aim(self._site, sensor.position_enu_m, home.field_deg)
         rule = keys.rule(home)
+        from plotfeed.models.cueing import CuedState
+        from plotfeed.models.pointing import at_rest
+
         state = CuedState(pointing=at_rest(rule.home, 0), aim=rule.home)
         return _Steered(keys, rule, look_at, state)
 
     def _put(self, steered: _Steered, known_ns: int, what: CueBatch | tuple[Aim, int]) -> None:
+        from plotfeed.models.cueing import CueBatch
+
         at_ns = known_ns + round(steered.keys.latency_ms * NS_IN_MS)
         if isinstance(what, CueBatch):
             what = replace(what, t_utc_ns=at_ns)
@@ -212,6 +221,8 @@ class Cueing:
 
         What has no elevation is looked for where the sensor looks at home.
         """
+        from plotfeed.models.cueing import CueBatch
+
         azimuth_deg, elevation_deg, range_m = plots.azimuth_deg, plots.elevation_deg, plots.range_m
         tilts = ~np.isnan(elevation_deg)
         places = ~np.isnan(range_m)
@@ -238,6 +249,8 @@ class Cueing:
 
     def _state_at(self, i: int, t_utc_ns: int) -> CuedState:
         """What cues and dwells until then have made of a mount."""
+        from plotfeed.models.cueing import CueBatch, advanced, after_dwell, after_plots, turned_to
+
         steered = self._steered[i]
         state, rule, pending = steered.state, steered.rule, steered.pending
         while True:
@@ -270,6 +283,8 @@ def _joined(recent: deque[CueBatch], since_ns: int) -> CueBatch | None:
         recent.popleft()
     if not recent:
         return None
+    from plotfeed.models.cueing import CueBatch
+
     return CueBatch(
         t_utc_ns=recent[-1].t_utc_ns,
         source=recent[-1].source,

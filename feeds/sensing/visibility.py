@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,17 +15,17 @@ from plotfeed.feeds.scene.changes import in_force
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import home_of, mount_of
-from plotfeed.feeds.sensing.cover import LIMITS, Hindrance, cover_of, outside, shown_m
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.models.chance import Chance, PairDraws
 from plotfeed.models.frames import distance_m, ecef_to_geodetic, enu_to_aer
-from plotfeed.models.pointing import to_mount
-from plotfeed.models.sensors.electronic_radar import ElectronicRadar
-from plotfeed.models.sensors.joint_sensor import JointSensor
+from plotfeed.models.sensors.joint_sensor import DwellingSensor, JointSensor
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Floats, Ints, Signatures, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.sensing.cover import Hindrance
 
 SEEN_PD = 0.01
 """A sensor that detects fewer than one look in a hundred at a drone does not see it."""
@@ -191,7 +191,7 @@ class Outlook:
         return pd
 
     def _looked_at(self, i: int, sensor: Sensor, model: SensorModel, states: TruthState) -> Floats:
-        if isinstance(model, ElectronicRadar):  # in each of its dwells
+        if isinstance(model, DwellingSensor):  # in each of its dwells
             model = model.among_all
         targets = self._targets(i, sensor, model, states)
         if not isinstance(model, JointSensor):
@@ -200,6 +200,8 @@ class Outlook:
                 alone = replace(alone, merging=None)  # samples of one flight are not together there
             return looked_at(alone, targets, np.random.default_rng(0))
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+        from plotfeed.feeds.sensing.cover import cover_of
+
         covered = cover_of(limits_of(sensor)).in_cover(range_m, azimuth_deg, elevation_deg)
         return np.where(covered, model.predict(targets).pd, np.nan)
 
@@ -216,6 +218,8 @@ class Outlook:
                 aim = mount.look_at.aim(self._site, sensor.position_enu_m, home.field_deg)
                 pan_deg, tilt_deg = np.full((2, len(states)), [[aim.pan_deg], [aim.tilt_deg]])
             tilt_deg = np.clip(tilt_deg, mount.tilt_min_deg, mount.tilt_max_deg)
+            from plotfeed.models.pointing import to_mount
+
             place_m = to_mount(place_m, np.nan_to_num(pan_deg), tilt_deg)
             field_deg = np.full(len(states), home.field_deg)
         if model.draws_by_pair:
@@ -246,6 +250,8 @@ class Outlook:
 
     def _hindrance(self, i: int, states: TruthState, pd: Floats) -> Hindrance:
         """What keeps a sensor from seeing a drone at all: of its states, what does so last."""
+        from plotfeed.feeds.sensing.cover import Hindrance
+
         found = Hindrance.of("off", "it is off")
         for rows, sensor, model in self._by_time(i, states):
             if sensor.enabled:
@@ -257,6 +263,8 @@ class Outlook:
     ) -> Hindrance:
         (sensor, model), site = at_work, self._sensors.sites[i]
         place_m = site.axes.from_ecef(states.position_ecef_m)
+        from plotfeed.feeds.sensing.cover import Hindrance, cover_of, outside, shown_m
+
         hindrance = outside(cover_of(limits_of(sensor)), place_m)
         if hindrance is not None:
             return hindrance
@@ -288,6 +296,8 @@ def _end_ns(start_ns: int, duration_s: float | None) -> int:
 
 def limits_of(sensor: Sensor) -> dict[str, Any]:
     """Keys of a sensor's cover, of a mount's where that turns it."""
+    from plotfeed.feeds.sensing.cover import LIMITS
+
     names = ("range_max_m", *LIMITS)
     told: dict[str, Any] = {name: getattr(sensor, name, None) for name in names}
     mount = mount_of(sensor)

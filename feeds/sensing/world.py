@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,42 +14,17 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.clutter import CLUTTER, ClutterMap, Spikes, inside
-from plotfeed.models.effects.echo_effects import EchoEffects
-from plotfeed.models.effects.jamming import Jamming, behind
-from plotfeed.models.effects.pillars import Pillar
 from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
 from plotfeed.models.frames import Axes, LocalFrame, geodetic_to_ecef
-from plotfeed.models.movers import other_name
-from plotfeed.models.sensors.echo_radar import EchoRadar
-from plotfeed.models.sensors.electronic_radar import ElectronicRadar
-from plotfeed.models.sensors.multistatic import MultistaticRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.radio_sensor import RadioSensor
-from plotfeed.models.sensors.rf_receiver import RfReceiver
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
 
-R = TypeVar("R", bound=EchoRadar)
-
-
-def _behind(effects: EchoEffects, way: OnTheWay) -> EchoEffects:
-    """Effects of which jammers come by that way."""
-    met = tuple(
-        replace(effect, jammers=behind(effect.jammers, way))
-        if isinstance(effect, Jamming)
-        else effect
-        for effect in effects.in_the_world
-    )
-    return replace(effects, in_the_world=met)
-
-
-def _with_jammers_behind(radar: R, way: OnTheWay) -> R:
-    """A radar whose jammers come by that way."""
-    effects = radar.echo_effects
-    return radar if effects is None else replace(radar, echo_effects=_behind(effects, way))
+if TYPE_CHECKING:
+    from plotfeed.models.clutter import ClutterMap, Spikes
+    from plotfeed.models.effects.pillars import Pillar
 
 
 def _rates_of(
@@ -60,6 +35,8 @@ def _rates_of(
     if keys.threshold_db is None:
         return (keys.plots_per_km2 or 0.0) * area_m2 / 1e6 * texture, None
     stays = texture if keys.texture_stays else None
+    from plotfeed.models.clutter import Spikes
+
     spikes = Spikes(threshold=10 ** (keys.threshold_db / 10), order=keys.shape, texture=stays)
     ground_m = np.maximum(np.hypot(place_m[:, 0], place_m[:, 1]), keys.cell_m)
     of_beam_m2 = ground_m * np.radians(model.azimuth_beamwidth_deg) * model.range_resolution_m
@@ -77,7 +54,6 @@ HIGHEST_SITE_M = 500.0
 """Over the ground: no tower is higher by much."""
 LOWEST_LAND_M, HIGHEST_LAND_M = 10.0, 9000.0
 """Below and above the sea: where the ground is not known, what is beyond is asked about."""
-OF_RADIO = (RadioSensor, ElectronicRadar, MultistaticRadar)
 
 
 class World:
@@ -102,13 +78,7 @@ class World:
             met.append(obstruction)
         if met:
             model = replace(model, surroundings=Surroundings(tuple(met)))
-        if obstruction is None:
-            return model
-        if isinstance(model, RfReceiver):
-            return replace(model, jammers=behind(model.jammers, obstruction))
-        if isinstance(model, ElectronicRadar):
-            return replace(model, radar=_with_jammers_behind(model.radar, obstruction))
-        return _with_jammers_behind(model, obstruction) if isinstance(model, EchoRadar) else model
+        return model if obstruction is None else model.with_jammers_behind(obstruction)
 
     def clutter_of(
         self, model: SensorModel, axes: Axes, trajectories: Trajectories
@@ -134,8 +104,12 @@ class World:
             )
         east_m, north_m = (column.ravel() for column in np.meshgrid(east, north))
         half_m = keys.cell_m / 2
+        from plotfeed.models.clutter import CLUTTER, ClutterMap, inside
+
         within = inside(east_m + half_m, north_m + half_m, corners_m[:, :2])
         east_m, north_m = east_m[within], north_m[within]
+        from plotfeed.models.movers import other_name
+
         name = other_name(CLUTTER, keys.id)
         rng = Chance(self._scene.scene.seed, name).rng(Purpose.CLUTTER, 0)
         texture = rng.standard_gamma(keys.shape, len(east_m)) / keys.shape
@@ -160,12 +134,14 @@ class World:
 
     def _towers(self, sensor: Sensor, model: SensorModel) -> Iterator[Pillar]:
         """Towers that stand in the way of radio waves."""
-        if not isinstance(model, OF_RADIO):
+        if not model.is_radio:
             return
         for turbine in self._scene.turbine:
             if turbine.tower_width_m:
                 frame = frame_at(self._site, sensor.position_enu_m)
                 east_m, north_m, up_m = enu_from(frame, self._site, turbine).tolist()
+                from plotfeed.models.effects.pillars import Pillar
+
                 yield Pillar((east_m, north_m, up_m), turbine.tower_width_m)
 
     def ground_m(self, latitude_deg: Floats, longitude_deg: Floats) -> Floats:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
-from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import Clock, WallClock
-from plotfeed.feeds.transport.live_source import LiveSource
 from plotfeed.proto.content_types import PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
+    from plotfeed.feeds.transport.live_source import LiveSource
 
 
 def sources_of(
@@ -27,7 +30,9 @@ def sources_of(
     recordings treat them like all telemetry.
     """
     sources = scene.outgoing.sources
-    if sources and not (isinstance(clock, WallClock) and clock.is_real):
+    if not sources:
+        return []
+    if not (isinstance(clock, WallClock) and clock.is_real):
         raise PlotfeedError(
             "telemetry.source: live sources need real time: neither start_utc nor another --speed"
         )
@@ -38,6 +43,8 @@ def sources_of(
 
     def not_taken(kind: str, drone: str, refused: Refused) -> None:
         refuse(root + (drone or kind), refused)
+
+    from plotfeed.feeds.transport.live_source import LiveSource
 
     return [
         LiveSource(

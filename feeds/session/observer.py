@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
@@ -17,10 +17,12 @@ from plotfeed.feeds.scene.story_keys import StoryState
 from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import Schedule
-from plotfeed.models.cueing import CuedState
-from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
+
+if TYPE_CHECKING:
+    from plotfeed.models.cueing import CuedState
+    from plotfeed.models.dwell_agenda import PointedBeams
 
 Input = tuple[str, bytes, str | None]
 """Topic, payload and content type of what came in."""

@@ -14,6 +14,7 @@ from plotfeed.feeds.formats import Announcer, announcer_of
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import KeptUp, Outgoing, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
+from plotfeed.feeds.scene.loaded_on_use import LoadedOnUse
 from plotfeed.feeds.scene.output_keys import USUAL_PORT
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -22,23 +23,23 @@ from plotfeed.feeds.scene.ways_out import WaysOut
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_description import status_of
 from plotfeed.feeds.session.sensor_task import status_message
-from plotfeed.feeds.session.session_part import HeldTransport, PartHold, PartLink
-from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
-from plotfeed.feeds.transport.http_post import HttpTransport
-from plotfeed.feeds.transport.local_hosts import LOOPBACK
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.mqtt.connection import OnMessage
-from plotfeed.feeds.transport.mqtt.last_wills import LastWills
-from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
-from plotfeed.feeds.transport.sapient_intake import SapientIntake
-from plotfeed.feeds.transport.sapient_news import SapientNews
-from plotfeed.feeds.transport.tak import TakTransport
-from plotfeed.feeds.transport.udp import UdpTransport
-from plotfeed.feeds.transport.websocket_server import WebSocketTransport
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
+    from plotfeed.feeds.session.session_part import HeldTransport, PartHold
+    from plotfeed.feeds.transport.http_post import HttpTransport
+    from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
+    from plotfeed.feeds.transport.tak import TakTransport
+    from plotfeed.feeds.transport.udp import UdpTransport
+    from plotfeed.feeds.transport.websocket_server import WebSocketTransport
+
+    TrackTransport = TakTransport | HttpTransport | WebSocketTransport | RemoteIdTransport
+    from plotfeed.feeds.transport.mqtt.client import MqttTransport
+    from plotfeed.feeds.transport.mqtt.connection import OnMessage
+    from plotfeed.feeds.transport.mqtt.last_wills import LastWills
+    from plotfeed.feeds.transport.sapient_intake import SapientIntake
+    from plotfeed.feeds.transport.sapient_news import SapientNews
     from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport
 
 NO_BROKER = "none"
@@ -64,11 +65,15 @@ async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]
         address = broker_address(scene, url)
         yield [address], {"MQTT": str(address)}
         return
+    from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
+
     embedded = await EmbeddedBroker.start(
         to.port or USUAL_PORT, to.embedded, may_be_others=to.port is None
     )
     keeping_up = asyncio.create_task(embedded.keep_up(), name="embedded broker")
     try:
+        from plotfeed.feeds.transport.local_hosts import LOOPBACK
+
         mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,), ends_with_us=True)
         mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,), ends_with_us=True)
         yield [mqtt5, mqtt3], embedded.ports.urls()
@@ -88,24 +93,27 @@ def broker_address(scene: Scene, url: str) -> BrokerAddress:
     return BrokerAddress.parse(url, versions=versions, access=access, waits=to.waits)
 
 
-TrackTransport = TakTransport | HttpTransport | WebSocketTransport | RemoteIdTransport
+# What carries tracks to servers, maps and who asks, by the scene's names for it.
+TRACK_TRANSPORTS: LoadedOnUse[Callable[..., TrackTransport]] = LoadedOnUse(
+    {
+        "tak": "plotfeed.feeds.transport.tak:TakTransport",
+        "http": "plotfeed.feeds.transport.http_post:HttpTransport",
+        "websocket": "plotfeed.feeds.transport.websocket_server:WebSocketTransport",
+        "remote_id_service": "plotfeed.feeds.transport.remote_id_service:RemoteIdTransport",
+    }
+)
 
 
 def of_tracks(
     to: WaysOut, now_utc_ns: Callable[[], int]
 ) -> list[tuple[TrackDestination, TrackTransport]]:
     """What carries tracks to servers, maps and who asks, with its keys; raises `PlotfeedError`."""
+    asks_when = {"remote_id_service": (now_utc_ns,)}
     return [
-        *((keys, TakTransport(keys, f"tak[{i}]")) for i, keys in enumerate(to.tak)),
-        *((keys, HttpTransport(keys, f"http[{i}]")) for i, keys in enumerate(to.http)),
-        *(
-            (keys, WebSocketTransport(keys, f"websocket[{i}]"))
-            for i, keys in enumerate(to.websocket)
-        ),
-        *(
-            (keys, RemoteIdTransport(keys, now_utc_ns, f"remote_id_service[{i}]"))
-            for i, keys in enumerate(to.remote_id_service)
-        ),
+        (keys, carrier(keys, *asks_when.get(kind, ()), f"{kind}[{i}]"))
+        for kind in TRACK_TRANSPORTS
+        for i, keys in enumerate(getattr(to, kind))
+        for carrier in (TRACK_TRANSPORTS[kind],)
     ]
 
 
@@ -119,8 +127,11 @@ class Outputs:
         hold: PartHold | None = None,
     ) -> None:
         observers = context.observers
-        to = context.scene.outgoing.udp
-        self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
+        self.udp: list[UdpTransport] = []
+        if to := context.scene.outgoing.udp:
+            from plotfeed.feeds.transport.udp import UdpTransport
+
+            self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
         self._of_tracks = of_tracks(context.scene.outgoing, context.clock.now_ns)
         self.connected: list[KeptUp] = []
         """All that have to be kept up, the links to brokers first, then those that others share."""
@@ -159,6 +170,8 @@ class Outputs:
                 self._wills[SESSION] = will
                 stem = None if self._hold is None else self._hold.client_id
                 is_back = partial(self._is_back, link)
+                from plotfeed.feeds.transport.mqtt.last_wills import LastWills
+
                 wills = LastWills(link, self._wills, is_back, stem=stem, prompt=SESSION)
                 self._last_wills.append(wills)
                 self.connected.append(wills)
@@ -178,7 +191,11 @@ class Outputs:
         }
         if self._hold is not None:
             self._hold.listen(topics, on_message)
+            from plotfeed.feeds.session.session_part import PartLink
+
             return PartLink(to, self._hold, **how)
+        from plotfeed.feeds.transport.mqtt.client import MqttTransport
+
         return MqttTransport(
             to, "plotfeed-session", subscribe=list(topics), on_message=on_message, **how
         )
@@ -187,6 +204,8 @@ class Outputs:
         """What takes nothing while another process may have the part that is run."""
         if self._hold is None:
             return transport
+        from plotfeed.feeds.session.session_part import HeldTransport
+
         return self._held.setdefault(id(transport), HeldTransport(transport, self._hold))
 
     def of_sensor(self, sensor: Sensor, start_ns: int) -> tuple[Outbox, Announcer | None]:
@@ -224,6 +243,9 @@ class Outputs:
         settings = self._scene.sapient.model_copy(update={"middleware": middleware})
         if self._middleware is None:
             limits = settings.max_messages_per_s, settings.max_octets_per_s
+            from plotfeed.feeds.transport.sapient_intake import SapientIntake
+            from plotfeed.feeds.transport.sapient_news import SapientNews
+
             self._middleware = SapientIntake(*limits), SapientNews()
         intake, news = self._middleware
         return SapientTcpTransport(

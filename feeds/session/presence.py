@@ -10,16 +10,18 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
-from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import NS_IN_MS, iso_utc
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.session.session_part import SessionPart
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.delivery.lateness import lateness_us
 from plotfeed.feeds.delivery.outbox import Outbox
@@ -21,10 +21,12 @@ from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_description import mount_status, status_of
 from plotfeed.feeds.telemetry.receiver import to_json
-from plotfeed.models.cueing import CuedState
-from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS, iso_utc
+
+if TYPE_CHECKING:
+    from plotfeed.models.cueing import CuedState
+    from plotfeed.models.dwell_agenda import PointedBeams
 
 STATUS_EVERY_NS = 5 * NS
 STATUSES_AT_ONCE = 8

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.delivery.ledger_writer import Kept, LedgerWriter
@@ -25,13 +25,14 @@ from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
 from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.session.sensor_task import SensorTask
-from plotfeed.feeds.session.session_part import MARGIN_NS, PartHold, SessionPart
 from plotfeed.feeds.session.ticks import Ticks
-from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.session.session_part import PartHold, SessionPart
 
 FIRST_CONNECTION_S = 5.0
 ECHO_S = 5.0
@@ -177,14 +178,19 @@ class Session:
         self._hold: PartHold | None = None
         """Whether this process has its part, where others may take it over at a broker."""
         if part is not None and addresses:
+            from plotfeed.feeds.session.session_part import PartHold
+
             self._hold = PartHold(part, context, addresses[0])
         self._outputs = Outputs(context, addresses, self._hold)
         process = None if self._hold is None else self._hold.process
         self._presence = SessionPresence(
             own, clock, totals, self._publish, part=part, process=process
         )
-        mappings = scene.telemetry.mapping
-        mapped = MappedReports(mappings) if mappings else None
+        mapped = None
+        if scene.telemetry.mapping:
+            from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
+
+            mapped = MappedReports(scene.telemetry.mapping)
         self._tracker_topics = context.tracker_topics
         topics = [*self._inputs.topics, self._presence.topic, *self._tracker_topics]
         topics += mapped.topics if mapped else []
@@ -296,6 +302,8 @@ class Session:
         """Go on at once with what nobody has sent yet, or begin when the scene does."""
         if self._hold is None:
             await self.ticks.stand_by(part.began_utc_ns, lambda: True)
+        from plotfeed.feeds.session.session_part import MARGIN_NS
+
         margin_ns = 0 if self._hold is None else MARGIN_NS
         await self.ticks.join(max(self.clock.now_ns() + margin_ns, part.began_utc_ns))
         if self._hold is not None:

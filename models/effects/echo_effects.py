@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from plotfeed.models.effects.antenna import Antenna
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.state import Floats
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.antenna import Antenna
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

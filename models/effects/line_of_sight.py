@@ -17,12 +17,11 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models.frames import Axes, LocalFrame, wrap_180
 from plotfeed.models.numerics import as_floats, nan_without_warnings
+from plotfeed.models.propagation import USUAL_K
 from plotfeed.models.state import Floats, Ints
 from plotfeed.models.terrain import Ground, Walls
 
 EARTH_RADIUS_M = 6_371_000.0
-USUAL_K = 4 / 3
-"""Effective over true radius of the Earth, of average air (ITU-R P.834)."""
 OPAQUE = 1e-20
 """What is left of a power that is cut off: 200 dB less, so that its level still is a number."""
 STEEPEST = 1e3

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
 from plotfeed.models import detection
 from plotfeed.models.chance import of_rows
-from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits, LookDetails
-from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.echo_effects import EchoEffects, EchoPaths
 from plotfeed.models.sensors.radio_sensor import RadioSensor
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets
 from plotfeed.models.sensors.stacking import EVERY_ROW
 from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
 
 if TYPE_CHECKING:
+    from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits
+    from plotfeed.models.effects.doppler import Doppler
+    from plotfeed.models.effects.echo_effects import EchoEffects, EchoPaths
     from plotfeed.models.effects.merging import Merging
+    from plotfeed.models.effects.surroundings import OnTheWay
 
 MEASURED_OF = (
     *("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr"),
@@ -67,6 +68,20 @@ class EchoRadar(RadioSensor, ABC):
     @abstractmethod
     def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
         """How echoes of those rows of targets, the model's own, come to it."""
+
+    def with_jammers_behind(self, way: OnTheWay) -> Self:
+        """The radar with what an obstruction leaves of its jammers."""
+        if self.echo_effects is None:
+            return self
+        from plotfeed.models.effects.jamming import Jamming, behind
+
+        met = tuple(
+            replace(effect, jammers=behind(effect.jammers, way))
+            if isinstance(effect, Jamming)
+            else effect
+            for effect in self.echo_effects.in_the_world
+        )
+        return replace(self, echo_effects=replace(self.echo_effects, in_the_world=met))
 
     @property
     def usual_case(self) -> int:
@@ -124,6 +139,8 @@ class EchoRadar(RadioSensor, ABC):
         """The detector of a radar that models more than the usual; None for any other."""
         if self.doppler is None and self.merging is None:
             return None
+        from plotfeed.models.effects.detailed_detection import DetailedDetector
+
         return DetailedDetector(
             doppler=self.doppler,
             merging=self.merging,
@@ -149,6 +166,8 @@ class EchoRadar(RadioSensor, ABC):
             pd = pd * self.degradation.pd_factor
         detected = UNDECIDED[: len(pd)] if self._detailed else detection.draw_hits(pd, rng)  # eq 8
         looks = targets.looks(rows, geometry, snr=snr, pd=pd, detected=detected, channel=channel)
+        from plotfeed.models.effects.detailed_detection import Hits, LookDetails
+
         if self._detailed is None:
             if not detected.any():
                 return looks, NO_PLOTS

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,12 @@ from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.fluctuation import STEADY
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.sensors.joint_sensor import JointSensor
+from plotfeed.models.sensors.joint_sensor import DwellingSensor
 from plotfeed.models.sensors.sensor_model import Prediction, Targets
 from plotfeed.models.state import NS, Floats, Ints, Looks, Plots
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.surroundings import OnTheWay
 
 SEARCH, CONFIRMATION, REVISIT = 0, 1, 2
 """Channels of looks and plots."""
@@ -78,7 +81,7 @@ class _Period:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ElectronicRadar(JointSensor):
+class ElectronicRadar(DwellingSensor):
     """An active radar, whose cover is searched, and how its dwells are shared."""
 
     radar: ActiveRadar
@@ -103,6 +106,12 @@ class ElectronicRadar(JointSensor):
     def false_alarms_per_scan(self) -> float:
         """None is confirmed; they take dwells."""
         return 0.0
+
+    is_radio: ClassVar[bool] = True
+
+    def with_jammers_behind(self, way: OnTheWay) -> Self:
+        """The radar with what an obstruction leaves of its jammers."""
+        return replace(self, radar=self.radar.with_jammers_behind(way))
 
     @cached_property
     def among_all(self) -> ActiveRadar:

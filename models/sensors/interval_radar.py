@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plotfeed.models.effects.pulse_intervals import at_least, chosen, first_successes
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import Prediction, Targets, mean_prediction
 from plotfeed.models.state import Floats
@@ -48,6 +47,8 @@ class IntervalRadar(PolarRadar, ABC):
         """Probability that the look detects, or that enough of its intervals do."""
         if self.intervals is None:
             return self.interval_pd(snrs, order)
+        from plotfeed.models.effects.pulse_intervals import at_least
+
         return at_least(self._pd_each(snrs, order), self.intervals.needed)
 
     def draw_detected(
@@ -55,6 +56,8 @@ class IntervalRadar(PolarRadar, ABC):
     ) -> tuple[Floats, Floats]:
         """Powers a signal of detections, and thresholds; of several intervals, of the first."""
         if self.intervals is not None:
+            from plotfeed.models.effects.pulse_intervals import chosen, first_successes
+
             first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
             which = chosen(first, rng.random((len(snrs),)))
             by_interval = self._by_interval(snrs)
@@ -65,6 +68,8 @@ class IntervalRadar(PolarRadar, ABC):
         """Mean of 1/x over detections of power x; of several intervals, of the first."""
         if self.intervals is None:
             return self.inverse_interval(snrs, order)
+        from plotfeed.models.effects.pulse_intervals import first_successes
+
         first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
         by_interval = self._by_interval(snrs)
         columns = [

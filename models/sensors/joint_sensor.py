@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plotfeed.models.beam import Sector
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS, SensorModel, Targets
 from plotfeed.models.state import Looks, Plots
+
+if TYPE_CHECKING:
+    from plotfeed.models.dwell_agenda import Agenda, PointedBeams
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,3 +45,23 @@ class JointSensor(SensorModel, ABC):
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:  # noqa: ARG002
         """None by themselves: they are among the plots of a scan."""
         return NO_PLOTS
+
+
+@dataclass(frozen=True, kw_only=True)
+class DwellingSensor(JointSensor, ABC):
+    """A sensor that chooses where it looks next, by an agenda that goes from scan to scan."""
+
+    @property
+    @abstractmethod
+    def among_all(self) -> SensorModel:
+        """The sensor of one dwell, among what surrounds it."""
+
+    @abstractmethod
+    def observe_period(
+        self, agenda: Agenda, targets: Targets, sector: Sector, rng: np.random.Generator
+    ) -> tuple[Looks, Plots, Agenda]:
+        """Looks and plots of a period, and what there is to do after it."""
+
+    @abstractmethod
+    def pointed(self, agenda: Agenda) -> PointedBeams:
+        """Where the beams of the last period pointed, by the agenda after it."""

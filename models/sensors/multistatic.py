@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -75,6 +76,8 @@ class MultistaticRadar(Volume, JointSensor):
     expected_height_m: float
     sigma_height_m: float
     fewest_pairs: int
+
+    is_radio: ClassVar[bool] = True
 
     @cached_property
     def stations(self) -> tuple[Receiver, ...]:

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,6 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, propagation
 from plotfeed.models.beam import Volume
 from plotfeed.models.chance import of_rows
-from plotfeed.models.effects.classification import Confusion
-from plotfeed.models.effects.detailed_detection import Hits
-from plotfeed.models.effects.doppler import range_rate_m_s
-from plotfeed.models.effects.echo_effects import EchoPaths
-from plotfeed.models.effects.pulse_intervals import PulseIntervals
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import distance_m, enu_to_aer
 from plotfeed.models.propagation import C_M_S
@@ -30,6 +25,12 @@ from plotfeed.models.sensors.echo_radar import EchoRadar, mean_over_signals
 from plotfeed.models.sensors.sensor_model import CellSensor, Prediction, Targets
 from plotfeed.models.sensors.stacking import EVERY_ROW, sensor_property
 from plotfeed.models.state import Floats, Ints, Looks, Plots, rows_where
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.classification import Confusion
+    from plotfeed.models.effects.detailed_detection import Hits
+    from plotfeed.models.effects.echo_effects import EchoPaths
+    from plotfeed.models.effects.pulse_intervals import PulseIntervals
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +105,13 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         by_filters = self.intervals is not None and self.intervals.filters_rates
         return by_filters or super().measures_range_rate
 
+    @property
+    def shows_sidelobes(self) -> bool:
+        """Whether it reports what comes by its side lobes."""
+        effects = self.echo_effects
+        antenna = None if effects is None else effects.antenna
+        return antenna is not None and antenna.shows_sidelobes
+
     def mean_place(
         self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats
     ) -> tuple[Floats, Floats, Floats]:
@@ -173,6 +181,8 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             return snrs
         place_enu_m, rate_m_s = targets.true_position_enu_m[rows], None
         if targets.velocity_enu_m_s is not None:
+            from plotfeed.models.effects.doppler import range_rate_m_s
+
             rate_m_s = range_rate_m_s(place_enu_m, targets.velocity_enu_m_s[rows])
         range_m, t_utc_ns = distance_m(place_enu_m), targets.t_utc_ns[rows]
         left = self.intervals.power_factor(range_m, rate_m_s, t_utc_ns)
@@ -182,6 +192,8 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
         azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m[rows])
         rate_m_s = self._range_rates(targets, rows)
+        from plotfeed.models.effects.echo_effects import EchoPaths
+
         return EchoPaths(
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
@@ -228,6 +240,8 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def _range_rates(self, targets: Targets, rows: Ints | slice, *_: Any) -> Floats | None:
         if self.doppler is None or targets.velocity_enu_m_s is None:
             return None
+        from plotfeed.models.effects.doppler import range_rate_m_s
+
         return range_rate_m_s(targets.true_position_enu_m[rows], targets.velocity_enu_m_s[rows])
 
     def stated_sigmas(self, snr: float) -> dict[str, float]:

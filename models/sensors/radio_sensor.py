@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,8 @@ class RadioSensor(SensorModel, ABC):
     """A sensor of radio waves, over ground that may reflect them."""
 
     multipath: Multipath | None = None
+
+    is_radio: ClassVar[bool] = True
 
     @property
     @abstractmethod

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from plotfeed.models import detection, propagation
-from plotfeed.models.effects.city import City
-from plotfeed.models.effects.jamming import BandNoise
+from plotfeed.models.effects.jamming import BandNoise, behind
 from plotfeed.models.emitters import Emissions, EmitterTable
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import enu_to_aer
@@ -20,6 +20,10 @@ from plotfeed.models.sensors.radio_sensor import RadioSensor
 from plotfeed.models.sensors.sensor_model import CellSensor, Targets
 from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Floats
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.city import City
+    from plotfeed.models.effects.surroundings import OnTheWay
 
 
 def emissions_of(targets: Targets) -> Emissions:
@@ -52,6 +56,10 @@ class RfReceiver(RadioSensor, CellSensor, ABC):
     azimuth_beams: float
     jammers: tuple[BandNoise, ...] = ()
     city: City | None = None
+
+    def with_jammers_behind(self, way: OnTheWay) -> Self:
+        """The receiver with what an obstruction leaves of its jammers."""
+        return replace(self, jammers=behind(self.jammers, way))
 
     @cached_property
     def samples(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from plotfeed.models.effects.decorrelation import TargetStrengths
     from plotfeed.models.effects.degradation import Degradation
     from plotfeed.models.effects.readings import Readings
-    from plotfeed.models.effects.surroundings import Surroundings
+    from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
 
 NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))
 NO_LOOKS = Looks.none()
@@ -200,6 +200,9 @@ class SensorModel(Stackable, ABC):
     degradation: Degradation | None = None
     surroundings: Surroundings | None = None
 
+    is_radio: ClassVar[bool] = False
+    """Whether it senses by radio waves, in whose way towers stand."""
+
     @property
     def error_factor(self) -> float | Floats:
         """True errors by noise over those that plots state; of several sensors (n,)."""
@@ -263,6 +266,15 @@ class SensorModel(Stackable, ABC):
         if self.surroundings is None:
             return ANYWHERE[: len(place_enu_m)]
         return self.surroundings.let_see(place_enu_m)
+
+    @property
+    def shows_sidelobes(self) -> bool:
+        """Whether it reports what comes by its side lobes."""
+        return False
+
+    def with_jammers_behind(self, _way: OnTheWay) -> Self:
+        """The sensor with what an obstruction leaves of its jammers; itself without any."""
+        return self
 
     def mean_place(
         self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats

@@ -182,7 +182,11 @@ def _parquet(bench: Bench, name: str, target: str) -> None:
 
 def _replay(bench: Bench, name: str, record: str) -> None:
     """As fast as possible, where times are simulated; with times inside messages moved."""
-    link = ["--latency-ms", "90", "--jitter-ms", "40", "--loss", "0.1", "--seed", "5"]
+    late = bench.folder / "late.toml"
+    late.write_text(
+        'latency_ms = 90.0\njitter_ms = 40.0\nloss = { kind = "random", probability = 0.1 }\n'
+    )
+    link = ["--link", late.name, "--seed", "5"]
     for which, more in {
         "as it was": [],
         "before": ["--stage", "before", "--stamps", "+3600"],

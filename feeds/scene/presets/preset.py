@@ -111,7 +111,8 @@ class Preset(CatalogueTable):
     def marked_keys(self) -> Iterator[MarkedKey]:
         """Every key of the sensor, in the order in which the sensor has them."""
         defaults = self.sensor.model_dump()
-        for key, field in type(self.sensor).model_fields.items():
+        meanings = self.sensor.meanings()
+        for key in type(self.sensor).model_fields:
             if key in SCENE_ONLY:
                 continue
             value = self.keys.get(key, defaults[key])
@@ -123,7 +124,7 @@ class Preset(CatalogueTable):
             elif key in self.assumed:
                 yield MarkedKey(key, value, "assumed", "", self.assumed[key].note)
             else:
-                note = f"The default. {field.description or ''}".rstrip()
+                note = f"The default. {meanings.get(key, '')}".rstrip()
                 yield MarkedKey(key, value, "assumed", "", note)
 
 

@@ -14,21 +14,26 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdap
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from plotfeed.feeds.scene.sensors.acoustic_keys import AcousticKeys, AcousticPairKeys
-from plotfeed.feeds.scene.sensors.camera_keys import CameraKeys
-from plotfeed.feeds.scene.sensors.mimo_radar_keys import MimoRadarKeys
-from plotfeed.feeds.scene.sensors.multistatic_keys import (
-    MultistaticMimoKeys,
-    MultistaticPassiveKeys,
-)
-from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
-from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys
-from plotfeed.feeds.scene.sensors.range_gate_keys import RangeGateKeys
-from plotfeed.feeds.scene.sensors.rf_keys import RfKeys
+from plotfeed.feeds.scene.loaded_on_use import LoadedOnUse
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
 
-SENSORS: dict[str, type[SensorKeys]] = {}
-"""The keys of every sensor, by its `type`."""
+# In alphabetical order, as an error lists them.
+_HOMES = {
+    "acoustic": "acoustic_keys:AcousticKeys",
+    "acoustic_pair": "acoustic_keys:AcousticPairKeys",
+    "active_radar": "polar_radar_keys:ActiveRadarKeys",
+    "camera": "camera_keys:CameraKeys",
+    "mimo_radar": "mimo_radar_keys:MimoRadarKeys",
+    "multistatic_mimo": "multistatic_keys:MultistaticMimoKeys",
+    "multistatic_passive": "multistatic_keys:MultistaticPassiveKeys",
+    "passive_radar": "passive_radar_keys:PassiveRadarKeys",
+    "range_gate": "range_gate_keys:RangeGateKeys",
+    "rf": "rf_keys:RfKeys",
+}
+# The keys of every sensor, by its `type`; those that no scene names are not loaded.
+SENSORS: LoadedOnUse[type[SensorKeys]] = LoadedOnUse(
+    {kind: f"plotfeed.feeds.scene.sensors.{home}" for kind, home in _HOMES.items()}
+)
 
 _Keys = TypeVar("_Keys", bound=SensorKeys)
 
@@ -50,7 +55,10 @@ def _adapter(*sensors: type[SensorKeys]) -> TypeAdapter[Any]:
 
 def sensor_of(tree: Mapping[str, Any]) -> SensorKeys:
     """A sensor from its keys; `type` tells which. Raises pydantic's `ValidationError`."""
-    found: SensorKeys = _adapter(*SENSORS.values()).validate_python(tree)
+    kind = tree.get("type") if isinstance(tree, Mapping) else getattr(tree, "type", None)
+    if isinstance(kind, str) and kind in SENSORS:
+        return SENSORS[kind].model_validate(tree)
+    found: SensorKeys = _adapter(*SENSORS.values()).validate_python(tree)  # says which there are
     return found
 
 
@@ -70,19 +78,5 @@ class _OfAnyType:
 
 Sensor: TypeAlias = Annotated[SensorKeys, _OfAnyType()]
 """Any of them."""
-
-for _keys in (
-    AcousticKeys,
-    AcousticPairKeys,
-    ActiveRadarKeys,
-    CameraKeys,
-    MimoRadarKeys,
-    MultistaticMimoKeys,
-    MultistaticPassiveKeys,
-    PassiveRadarKeys,
-    RangeGateKeys,
-    RfKeys,
-):
-    register(_keys)
 
 __all__ = ["SENSORS", "Sensor", "SensorKeys", "register", "sensor_of"]

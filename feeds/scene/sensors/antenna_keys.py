@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Azimuth, Beamwidth, Decibels, Loss, SceneTable
-from plotfeed.models.effects.antenna import (
-    Antenna,
-    BeamCut,
-    CosecantSquaredCut,
-    GaussianCut,
-    Pattern,
-    TableCut,
-    cosecant_peak_loss_db,
-)
-from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.echo_effects import Straddling
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.antenna import Antenna, BeamCut, Pattern
+    from plotfeed.models.effects.doppler import Doppler
+    from plotfeed.models.effects.echo_effects import Straddling
 
 PAPER_SIDELOBE_DB = 22.0
 """Of the paper's passive radar."""
@@ -56,6 +50,8 @@ class GaussianCutKeys(_Beam):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
+        from plotfeed.models.effects.antenna import GaussianCut
+
         return GaussianCut(
             beamwidth_deg=self.beamwidth_deg or cover.beamwidth_deg,
             boresight_deg=self._boresight_deg(cover),
@@ -77,6 +73,8 @@ class BeamsCutKeys(SceneTable):
         width_deg = self.beamwidth_deg or cover.beamwidth_deg
         span_deg = cover.max_deg - cover.min_deg
         beams = max(int(np.ceil(span_deg / (self.spacing_deg or width_deg) * (1 - 1e-12))), 1)
+        from plotfeed.models.effects.antenna import GaussianCut
+
         return GaussianCut(
             beamwidth_deg=width_deg,
             boresight_deg=(cover.min_deg + cover.max_deg) / 2,
@@ -105,6 +103,8 @@ class CosecantSquaredKeys(SceneTable):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
+        from plotfeed.models.effects.antenna import CosecantSquaredCut
+
         return CosecantSquaredCut(
             from_deg=self.from_deg,
             to_deg=self.to_deg,
@@ -132,6 +132,8 @@ class TableCutKeys(_Beam):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
+        from plotfeed.models.effects.antenna import TableCut
+
         return TableCut(
             angles_deg=self.angle_deg,
             gains_db=self.gain_db,
@@ -158,6 +160,8 @@ class PatternKeys(SceneTable):
 
     def model(self, azimuth: BeamCover, elevation: BeamCover) -> Pattern:
         """The pattern of a sensor with those covers."""
+        from plotfeed.models.effects.antenna import Pattern
+
         return Pattern(
             azimuth=None if self.azimuth is None else self.azimuth.model(azimuth),
             elevation=None if self.elevation is None else self.elevation.model(elevation),
@@ -182,6 +186,8 @@ class AntennaKeys(SceneTable):
             None if part is None else part.model(azimuth, elevation)
             for part in (self.transmit, self.receive)
         )
+        from plotfeed.models.effects.antenna import Antenna
+
         return Antenna(transmit=transmit, receive=receive, shows_sidelobes=self.sidelobe_plots)
 
     @model_validator(mode="after")
@@ -196,6 +202,8 @@ class AntennaKeys(SceneTable):
         cut = None if self.receive is None else self.receive.elevation
         if not isinstance(cut, CosecantSquaredKeys):
             return 0.0
+        from plotfeed.models.effects.antenna import cosecant_peak_loss_db
+
         return float(cosecant_peak_loss_db(cut.from_deg, cut.to_deg))
 
     @property
@@ -214,6 +222,8 @@ class StraddlingKeys(SceneTable):
 
     def model(self, range_cells_m: Sequence[float], doppler: Doppler | None) -> Straddling:
         """What a sensor with those cells loses, by signal."""
+        from plotfeed.models.effects.echo_effects import Straddling
+
         return Straddling(
             range_cells_m=tuple(range_cells_m),
             range_shape=self.range,

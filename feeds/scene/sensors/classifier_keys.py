@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Name, SceneTable
-from plotfeed.models.effects.classification import Confusion
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.classification import Confusion
 
 ROUNDING = 1e-6
 """By which a row may miss one."""
@@ -50,6 +52,8 @@ class ClassifierKeys(SceneTable):
 
     def model(self) -> Confusion:
         """The matrix for a model."""
+        from plotfeed.models.effects.classification import Confusion
+
         return Confusion(
             claims=self.claims,
             true_classes=tuple(self.confusion),

@@ -13,21 +13,16 @@ from plotfeed.feeds.scene.fields import Site, enu_from, frame_at
 from plotfeed.feeds.scene.sensors.antenna_keys import AntennaKeys, BeamCover, StraddlingKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, VolumeKeys
 from plotfeed.feeds.scene.weather_keys import JammerKeys, WeatherKeys
-from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects
-from plotfeed.models.effects.jamming import Jammer, Jamming, jamming_over_noise
-from plotfeed.models.effects.weather import (
-    Air,
-    RainEcho,
-    gases_db_per_km,
-    rain_db_per_km,
-    rain_reflectivity_m2_m3,
-)
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.echo_radar import EchoRadar
 from plotfeed.models.state import Floats
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.doppler import Doppler
+    from plotfeed.models.effects.jamming import Jammer
 
 M = TypeVar("M", bound=EchoRadar)
 
@@ -38,6 +33,14 @@ def weather_effects(
     """What weather does to echoes of such signals."""
     frequency_hz = np.array(signals_hz)[:, 0]
     db_per_km = np.zeros(len(frequency_hz))
+    from plotfeed.models.effects.weather import (
+        Air,
+        RainEcho,
+        gases_db_per_km,
+        rain_db_per_km,
+        rain_reflectivity_m2_m3,
+    )
+
     if weather.rain_mm_h:
         db_per_km += rain_db_per_km(frequency_hz, weather.rain_mm_h, weather.polarisation)
     if weather.vapour_g_m3 is not None:
@@ -67,6 +70,8 @@ def jammer_seen(
     """A jammer as a radar has it that is at the origin."""
     azimuth_deg, elevation_deg, range_m = (float(x) for x in enu_to_aer(position_enu_m))
     frequency_hz, bandwidth_hz = np.array(signals_hz).T
+    from plotfeed.models.effects.jamming import Jammer, jamming_over_noise
+
     over_noise = jamming_over_noise(
         eirp_w=keys.eirp_w,
         jammer_hz=keys.frequency_hz,
@@ -137,6 +142,8 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
             met += weather_effects(self.weather, self.signals_hz, model)
         if self.jamming:
             frame = frame_at(site, self.position_enu_m)
+            from plotfeed.models.effects.jamming import Jamming
+
             met.append(
                 Jamming(
                     jammers=tuple(

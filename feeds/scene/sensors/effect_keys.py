@@ -19,15 +19,15 @@ from plotfeed.feeds.scene.fields import (
 )
 from plotfeed.feeds.scene.sensors.usual_accuracy import RATE_SHARE, odd_floor, stated_or
 from plotfeed.models.chance import Chance
-from plotfeed.models.effects.degradation import Degradation
-from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.multipath import Multipath
-from plotfeed.models.effects.readings import Drift, DriftingReadings, Readings, SkewFrame
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
+    from plotfeed.models.effects.degradation import Degradation
+    from plotfeed.models.effects.doppler import Doppler
     from plotfeed.models.effects.merging import Merging
+    from plotfeed.models.effects.multipath import Multipath
+    from plotfeed.models.effects.readings import Readings
 
 
 class BiasKeys(SceneTable):
@@ -50,6 +50,8 @@ class BiasKeys(SceneTable):
         """The sensor's own, at the place of that frame; the frame itself if it stands right."""
         if not self.azimuth_offset_deg and not self.tilt_deg:
             return frame
+        from plotfeed.models.effects.readings import SkewFrame
+
         return SkewFrame.at(
             frame,
             azimuth_offset_deg=self.azimuth_offset_deg,
@@ -88,6 +90,8 @@ class DegradationKeys(SceneTable):
 
     def model(self) -> Degradation:
         """Factors for a model."""
+        from plotfeed.models.effects.degradation import Degradation
+
         return Degradation(**self.model_dump())
 
 
@@ -101,6 +105,8 @@ class MultipathKeys(SceneTable):
 
     def model(self) -> Multipath:
         """The two rays for a model."""
+        from plotfeed.models.effects.multipath import Multipath
+
         return Multipath(reflection=self.reflection, antenna_height_m=self.antenna_height_m)
 
 
@@ -118,6 +124,8 @@ class DopplerKeys(SceneTable):
     def model(self, wavelengths_m: Sequence[float], integration_s: float, legs: int) -> Doppler:
         """Cells of range rate for a model, a channel a wavelength; an echo's `legs` are 1 or 2."""
         cells_m_s = tuple(w / (legs * integration_s) for w in wavelengths_m)
+        from plotfeed.models.effects.doppler import Doppler
+
         return Doppler(
             cells_m_s=cells_m_s,
             spans_m_s=tuple(2 * self.rate_max_m_s for _ in wavelengths_m),
@@ -194,6 +202,8 @@ def readings_of(
     if drift is None and not bias.range_offset_m and not bias.range_scale:
         return None
     drifting = None
+    from plotfeed.models.effects.readings import Drift, DriftingReadings, Readings
+
     if drift is not None:
         drifting = DriftingReadings(
             sigma_range_m=drift.sigma_range_m,

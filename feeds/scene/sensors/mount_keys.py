@@ -23,14 +23,14 @@ from plotfeed.feeds.scene.fields import (
     frame_at,
 )
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
-from plotfeed.models.cueing import CueRule
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
-from plotfeed.models.pointing import Aim, Motor, Mount
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
     from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
+    from plotfeed.models.cueing import CueRule
+    from plotfeed.models.pointing import Aim
 
 Rate = Annotated[float, Field(gt=0, le=3600)]
 Seconds = Annotated[float, Field(ge=0, le=3600)]
@@ -75,6 +75,8 @@ class LookAt(SceneTable):
             place = np.array([self.latitude_deg, self.longitude_deg, self.height_m], np.float64)
             seen = enu_to_aer(frame_at(site, position_enu_m).from_ecef(geodetic_to_ecef(*place)))
             azimuth_deg, elevation_deg = float(np.nan_to_num(seen[0])), float(seen[1])
+        from plotfeed.models.pointing import Aim
+
         return Aim(
             pan_deg=azimuth_deg,
             tilt_deg=elevation_deg,
@@ -138,6 +140,8 @@ class MountKeys(SceneTable):
         """The mount for a model of a sensor that looks there without cues."""
         narrow_deg = home.field_deg if self.fov_min_deg is None else self.fov_min_deg
         wide_deg = home.field_deg if self.fov_max_deg is None else self.fov_max_deg
+        from plotfeed.models.pointing import Motor, Mount
+
         mount = Mount(
             pan=Motor(
                 rate_deg_s=self.pan_rate_deg_s, acceleration_deg_s2=self.pan_acceleration_deg_s2
@@ -152,6 +156,8 @@ class MountKeys(SceneTable):
             field_max_deg=max(wide_deg, home.field_deg),
             zoom_s=self.zoom_s,
         )
+        from plotfeed.models.cueing import CueRule
+
         return CueRule(
             mount=mount,
             home=mount.reachable(home),
@@ -196,6 +202,8 @@ def mount_of(sensor: SensorKeys) -> MountKeys | None:
 
 def home_of(sensor: SensorKeys) -> Aim:
     """Where a sensor with a mount looks without cues."""
+    from plotfeed.models.pointing import Aim
+
     return Aim(
         pan_deg=getattr(sensor, "pan_deg", 0.0),
         tilt_deg=getattr(sensor, "tilt_deg", 0.0),

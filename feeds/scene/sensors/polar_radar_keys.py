@@ -42,15 +42,15 @@ from plotfeed.feeds.scene.sensors.usual_accuracy import (
     odd_frequency,
     stated_or,
 )
-from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.pulse_intervals import PulseIntervals
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.sensors.electronic_radar import ElectronicRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
 
 if TYPE_CHECKING:
+    from plotfeed.models.effects.doppler import Doppler
     from plotfeed.models.effects.merging import Merging
+    from plotfeed.models.effects.pulse_intervals import PulseIntervals
+    from plotfeed.models.sensors.electronic_radar import ElectronicRadar
 
 
 class PolarRadarKeys(EchoRadarKeys):
@@ -288,6 +288,8 @@ class ActiveRadarKeys(PolarRadarKeys):
         if not isinstance(self.scan, ElectronicScan):
             return model
         steering = self.scan.steering
+        from plotfeed.models.sensors.electronic_radar import ElectronicRadar
+
         return ElectronicRadar(range_max_m=self.range_max_m, radar=model, steering=steering)
 
     @model_validator(mode="after")

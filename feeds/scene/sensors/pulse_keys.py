@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from itertools import cycle, islice
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import NotNegative, Positive, SceneTable
-from plotfeed.models.effects.pulse_intervals import PassingBeam, PulseIntervals
 from plotfeed.models.propagation import C_M_S
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.pulse_intervals import PulseIntervals
 
 
 class PulsesKeys(SceneTable):
@@ -62,6 +64,8 @@ class PulsesKeys(SceneTable):
     ) -> PulseIntervals:
         """The intervals of a radar that turns in such a time, or of one that stares."""
         beam = None
+        from plotfeed.models.effects.pulse_intervals import PassingBeam, PulseIntervals
+
         if self.beam_passes and turn_s is not None:
             beam = PassingBeam(beamwidth_deg=beamwidth_deg, step_deg=360 * interval_s / turn_s)
         return PulseIntervals(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import ForAWhile, NotNegative, SceneTable
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
-from plotfeed.models.dwell_agenda import Steering
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.models.dwell_agenda import Steering
 
 
 class Event(ForAWhile):
@@ -117,6 +119,8 @@ class ElectronicScan(_Periodic):
     @property
     def steering(self) -> Steering:
         """How dwells are shared, for a model."""
+        from plotfeed.models.dwell_agenda import Steering
+
         return Steering(**self.model_dump(exclude={"kind", "jitter_ms"}))
 
     def refuse_what_cannot_be(self, keys: Any) -> None:

@@ -30,7 +30,6 @@ from plotfeed.feeds.scene.fields import (
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys, DriftKeys
-from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, Event
 from plotfeed.feeds.scene.weather_keys import JammerKeys, WeatherKeys
 from plotfeed.models.beam import AzimuthCover
@@ -38,6 +37,9 @@ from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.track_lives import MAX_TRACKS
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 
 
 class SensorGeometry(Enum):

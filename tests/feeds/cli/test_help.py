@@ -6,6 +6,7 @@ import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import click
 import pytest
@@ -16,7 +17,7 @@ from support.vehicles import sending_vehicle
 
 from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES
 from plotfeed.feeds.cli.main import cli
-from plotfeed.feeds.cli.recording_commands import FORMATS
+from plotfeed.feeds.recording.recording_settings import FileKind
 from plotfeed.feeds.scene.source_keys import KINDS
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX
 
@@ -29,7 +30,8 @@ FRAGMENT = re.compile(
 )
 """With which something begins that is no sentence: one that says what an option does has a verb."""
 FILES = [
-    "MCAP" if name == "mcap" else "JSON lines" if name == "jsonl" else name for name in FORMATS
+    "MCAP" if name == "mcap" else "JSON lines" if name == "jsonl" else name
+    for name in get_args(FileKind)
 ]
 READ = [name for name in FILES if name not in ("csv", "parquet")]
 SPOKEN = {

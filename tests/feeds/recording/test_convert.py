@@ -20,7 +20,8 @@ from support.recordings import MS, START_NS, block, block_048, message, plots, w
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
-from plotfeed.feeds.recording.convert import ConvertSettings, convert_recording
+from plotfeed.feeds.recording.convert import convert_recording
+from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import PlotEncoder015
 from plotfeed.proto.content_types import PLOT_BATCH, asterix_content_type, protobuf_content_type

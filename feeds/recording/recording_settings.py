@@ -1,0 +1,147 @@
+"""What the commands on recordings are asked: `show`, `convert`, `record`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+from typing import TYPE_CHECKING, Literal
+
+from plotfeed.feeds.console.option_fields import option
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.recording.record_text import Categories
+    from plotfeed.replay.recorded import Recorded
+
+StageWord = Literal["telemetry", "before", "after", "received"]
+FileKind = Literal["mcap", "pcap", "pcapng", "final", "raw", "jsonl", "csv", "parquet"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShowSettings:
+    """What is to be shown, and how."""
+
+    listed: bool = option(False, "Print the messages of a file, one a line.", name="--list")
+    count: int | None = option(None, "End after so many lines; implies --list.", low=1)
+    duration: float | None = option(
+        None, "End after so many seconds, of what is live.", over=0, metavar="SECONDS"
+    )
+    topics: tuple[str, ...] = option(
+        (),
+        "Take only topics that fit this filter, as of MQTT with + and #; may be repeated.",
+        metavar="FILTER",
+        name="--topic",
+    )
+    stages: tuple[StageWord, ...] = option(
+        (),
+        "Take only this stage of a session's record; may be repeated. Without it all are taken, "
+        "each line with its stage.",
+        name="--stage",
+    )
+    interface: str | None = option(
+        None, "Join a multicast group at this network interface, such as eth0.", metavar="NAME"
+    )
+    as_json: bool = option(False, "Print one JSON object a line.")
+    verbose: bool = option(
+        False, "Print trees with names, units and what numbers stand for; implies --list."
+    )
+    editions: tuple[Literal["025-half-turn", "062-1.18"], ...] = option(
+        (),
+        "Read ASTERIX 025 with longitudes in steps of 180 degrees, or 062 as before edition "
+        "1.19, where a sender has them so; may be repeated.",
+        name="--edition",
+    )
+
+    @property
+    def categories(self) -> Categories:
+        """The layouts that ASTERIX is read by."""
+        return _categories(self.editions, verbose=self.verbose)
+
+    def chooses(self, message: Recorded) -> bool:
+        """Whether that message is wanted."""
+        from plotfeed.feeds.messages.message import is_chosen
+
+        of_stage = not self.stages or message.stage in self.stages
+        return of_stage and is_chosen(message.topic, self.topics)
+
+
+@cache
+def _categories(editions: tuple[str, ...], *, verbose: bool) -> Categories:
+    from plotfeed.feeds.recording.record_text import categories_of
+
+    return categories_of(editions, verbose=verbose)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConvertSettings:
+    """What a conversion is asked to do."""
+
+    from_format: FileKind | None = option(
+        None,
+        "Read IN in this format; without it its content says which, and else its suffix.",
+        name="--from",
+    )
+    to_format: FileKind | None = option(
+        None, "Write OUT in this format; without it its suffix says which.", name="--to"
+    )
+    table: (
+        Literal[
+            "plots",
+            "truths",
+            "looks",
+            "tracks",
+            "messages",
+            "fates",
+            "asterix-015",
+            "asterix-048",
+            "asterix-062",
+            "asterix-205",
+        ]
+        | None
+    ) = option(
+        None,
+        "Write this table of Parquet or CSV: plots, truths, looks, tracks, messages, fates, "
+        "asterix-015, asterix-048, asterix-062, asterix-205. Without it the end of OUT's name "
+        "says which, else it is plots, which has each plot once.",
+        metavar="TABLE",
+    )
+    topics: tuple[str, ...] = option(
+        (),
+        "Take only topics that fit this filter, as of MQTT with + and #; may be repeated.",
+        metavar="FILTER",
+        name="--topic",
+    )
+    stages: tuple[StageWord, ...] = option(
+        (),
+        "Take only this stage of a session's record; may be repeated. Without it a format that "
+        "has no stages takes after and received.",
+        name="--stage",
+    )
+    start: str | None = option(
+        None,
+        "Begin so many seconds after the beginning, or at a time as 2026-01-01T12:00:00Z.",
+        metavar="TIME",
+    )
+    end: str | None = option(
+        None,
+        "End before that time, given as for --start; what was recorded at it is left out.",
+        metavar="TIME",
+    )
+    date: datetime | None = option(
+        None, "Let a file without dates (FINAL, raw ASTERIX) begin on this day; else on 1970-01-01."
+    )
+    force: bool = option(False, "Replace OUT where it is there already.")
+    as_json: bool = option(False, "Print the totals as one JSON object.")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordSettings:
+    """What a recording is asked to do."""
+
+    interface: str | None = option(
+        None, "Join a multicast group at this network interface, such as eth0.", metavar="NAME"
+    )
+    count: int | None = option(None, "End after so many messages.", low=1)
+    duration: float | None = option(None, "End after so many seconds.", over=0, metavar="SECONDS")
+    force: bool = option(False, "Replace FILE where it is there already.")
+    as_json: bool = option(False, "Print nothing but the totals at the end, as one JSON object.")
