@@ -15,7 +15,7 @@ from plotfeed.feeds.cli.session_answers import SessionAnswers
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
+from plotfeed.feeds.messages.outgoing import Outgoing, publish
 from plotfeed.feeds.sensing.cover import shown_m
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
@@ -189,7 +189,7 @@ class _Injection:
                     content_type=content_type,
                     due_utc_ns=report.t_utc_ns,
                 )
-                link.publish([Outgoing(message, client=self, transports=1)])
+                publish([link], [Outgoing(message, client=self, transports=1)])
         finally:
             if clock is not None:
                 clock.close()

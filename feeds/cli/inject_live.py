@@ -19,7 +19,7 @@ from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
+from plotfeed.feeds.messages.outgoing import Outgoing, publish
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.source_keys import TelemetrySource
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
@@ -167,7 +167,7 @@ class _Relay:
             content_type=self._content_type,
             due_utc_ns=report.t_utc_ns,
         )
-        self._link.publish([Outgoing(message, client=self, transports=1)])
+        publish([self._link], [Outgoing(message, client=self, transports=1)])
 
     def _refuse(self, drone: str, refused: Refused) -> None:
         self._refused[refused.reason] += 1

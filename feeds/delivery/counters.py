@@ -144,8 +144,6 @@ class ClientCounters:
     undelivered: int = 0
     undelivered_to: Counter[str] = field(default_factory=Counter)
     lateness_ns: LastLateness = field(default_factory=LastLateness)
-    open_due_ns: Counter[int] = field(default_factory=Counter)
-    """When those were due of which it is not known yet what becomes of them, and how many."""
     not_sent_ns: tuple[int, int] | None = None
     """When the first and the last were due that did not leave, since `take_not_sent`."""
     sapient: SapientCounters | None = None
@@ -159,12 +157,6 @@ class ClientCounters:
         else:
             self.lost += fate in LOSSES
             self.undelivered += fate == pb.UNDELIVERED
-
-    def close(self, due_utc_ns: int) -> None:
-        """Note that the fate of one message is known that was due then."""
-        self.open_due_ns[due_utc_ns] -= 1
-        if not self.open_due_ns[due_utc_ns]:
-            del self.open_due_ns[due_utc_ns]
 
     def leave_out(self, first_due_ns: int, last_due_ns: int) -> None:
         """Note that nothing left of what was due between those times."""

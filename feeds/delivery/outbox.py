@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
@@ -13,12 +13,15 @@ from plotfeed.feeds.messages.outgoing import (
     Countdown,
     Outgoing,
     Transport,
+    given,
+    publish,
 )
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 
-Departure = tuple["Outbox", Sequence[Outgoing], Callable[[], object] | None]
+OnComplete = Callable[[], object]
+Departure = tuple["Outbox", Sequence[Outgoing], OnComplete | None]
 """What a client hands to its link at once, and what to call when the fate of all is known."""
 
 
@@ -49,6 +52,8 @@ class Outbox:
         self._schedule = Schedule() if schedule is None else schedule  # an empty one is false
         self._before_link, self._after_link = before_link, after_link
         self._on_the_way: dict[Outgoing, None] = {}
+        self._open: dict[Outgoing, None] = {}
+        """Of which it is not known yet what becomes of them."""
         self._to_let_go: set[Outgoing] = set()
         """What its link lets go at a time that is yet to come."""
 
@@ -65,15 +70,13 @@ class Outbox:
     @property
     def oldest_due_ns(self) -> int | None:
         """When the first was due that the link holds, or that waits to leave; None for nothing."""
-        return min(self.counters.open_due_ns, default=None)
+        return min((one.handed.due_utc_ns for one in self._open), default=None)
 
     def now_ns(self) -> int:
         """The time by which it sends, UTC."""
         return self._clock.now_ns()
 
-    def send(
-        self, outgoing: Sequence[Outgoing], on_complete: Callable[[], object] | None = None
-    ) -> None:
+    def send(self, outgoing: Sequence[Outgoing], on_complete: OnComplete | None = None) -> None:
         """Send what its link lets leave now, and the rest when that does.
 
         `on_complete` is called as soon as the fate of all of it is known.
@@ -90,15 +93,16 @@ class Outbox:
         if one.client is None:  # it is still to be handed to the link, and leaves as others do
             return
         if one.copy:
-            self.counters.open_due_ns[one.handed.due_utc_ns] += 1
+            self._open[one] = None
         self._on_the_way.pop(one, None)
         if self._begin(one):
             self._leave([one])
 
     def send_past_link(self, *messages: Message) -> None:
         """Send what is not the sensor's own traffic, such as its status."""
+        outgoing = [Outgoing(each, client=self) for each in messages]
         for transport in self.transports:
-            transport.publish([Outgoing(each, client=self, transports=1) for each in messages])
+            transport.publish(outgoing)  # nobody asks what becomes of it
         for message in messages:
             if message.retain:
                 self.retained[message.topic] = message
@@ -121,15 +125,17 @@ class Outbox:
         """Count what became of one."""
         if outgoing.number == NOT_COUNTED:
             return
-        fate, copy, late_ns = outgoing.fate, outgoing.copy, outgoing.lateness_ns
-        due_utc_ns, counters, totals = outgoing.handed.due_utc_ns, self.counters, self.totals
-        counters.settle(fate, copy, late_ns)
-        counters.close(due_utc_ns)
-        totals.settle(fate, copy, late_ns, len(outgoing.message.payload))
+        fate, copy = outgoing.fate, outgoing.copy
+        late_ns = outgoing.sent_utc_ns - outgoing.due_utc_ns
+        self.counters.settle(fate, copy, late_ns)
+        self.totals.settle(fate, copy, late_ns, len(outgoing.message.payload))
+        if self._open:
+            self._open.pop(outgoing, None)
         for to in outgoing.not_to:
-            counters.leave_out(due_utc_ns, due_utc_ns)
-            counters.undelivered_to[to] += 1
-            totals.undelivered_to[to] += 1
+            due_utc_ns = outgoing.handed.due_utc_ns
+            self.counters.leave_out(due_utc_ns, due_utc_ns)
+            self.counters.undelivered_to[to] += 1
+            self.totals.undelivered_to[to] += 1
 
     def _begin(self, one: Outgoing) -> bool:
         """See to what its link says of one: whether it leaves now."""
@@ -145,20 +151,52 @@ class Outbox:
             return True
         return False
 
+    def _note_taken(self, now: Sequence[Outgoing], taken: Mapping[Transport, int]) -> list[int]:
+        """Count what transports have taken at once, by when they did.
+
+        How late its messages left, nanoseconds, where that is still to be counted in the totals.
+        """
+        sent = [taken[transport] for transport in self.transports if transport in taken]
+        if len(sent) < len(self.transports) or (now and now[0].over_link):
+            for sent_utc_ns in sent:
+                for one in now:
+                    one.taken(sent_utc_ns)
+            return []
+        at_utc_ns = max(sent, default=0) or self.now_ns()
+        for one in now:
+            one.sent_utc_ns, one.delivered, one.fate = at_utc_ns, True, pb.SENT
+        late_ns = [at_utc_ns - one.due_utc_ns for one in now]
+        self.counters.lateness_ns.extend(late_ns)
+        return late_ns
+
     def _arrive(self, one: Outgoing) -> None:
         if one in self._on_the_way:
             del self._on_the_way[one]
             self._leave([one])
 
     def _leave(self, outgoing: Sequence[Outgoing]) -> None:
-        for transport in self.transports:
-            transport.publish(outgoing)
+        publish(self.transports, outgoing)
         self._left(outgoing)
+
+    def _tell(self, outgoing: Sequence[Outgoing], now: Sequence[Outgoing]) -> None:
+        """Tell of what was handed to the link, and of what has left now."""
+        if not self._before_link and not self._after_link:
+            self._left(now)
+            return
+        # A link takes one message after the other.
+        together = [outgoing] if now is outgoing else [[one] for one in outgoing]
+        for some in together:
+            for tell in self._before_link:
+                for one in some:
+                    if not one.copy:
+                        tell(one.handed)
+            self._left(now if now is outgoing else [one for one in some if one in now])
 
     def _left(self, outgoing: Sequence[Outgoing]) -> None:
         if not self.transports:
             for one in outgoing:
-                one.end(pb.SENT)
+                if not one.fate:
+                    one.end(pb.SENT)
         for tell in self._after_link:
             for one in outgoing:
                 tell(one.message, one.sent_utc_ns or self.now_ns())
@@ -182,33 +220,32 @@ def send_all(departures: Sequence[Departure]) -> None:
     passes no link goes first, else the order is that of the departures.
     """
     of_transport: dict[Transport, list[Outgoing]] = {}
-    leaving = []
-    for outbox, outgoing, on_complete in sorted(departures, key=lambda each: _over_link(each[1])):
-        # One more, so that nothing is complete before all have left.
-        countdown = None if on_complete is None else Countdown(len(outgoing) + 1, on_complete)
-        now, settles, open_due_ns = [], len(outbox.transports), outbox.counters.open_due_ns
+    over_link = [each for each in departures if each[1] and each[1][0].over_link]
+    past_link = [each for each in departures if not (each[1] and each[1][0].over_link)]
+    leaving: list[tuple[Outbox, Sequence[Outgoing], Sequence[Outgoing], OnComplete | None]] = []
+    for outbox, outgoing, on_complete in [*past_link, *over_link]:
+        settles = len(outbox.transports)
         for one in outgoing:
-            one.begin(outbox, settles, countdown)
-            open_due_ns[one.handed.due_utc_ns] += 1
-            if outbox._begin(one):
-                now.append(one)
-        leaving.append((outbox, outgoing, now, countdown))
+            one.client, one.unsettled = outbox, settles
+        now = outgoing
+        if len(leaving) >= len(past_link):
+            now = [one for one in outgoing if outbox._begin(one)]
+        leaving.append((outbox, outgoing, now, on_complete))
         for transport in outbox.transports:
             of_transport.setdefault(transport, []).extend(now)
-    for transport, some in of_transport.items():
-        if some:
-            transport.publish(some)
-    for outbox, outgoing, now, countdown in leaving:
-        over_link = _over_link(outgoing)  # which takes one message after the other
-        for some in [[one] for one in outgoing] if over_link else [now]:
-            for tell in outbox._before_link:
-                for one in some:
-                    if not one.copy:
-                        tell(one.handed)
-            outbox._left([one for one in some if one in now] if over_link else now)
-        if countdown is not None:
-            countdown.one_less()
-
-
-def _over_link(outgoing: Sequence[Outgoing]) -> bool:
-    return len(outgoing) > 0 and outgoing[0].over_link
+    taken = given(of_transport.items())
+    late_ns: dict[int, tuple[SessionCounters, list[int]]] = {}
+    for outbox, outgoing, now, on_complete in leaving:
+        late = outbox._note_taken(now, taken)
+        late_ns.setdefault(id(outbox.totals), (outbox.totals, []))[1].extend(late)
+        outbox._tell(outgoing, now)
+        waiting = [one for one in outgoing if not one.fate]
+        outbox._open.update(dict.fromkeys(waiting))
+        if on_complete is not None and waiting:
+            countdown = Countdown(len(waiting), on_complete)
+            for one in waiting:
+                one.countdown = countdown
+        elif on_complete is not None:
+            on_complete()
+    for totals, lates in late_ns.values():
+        totals.sent(lates)

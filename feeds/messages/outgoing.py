@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Protocol
 
 from plotfeed.feeds.messages.message import Message
@@ -25,20 +25,18 @@ class Client(Protocol):
 
 
 class Countdown:
-    """Calls a function once, when as many have settled as it was made for."""
+    """Calls a function once as many have settled as it was made for."""
 
     __slots__ = ("_call", "left")
 
     def __init__(self, left: int, call: Callable[[], object]) -> None:
-        self.left = left
-        self._call: Callable[[], object] | None = call
+        self.left, self._call = left, call
 
     def one_less(self) -> None:
         """Another has settled."""
         self.left -= 1
-        if not self.left and self._call is not None:
-            call, self._call = self._call, None  # what it holds may hold this one
-            call()
+        if not self.left:
+            self._call()
 
 
 class Outgoing:
@@ -49,7 +47,6 @@ class Outgoing:
     """
 
     __slots__ = (
-        "_unsettled",
         "client",
         "copy",
         "countdown",
@@ -64,6 +61,7 @@ class Outgoing:
         "over_link",
         "sent_utc_ns",
         "since_s",
+        "unsettled",
     )
 
     def __init__(
@@ -101,16 +99,14 @@ class Outgoing:
         """Monotonic time at which it first had to wait for a transport, or was first sent."""
         self.client: Any = client  # `Client | None`, which every use would have to ask
         self.countdown: Countdown | None = None
-        self._unsettled = transports
-
-    def begin(self, client: Client, transports: int, countdown: Countdown | None) -> None:
-        """Note whose it is, who hands it to the link now, and to how many transports it goes."""
-        self.client, self._unsettled, self.countdown = client, transports, countdown
+        self.unsettled = transports
+        """Transports of which it is not known yet whether they deliver it."""
 
     def duplicate(self) -> Outgoing:
         """Another copy of it, on its way as far as this one is."""
         other = Outgoing(self.handed, self.number, self.copy + 1)
-        other.begin(self.client, self._unsettled, self.countdown)
+        other.client, other.unsettled = self.client, self.unsettled
+        other.over_link, other.countdown = self.over_link, self.countdown
         if self.countdown is not None:
             self.countdown.left += 1
         return other
@@ -134,8 +130,8 @@ class Outgoing:
             self.delivered = True
         elif delivered is not None:
             self.not_to += (to,)
-        self._unsettled -= 1
-        if not self._unsettled:
+        self.unsettled -= 1
+        if not self.unsettled:
             self.end(pb.SENT if self.delivered or not self.not_to else pb.UNDELIVERED)
 
     def end(self, fate: pb.Fate) -> None:
@@ -144,13 +140,9 @@ class Outgoing:
             self.leave()
         self.fate = fate
         self.client.settled(self)
-        if self.countdown is not None:
-            self.countdown.one_less()
-
-    @property
-    def lateness_ns(self) -> int:
-        """Sent after it was due at the end of its link."""
-        return self.sent_utc_ns - self.due_utc_ns
+        countdown, self.countdown = self.countdown, None  # what it calls may hold this one
+        if countdown is not None:
+            countdown.one_less()
 
     def record(self) -> pb.Sent:
         """What the ledger says of it."""
@@ -184,14 +176,37 @@ class Transport(Protocol):
     def waiting_of(self, client: Client) -> int:
         """Messages of that client that wait for a connection, or for room on it."""
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
-        """Take some that are due at once; `settle` each, now or later; never raise."""
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool | None:
+        """Take some that are due at once; never raise.
+
+        True if all of it is delivered already, and nobody has told it; else the transport tells
+        each by `settle`, now or later.
+        """
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Do ahead of time what can be done for messages that will be published soon."""
 
     async def drain(self, timeout_s: float = ...) -> None:
         """Wait until everything has left, or the time is up."""
+
+
+def given(of_transport: Iterable[tuple[Transport, Sequence[Outgoing]]]) -> dict[Transport, int]:
+    """Give each transport what is for it: those that took all of it at once, and when, UTC."""
+    taken = {}
+    for transport, some in of_transport:
+        if some:
+            sent_utc_ns = some[0].client.now_ns()
+            if transport.publish(some):
+                taken[transport] = sent_utc_ns
+    return taken
+
+
+def publish(transports: Iterable[Transport], outgoing: Sequence[Outgoing]) -> None:
+    """Give each transport all of it, and only then tell what was delivered at once."""
+    taken = given((transport, outgoing) for transport in transports)
+    for sent_utc_ns in taken.values():
+        for one in outgoing:
+            one.taken(sent_utc_ns)
 
 
 class ImmediateTransport:

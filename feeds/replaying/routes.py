@@ -14,7 +14,7 @@ from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.impairment.link import Copy, Impairment, Outcome
 from plotfeed.feeds.impairment.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing, Transport
+from plotfeed.feeds.messages.outgoing import Outgoing, Transport, publish
 from plotfeed.feeds.replaying.destinations import ReplayUdp
 from plotfeed.feeds.replaying.replay_settings import ReplayError, ReplaySettings, is_topic
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -176,8 +176,7 @@ class Routes:
         """Send what was gathered to leave together."""
         if self._gathered:
             outgoing, self._gathered = self._gathered, []
-            for transport in self._transports:
-                transport.publish(outgoing)
+            publish(self._transports, outgoing)
 
     def now_ns(self) -> int:
         """The time by which it sends, UTC."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections import deque
 from collections.abc import Callable, Coroutine, Sequence
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
-from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.timing.clock import Clock, InstantClock
-from plotfeed.feeds.timing.schedule import Action, ActionKind, Schedule
+from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.proto.utc import NS
 
 SPARE_NS = 1_000_000
@@ -23,6 +23,8 @@ MAX_LATER = 2_000
 """Entries that may wait; with one more, the oldest are written however late the session is."""
 DRAIN_EVERY_NS = 20 * NS
 """A simulated clock lets the sockets catch up this often."""
+
+T = TypeVar("T")
 
 
 class WaitingTransport(Protocol):
@@ -49,7 +51,7 @@ class WaitingInputs(Protocol):
         """Take in some of what waits as of that time, and then more until it is enough."""
 
 
-class SessionLoop:
+class SessionLoop(Generic[T]):
     """Does what the schedule says, and takes in what comes in between."""
 
     def __init__(
@@ -59,10 +61,13 @@ class SessionLoop:
         *,
         inputs: WaitingInputs,
         drain: Callable[[], object],
-        after_later: Callable[[], object] = lambda: None,
+        write_later: Callable[[Sequence[T]], object],
         before_due: Sequence[Callable[[int], object]] = (),
     ) -> None:
-        """`before_due` is told of a deadline before what is due then is done."""
+        """`before_due` is told of a deadline before what is due then is done.
+
+        `write_later` is given what could wait, some at a time.
+        """
         self.schedule = schedule
         self.waited = 0
         """How often the session waited for a way out to have room."""
@@ -71,10 +76,10 @@ class SessionLoop:
         self.on_input: Callable[[], object] | None = None
         """Called when something has come in, after nothing waited."""
         self._drain = drain
-        self._after_later = after_later
+        self._write_later = write_later
         self._before_due = before_due
         self._waiting_transports: Sequence[WaitingTransport] = ()
-        self._later: BoundedQueue[Action] = BoundedQueue(MAX_LATER)
+        self._later: deque[T] = deque()
         self._later_ns: int | None = None
         """When the turn of what waits comes; it has come at the end."""
         self._is_turn_of_later = False
@@ -83,17 +88,18 @@ class SessionLoop:
         """Wait for these whenever they are full, and with them all sensors."""
         self._waiting_transports = transports
 
-    def later(self, action: Action) -> None:
-        """Do this with others, soon, when nothing is due; or when too much waits for that."""
-        if not self._later.has_room():
+    def later(self, item: T) -> None:
+        """Write it with others, soon, when nothing is due; or when too much waits for that."""
+        waiting = self._later
+        if len(waiting) >= MAX_LATER:
             self._do_later(MAX_LATER if isinstance(self._clock, InstantClock) else AT_ONCE)
-        self._later.put(action)
+        waiting.append(item)
         if self._later_ns is None:
             is_simulated = isinstance(self._clock, InstantClock)
             every_ns = LATER_EVERY_SIMULATED_NS if is_simulated else LATER_EVERY_NS
             self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns
             self.schedule.put(self._later_ns, self._begin_later, ActionKind.BETWEEN)
-        if self._stands_still():
+        if len(waiting) == 1 and self._stands_still():
             self._clock.wake()
 
     def queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
@@ -143,11 +149,9 @@ class SessionLoop:
             self.do_all_later()
 
     def _do_later(self, most: int) -> None:
-        some = min(most, len(self._later))
-        for _ in range(some):
-            self._later.take()()
+        some = [self._later.popleft() for _ in range(min(most, len(self._later)))]
         if some:
-            self._after_later()
+            self._write_later(some)
         if not self._later and self._later_ns != NEVER_NS:
             self._is_turn_of_later = False
 

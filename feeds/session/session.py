@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.delivery.counters import SessionCounters
@@ -147,8 +146,6 @@ class Session:
         self._observers = observers
         ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)
         self._ledger = LedgerWriter(scene.mqtt.prefix)
-        self._kept: list[Kept] = []
-        """Sectors whose entries are to be made next."""
         context = SessionContext(
             scene=own,
             clock=clock,
@@ -167,12 +164,12 @@ class Session:
             others=frozenset() if part is None else part.others(scene),
             leads=part is None or part.leads,
         )
-        self._loop = SessionLoop(
+        self._loop = SessionLoop[Kept](
             clock,
             context.schedule,
             inputs=self._inputs,
             drain=self._drain,
-            after_later=self._write_ledger,
+            write_later=self._write_ledger,
             before_due=[o.before_due for o in observers if cares(o, "before_due")],
         )
         self._hold: PartHold | None = None
@@ -335,11 +332,10 @@ class Session:
 
     def _keep_ledger(self, batch: Batch, row: int) -> None:
         """Put what is true on the truth topic when there is time."""
-        self._loop.later(partial(self._kept.append, (batch, row)))
+        self._loop.later((batch, row))
 
-    def _write_ledger(self) -> None:
+    def _write_ledger(self, kept: Sequence[Kept]) -> None:
         """Make entries of all sectors whose turn has come, which leave together."""
-        kept, self._kept[:] = [*self._kept], []
         for observer in self._observers:
             if cares(observer, "settled"):
                 for batch, row in kept:

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import Protocol
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
+from plotfeed.feeds.messages.outgoing import Outgoing, Transport, publish
 
 NUMBER_OCTETS = 4
-
-
-class _Publishes(Protocol):
-    def publish(self, outgoing: Sequence[Outgoing]) -> None: ...
 
 
 class _Nobody:
@@ -71,9 +65,9 @@ class Deliveries:
         self.made.append(delivery)
         return delivery
 
-    def publish(self, link: _Publishes, count: int, **how: int | str | bool) -> None:
+    def publish(self, link: Transport, count: int, **how: int | str | bool) -> None:
         for _ in range(count):
-            link.publish([self.make(**how)])  # type: ignore[arg-type]
+            publish([link], [self.make(**how)])  # type: ignore[arg-type]
 
     @property
     def delivered(self) -> list[int]:
@@ -92,9 +86,9 @@ def number_of(payload: bytes) -> int:
     return int.from_bytes(payload[:NUMBER_OCTETS], "big")
 
 
-def taken(link: _Publishes, message: Message) -> bool:
+def taken(link: Transport, message: Message) -> bool:
     """Whether a link that settles at once says that it has delivered a message."""
     delivery = FollowedDelivery(message)
-    link.publish([delivery])
+    publish([link], [delivery])
     assert delivery.was_delivered is not None
     return delivery.was_delivered

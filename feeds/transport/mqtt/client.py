@@ -178,22 +178,20 @@ class MqttTransport:
         """Say that it is for the broker, as everything is."""
         return True
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
         """Send all in one write where they may go; else send each, let it wait, or drop it.
 
         Delivered is what the socket has taken, with QoS 0, and what the broker has acknowledged,
-        with QoS 1; each is settled as soon as that is known.
+        with QoS 1. True if that is so of all; else each is settled as soon as it is known.
         """
         connection = self._connection
-        if not outgoing:
-            return
         if not (connection is None or self._ended or self._queues[0]) and connection.has_room(0):
             takes = connection.takes
             if all(not one.message.qos and takes(one.message) for one in outgoing):
-                connection.send(outgoing)
-                return
+                return connection.send(outgoing)
         for one in outgoing:
             self._publish(one)
+        return False
 
     def _publish(self, one: Outgoing) -> None:
         qos = one.message.qos
@@ -278,7 +276,9 @@ class MqttTransport:
             self.counts.repeated += sent_before
             connection.send_until_acknowledged(one)
         else:
-            connection.send([one])
+            one.leave()
+            if connection.send([one]):
+                one.settle(delivered=True)
 
     async def _watch(self, connection: MqttConnection) -> None:
         """Return when it is lost; end it when its socket takes nothing any more."""

@@ -137,11 +137,11 @@ class MqttConnection:
         """Whether it is not larger than what the broker says that it takes."""
         return self._largest_payload is None or len(message.payload) <= self._largest_payload
 
-    def send(self, outgoing: Sequence[Outgoing]) -> None:
+    def send(self, outgoing: Sequence[Outgoing]) -> bool:
         """Hand messages of QoS 0, at least one, to the socket, where there is room.
 
-        In one go, since a system call costs more than a message. Each is settled when it has left
-        the socket's buffer.
+        In one go, since a system call costs more than a message. True if it has taken all; else
+        each is settled when it has left the socket's buffer.
         """
         version = self.version
         packets = [
@@ -149,19 +149,18 @@ class MqttConnection:
             for one in outgoing
         ]
         octets = b"".join(packets)
-        sent_utc_ns = outgoing[0].client.now_ns()
         self._client.write(octets)
         if self._echo is not None and self._echo.wants:
             self._echo.published([one.message for one in outgoing])
         if self._buffer.given(len(octets)):
-            for one in outgoing:
-                one.taken(sent_utc_ns)
-            return
+            return True
         left = len(octets)
         for packet, one in zip(packets, outgoing, strict=True):
             left -= len(packet)
-            one.sent_utc_ns = max(one.sent_utc_ns, sent_utc_ns)
+            if not one.sent_utc_ns:
+                one.leave()
             self._buffer.keep(one, left)
+        return False
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Make the packets of what will be sent soon."""

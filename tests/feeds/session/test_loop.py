@@ -30,6 +30,7 @@ class Case:
             inputs=self,
             drain=lambda: None,
             before_due=before_due,
+            write_later=lambda names: self.done.extend((n, self.clock.now_ns()) for n in names),
         )
 
     def at(self, t_ns: int, name: str, kind: ActionKind = ActionKind.WORK) -> None:
@@ -60,7 +61,7 @@ async def test_what_can_wait_is_done_together_at_fixed_times() -> None:
 
     def both(name: str) -> Callable[[], None]:
         def act() -> None:
-            case.loop.later(case.note(f"ledger of {name}"))
+            case.loop.later(f"ledger of {name}")
             case.note(name)()
 
         return act
@@ -129,7 +130,7 @@ async def test_what_can_wait_does_not_pile_up_however_late_the_session_is() -> N
     waiting: list[int] = []
 
     def work() -> None:
-        case.loop.later(case.note("ledger"))
+        case.loop.later("ledger")
         waiting.append(len(waiting) + 1 - len(case.done))
 
     for t in range(number):
@@ -256,7 +257,7 @@ async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_don
     case = Case(clock)
 
     def five() -> None:
-        case.loop.later(case.note("ledger"))
+        case.loop.later("ledger")
         case.note("five")()
 
     case.loop.schedule.put(5 * MS, five)
@@ -268,7 +269,7 @@ async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_don
     await until(lambda: "ledger" in names(case))
     await until(lambda: clock.is_paused)
     case.come_in("in")
-    case.loop.later(case.note("later"))  # as when a broker acknowledges
+    case.loop.later("later")  # as when a broker acknowledges
     await until(lambda: {"in", "later"} <= names(case))
     assert "next" not in names(case)
     clock.resume()

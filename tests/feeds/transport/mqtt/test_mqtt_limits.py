@@ -12,6 +12,7 @@ from support.mqtt_link import end_connection, linked, numbers
 from support.scripted_broker import ScriptedBroker
 from support.waiting import PATIENCE_S, until
 
+from plotfeed.feeds.messages.outgoing import publish
 from plotfeed.feeds.transport.mqtt import client, send_queue
 from plotfeed.feeds.transport.mqtt.no_connection import MqttError
 from plotfeed.feeds.transport.mqtt.qos1_window import MAX_UNACKNOWLEDGED
@@ -53,7 +54,7 @@ async def test_what_waits_is_bounded_and_leaves_qos_0_alone() -> None:
             link.counts.dropped == len(deliveries.given_up) == 20_000 - 10_000 - MAX_UNACKNOWLEDGED
         )
         late = deliveries.make(qos=0)
-        link.publish([late])
+        publish([link], [late])
         assert late.was_delivered
         assert late.sent_utc_ns is not None
     assert deliveries.unsettled == []
