@@ -176,7 +176,7 @@ class Transport(Protocol):
     def waiting_of(self, client: Client) -> int:
         """Messages of that client that wait for a connection, or for room on it."""
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool | None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
         """Take some that are due at once; never raise.
 
         True if all of it is delivered already, and nobody has told it; else the transport tells

@@ -104,7 +104,7 @@ class RecordedUdp(ImmediateTransport):
             self._links[topic] = self._opened(topic)
         return self._links.get(topic) is not None
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
         """Send each to where its topic says."""
         for one in outgoing:
             link = self._links.get(one.message.topic)
@@ -112,6 +112,7 @@ class RecordedUdp(ImmediateTransport):
                 one.settle(delivered=None)
             else:
                 link.publish([one])
+        return False
 
     def close(self) -> None:
         """Close all sockets."""

@@ -371,13 +371,13 @@ class HeldTransport:
         self.prepare: Callable[[Sequence[Message]], None] = transport.prepare
         self.drain = transport.drain
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
         """Send them, or settle them as undelivered."""
         if self._hold.holds:
-            self._transport.publish(outgoing)
-            return
+            return self._transport.publish(outgoing)
         for one in outgoing:
             one.settle(delivered=False, to=NOT_HELD)
+        return False
 
 
 class PartLink(MqttTransport):

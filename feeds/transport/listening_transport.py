@@ -43,7 +43,7 @@ class ListeningTransport(ImmediateTransport):
         """Whether it is of the format that goes there."""
         return message.content_type == self._carried
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
         """Tell what goes there; what does not, or finds nobody, is left to others."""
         for one in outgoing:
             delivered = None
@@ -51,6 +51,7 @@ class ListeningTransport(ImmediateTransport):
                 one.leave()
                 delivered = True
             one.settle(delivered=delivered)
+        return False
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Return once it listens; raises `PortError` if it cannot."""

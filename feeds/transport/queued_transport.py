@@ -61,7 +61,7 @@ class QueuedTransport:
         """Whether it is of the format that goes there."""
         return message.content_type == self._carried
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
         """Let what goes there wait its turn; the oldest gives way where there is no room."""
         for one in outgoing:
             if not self.carries(one.message):
@@ -71,6 +71,7 @@ class QueuedTransport:
                 self._queue.popleft().settle(delivered=False, to=self.name)
             self._queue.append(one)
             self._filled.set()
+        return False
 
     def waiting_of(self, client: Client) -> int:
         """How many messages of that client wait."""

@@ -110,13 +110,14 @@ class SapientTcpTransport(ImmediateTransport):
         """Whether it is SAPIENT."""
         return message.content_type == CONTENT_TYPE
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
         """Send what is SAPIENT, and settle at once whether the connection, if any, took it."""
         for one in outgoing:
             delivered = None
             if self.carries(one.message):
                 delivered = self._sent(one)
             one.settle(delivered=delivered, to="SAPIENT")
+        return False
 
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the socket has taken what was published, or the time is up."""

@@ -60,7 +60,7 @@ class UdpTransport(ImmediateTransport):
             what = f"{self._key}.destination: {self.settings.destination}"
             raise UdpError(f"{what}: {_why(error)}") from None
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
         """Send what it carries, and settle at once whether the system took it."""
         for one in outgoing:
             delivered = None
@@ -69,6 +69,7 @@ class UdpTransport(ImmediateTransport):
                 if delivered:
                     one.leave()
             one.settle(delivered=delivered, to=self.name)
+        return False
 
     def carries(self, message: Message) -> bool:
         """Whether it is of the kind that goes there."""
