@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 CHUNK_OCTETS = 1 << 18
 LATEST_NS = (1 << 64) - 1
@@ -32,9 +32,8 @@ WHAT_LEFT = (Stage.AFTER, Stage.RECEIVED)
 """The stages of messages as whoever received them had them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recorded:
-    """One message of a recording."""
+class Recorded(NamedTuple):
+    """One message of a recording, by its names: most of the time of reading is that to make one."""
 
     topic: str
     """For a datagram, udp/ADDRESS/PORT of where it went."""

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from datetime import UTC
 from functools import partial
 from pathlib import Path
@@ -174,7 +174,7 @@ def _between(
                 retained[key] = message
         elif end_ns is None or t_ns < end_ns:
             if start_ns is not None:
-                told = [replace(each, log_time_ns=start_ns) for each in retained.values()]
+                told = [each._replace(log_time_ns=start_ns) for each in retained.values()]
                 retained.clear()
                 yield from (each for each in told if each.payload)
             yield message

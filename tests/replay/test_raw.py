@@ -4,7 +4,7 @@ import io
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from support.asterix_readers import items_of, read_blocks
 from support.given_recordings import EVERY_CAPTURE, RadarCapture
@@ -157,6 +157,7 @@ def test_midnight_as_some_write_it_and_no_time(data: bytes, time_s: int | None) 
 
 
 @given(st.binary(max_size=60))
+@example(b"\x01\0\x03")  # of two profiles, and no octet that says which
 def test_any_octets_have_a_time_of_day_or_none(data: bytes) -> None:
     time_ns = time_of_day_ns(data)
     assert time_ns is None or 0 <= time_ns < DAY_NS

@@ -143,10 +143,11 @@ def _plans_of(category: Category) -> Reader:
 
 def _is_track(body: bytes, at: int) -> bool:
     """Whether a record of 001 has I001/020, behind I001/010, that says so."""
-    flags = body[at]
-    while at < len(body) and body[at] & FX:
-        at += 1
-    says = at + 1 + (2 if flags & 0x80 else 0)
+    end = at
+    while end < len(body) and body[end] & FX:
+        end += 1
+    flags = body[at] if at < len(body) else 0
+    says = end + 1 + (2 if flags & 0x80 else 0)
     return bool(flags & 0x40 and says < len(body) and body[says] & 0x80)
 
 

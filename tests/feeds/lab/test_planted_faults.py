@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -234,13 +233,13 @@ def planted(messages: Iterable[Recorded]) -> Iterator[Recorded]:
         if each.topic in on_the_wire:
             batch = pb.PlotBatch.FromString(each.payload)
             on_the_wire[each.topic](batch)
-            yield replace(each, payload=batch.SerializeToString())
+            yield each._replace(payload=batch.SerializeToString())
         elif each.topic.endswith("/truth"):
             entry = pb.Ledger.FromString(each.payload)
             if entry.sensor in in_the_ledger:
                 in_the_ledger[entry.sensor](entry, rngs[entry.sensor])
             if entry.sensor:
-                yield replace(each, payload=entry.SerializeToString())
+                yield each._replace(payload=entry.SerializeToString())
         else:
             yield each
 

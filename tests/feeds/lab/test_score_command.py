@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import xml.dom.minidom
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -84,7 +83,7 @@ def test_a_recording_of_a_broker_has_all_that_is_needed(recording: Path, tmp_pat
     """Without the scene, sensors stand where they said; the score is the same."""
     with McapReader(recording) as log:
         heard = [
-            replace(message, stage=Stage.RECEIVED) for message in log.messages(stages=[Stage.AFTER])
+            message._replace(stage=Stage.RECEIVED) for message in log.messages(stages=[Stage.AFTER])
         ]
     path = written(tmp_path / "heard.mcap", heard)
     one, other = score_of(recording), score_of(path)
@@ -170,8 +169,7 @@ def test_names_of_drones_are_text_in_html_and_xml(tmp_path: Path) -> None:
     ]
     told = {"sensor": "radar", "latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0,
             "scan_period_s": 1.0}  # fmt: skip
-    described = replace(
-        messages[0],
+    described = messages[0]._replace(
         topic="plotfeed/radar/description",
         payload=json.dumps(told).encode(),
         content_type="application/json",

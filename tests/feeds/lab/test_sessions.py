@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -186,7 +185,7 @@ def test_plots_that_contradict_the_ledger_are_not_joined(session: Path, tmp_path
                 batch = pb.PlotBatch.FromString(each.payload)
                 for plot in batch.plots[1:]:
                     plot.time_utc_ns += 1
-                yield replace(each, payload=batch.SerializeToString())
+                yield each._replace(payload=batch.SerializeToString())
             elif each.topic.endswith("/truth"):
                 yield each
 

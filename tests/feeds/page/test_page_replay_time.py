@@ -6,7 +6,6 @@ import asyncio
 import json
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -181,8 +180,8 @@ async def test_a_recording_lasts_as_long_as_anything_in_it(
     with McapReader(record) as log:
         attachment, first = log.attachment("scene.toml"), list(log.messages())[:40]
     assert attachment is not None
-    last = replace(
-        first[-1], topic="lab/truth", payload=b"", log_time_ns=first[-1].log_time_ns + NS
+    last = first[-1]._replace(
+        topic="lab/truth", payload=b"", log_time_ns=first[-1].log_time_ns + NS
     )
     with (folder / "silent.mcap").open("wb") as file:
         log_writer = McapWriter(file, attachments=[attachment], library="plotfeed test")

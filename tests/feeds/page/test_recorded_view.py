@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -381,10 +380,10 @@ async def test_entries_that_no_session_wrote_are_passed_over(session: Path, tmp_
     good = messages(session)
     first = next(m for m in good if m.topic == "plotfeed/truth")
     payloads = [*(entry.SerializeToString() for entry in bad), b"\xff\xff"]
-    hostile = [replace(first, payload=payload) for payload in payloads]
+    hostile = [first._replace(payload=payload) for payload in payloads]
     looks = pb.Look(drone="z", time_utc_ns=first.log_time_ns, range_m=1e300, snr_db=1e9, pd=nan)
     hostile.append(
-        replace(first, payload=pb.Ledger(sensor="near", looks=[looks]).SerializeToString())
+        first._replace(payload=pb.Ledger(sensor="near", looks=[looks]).SerializeToString())
     )
     path = written(tmp_path / "hostile.mcap", [*hostile, *good], scene_of(session))
     shown = await Shown(path).at(*straight(WHOLE_S, 0.5))

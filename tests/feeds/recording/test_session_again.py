@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -48,7 +47,7 @@ def without_ticks(record: Path, path: Path) -> Path:
         if message.topic.endswith("/session"):
             told = json.loads(message.payload)
             assert told.pop("tick_ms") == 10
-            message = replace(message, payload=json.dumps(told).encode())  # noqa: PLW2901
+            message = message._replace(payload=json.dumps(told).encode())  # noqa: PLW2901
         recorder.write(message)
     recorder.close()
     return path

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import struct
-from dataclasses import replace
 from pathlib import Path
 
 import dpkt
@@ -130,7 +129,7 @@ def test_another_payload_has_its_own_lengths_and_checksums(payload: bytes, six: 
     plain = packet(six=six)
     data = capture(plain[:MAC] + VLAN + plain[MAC:] + bytes(9), more=5, snap=0)
     (was,) = messages_of(data)
-    changed = written(PcapWriter, [replace(was, payload=payload)])
+    changed = written(PcapWriter, [was._replace(payload=payload)])
     (now,) = messages_of(changed)
     assert (now.payload, now.topic) == (payload, was.topic)
     ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(changed))
@@ -145,7 +144,7 @@ def test_options_and_time_to_live_stay_with_another_payload() -> None:
     head = bytearray(plain[14:34] + b"\x94\4\0\0" + plain[34:42])
     head[0], head[8] = 0x46, 3
     (was,) = messages_of(capture(bytes(head[:2] + b"\0\x2e" + head[4:]) + PLOT, link_type=RAW))
-    changed = written(PcapWriter, [replace(was, payload=PLOT * 2)])
+    changed = written(PcapWriter, [was._replace(payload=PLOT * 2)])
     (now,) = messages_of(changed)
     assert now.payload == PLOT * 2
     ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(changed))
@@ -155,9 +154,9 @@ def test_options_and_time_to_live_stay_with_another_payload() -> None:
 
 def test_another_destination_or_source_is_a_packet_of_its_own() -> None:
     (was,) = messages_of(capture(packet(RAW), link_type=RAW))
-    there = replace(was, topic="udp/239.9.9.9/8601")
-    here = replace(was, properties=((SOURCE, "10.9.9.9/1"), *was.properties[1:]))
-    elsewhere = replace(was, topic="plotfeed/radar/asterix/048")
+    there = was._replace(topic="udp/239.9.9.9/8601")
+    here = was._replace(properties=((SOURCE, "10.9.9.9/1"), *was.properties[1:]))
+    elsewhere = was._replace(topic="plotfeed/radar/asterix/048")
     got = messages_of(written(PcapWriter, [was, there, here, elsewhere]))
     assert [each.topic for each in got] == [
         was.topic, "udp/239.9.9.9/8601", was.topic, "udp/127.1.0.0/8600"
@@ -183,7 +182,7 @@ def test_messages_from_elsewhere_go_along_in_every_link_layer(
 def test_packets_of_another_link_layer_than_that_of_the_first_are_made_anew() -> None:
     (raw,) = messages_of(capture(packet(RAW), link_type=RAW))
     (ethernet,) = messages_of(capture(packet()))
-    assert written(PcapWriter, [raw, replace(ethernet, log_time_ns=START_NS + 1_500_000)]) == (
+    assert written(PcapWriter, [raw, ethernet._replace(log_time_ns=START_NS + 1_500_000)]) == (
         capture(packet(RAW), packet(RAW), link_type=RAW)
     )
 
@@ -191,7 +190,7 @@ def test_packets_of_another_link_layer_than_that_of_the_first_are_made_anew() ->
 def test_what_the_header_of_the_file_does_not_allow_is_told() -> None:
     (was,) = messages_of(capture(packet(), snap=80))
     writer = PcapWriter(io.BytesIO())
-    assert writer.write(replace(was, log_time_ns=START_NS + 1)) is None
+    assert writer.write(was._replace(log_time_ns=START_NS + 1)) is None
     assert writer.notes()[1:] == ["1 times lost what is less than a microsecond"]
     reason = writer.write(message(bytes(100), topic="udp/10.0.0.1/1"))
     assert reason == "longer than the capture's 80 octets of a packet"
@@ -218,6 +217,6 @@ def test_whatever_the_properties_say_the_payload_goes_where_the_topic_says(
     kept[HEAD] = kept[HEAD][: length // 4 * 4]
     properties = tuple((kept | dict(changed)).items())
     (now,) = messages_of(
-        written(PcapWriter, [replace(was, payload=payload, properties=properties)])
+        written(PcapWriter, [was._replace(payload=payload, properties=properties)])
     )
     assert (now.payload, now.topic) == (payload, was.topic)

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import struct
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -183,7 +182,7 @@ def test_a_capture_that_wireshark_converts_is_what_it_was(
     data = capture.path.read_bytes()
     for one, other in zip(got(converted(tmp_path, data)), read(PcapReader, data)[0], strict=True):
         properties = dict(one.properties) | {FILE: dict(other.properties)[FILE]}
-        assert replace(one, properties=tuple(properties.items())) == other
+        assert one._replace(properties=tuple(properties.items())) == other
 
 
 def test_packets_with_tags_and_padding_become_those_of_a_pcap() -> None:
