@@ -34,14 +34,7 @@ class RunsAsked:
         """Processes to be started here; None where a cluster has them."""
         if self.ray is not None:
             return None
-        if self.processes is not None:
-            return min(self.processes, max(jobs, 1))
-        if jobs and not find_spec("ray"):
-            from plotfeed.feeds.console.printed import say
-
-            say("plotfeed: one process, as ray is missing: pip install 'plotfeed[fleet]'", err=True)
-            return 1
-        return min(os.cpu_count() or 1, max(jobs, 1))
+        return min(self.processes or os.cpu_count() or 1, max(jobs, 1))
 
     def tell(self, told: Mapping[str, Any], lines: Iterable[str], written: Sequence[Path]) -> None:
         """Print what came of the runs, in lines or as one JSON object, and the files."""

@@ -9,6 +9,7 @@ import json
 import logging
 import os
 import re
+import signal
 import socket
 import tomllib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
@@ -17,6 +18,8 @@ from dataclasses import dataclass
 from decimal import Decimal, DecimalException
 from functools import lru_cache
 from itertools import islice, product
+from multiprocessing import get_context
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any, NoReturn, Self, TypeVar
 
@@ -129,16 +132,82 @@ def spread(
 ) -> Generator[tuple[Job, Result], None, None]:
     """Each job and what `work` made of it, in the order in which they are done.
 
-    Where one process is asked for, and no cluster, that is this one. Else they are Ray's tasks, in
-    so many processes or as many as there are processors; `address` is that of a cluster. A job
-    whose process dies is done again, by another; after some deaths, `EngineError` is raised, as is
-    every `PlotfeedError` of `work` with its text.
+    Where one process is asked for, and no cluster, that is this one; more, or as many as there are
+    processors, are those of this machine, and `address` is that of a cluster of Ray's. A job whose
+    process dies is done again, by another; after some deaths, `EngineError` is raised, as is every
+    `PlotfeedError` of `work` with its text.
     """
-    if processes == 1 and address is None:
+    if address is not None:
+        yield from _by_ray(work, jobs, address)
+    elif processes == 1:
         for job in jobs:
             yield job, work(job)
-        return
-    with connected(address, processes) as ray:
+    else:
+        yield from _by_processes(work, jobs, processes or os.cpu_count() or 1)
+
+
+def _by_processes(
+    work: Callable[[Job], Result], jobs: Iterable[Job], processes: int
+) -> Generator[tuple[Job, Result], None, None]:
+    """Each job and its result by processes of this machine, each with one job at a time."""
+    context, begun = get_context("spawn"), list[Any]()
+
+    def started() -> Any:
+        here, there = context.Pipe()
+        process = context.Process(target=_work_on, args=(work, there), daemon=True)
+        process.start()
+        begun.append(process)
+        there.close()  # so that it ends with its process
+        return here
+
+    left = ((job, 1) for job in jobs)
+    again: list[tuple[Job, int]] = []
+    at_work: dict[Any, tuple[Job, int]] = {}
+    idle: list[Any] = []
+    try:
+        while True:
+            while len(at_work) < processes:
+                task = again.pop() if again else next(left, None)
+                if task is None:
+                    break
+                pipe = idle.pop() if idle else started()
+                pipe.send(task[0])
+                at_work[pipe] = task
+            if not at_work:
+                return
+            ready: list[Any] = wait(list(at_work))
+            for pipe in ready:
+                job, tries = at_work.pop(pipe)
+                try:
+                    result, refused = pipe.recv()
+                except EOFError:
+                    if tries == TRIES:
+                        raise EngineError(f"{TRIES} processes died of one job: {job}") from None
+                    again.append((job, tries + 1))
+                    continue
+                idle.append(pipe)
+                if refused is not None:
+                    raise PlotfeedError(refused)
+                yield job, result
+    finally:
+        for process in begun:
+            process.terminate()
+            process.join()
+
+
+def _work_on(work: Callable[[Job], Result], pipe: Any) -> None:
+    """Do one job after the other; Ctrl-C is for whoever hands them out."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(EOFError):
+        while True:
+            pipe.send(_told(work)(pipe.recv()))
+
+
+def _by_ray(
+    work: Callable[[Job], Result], jobs: Iterable[Job], address: str
+) -> Generator[tuple[Job, Result], None, None]:
+    """Each job and its result by tasks of a cluster of Ray, as `spread` gives them."""
+    with connected(address, None) as ray:
         task = ray.remote(num_cpus=1, max_retries=TRIES - 1)(_told(work))
         processors = max(1, int(ray.cluster_resources().get("CPU", 1)))
         left, handed_out = iter(jobs), dict[Any, Job]()

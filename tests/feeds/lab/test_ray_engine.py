@@ -7,7 +7,6 @@ import subprocess
 import sys
 
 import pytest
-from support.fleet_process import skip_without_ray
 
 from plotfeed.feeds.console import extras
 from plotfeed.feeds.lab.runs import EngineError, connected
@@ -30,7 +29,8 @@ def test_ray_works_on_loopback_and_is_gone_afterwards() -> None:
     done = subprocess.run(
         [sys.executable, "-c", STARTED], capture_output=True, text=True, timeout=600, check=False
     )
-    skip_without_ray(done.stderr)
+    if "Ray cannot be started" in done.stderr:  # a machine that is far too busy
+        pytest.skip("Ray cannot be started here")
     assert done.returncode == 0, done.stderr
     found, gone = map(json.loads, done.stdout.splitlines())
     assert found == [42, "127.0.0.1", 2.0]

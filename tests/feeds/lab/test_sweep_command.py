@@ -11,7 +11,6 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 from support.command import plotfeed, plotfeed_here, started
-from support.fleet_process import skip_without_ray
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import wait_until
 
@@ -90,10 +89,8 @@ def test_a_sweep_killed_at_any_time_goes_on_and_its_tables_are_the_same(
 def test_any_number_of_processes_gives_the_same_tables(
     file: Path, whole: Path, tmp_path: Path
 ) -> None:
-    pytest.importorskip("ray")
     command = ("sweep", file, *VARY, *SHORT[:-1], 2, "--out", tmp_path / "two")
     done = plotfeed(*command, wait_s=MOST_S)
-    skip_without_ray(done.stderr)
     assert done.returncode == 0, done.stderr
     assert octets(tmp_path / "two") == octets(whole)
 
