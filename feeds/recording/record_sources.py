@@ -258,9 +258,8 @@ def recorded_of(message: ReceivedMessage, now_utc_ns: int) -> Recorded:
     It was due when its CloudEvents attribute `time` says, if it has one.
     """
     due_utc_ns = rfc_3339_ns(dict(message.properties).get("time", ""))
-    topic: str | bytes = message.topic  # which gmqtt gives as octets where they are not UTF-8
     return Recorded(
-        topic=topic if isinstance(topic, str) else topic.decode(errors="replace"),
+        topic=message.topic,
         payload=message.payload,
         log_time_ns=now_utc_ns,
         publish_time_ns=now_utc_ns if due_utc_ns is None else due_utc_ns,

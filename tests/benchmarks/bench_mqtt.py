@@ -1,8 +1,8 @@
-"""What it costs to publish by gmqtt, aiomqtt and paho-mqtt, to the embedded broker.
+"""What it costs to publish by plotfeed, aiomqtt and paho-mqtt, to the embedded broker.
 
     python tests/benchmarks/bench_mqtt.py
 
-The clients run in `.venv-bench`, which is made where it is missing, each in a process of its own,
+The others run in `.venv-bench`, which is made where it is missing, each in a process of its own,
 in turns. QoS 0, MQTT 3.1.1. A run ends when its last message has come back, which the broker sends
 once it has taken all the others. CPU is that of the publishing process.
 """
@@ -25,36 +25,51 @@ from aims import ratios, spread
 
 PROJECT = Path(__file__).parents[2]
 OTHER = PROJECT / ".venv-bench"
-CLIENTS = {"gmqtt": "gmqtt==0.8.0", "aiomqtt": "aiomqtt==2.5.1", "paho-mqtt": "paho-mqtt"}
+OURS = "plotfeed"
+OTHERS = {"aiomqtt": "aiomqtt==2.5.1", "paho-mqtt": "paho-mqtt"}
+CLIENTS = (OURS, *OTHERS)
 COUNTS = {60: 20_000, 1400: 20_000, 30_000: 3000}
 REPEATS = 3
 HOST = "127.0.0.1"
-UNSENT_OCTETS = 1 << 20
 END = "bench/end"
 
 
-async def by_gmqtt(port: int, payload: bytes, count: int) -> None:
+async def by_plotfeed(port: int, payload: bytes, count: int) -> None:
     """All messages, and the last one back."""
-    import gmqtt
+    from plotfeed.feeds.messages.message import Message
+    from plotfeed.feeds.messages.outgoing import Outgoing, publish
+    from plotfeed.feeds.scene.output_keys import MqttQueueKeys
+    from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+    from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
-    client, back = gmqtt.Client("bench"), asyncio.Event()
-    client.on_message = lambda *_: back.set() or 0
-    await client.connect(HOST, port, version=4)
-    client.subscribe(END)
-    await asyncio.sleep(0.1)
-    with Measured(payload, count):
-        for _ in range(count):
-            client.publish("bench/load", payload)
-            # gmqtt never waits: what the socket has not taken is for its user to watch.
-            while unsent_octets(client) > UNSENT_OCTETS:  # noqa: ASYNC110
-                await asyncio.sleep(0.001)
-        client.publish(END, b"")
-        await back.wait()
+    class Sender:
+        """Counts nothing."""
 
+        now_ns = staticmethod(time.time_ns)
 
-def unsent_octets(client: Any) -> int:
-    """What the socket has not taken; gmqtt has no public way to ask."""
-    return int(client._connection._transport.get_write_buffer_size())
+        def settled(self, outgoing: Outgoing) -> None:
+            """One has left."""
+
+    sender, back = Sender(), asyncio.Event()
+    link = MqttTransport(
+        BrokerAddress(HOST, port, (4,)),
+        "bench",
+        subscribe=[END],
+        on_message=lambda *_: back.set(),
+        queue=MqttQueueKeys(policy="wait", messages=10_000),
+    )
+    async with link.connected(5.0):
+        await asyncio.sleep(0.1)
+        with Measured(payload, count):
+            for _ in range(count):
+                await link.room()
+                message = Message("bench/load", payload, "", 0)
+                publish([link], [Outgoing(message, client=sender, transports=1)])
+                if link.waiting:
+                    await asyncio.sleep(0)
+            last = Message(END, b"", "", 0)
+            publish([link], [Outgoing(last, client=sender, transports=1)])
+            await back.wait()
 
 
 async def by_aiomqtt(port: int, payload: bytes, count: int) -> None:
@@ -111,7 +126,7 @@ def _python() -> Path:
     if not python.exists():
         venv.create(OTHER, with_pip=True)
     quiet = ("--quiet", "--disable-pip-version-check")
-    subprocess.run([python, "-m", "pip", "install", *quiet, *CLIENTS.values()], check=True)
+    subprocess.run([python, "-m", "pip", "install", *quiet, *OTHERS.values()], check=True)
     return python
 
 
@@ -122,7 +137,7 @@ def _versions(python: Path) -> str:
         capture_output=True,
     ).stdout
     found = {row["name"]: row["version"] for row in json.loads(listed)}
-    return ", ".join(f"{name} {found[name]}" for name in CLIENTS)
+    return ", ".join(f"{name} {found[name]}" for name in OTHERS)
 
 
 async def main() -> None:
@@ -140,7 +155,13 @@ async def main() -> None:
                 for client in CLIENTS:
                     arguments = [client, broker.ports.mqtt3, octets, count]
                     out = subprocess.run(  # noqa: ASYNC221 - nothing else runs in this loop
-                        [python, __file__, *map(str, arguments)], check=True, capture_output=True
+                        [
+                            sys.executable if client == OURS else python,
+                            __file__,
+                            *map(str, arguments),
+                        ],
+                        check=True,
+                        capture_output=True,
                     ).stdout
                     found[client, octets].append(json.loads(out.splitlines()[-1]))
     finally:
@@ -158,7 +179,7 @@ async def main() -> None:
 
 
 def _publish(client: str, port: str, octets: str, count: str) -> None:
-    run = {"gmqtt": by_gmqtt, "aiomqtt": by_aiomqtt, "paho-mqtt": by_paho}[client]
+    run = {OURS: by_plotfeed, "aiomqtt": by_aiomqtt, "paho-mqtt": by_paho}[client]
     asyncio.run(run(int(port), bytes(int(octets)), int(count)))
 
 

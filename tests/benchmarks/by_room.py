@@ -19,7 +19,6 @@ ROOMS = {
     "feeds/transport": "transport",
     "feeds/telemetry": "telemetry",
     "feeds/session/inputs.py": "telemetry",
-    "gmqtt": "transport",
 }
 """What a piece of a file's path says; the innermost call that is of any of these counts."""
 NAMES = ("sensing", "formats", "delivery", "transport", "telemetry", "ledger", "the rest")

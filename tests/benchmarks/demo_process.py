@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gmqtt
+from plotfeed.feeds.messages.message import ReceivedMessage
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
-logging.getLogger("gmqtt").setLevel(logging.CRITICAL + 1)  # the broker goes first, and is missed
+logging.disable(logging.WARNING)  # the broker goes first, and is missed
 
 COMMAND = Path(sys.executable).with_name("plotfeed")
 OnMessage = Callable[[str, bytes, dict[str, Any]], None]
@@ -54,18 +56,10 @@ async def demo(*options: str) -> AsyncIterator[Demo]:
 async def subscriber(where: Demo, topics: list[str], heard: OnMessage) -> AsyncIterator[None]:
     """Hears those topics, with the MQTT 5 properties of each message."""
 
-    def on_message(_c: Any, topic: str, payload: bytes, _q: int, properties: dict[str, Any]) -> int:
-        heard(topic, payload, properties)
-        return 0
+    def received(message: ReceivedMessage) -> None:
+        heard(message.topic, message.payload, {"user_property": message.properties})
 
-    client = gmqtt.Client("bench")
-    client.set_config({"reconnect_retries": -2, "reconnect_delay": 0})  # never
-    client.on_message = on_message
-    await client.connect(where.host, where.port, version=5)
-    for topic in topics:
-        client.subscribe(topic)
-    try:
+    address = BrokerAddress(where.host, where.port, (5,))
+    link = MqttTransport(address, "bench", subscribe=topics, on_received=received)
+    async with link.connected(5.0):
         yield
-    finally:
-        with contextlib.suppress(Exception):
-            await client.disconnect()

@@ -6,21 +6,20 @@ import subprocess
 import sys
 
 PROGRAM = """
-import asyncio, sys, gmqtt
+import asyncio, sys
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
 async def main():
     count = 0
     def heard(*_):
         nonlocal count
         count += 1
-        return 0
-    client = gmqtt.Client("count")
-    client.on_message = heard
-    client.on_disconnect = lambda *_: None
-    await client.connect("127.0.0.1", int(sys.argv[1]), version=5)
-    client.subscribe(sys.argv[2])
-    print("ready", flush=True)
-    await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
-    await asyncio.sleep(1.0)
+    address = BrokerAddress("127.0.0.1", int(sys.argv[1]), (5,))
+    link = MqttTransport(address, "count", subscribe=[sys.argv[2]], on_message=heard)
+    async with link.connected(5):
+        print("ready", flush=True)
+        await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
+        await asyncio.sleep(1.0)
     print(count, flush=True)
 asyncio.run(main())
 """

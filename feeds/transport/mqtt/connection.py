@@ -1,6 +1,7 @@
 """One connection to an MQTT broker: it lives once, and knows whether it is up and has room.
 
-What has not arrived when it is over is handed back.
+What has not arrived when it is over is handed back. Why there is none is an `MqttError`, in words
+and without secrets.
 """
 
 from __future__ import annotations
@@ -8,31 +9,43 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+import ssl
+from collections.abc import Callable, Sequence
+from itertools import cycle
 
 from plotfeed.feeds.messages.message import Message, OnReceived, ReceivedMessage
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.gmqtt_client import (
-    CONNECT_ERRORS,
-    GmqttClient,
-    reason_name,
-)
-from plotfeed.feeds.transport.mqtt.no_connection import (
-    MqttError,
-    failure,
-    hung_up,
-    no_answer,
-    speaks_tls,
-)
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
-from plotfeed.feeds.transport.mqtt.publish_packet import pack, publish_packet
-from plotfeed.feeds.transport.mqtt.qos1_window import Qos1Window
+from plotfeed.feeds.transport.mqtt.packets import (
+    CONNACK,
+    DISCONNECT,
+    GOODBYE,
+    MAXIMUM_PACKET_SIZE,
+    PINGREQ,
+    PUBACK,
+    RECEIVE_MAXIMUM,
+    REFUSED,
+    SERVER_KEEP_ALIVE,
+    SUBACK,
+    BrokenPacketError,
+    BrokerAnswer,
+    BrokerReader,
+    Publication,
+    acknowledgements,
+    connect_packet,
+    publish_packet,
+    reason_name,
+    subscribe_packet,
+    unsubscribe_packet,
+)
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SocketBuffer
+from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
+KEEP_ALIVE_S = 15
+"""A broker that has said nothing for twice as long is gone."""
 CLOSE_S = 1.0
 READ_OCTETS = 8_192
 """At a time, of what a session takes in: a millisecond's work if it is small messages."""
@@ -42,14 +55,38 @@ HEADER_OCTETS = 1024
 """At most, of what a packet holds besides its payload."""
 MOST_COMPLAINTS = 10
 """Topics of a connection on which a broker refuses messages, and that are named."""
-REFUSED = 128
-"""The codes of SUBACK and PUBACK from here on."""
+MAX_UNACKNOWLEDGED = 1000
+"""At once, where the broker does not say how many (Receive Maximum: mosquitto takes 20)."""
+MAX_UNACKNOWLEDGED_OCTETS = 32 << 20
+"""Of payloads, besides the one that goes beyond it."""
+FIRST_ID, LAST_ID = 1000, 65_535
+"""Of messages; those below are of subscriptions."""
+UNKNOWN_VERSION = frozenset({1, 132})
+"""CONNACK's codes, in MQTT 3.1.1 and 5, for a version of MQTT that the broker does not speak."""
+TRANSIENT = frozenset({3, 131, 136, 137, 151, 159})
+"""CONNACK's codes for what a broker may think better of: busy, not available yet."""
+TLS_TIMEOUT_S = 1.0
+HUNG_UP = "it hung up without an answer"
+TOO_MANY = "it may have as many connections as it takes"
 
 OnMessage = Callable[[str, bytes, str | None], None]
 """Called with topic, payload and content type."""
 
 
-class MqttConnection:
+class MqttError(PlotfeedError):
+    """A broker with which there is no connection."""
+
+    exit_code = 1
+
+    def __init__(self, reason: str, *, final: bool = False, versions: bool = False) -> None:
+        super().__init__(reason)
+        self.final = final
+        """It would be no better a second time."""
+        self.other_version = versions
+        """It may be better with another version of MQTT."""
+
+
+class MqttConnection(asyncio.BufferedProtocol):
     """Made, opened, closed; never opened again."""
 
     def __init__(
@@ -58,80 +95,103 @@ class MqttConnection:
         version: int,
         client_id: str,
         *,
-        counts: QueueCounts,
-        on_room: Callable[[], None],
+        counts: QueueCounts | None = None,
+        on_room: Callable[[], None] = lambda: None,
         on_message: OnMessage | None = None,
         on_received: OnReceived | None = None,
         echo: OwnEcho | None = None,
+        will: Message | None = None,
+        keep_alive_s: int | None = None,
     ) -> None:
-        """`on_room` is called whenever there may be room again."""
+        """`on_room` is called whenever there may be room again; `will` is a last one."""
         self.lost = asyncio.Event()
         self.good_bye = ""
-        """Why the broker says that it ends the connection, if it does."""
+        """Why the connection ends, as far as the broker or this client says."""
         self.version = version
-        self._address = address
-        self._on_message = on_message
-        self._on_received = on_received
+        self._address, self._client_id, self._will = address, client_id, will
+        self._on_message, self._on_received = on_message, on_received
         self._echo = echo
-        self._counts = counts
+        self._counts = counts or QueueCounts()
         self._on_room = on_room
-        self._window = Qos1Window(counts, on_room)
+        self._loop = asyncio.get_running_loop()
+        self._keep_alive_s = keep_alive_s or KEEP_ALIVE_S
+        self._answer: asyncio.Future[int | None] = self._loop.create_future()
+        """CONNACK's code; None if the connection is lost before."""
+        self._error: Exception | None = None
+        """What broke it."""
+        self._reader = BrokerReader(version)
+        at_a_time = READ_OCTETS if will is None else READ_OCTETS // 32
+        self._incoming = memoryview(bytearray(at_a_time))
+        self._heard_s = self._loop.time()
+        self._timer: asyncio.TimerHandle | None = None
+        self._transport: asyncio.WriteTransport | None = None
+        self._buffer: SocketBuffer
+        """There is one as soon as there is a transport."""
+        self._unacknowledged: dict[int, Outgoing] = {}
+        """Of QoS 1, by the numbers of their packets, in the order in which they were sent."""
+        self._unacknowledged_octets = 0
+        self._most_unacknowledged = MAX_UNACKNOWLEDGED
+        self._last_id = FIRST_ID - 1
         self._packets: list[bytes] = []
         """Of QoS 1, which are written next."""
         self._packed_octets = 0
-        self._buffer: SocketBuffer
-        """There is one as soon as it is open."""
+        self._asks = cycle(range(1, FIRST_ID))
         self._subscriptions: dict[int, str] = {}
         """Filters that the broker has not answered for, by the number of their subscription."""
         self._refused_topics: set[str] = set()
         self._largest_payload: int | None = None
-        self._client = GmqttClient(
-            client_id,
-            version,
-            username=address.access.username,
-            password=address.access.password,
-            on_accepted=self._accepted,
-            on_granted=self._subscribed,
-            on_message=self._received,
-            on_acknowledged=self._acknowledged,
-            on_ended=self._ended,
-        )
 
     @property
     def unacknowledged(self) -> int:
         """Messages of QoS 1 of which it is not known that they have arrived."""
-        return self._window.unacknowledged
+        return len(self._unacknowledged)
 
     async def open(self, timeout_s: float) -> None:
         """Connect, and have the broker's consent; raises `MqttError`."""
+        address = self._address
         try:
-            await self._open(timeout_s)
-        except BaseException:
+            async with asyncio.timeout(timeout_s):
+                tls = address.access.tls_context() if address.tls else None
+                await self._loop.create_connection(
+                    lambda: self, address.host, address.port, ssl=tls
+                )
+                code = await self._answer
+            if code is None:
+                raise await self._hung_up()
+            if code:
+                raise MqttError(
+                    f"it refuses: {reason_name(code)}",
+                    final=code not in TRANSIENT,
+                    versions=code in UNKNOWN_VERSION,
+                )
+        except BaseException as error:
             self.abort()
+            if isinstance(error, ConnectionResetError):
+                raise await self._hung_up() from None
+            if isinstance(error, TimeoutError) and error.errno is None:
+                raise no_answer() from None
+            if isinstance(error, OSError | ValueError):
+                raise _failure(error) from None
             raise
-        self._buffer = SocketBuffer(self._client.transport, self._on_room)
-        self._client.watch_buffer(self._buffer.hold, self._buffer.release)
-        if self._on_message is not None:
-            self._client.read_at_most(READ_OCTETS)
 
     def subscribe(self, topic_filter: str) -> None:
         """Have what comes there."""
-        if self.lost.is_set():
-            return
-        as_published = self._on_received is not None and self.version >= 5
-        number = self._client.subscribe(topic_filter, as_published=as_published)
+        number, as_published = next(self._asks), self._on_received is not None
         self._subscriptions[number] = topic_filter
+        self._write(subscribe_packet(number, topic_filter, self.version, as_published=as_published))
 
-    def unsubscribe(self, topic: str) -> None:
+    def unsubscribe(self, topic_filter: str) -> None:
         """Have what comes on that topic no more."""
-        if not self.lost.is_set():
-            self._client.unsubscribe(topic)
+        self._write(unsubscribe_packet(next(self._asks), topic_filter, self.version))
 
     def has_room(self, qos: int) -> bool:
         """Whether a message of that QoS may be sent now."""
         if not self._buffer.has_room or self.lost.is_set():
             return False
-        return qos == 0 or self._window.has_room
+        return qos == 0 or (
+            len(self._unacknowledged) < self._most_unacknowledged
+            and self._unacknowledged_octets < MAX_UNACKNOWLEDGED_OCTETS
+        )
 
     def takes(self, message: Message) -> bool:
         """Whether it is not larger than what the broker says that it takes."""
@@ -149,10 +209,10 @@ class MqttConnection:
             for one in outgoing
         ]
         octets = b"".join(packets)
-        self._client.write(octets)
+        all_left = self._buffer.write(octets)
         if self._echo is not None and self._echo.wants:
             self._echo.published([one.message for one in outgoing])
-        if self._buffer.given(len(octets)):
+        if all_left:
             return True
         left = len(octets)
         for packet, one in zip(packets, outgoing, strict=True):
@@ -163,8 +223,10 @@ class MqttConnection:
         return False
 
     def prepare(self, messages: Sequence[Message]) -> None:
-        """Make the packets of what will be sent soon."""
-        pack(messages, self.version)
+        """Make the packets of what will be sent soon; those of QoS 1 need a number first."""
+        for message in messages:
+            if not message.qos:
+                message.packets[self.version] = publish_packet(message, self.version)
 
     def send_until_acknowledged(self, one: Outgoing) -> None:
         """Send a message of QoS 1, and keep it until the broker has answered.
@@ -172,9 +234,14 @@ class MqttConnection:
         Small ones of one turn of the loop leave in one write at its end.
         """
         one.leave()
-        number = self._window.put(one)
+        number = self._last_id
+        while (number := number + 1 if number < LAST_ID else FIRST_ID) in self._unacknowledged:
+            pass
+        self._last_id = number
+        self._unacknowledged[number] = one
+        self._unacknowledged_octets += len(one.message.payload)
         if not self._packets:
-            asyncio.get_running_loop().call_soon(self._write_packets)
+            self._loop.call_soon(self._write_packets)
         packet = publish_packet(one.message, self.version, number=number)
         self._packets.append(packet)
         if self._echo is not None and self._echo.wants:
@@ -185,103 +252,165 @@ class MqttConnection:
 
     def is_idle(self) -> bool:
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""
-        return not self.unacknowledged and not self._buffer.octets
+        return not self._unacknowledged and not self._buffer.octets
 
     def give_up(self) -> list[Outgoing]:
         """Drop what the socket has not taken, and hand back what is unacknowledged."""
         self._counts.dropped += self._buffer.give_up(self._counts.destination)
-        return self._window.take_all()
+        outgoing, self._unacknowledged = list(self._unacknowledged.values()), {}
+        self._unacknowledged_octets = 0
+        return outgoing
 
     def end_if_stuck(self) -> None:
         """Cut a connection whose socket takes nothing any more; to be called now and then."""
-        if self.lost.is_set():
-            return
-        if self._buffer.is_stuck():
-            self.good_bye = "it takes nothing any more"
-            self.abort()
-        elif self._buffer.octets:
-            self._client.note_life(self._buffer.moved_s)
+        if not self.lost.is_set() and self._buffer.is_stuck():
+            self._end("it takes nothing any more")
+
+    def say_goodbye(self) -> None:
+        """Have the broker forget the last will, and close when the socket has taken that."""
+        self._write_packets()
+        self._write(GOODBYE)
+        if self._transport is not None:
+            self._transport.close()
 
     async def close(self) -> None:
         """Say goodbye, if there is still anybody."""
         try:
-            with contextlib.suppress(Exception):
-                self._write_packets()
+            self.say_goodbye()
+            with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CLOSE_S):
-                    await self._client.disconnect()
+                    await self.lost.wait()
         finally:
             self.abort()
 
     def abort(self) -> None:
         """Cut it, if there is any, and keep nothing of it."""
-        self._client.abort()
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._transport is not None:
+            self._transport.abort()
 
-    async def _open(self, timeout_s: float) -> None:
-        address = self._address
-        greeting = asyncio.ensure_future(
-            self._client.connect(
-                address.host, address.port, address.access.tls_context() if address.tls else None
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Say who it is."""
+        assert isinstance(transport, asyncio.WriteTransport)  # noqa: S101 - of a stream  # nosec B101
+        transport.set_write_buffer_limits(high=1, low=0)  # TLS takes 0 for always full
+        self._transport, self._buffer = transport, SocketBuffer(transport, self._on_room)
+        access = self._address.access
+        self._buffer.write(
+            connect_packet(
+                self._client_id,
+                self.version,
+                access.username,
+                access.password,
+                will=self._will,
+                keep_alive_s=self._keep_alive_s,
             )
         )
-        lost = asyncio.ensure_future(self.lost.wait())
-        try:
-            await asyncio.wait(
-                {greeting, lost}, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
-            )
-            if greeting.done():
-                greeting.result()
-            if lost.done():
-                raise await self._hung_up()
-            if not greeting.done():
-                raise no_answer()
-        except ConnectionResetError:
-            raise await self._hung_up() from None
-        except CONNECT_ERRORS as error:
-            raise failure(error) from None
-        finally:
-            for task in (greeting, lost):
-                task.cancel()
-            await asyncio.gather(greeting, lost, return_exceptions=True)
 
-    async def _hung_up(self) -> MqttError:
-        wants_tls = await speaks_tls(self._address)
-        broke = self._client.what_broke()
-        return hung_up(self._address, self.version, broke, wants_tls=wants_tls)
+    def connection_lost(self, error: Exception | None) -> None:
+        """Nobody is there any more."""
+        self._error = error
+        self.lost.set()
+        if self._timer is not None:
+            self._timer.cancel()
+        if not self._answer.done():
+            self._answer.set_result(None)
+
+    def pause_writing(self) -> None:
+        """The socket has not taken everything."""
+        self._buffer.hold()
+
+    def resume_writing(self) -> None:
+        """The socket has taken everything."""
+        self._buffer.release()
+
+    def get_buffer(self, _sizehint: int) -> memoryview:
+        """Where the socket's octets go: so many at a time that others have their turn."""
+        return self._incoming
+
+    def buffer_updated(self, octets: int) -> None:
+        """Take what has come; messages of QoS 1 that came together are acknowledged together."""
+        self._heard_s = self._loop.time()
+        taken: list[int] = []
+        try:
+            for event in self._reader.receive(self._incoming[:octets]):
+                if not self._answer.done() and getattr(event, "kind", 0) != CONNACK:
+                    raise BrokenPacketError("something else before CONNACK")
+                if isinstance(event, BrokerAnswer):
+                    self._answered(event)
+                    continue
+                if event.number is not None:
+                    taken.append(event.number)
+                self._received(event)
+        except BrokenPacketError as error:
+            self._end(f"it does not keep to MQTT: {error}")
+        if taken:
+            self._write(acknowledgements(taken))
+
+    def _write(self, octets: bytes) -> None:
+        transport = self._transport
+        if not (transport is None or transport.is_closing() or self.lost.is_set()):
+            self._buffer.write(octets)
 
     def _write_packets(self) -> None:
         octets = b"".join(self._packets)
         self._packets.clear()
         self._packed_octets = 0
-        if octets and not self.lost.is_set():
-            self._client.write(octets)
-            self._buffer.given(len(octets))
+        if octets:
+            self._write(octets)
 
-    def _accepted(self, answer: Mapping[str, Any]) -> None:
-        for largest in answer.get("maximum_packet_size", ()):
-            self._largest_payload = max(0, largest - HEADER_OCTETS)
-        for window in answer.get("receive_maximum", ()):
-            self._window.limit = min(self._window.limit, window)
+    def _end(self, why: str) -> None:
+        self.good_bye = why
+        self.abort()
 
-    def _ended(self, packet: bytes) -> None:
-        if packet and self.version >= 5:
-            self.good_bye = reason_name(packet[0])
-        self.lost.set()
+    def _keep_alive(self) -> None:
+        """Ask for a sign of life, or cut it; a slow network is none that is dead."""
+        heard_s = max(self._heard_s, self._buffer.moved_s)
+        if self._loop.time() - heard_s > 2 * self._keep_alive_s:
+            self._end("it says nothing any more")
+            return
+        self._write(PINGREQ)
+        self._timer = self._loop.call_later(self._keep_alive_s / 2, self._keep_alive)
 
-    def _acknowledged(self, packet: bytes) -> None:
-        """A PUBACK; those of MQTT 5 may have a reason code."""
-        number = int.from_bytes(packet[:2], "big")
-        if len(packet) <= 2 or packet[2] < REFUSED:
-            self._window.acknowledge(number)
-        else:
-            topic = self._window.refuse(number)
-            if topic not in self._refused_topics and len(self._refused_topics) < MOST_COMPLAINTS:
-                self._refused_topics.add(topic)
-                reason = reason_name(packet[2])
-                log.warning("%s refuses what is published on %s: %s", self._address, topic, reason)
+    def _answered(self, answer: BrokerAnswer) -> None:
+        if answer.kind == CONNACK:
+            if self._answer.done():
+                raise BrokenPacketError("a second CONNACK")
+            numbers = answer.properties.numbers
+            if MAXIMUM_PACKET_SIZE in numbers:
+                self._largest_payload = max(0, numbers[MAXIMUM_PACKET_SIZE] - HEADER_OCTETS)
+            self._most_unacknowledged = min(
+                self._most_unacknowledged, numbers.get(RECEIVE_MAXIMUM) or LAST_ID
+            )
+            self._keep_alive_s = numbers.get(SERVER_KEEP_ALIVE) or self._keep_alive_s
+            self._timer = self._loop.call_later(self._keep_alive_s / 2, self._keep_alive)
+            self._answer.set_result(answer.codes[0])
+        elif answer.kind == PUBACK:
+            self._acknowledged(answer.number, answer.codes[0])
+        elif answer.kind == SUBACK:
+            self._granted(self._subscriptions.pop(answer.number, ""), answer.codes)
+        elif answer.kind == DISCONNECT:
+            self.good_bye = reason_name(answer.codes[0])
+            self.lost.set()
 
-    def _subscribed(self, number: int, granted: Sequence[int]) -> None:
-        topic_filter = self._subscriptions.pop(number, "")
-        for code in granted:
+    def _acknowledged(self, number: int, code: int) -> None:
+        one = self._unacknowledged.pop(number, None)
+        if one is None:
+            return
+        self._unacknowledged_octets -= len(one.message.payload)
+        delivered, topic = code < REFUSED, one.message.topic
+        self._counts.refused += not delivered
+        one.settle(delivered=delivered, to=self._counts.destination)
+        self._on_room()
+        if delivered or topic in self._refused_topics:
+            return
+        if len(self._refused_topics) < MOST_COMPLAINTS:
+            self._refused_topics.add(topic)
+            reason = reason_name(code)
+            log.warning("%s refuses what is published on %s: %s", self._address, topic, reason)
+
+    def _granted(self, topic_filter: str, codes: bytes) -> None:
+        for code in codes:
             refusal = None
             if code >= REFUSED:
                 refusal = "refused" if code == REFUSED else reason_name(code)
@@ -295,22 +424,70 @@ class MqttConnection:
                     refusal,
                 )
 
-    def _received(
-        self, topic: str, payload: bytes, qos: int, retain: bool, properties: Mapping[str, Any]
-    ) -> None:
+    def _received(self, message: Publication) -> None:
+        topic, payload, properties = message.topic, message.payload, message.properties
         if self._echo is not None and self._echo.heard(topic, payload):
             return
-        content_type = properties["content_type"][0] if "content_type" in properties else None
         if self._on_message is not None:
-            self._on_message(topic, payload, content_type)
+            self._on_message(topic, payload, properties.content_type)
         if self._on_received is not None:
             self._on_received(
                 ReceivedMessage(
                     topic=topic,
                     payload=payload,
-                    content_type=content_type,
-                    properties=tuple(properties.get("user_property", ())),
-                    retain=retain,
-                    qos=qos,
+                    content_type=properties.content_type,
+                    properties=properties.pairs,
+                    retain=message.retain,
+                    qos=int(message.number is not None),
                 )
             )
+
+    async def _hung_up(self) -> MqttError:
+        """The error for a broker that ended the connection before it had answered."""
+        address, access = self._address, self._address.access
+        if isinstance(self._error, ssl.SSLError):
+            return _failure(self._error)
+        if self._will is not None:  # else it has taken what is alike
+            return MqttError(f"{HUNG_UP}: {TOO_MANY}")
+        if not address.tls and await _speaks_tls(address):
+            return MqttError(f"{HUNG_UP}: it wants TLS (mqtts://)")
+        if self.good_bye:
+            return MqttError(self.good_bye, versions=True)
+        may_want = []
+        if address.tls:
+            may_want.append(f"{'a' if access.certificate_file is None else 'another'} certificate")
+        may_want.append(f"{'a' if access.username is None else 'another'} user name and password")
+        may_want.append(f"another version of MQTT than {'5' if self.version >= 5 else '3.1.1'}")
+        return MqttError(f"{HUNG_UP}: {TOO_MANY}, or want {', or '.join(may_want)}", versions=True)
+
+
+def no_answer() -> MqttError:
+    """The error for a broker that takes the connection and says nothing."""
+    return MqttError("no answer to CONNECT", versions=True)
+
+
+def _failure(error: Exception) -> MqttError:
+    """The error for what went wrong before the broker had an answer."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return MqttError(f"its certificate is not good: {error.verify_message}", final=True)
+    if isinstance(error, ssl.SSLError):
+        words = (error.reason or "no more is known").replace("_", " ").lower()
+        return MqttError(f"TLS failed: {words}")
+    if isinstance(error, UnicodeError):
+        return MqttError("no host can have this name", final=True)
+    text = error.strerror if isinstance(error, OSError) else None
+    return MqttError(text or str(error) or type(error).__name__)
+
+
+async def _speaks_tls(address: BrokerAddress) -> bool:
+    """Whether it answers TLS where it was spoken to without, whatever its certificate."""
+    anybody = ssl.create_default_context()
+    anybody.check_hostname = False
+    anybody.verify_mode = ssl.CERT_NONE
+    try:
+        async with asyncio.timeout(TLS_TIMEOUT_S):
+            _, writer = await asyncio.open_connection(address.host, address.port, ssl=anybody)
+    except (OSError, TimeoutError):
+        return False
+    writer.transport.abort()
+    return True

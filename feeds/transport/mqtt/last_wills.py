@@ -1,8 +1,7 @@
 """Last wills of many beside one link: connections that carry nothing, each with a will of its own.
 
 A broker takes one will a connection, and a sensor that dies with its session must be OFFLINE for
-whoever listens. Such a connection says CONNECT, and then nothing but pings. It does without gmqtt,
-whose client takes ten times as long to make.
+whoever listens.
 """
 
 from __future__ import annotations
@@ -11,16 +10,12 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Mapping
-from functools import partial
 from uuid import uuid4
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.user_properties import packed, packed_text
 from plotfeed.feeds.transport.mqtt.client import CONNECT_TIMEOUT_S, MqttTransport
-from plotfeed.feeds.transport.mqtt.gmqtt_client import KEEP_ALIVE_S, reason_name
-from plotfeed.feeds.transport.mqtt.publish_packet import CONTENT_TYPE
+from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError
 from plotfeed.feeds.transport.patience import backoff_s
-from plotfeed.proto.varint import varint
 
 log = logging.getLogger(__name__)
 
@@ -28,14 +23,11 @@ AT_ONCE = 10
 """Connections that are made at a time: a broker has a queue for those that come, and others wait
 for the loop."""
 FIRST_LOOK_S, LOOK_EVERY_S = 0.01, 0.25
-"""The latter from one look at what is lost, and to be pinged, to the next."""
+"""The latter from one look at what is lost to the next."""
 PROMPT_KEEP_ALIVE_S = 3
 """A broker takes a connection for lost, and publishes its will, after 1.5 times that."""
 PATIENCE_S = 1.0
 """So long a session waits for its wills before it begins without the last of them."""
-CONNECT, CONNACK = 0x10, 0x20
-CLEAN, WILL, RETAIN, PASSWORD, USERNAME = 0x02, 0x04, 0x20, 0x40, 0x80
-PINGREQ, DISCONNECT = b"\xc0\x00", b"\xe0\x00"
 
 
 class LastWills:
@@ -67,8 +59,8 @@ class LastWills:
         self._stem = stem
         self._prompt = prompt if stem is not None else ""
         self._client_ids: dict[str, str] = {}
-        self._up: dict[str, _WillConnection] = {}
-        """Those that are up, by whose they are, whoever was pinged last at the end."""
+        self._connections: dict[str, MqttConnection] = {}
+        """By whose they are, up or lost."""
         self._placed = asyncio.Event()
         """All wills have been placed once, or it has been tried."""
         self._complained = False
@@ -77,7 +69,7 @@ class LastWills:
     @property
     def placed(self) -> int:
         """How many connections are up, each with its will."""
-        return len(self._up)
+        return sum(not each.lost.is_set() for each in self._connections.values())
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Return once all wills are placed, or that has taken long enough; never raises."""
@@ -103,12 +95,11 @@ class LastWills:
                         again_s = loop.time() + backoff_s(failures)
                         failures += 1
                     self._placed.set()
-                self._ping_some(loop.time())
                 await asyncio.sleep(LOOK_EVERY_S if self._placed.is_set() else FIRST_LOOK_S)
         finally:
-            for connection in [*self._up.values()]:
+            for connection in self._connections.values():
                 if self._forgotten:
-                    connection.end()
+                    connection.say_goodbye()
                 else:
                     connection.abort()
 
@@ -118,7 +109,8 @@ class LastWills:
 
     async def _connect_missing(self) -> bool:
         """Place all wills that are not placed, some at a time; whether that could be done."""
-        missing = [whose for whose in self._wills if whose not in self._up]
+        up = {whose for whose, each in self._connections.items() if not each.lost.is_set()}
+        missing = [whose for whose in self._wills if whose not in up]
         for first in range(0, len(missing), AT_ONCE):
             some = missing[first : first + AT_ONCE]
             found = await asyncio.gather(*map(self._place, some))
@@ -133,156 +125,20 @@ class LastWills:
 
     async def _place(self, whose: str) -> str:
         """Connect with that will; why not, if not."""
-        address, access = self._link.address, self._link.address.access
         is_back = whose in self._client_ids
         client_id = self._client_ids.setdefault(whose, f"plotfeed-{whose}-{uuid4().hex[:8]}")
-        connect = connect_packet(
-            client_id,
-            self._wills[whose],
+        connection = MqttConnection(
+            self._link.address,
             self._link.version,
-            access.username,
-            access.password,
-            keep_alive_s=PROMPT_KEEP_ALIVE_S if whose == self._prompt else KEEP_ALIVE_S,
+            client_id,
+            will=self._wills[whose],
+            keep_alive_s=PROMPT_KEEP_ALIVE_S if whose == self._prompt else None,
         )
-        loop = asyncio.get_running_loop()
-        connection = _WillConnection(connect)
         try:
-            async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                await loop.create_connection(
-                    lambda: connection,
-                    address.host,
-                    address.port,
-                    ssl=access.tls_context() if address.tls else None,
-                )
-                why = await connection.answer
-        except TimeoutError:
-            why = "no answer to CONNECT"
-        except OSError as error:
-            why = error.strerror or str(error)
-        except BaseException:
-            connection.abort()
-            raise
-        if why:
-            connection.abort()
-            return why
-        self._up[whose] = connection
-        connection.lost.add_done_callback(partial(self._lost, whose, connection))
+            await connection.open(CONNECT_TIMEOUT_S)
+        except MqttError as error:
+            return str(error)
+        self._connections[whose] = connection
         if is_back:
             self._on_back(whose)
         return ""
-
-    def _lost(self, whose: str, connection: _WillConnection, _lost: object) -> None:
-        if self._up.get(whose) is connection:
-            del self._up[whose]
-
-    def _ping_some(self, now_s: float) -> None:
-        """Keep alive those whose turn it is: all of them, by and by, in half the time that counts.
-
-        One that has said nothing for as long as twice that time is cut.
-        """
-        if self._prompt in self._up:
-            self._up[self._prompt].ping()
-        some = -(-len(self._up) * LOOK_EVERY_S // (KEEP_ALIVE_S / 2))
-        for whose in [*self._up][: int(some)]:
-            connection = self._up.pop(whose)
-            if now_s - connection.heard_s > 2 * KEEP_ALIVE_S:
-                connection.abort()
-            else:
-                self._up[whose] = connection
-                connection.ping()
-
-
-class _WillConnection(asyncio.Protocol):
-    """What is heard on it is that the broker has accepted it, and that it lives."""
-
-    def __init__(self, connect: bytes) -> None:
-        loop = asyncio.get_running_loop()
-        self.answer: asyncio.Future[str] = loop.create_future()
-        """Why the broker refuses; empty if it accepts."""
-        self.lost: asyncio.Future[None] = loop.create_future()
-        self.heard_s = loop.time()
-        self._loop = loop
-        self._connect = connect
-        self._answer = b""
-        self._transport: asyncio.WriteTransport | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Say who it is, and its will."""
-        assert isinstance(transport, asyncio.WriteTransport)  # noqa: S101 - of a stream  # nosec B101
-        self._transport = transport
-        transport.write(self._connect)
-
-    def data_received(self, data: bytes) -> None:
-        """Read the answer to CONNECT; what follows says no more than that somebody is there."""
-        self.heard_s = self._loop.time()
-        if self.answer.done():
-            return
-        self._answer += data[:8]
-        after_length = next((i for i, o in enumerate(self._answer[1:], 2) if o < 128), 8)
-        if self._answer[0] != CONNACK:
-            self._answered("it does not speak MQTT")
-        elif len(self._answer) > after_length + 1:
-            code = self._answer[after_length + 1]
-            self._answered(f"it refuses: {reason_name(code)}" if code else "")
-
-    def connection_lost(self, error: Exception | None) -> None:
-        """Nobody is there any more."""
-        hung_up = "it hung up without an answer: it may have as many connections as it takes"
-        was_reset = error is None or isinstance(error, ConnectionResetError)
-        self._answered(hung_up if was_reset else str(error))
-        if not self.lost.done():
-            self.lost.set_result(None)
-
-    def ping(self) -> None:
-        """Say that it lives."""
-        self._write(PINGREQ)
-
-    def end(self) -> None:
-        """Say goodbye, so that the will is forgotten."""
-        self._write(DISCONNECT)
-        if self._transport is not None:
-            self._transport.close()
-
-    def abort(self) -> None:
-        """Cut it, if there is any."""
-        if self._transport is not None:
-            self._transport.abort()
-
-    def _answered(self, why: str) -> None:
-        if not self.answer.done():
-            self.answer.set_result(why)
-
-    def _write(self, octets: bytes) -> None:
-        if self._transport is not None and not self._transport.is_closing():
-            self._transport.write(octets)
-
-
-def connect_packet(
-    client_id: str,
-    will: Message,
-    version: int,
-    username: str | None,
-    password: str | None,
-    *,
-    keep_alive_s: int = KEEP_ALIVE_S,
-) -> bytes:
-    """A CONNECT that begins a clean session with that will, which is retained.
-
-    MQTT 3.1.1, section 3.1, and MQTT 5.0, the same.
-    """
-    flags = CLEAN | WILL | will.qos << 3 | (RETAIN if will.retain else 0)
-    flags |= (USERNAME if username is not None else 0) | (PASSWORD if password is not None else 0)
-    of_will = CONTENT_TYPE + packed_text(will.content_type) + packed(will.properties)
-    parts = [
-        packed_text("MQTT"),
-        bytes((version, flags)),
-        keep_alive_s.to_bytes(2, "big"),
-        varint(0) if version >= 5 else b"",  # its own properties
-        packed_text(client_id),
-        varint(len(of_will)) + of_will if version >= 5 else b"",
-        packed_text(will.topic),
-        len(will.payload).to_bytes(2, "big") + will.payload,
-        *(packed_text(text) for text in (username, password) if text is not None),
-    ]
-    rest = b"".join(parts)
-    return bytes((CONNECT,)) + varint(len(rest)) + rest

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Any
 
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.messages.outgoing import Client, Outgoing
@@ -187,20 +187,20 @@ GIVE_UP_S = 20.0
 
 
 class SocketBuffer:
-    """Watches the buffer of one transport; a message of QoS 0 is delivered when it has left that.
+    """Writes to one transport; a message of QoS 0 is delivered when it has left its buffer.
 
-    Octets that are written unseen, such as pings, or that TLS adds, can only make it seem later.
+    Octets that TLS adds can only make that seem later.
     """
 
     def __init__(
         self,
-        transport: Any,
+        transport: asyncio.WriteTransport,
         on_room: Callable[[], None],
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         """`on_room` is called whenever the socket has taken everything after it had not.
 
-        Of a transport of asyncio, whose protocol shall tell `hold` and `release`.
+        The transport's protocol tells `hold` and `release`.
         """
         self.moved_s = now_s()
         """When it last took something that had to wait."""
@@ -208,17 +208,14 @@ class SocketBuffer:
         self._on_room = on_room
         self._now_s = now_s
         self._outgoing: deque[tuple[int, Outgoing]] = deque()
+        """What has not left, and how many octets have when it has."""
+        self._written = self._taken = 0
         self._holds = False
-        self._octets = 0
-        """In the buffer, at the last look."""
-        self._given = 0
-        """Octets since it began to hold any."""
-        self._only_began = False
 
     @property
     def octets(self) -> int:
         """Octets that it has not taken."""
-        return int(self._transport.get_write_buffer_size())
+        return self._transport.get_write_buffer_size()
 
     @property
     def messages(self) -> int:
@@ -230,28 +227,23 @@ class SocketBuffer:
         """Whether it may be given more."""
         if not self._holds:
             return not self._transport.is_closing()
-        self._look()
         return (
-            self._octets <= MAX_UNSENT_OCTETS
+            self._look() <= MAX_UNSENT_OCTETS
             and len(self._outgoing) < MAX_UNSENT_MESSAGES
             and not self._transport.is_closing()
         )
 
-    def given(self, octets: int) -> bool:
-        """Note that at least so many were written, when there was room; whether all have left."""
+    def write(self, octets: bytes) -> bool:
+        """Hand octets to the socket; whether all have left."""
+        self._written += len(octets)
+        self._transport.write(octets)
         if not self._holds:
-            return True
-        before, self._octets = self._octets, self.octets
-        if self._only_began:
-            self._only_began = False
-        else:
-            self._given += max(self._octets - before, octets)
-        self._settle_taken()
-        return False
+            self._taken = self._written
+        return not self._holds
 
     def keep(self, one: Outgoing, octets_behind: int = 0) -> None:
-        """One that was given last but for so many octets; settled once it has left."""
-        self._outgoing.append((self._given - octets_behind, one))
+        """One that was written last but for so many octets; settled once it has left."""
+        self._outgoing.append((self._written - octets_behind, one))
         self._settle_taken()
 
     def give_up(self, destination: str = "") -> int:
@@ -266,31 +258,30 @@ class SocketBuffer:
         if not self._holds and not self._transport.is_closing():
             return False
         self._look()
-        self._settle_taken()
         return self._now_s() - self.moved_s > GIVE_UP_S
-
-    def _look(self) -> None:
-        octets = self.octets
-        if octets < self._octets:
-            self.moved_s = self._now_s()
-        self._octets = octets
-
-    def _settle_taken(self) -> None:
-        taken = self._given - self._octets
-        while self._outgoing and self._outgoing[0][0] <= taken:
-            self._outgoing.popleft()[1].settle(delivered=True)
 
     def hold(self) -> None:
         """The socket has not taken everything."""
-        self._holds = self._only_began = True
-        self._octets = self._given = self.octets
+        self._holds = True
         self.moved_s = self._now_s()
+        self._taken = self._written - self.octets
 
     def release(self) -> None:
         """The socket has taken everything."""
         self._holds = False
-        self._octets = 0
         self.moved_s = self._now_s()
-        for _ in range(len(self._outgoing)):
-            self._outgoing.popleft()[1].settle(delivered=True)
+        self._taken = self._written
+        self._settle_taken()
         self._on_room()
+
+    def _look(self) -> int:
+        """Settle what has left; how many octets have not."""
+        octets = self.octets
+        if self._written - octets > self._taken:
+            self._taken, self.moved_s = self._written - octets, self._now_s()
+            self._settle_taken()
+        return octets
+
+    def _settle_taken(self) -> None:
+        while self._outgoing and self._outgoing[0][0] <= self._taken:
+            self._outgoing.popleft()[1].settle(delivered=True)

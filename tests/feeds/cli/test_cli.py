@@ -39,7 +39,7 @@ def test_the_entry_point_is_the_command() -> None:
 def test_help_waits_for_no_library_of_a_session() -> None:
     code = (
         "import sys, plotfeed.feeds.cli.main\n"
-        "print({'numpy', 'pydantic', 'google', 'asyncio', 'gmqtt', 'mcap'} & sys.modules.keys())"
+        "print({'numpy', 'pydantic', 'google', 'asyncio', 'mcap'} & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"

@@ -175,7 +175,9 @@ async def test_by_mqtt_alone_plots_are_put_where_the_drone_is(tmp_path: Path) ->
     port = free_port()
     with iotcore(tmp_path, port):
         async with at_work(there_is, port) as session:
-            found = await names["plots_on_the_earth"]("127.0.0.1", port, seconds=6.0)
+            found = await asyncio.to_thread(
+                names["plots_on_the_earth"], "127.0.0.1", port, seconds=6.0
+            )
             entries = session.entries
     here = frame_at(there_is.scene.site, there_is.sensor[0].position_enu_m)
     truth = {

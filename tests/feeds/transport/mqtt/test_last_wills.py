@@ -1,4 +1,4 @@
-"""Connections that hold a last will each, against gmqtt's packets and over real brokers."""
+"""Connections that hold a last will each, over real brokers."""
 
 from __future__ import annotations
 
@@ -7,13 +7,8 @@ import json
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
-import gmqtt
 import pytest
-from gmqtt.mqtt.package import LoginPackageFactor
-from hypothesis import given
-from hypothesis import strategies as st
 from support.brokers import free_port
 from support.cut_proxy import proxied
 from support.deliveries import NOBODY
@@ -24,50 +19,10 @@ from support.waiting import PATIENCE_S, until
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.transport import patience
-from plotfeed.feeds.transport.mqtt import last_wills
+from plotfeed.feeds.transport.mqtt import connection, last_wills
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.mqtt.gmqtt_client import KEEP_ALIVE_S
-from plotfeed.feeds.transport.mqtt.last_wills import LastWills, connect_packet
-
-words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30)
-narrow = st.text(st.characters(max_codepoint=126, exclude_categories=["Cc"]), min_size=1)
-"""Of one octet a character, which is what gmqtt counts."""
-wills = st.builds(
-    Message,
-    topic=words,
-    payload=st.binary(max_size=300),
-    content_type=words,
-    due_utc_ns=st.just(0),
-    properties=st.lists(st.tuples(words, words), max_size=5).map(tuple),
-    retain=st.just(True),
-    qos=st.sampled_from([0, 1]),
-)
-
-
-def by_gmqtt(
-    client_id: str, will: Message, version: int, username: str | None, password: str | None
-) -> bytes:
-    more = {}
-    if version >= 5:
-        more = {"content_type": will.content_type}
-        if will.properties:
-            more["user_property"] = list(will.properties)  # type: ignore[assignment]
-    packed = gmqtt.Message(will.topic, will.payload, qos=will.qos, retain=True, **more)
-    protocol = SimpleNamespace(proto_ver=version, proto_name=b"MQTT")
-    octets = LoginPackageFactor.build_package(
-        client_id, username, password, True, KEEP_ALIVE_S, protocol, will_message=packed
-    )
-    return bytes(octets)
-
-
-@given(narrow, wills, st.sampled_from([4, 5]), narrow, narrow)
-def test_a_packet_is_what_an_independent_client_makes_of_the_same_will(
-    client_id: str, will: Message, version: int, username: str, password: str
-) -> None:
-    expected = by_gmqtt(client_id, will, version, username, password)
-    assert connect_packet(client_id, will, version, username, password) == expected
-
+from plotfeed.feeds.transport.mqtt.last_wills import LastWills
 
 SENSORS = [f"s{i}" for i in range(25)]
 LEAVE_S = 2.0
@@ -178,8 +133,8 @@ async def test_connections_that_say_nothing_else_are_kept_alive(
 ) -> None:
     """And one whose broker is silent is cut, which the broker finds out sooner or later."""
     keep_alive_s = 3  # the broker cuts off who was silent for half as long again
-    for name, value in (("KEEP_ALIVE_S", keep_alive_s), ("LOOK_EVERY_S", 0.1)):
-        monkeypatch.setattr(last_wills, name, value)
+    monkeypatch.setattr(connection, "KEEP_ALIVE_S", keep_alive_s)
+    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.1)
     port = free_port()
     with iotcore(tmp_path, port), listening(port, 5, "p/+/status") as ears:
         async with proxied(port) as proxy, placed(proxy.port) as (there, back):

@@ -24,7 +24,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     BrokerAddress,
 )
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.mqtt.no_connection import MqttError
+from plotfeed.feeds.transport.mqtt.connection import MqttError
 
 ME, PASSWORD = "surveyor", "open sesame"
 PLACES = ("anyone", "password", "tls", "tls-password", "mutual", "expired", "elsewhere")

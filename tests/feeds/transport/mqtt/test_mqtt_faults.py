@@ -21,10 +21,10 @@ from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport import patience
-from plotfeed.feeds.transport.mqtt import client, connection, gmqtt_client, send_queue
+from plotfeed.feeds.transport.mqtt import client, connection, send_queue
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.mqtt.qos1_window import MAX_UNACKNOWLEDGED
+from plotfeed.feeds.transport.mqtt.connection import MAX_UNACKNOWLEDGED
 from plotfeed.feeds.transport.mqtt.send_queue import MAX_UNSENT_OCTETS
 
 PAUSE_S = {"drop-oldest": 0.0, "drop-newest": 0.0, "wait": 2.0}
@@ -249,10 +249,10 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
     async def speaks_no_tls(_address: BrokerAddress) -> bool:
         return False  # without a look, which the proxy would count as a connection of the link
 
-    monkeypatch.setattr(connection, "speaks_tls", speaks_no_tls)
+    monkeypatch.setattr(connection, "_speaks_tls", speaks_no_tls)
     monkeypatch.setattr(client, "WATCH_EVERY_S", 0.02)
     if silently:
-        monkeypatch.setattr(gmqtt_client, "KEEP_ALIVE_S", 1)
+        monkeypatch.setattr(connection, "KEEP_ALIVE_S", 1)
         monkeypatch.setattr(send_queue, "GIVE_UP_S", 0.3)
 
     deliveries = Deliveries()
@@ -272,7 +272,7 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
             if not silently:
                 proxy.cut()
             await until(lambda: not link.is_up)
-            monkeypatch.setattr(gmqtt_client, "KEEP_ALIVE_S", 60)
+            monkeypatch.setattr(connection, "KEEP_ALIVE_S", 60)
             monkeypatch.setattr(send_queue, "GIVE_UP_S", PATIENCE_S)
             await publish(deliveries, link, 100)
             assert link.waiting <= 300

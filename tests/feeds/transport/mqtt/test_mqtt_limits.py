@@ -14,8 +14,7 @@ from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.outgoing import publish
 from plotfeed.feeds.transport.mqtt import client, send_queue
-from plotfeed.feeds.transport.mqtt.no_connection import MqttError
-from plotfeed.feeds.transport.mqtt.qos1_window import MAX_UNACKNOWLEDGED
+from plotfeed.feeds.transport.mqtt.connection import MAX_UNACKNOWLEDGED, MqttError
 from plotfeed.feeds.transport.mqtt.send_queue import MAX_UNSENT_MESSAGES, MAX_UNSENT_OCTETS
 
 pytestmark = pytest.mark.usefixtures("hurried")

@@ -6,7 +6,6 @@ import asyncio
 import gc
 from itertools import pairwise
 
-import gmqtt
 import pytest
 from support.deliveries import Deliveries, number_of
 from support.mqtt_link import BUSY, end_connection, linked, numbers
@@ -14,6 +13,7 @@ from support.scripted_broker import ScriptedBroker
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.transport import patience
+from plotfeed.feeds.transport.mqtt.connection import MqttConnection
 
 pytestmark = pytest.mark.usefixtures("hurried")
 
@@ -199,7 +199,7 @@ async def test_hundreds_of_connections_leave_nothing_behind(
 
     def left() -> tuple[int, int]:
         gc.collect()
-        clients = sum(isinstance(x, gmqtt.Client) for x in gc.get_objects())
+        clients = sum(isinstance(x, MqttConnection) for x in gc.get_objects())
         return clients, len(asyncio.all_tasks())
 
     deliveries = Deliveries()
