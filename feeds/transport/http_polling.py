@@ -1,18 +1,17 @@
-"""Answers of a service that is asked again and again over HTTP, by a thread of its own."""
+"""Answers of a service that is asked again and again over HTTP."""
 
 from __future__ import annotations
 
 import asyncio
-import http.client
 import logging
 import os
-import urllib.error
-import urllib.request
-from typing import Any
 from urllib.parse import quote
 
 from plotfeed.feeds.scene.source_keys import SourceAddress
+from plotfeed.feeds.transport.http_client import HttpClient, HttpError
+from plotfeed.feeds.transport.mqtt.address import BrokerAccess
 from plotfeed.feeds.transport.octet_sources import OctetsTaker, SourceError
+from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
@@ -28,13 +27,6 @@ WHY = {
 }
 
 
-class _NoRedirect(urllib.request.HTTPRedirectHandler):
-    """A token goes to nobody but who was named."""
-
-    def redirect_request(self, *_: Any) -> None:
-        return None
-
-
 class PolledOctets:
     """GET {base}/uss/flights?view=..., each answer whole to the taker."""
 
@@ -46,8 +38,6 @@ class PolledOctets:
     ) -> None:
         self._address, self._taker, self._every_s = address, taker, every_s
         self._url = f"{address.path.rstrip('/')}/uss/flights?view={quote(view, safe=',')}"
-        # Neither redirects nor proxies of the environment: only who was named is asked.
-        self._opener = urllib.request.build_opener(_NoRedirect(), urllib.request.ProxyHandler({}))
         self._is_told = False
 
     async def open(self) -> None:
@@ -61,10 +51,10 @@ class PolledOctets:
         wait_s = self._every_s
         while True:
             try:
-                answer = await asyncio.to_thread(self._get)
-            except (OSError, http.client.HTTPException, ValueError) as error:
+                answer = await self._get()
+            except PlotfeedError as error:
                 if not self._is_told:
-                    log.warning("%s: %s; asked again", self._address, _why(error))
+                    log.warning("%s: %s; asked again", self._address, error)
                     self._is_told = True
                 wait_s = min(2 * wait_s, max(SLOWEST_S, self._every_s))
             else:
@@ -81,19 +71,20 @@ class PolledOctets:
     def send(self, peer: str, data: bytes) -> None:
         """Nobody is told anything."""
 
-    def _get(self) -> bytes:
-        request = urllib.request.Request(self._url, headers={"Accept": "application/json"})  # noqa: S310
+    async def _get(self) -> bytes:
+        fields = ["Accept: application/json", "Connection: close"]
         if token := os.environ.get(TOKEN_VARIABLE):
-            request.add_unredirected_header("Authorization", f"Bearer {token}")
-        with self._opener.open(request, timeout=TIMEOUT_S) as answer:
-            data: bytes = answer.read(MAX_ANSWER_OCTETS + 1)
-        if len(data) > MAX_ANSWER_OCTETS:
-            raise ValueError(f"an answer of more than {MAX_ANSWER_OCTETS} octets")
-        return data
-
-
-def _why(error: Exception) -> str:
-    if isinstance(error, urllib.error.HTTPError):
-        return f"status {error.code}" + (f", {WHY[error.code]}" if error.code in WHY else "")
-    reason = getattr(error, "reason", error)
-    return str(getattr(reason, "strerror", None) or reason)[:200]
+            fields.append(f"Authorization: Bearer {token}")
+        tls = BrokerAccess().tls_context() if self._url.startswith("https") else None
+        server = HttpClient(self._url, tls, fields)
+        try:
+            status, answer = await server.ask(
+                "GET", (), b"", timeout_s=TIMEOUT_S, most=MAX_ANSWER_OCTETS
+            )
+        finally:
+            server.hang_up()
+        if status != 200:
+            raise HttpError(f"status {status}" + (f", {WHY[status]}" if status in WHY else ""))
+        if answer is None:
+            raise HttpError(f"an answer of more than {MAX_ANSWER_OCTETS} octets")
+        return answer

@@ -10,11 +10,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import pytest
-from support.waiting import until
+from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.source_keys import TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.transport import http_polling
+from plotfeed.feeds.transport.http_client import HttpClient
 from plotfeed.feeds.transport.live_source import LiveSource
 from plotfeed.models.state import AltitudeReference
 
@@ -146,3 +147,56 @@ async def test_a_service_that_fails_is_asked_again(
     await listen(provider, mended)
     assert "status 401, it wants a token: PLOTFEED_REMOTE_ID_TOKEN" in caplog.text
     assert "it answers again" in caplog.text
+
+
+async def _silent(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    await reader.read()
+    writer.close()
+    await writer.wait_closed()
+
+
+@pytest.mark.asyncio
+async def test_a_service_that_is_silent_holds_up_no_end() -> None:
+    """No thread waits for it: who is cancelled has ended when its connection has."""
+    before, tasks = threading.active_count(), asyncio.all_tasks()
+    server = await asyncio.start_server(_silent, "127.0.0.1", 0)
+    url = f"remote-id:http://127.0.0.1:{server.sockets[0].getsockname()[1]}/rid"
+    settings = TelemetrySource.model_validate({"url": url, "view": VIEW, "poll_s": 0.2})
+    source = LiveSource(settings, now_utc_ns=lambda: NOW, take=lambda *_: None, refuse=print)
+    await source.open()
+    running = asyncio.create_task(source.run())
+    await until(lambda: len(asyncio.all_tasks()) > len(tasks) + 1)  # it is asked
+    assert threading.active_count() == before
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    source.close()
+    server.close()
+    await until(lambda: asyncio.all_tasks() == tasks)  # who was asked sees the end
+
+
+CHUNKS = b'5;x=y\r\n{"fli\r\nA\r\nghts": []}\r\n0\r\na: b\r\n\r\n'
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"Transfer-Encoding: chunked\r\nConnection: close\r\n\r\n" + CHUNKS,
+        b'Connection: close\r\n\r\n{"flights": []}',
+    ],
+)
+@pytest.mark.asyncio
+async def test_an_answer_of_no_told_length_is_read(answer: bytes) -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"HTTP/1.1 200 OK\r\n" + answer)
+        writer.close()
+        await writer.wait_closed()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    client = HttpClient(f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/", None)
+    tasks = asyncio.all_tasks()
+    for most, body in ((100, b'{"flights": []}'), (10, None)):
+        assert await client.ask("GET", (), b"", timeout_s=PATIENCE_S, most=most) == (200, body)
+    client.hang_up()
+    server.close()
+    await until(lambda: asyncio.all_tasks() == tasks)
