@@ -99,11 +99,11 @@ class Fleet:
 
     def verdict(self, more_gaps: Iterable[dict[str, Any]] = ()) -> Verdict:
         """What was heard of plots and tracks against what one process sends."""
-        began_ns = self.statuses()[1]["began_utc_ns"]
+        so_far, began_ns = [*self.client.heard], self.statuses()[1]["began_utc_ns"]
         duration_s = (time.time_ns() - began_ns) / NS + 1
         wanted, heard = reference(load(self.scene), began_ns, duration_s), defaultdict(list)
         topics = {message.topic for message in wanted}
-        for message in self.client.heard:
+        for message in so_far:
             if message.topic in topics:
                 heard[message.topic].append(message.payload)
         return judged(wanted, heard, [*self.gaps(), *more_gaps])
