@@ -12,6 +12,7 @@ from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
+from plotfeed.feeds.cli.fleet_settings import FleetSettings
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.console.process import stopped_by_signals
@@ -37,61 +38,47 @@ class NoFleetError(PlotfeedError):
     exit_code = 1
 
 
-def run_fleet(
-    path: Path,
-    *,
-    workers: int,
-    spares: int,
-    start: str | None,
-    broker: str | None,
-    duration: float | None,
-    record: Path | None,
-    kubernetes: bool,
-    ray_address: str | None,
-    page: str | None,
-    as_json: bool,
-) -> int:
+def run_fleet(path: Path, settings: FleetSettings) -> int:
     """Have all parts of a scene run; the exit code."""
     scene = load(path)
-    broker, begins = broker or scene.outgoing.broker, start_of(start)
+    broker, begins = broker_of(scene, settings), start_of(settings.start)
     check_scene(scene, broker)
-    if broker is None or broker == NO_BROKER:
-        raise PlotfeedError("the processes of a fleet tell by a broker how they do: --broker URL")
-    workers = len(partition(scene, workers))
+    workers = len(partition(scene, settings.workers))
     asked: dict[str, Any] = {
         "parts": workers,
-        "spares": spares,
+        "spares": settings.spares,
         "start": begins,
         "broker": broker,
-        "duration_s": duration or scene.scene.duration_s,
+        "duration_s": settings.duration or scene.scene.duration_s,
     }
-    if kubernetes:
+    if settings.kubernetes:
         say(manifests(path, **asked).rstrip())
         return 0
-    if ray_address is not None:
+    if settings.ray is not None:
         from plotfeed.feeds.fleet.ray_parts import start_parts
         from plotfeed.feeds.lab.runs import connected
 
-        with connected(ray_address, None) as ray:
+        with connected(settings.ray, None) as ray:
             start_parts(ray, scene, **asked)
-        say(f"scene {scene.scene.name}: Ray at {ray_address} runs {workers} parts from {begins} on")
+        say(f"scene {scene.scene.name}: Ray at {settings.ray} runs {workers} parts from {begins}")
         say(f"how they do: plotfeed fleet status {path} --broker {broker}")
-        say(f"to end them: plotfeed fleet stop {path} --ray {ray_address}")
+        say(f"to end them: plotfeed fleet stop {path} --ray {settings.ray}")
         return 0
+    duration, record = settings.duration, settings.record
     if record is not None:
         record.mkdir(parents=True, exist_ok=True)
 
     def command(part: int, starts: int) -> list[str]:
         words = [*RUN, str(path), "--part", f"{part}/{workers}", "--start", begins]
-        words += ["--broker", str(broker), "--wait", "--json"]
+        words += ["--broker", broker, "--wait", "--json"]
         words += [] if duration is None else ["--duration", str(duration)]
         words += [] if record is None else ["--record", str(record / f"{part}.{starts}.mcap")]
         return words
 
     parts = LocalParts(command, workers)
     watch = FleetWatch(scene, broker_address(scene, broker))
-    code = asyncio.run(_run(watch, parts, spares, page, quiet=as_json))
-    if as_json:
+    code = asyncio.run(_run(watch, parts, settings))
+    if settings.as_json:
         say(json.dumps({**watch.news(), "counts": parts.counts}))
     else:
         counts = "  ".join(f"{name.replace('_', ' ')} {n}" for name, n in parts.counts.items())
@@ -99,7 +86,15 @@ def run_fleet(
     return code
 
 
-def stop_fleet(scene: Scene, ray_address: str | None) -> int:
+def broker_of(scene: Scene, settings: FleetSettings) -> str:
+    """The broker by which the parts tell how they do; raises `PlotfeedError` without one."""
+    broker = settings.broker or scene.outgoing.broker
+    if broker is None or broker == NO_BROKER:
+        raise PlotfeedError("the parts of a fleet need a broker: --broker mqtt://HOST:PORT")
+    return broker
+
+
+def stop_fleet(path: Path, ray_address: str | None) -> int:
     """End the parts that Ray runs; the exit code."""
     from plotfeed.feeds.fleet.ray_parts import stop_parts
     from plotfeed.feeds.lab.runs import connected
@@ -107,22 +102,20 @@ def stop_fleet(scene: Scene, ray_address: str | None) -> int:
     if ray_address is None:
         raise PlotfeedError("stop ends what Ray runs: --ray HOST:PORT")
     with connected(ray_address, None) as ray:
-        ended = stop_parts(ray, scene)
+        ended = stop_parts(ray, load(path))
     say(f"{ended} processes have ended")
     return 0 if ended else 1
 
 
-async def _run(
-    watch: FleetWatch, parts: LocalParts, spares: int, page: str | None, *, quiet: bool
-) -> int:
-    stop = asyncio.Event()
+async def _run(watch: FleetWatch, parts: LocalParts, settings: FleetSettings) -> int:
+    stop, quiet = asyncio.Event(), settings.as_json
     address, prefix = watch.link.address, watch.scene.mqtt.prefix
     with stopped_by_signals(stop.set) as signals:
-        async with watch.link.connected(CONNECT_S), _shown(watch, page, quiet=quiet):
+        async with watch.link.connected(CONNECT_S), _shown(watch, settings.page, quiet=quiet):
             if not quiet:
                 say(f"scene {watch.scene.scene.name}: {len(parts.starts)} parts send to {address}")
                 say(f"look at it: plotfeed show {address}/{prefix}/#; stop: Ctrl-C")
-            code = await parts.run(stop, spares)
+            code = await parts.run(stop, settings.spares)
     return INTERRUPTED if signal.SIGINT in signals else code
 
 
@@ -141,18 +134,16 @@ async def _shown(watch: FleetWatch, page: str | None, *, quiet: bool) -> AsyncIt
         yield
 
 
-def print_status(scene: Scene, broker: str | None, page: str | None, *, as_json: bool) -> int:
+def print_status(path: Path, settings: FleetSettings) -> int:
     """Print how the parts do that run on a scene's prefix, or show it; the exit code."""
-    url = broker or scene.outgoing.broker
-    if url is None or url == NO_BROKER:
-        raise PlotfeedError("which broker do the parts send to? --broker mqtt://HOST:PORT")
-    watch = FleetWatch(scene, broker_address(scene, url))
-    code = asyncio.run(_heard(watch, page))
+    scene = load(path)
+    watch = FleetWatch(scene, broker_address(scene, broker_of(scene, settings)))
+    code = asyncio.run(_heard(watch, settings.page))
     if not watch.is_heard:
         raise NoFleetError(f"no part of a fleet says on {watch.root}/# that it runs")
-    if as_json:
+    if settings.as_json:
         say(json.dumps(watch.news()))
-    elif page is None:
+    elif settings.page is None:
         say("\n".join(_status_lines(watch.news())))
     return code
 

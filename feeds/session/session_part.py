@@ -388,7 +388,10 @@ class PartLink(MqttTransport):
         self._client_id, self._hold = hold.client_id, hold
 
     async def _connect(self) -> MqttConnection:
-        if self.connections:
-            self._hold.cut_off()
         await self._hold.renewed()
         return await super()._connect()
+
+    def _send_by(self, connection: MqttConnection | None) -> None:
+        if connection is None and self._connection is not None:
+            self._hold.cut_off()
+        super()._send_by(connection)

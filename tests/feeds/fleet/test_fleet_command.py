@@ -143,8 +143,8 @@ def test_there_is_no_fleet_where_none_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["fleet", "SCENE"], "need a broker that all of them reach"),
-        (["fleet", "SCENE", "--broker", "none"], "tell by a broker how they do"),
+        (["fleet", "SCENE"], "need a broker: --broker"),
+        (["fleet", "status", "SCENE", "--broker", "none"], "need a broker: --broker"),
         (["run", "SCENE", "--part", "9/9", "--broker", BROKER, *START], "3 parts at most, not 9"),
         (["fleet", "SCENE", "--broker", BROKER, "--start", "soon"], "--start: expected a time as"),
         (["fleet", "SCENE", "extra"], "expected SCENE, status SCENE, or stop SCENE"),
@@ -152,6 +152,7 @@ def test_there_is_no_fleet_where_none_says_so(tmp_path: Path) -> None:
         (["fleet", "SCENE", "--broker", BROKER, "--ray", "127.0.0.1:1"], "127.0.0.1:1 does not"),
         (["run", "SCENE", "--part", "0/3"], "--part: expected K/N"),
         (["run", "SCENE", "--part", "4/3"], "--part: expected K/N"),
+        (["run", "SCENE", "--part", "1/3"], "need a broker that all of them reach"),
         (["run", "SCENE", "--part", "1/3", "--broker", BROKER], "--part needs --start TIME"),
         (["run", "SCENE", *START], "--start is for parts of a scene"),
         (["run", "SCENE", "--part", "1/3", "--page", "1"], "--page is of a whole session"),
