@@ -54,8 +54,6 @@ class SessionPresence:
         self._scene, self._clock, self._totals, self._publish = scene, clock, totals, publish
         self._start_ns: int | None = None
         self._speed_told = 1.0
-        self._echoed = False
-        """It has heard itself."""
         self._heard: dict[str, bool] = {}
         """Other sessions that say that they run, and whether they have heard this one."""
 
@@ -80,16 +78,6 @@ class SessionPresence:
             self._speed_told = reached
             self._say(RUNNING)
 
-    def complain_if_unheard(self) -> None:
-        """Tell of a broker that grants subscriptions, and lets nothing through."""
-        if self._start_ns is not None and not self._echoed:
-            log.warning(
-                "nothing comes back from %s: does the broker's access list let this session write "
-                "and read there? Nor may it hear %s/control, or other sessions",
-                self.topic,
-                self._scene.mqtt.prefix,
-            )
-
     def hear(self, payload: bytes) -> None:
         """Take what was said on the topic, by this session or another; anything else is nothing."""
         told = _told(payload)
@@ -97,7 +85,6 @@ class SessionPresence:
             return
         other, state = told["session"], told["state"]
         if other == self.id:
-            self._echoed = True
             if state != RUNNING:  # a connection was lost, and with it a last will was published
                 self._say(RUNNING)
         elif state != RUNNING:

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from plotfeed.feeds.session.session_part import PartHold, SessionPart
 
 FIRST_CONNECTION_S = 5.0
-ECHO_S = 5.0
-"""By then a session has heard from its broker what it has said itself."""
 FLUSH_S = 0.5
 """A session that is told to stop waits so long for what its links still hold."""
 FAREWELL_S = 0.8
@@ -354,9 +352,6 @@ class Session:
         for observer in self._observers:
             observer.begun(self)
         self._presence.begin(self.start_ns)
-        presence, brokers = self._presence, self._outputs.brokers
-        if any(link.is_up and not link.address.ends_with_us for link in brokers):
-            asyncio.get_running_loop().call_later(ECHO_S, presence.complain_if_unheard)
         self.ticks.start(self.start_ns)
         for task in self.sensor_tasks.values():
             task.start(self.start_ns, self.ticks.joined_ns)

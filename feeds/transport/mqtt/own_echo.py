@@ -2,7 +2,8 @@
 
 Without an acknowledgement nobody tells a publisher that an access list refuses its messages, and
 MQTT 3.1.1 has no word for it at all. So a link subscribes to one of the topics that it publishes
-on, until one of its own messages has come back, and then to the next one.
+on, until one of its own messages has come back, and then to the next one. A topic that it hears
+anyway is the first: where nothing of its own comes back there, it may hear nothing else either.
 """
 
 from __future__ import annotations
@@ -73,6 +74,9 @@ class OwnEcho:
     def published(self, messages: Iterable[Message]) -> None:
         """Take note of what is handed to the socket now."""
         for message in messages:
+            is_heard = message.topic in self._subscribed and message.topic not in self._done
+            if is_heard and not self.topic:
+                self._sample(message.topic)
             if self.topic:
                 if message.topic == self.topic:
                     if not self._sent:
@@ -106,7 +110,7 @@ class OwnEcho:
         self._comes = True
         if topic == self.topic and hash(payload) in self._sent:
             self._counts(True)
-            self._has_heard = True
+            self._has_heard |= topic not in self._subscribed
             self._finish()
         return topic in self._asked and topic not in self._subscribed
 
@@ -131,6 +135,14 @@ class OwnEcho:
             self._after(WAIT_S, self._miss)
             return
         self._counts(False)
+        if self.topic in self._subscribed:
+            others = ", ".join(sorted(self._subscribed - {self.topic}))
+            self._complain(
+                f"nothing comes back from {self.topic}: does the access list of {self._address} "
+                f"let this session write and read there? Nor may it hear {others or 'anything'}"
+            )
+            self._finish()
+            return
         self._complain(
             f"nothing of what is published on {self.topic} comes back from {self._address}, which "
             f"has taken {len(self._sent)} messages and the subscription: does its access list let "

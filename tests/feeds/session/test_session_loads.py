@@ -18,7 +18,7 @@ OTHERS = frozenset(
 )
 """Rooms of `feeds` that a session which nobody follows does without."""
 LIBRARIES = frozenset(
-    {"scipy", "gmqtt", "starlette", "uvicorn", "httpx", "mcap", "ray", "matplotlib", "pyproj"}
+    {"scipy", "starlette", "uvicorn", "httpx", "mcap", "ray", "matplotlib", "pyproj"}
 )
 
 

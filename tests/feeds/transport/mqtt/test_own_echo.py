@@ -18,7 +18,6 @@ from support.waiting import PATIENCE_S, until
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.session import session as session_module
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt import own_echo
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -39,7 +38,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture)
     monkeypatch.setattr(own_echo, "NEXT_S", 0.05)
     monkeypatch.setattr(own_echo, "QUIET_S", 2.0)
     monkeypatch.setattr(own_echo, "ROUND_S", 0.1)
-    monkeypatch.setattr(session_module, "ECHO_S", 1e6)
     monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", "plotfeed")
     monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", "secret")
     caplog.set_level("INFO")
