@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
+from dataclasses import fields
 from functools import cache
-from typing import Annotated, Any, Self
+from importlib import import_module
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -23,6 +25,8 @@ from pydantic_core import CoreSchema
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats
 
+M = TypeVar("M")
+
 
 class SceneTable(BaseModel):
     """A table of the scene file. What checks it is built when the first such table is checked."""
@@ -30,6 +34,22 @@ class SceneTable(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )
+
+    def made(self, kind: type[M], /, **others: Any) -> M:
+        """A dataclass of a model, whose fields have the keys and properties of the same names.
+
+        `others` are fields that follow otherwise. A table that is a `ModelTable` is made, too.
+        """
+        keys = type(self)
+        found = {
+            field.name: getattr(self, field.name)
+            for field in fields(kind)  # type: ignore[arg-type]
+            if field.name not in others
+            and (field.name in keys.model_fields or hasattr(keys, field.name))
+        }
+        tables = {name: part for name, part in found.items() if isinstance(part, ModelTable)}
+        found |= {name: table.model() for name, table in tables.items()}
+        return kind(**found | others)
 
     @classmethod
     def meanings(cls) -> dict[str, str]:
@@ -74,6 +94,18 @@ def _strings_beneath(module: str) -> dict[str, dict[str, str]]:
                 ):
                     told[name] = inspect.cleandoc(text)
     return found
+
+
+class ModelTable(SceneTable):
+    """A table that a model has as a dataclass of its own, whatever the sensor."""
+
+    makes: ClassVar[str]
+    """The dataclass, as "module:name" in `models`: it is loaded where it is made."""
+
+    def model(self) -> Any:
+        """The dataclass for a model."""
+        module, _, name = self.makes.partition(":")
+        return self.made(getattr(import_module(f"plotfeed.models.{module}"), name))
 
 
 def _name(value: str) -> str:

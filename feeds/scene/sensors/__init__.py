@@ -23,7 +23,7 @@ _HOMES = {
     "acoustic_pair": "acoustic_keys:AcousticPairKeys",
     "active_radar": "polar_radar_keys:ActiveRadarKeys",
     "camera": "camera_keys:CameraKeys",
-    "mimo_radar": "mimo_radar_keys:MimoRadarKeys",
+    "mimo_radar": "polar_radar_keys:MimoRadarKeys",
     "multistatic_mimo": "multistatic_keys:MultistaticMimoKeys",
     "multistatic_passive": "multistatic_keys:MultistaticPassiveKeys",
     "passive_radar": "passive_radar_keys:PassiveRadarKeys",

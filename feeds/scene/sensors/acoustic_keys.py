@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -18,8 +17,6 @@ from plotfeed.feeds.scene.fields import (
     Probability,
     SceneTable,
     Site,
-    enu_from,
-    frame_at,
 )
 from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
 from plotfeed.feeds.scene.sensors.effect_keys import refuse_bias
@@ -56,6 +53,8 @@ class MicrophoneKeys(AzimuthCoverKeys):
 
     sapient_type = "ACOUSTIC"
     formats = ("asterix-015", "plots", "sapient")
+    usual = ("asterix-015", "plots")
+    makes = MicrophoneArray
 
     report: Reports = ()
     """Without it, the first two; asterix-015 brings 025 along."""
@@ -112,11 +111,6 @@ class MicrophoneKeys(AzimuthCoverKeys):
     classifier: ClassifierKeys | None = None
     """In its place, what each `target_class` of a [[drone]] is called, rightly or wrongly."""
 
-    @classmethod
-    def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
-        """The category made for such sensors, and all that was measured."""
-        return ("asterix-015", "plots")
-
     @model_validator(mode="after")
     def _lies_so(self) -> Self:
         if self.classifier is not None and self.kind:
@@ -134,47 +128,16 @@ class MicrophoneKeys(AzimuthCoverKeys):
     @property
     def classes(self) -> tuple[str, ...]:
         """Names that it may say: the one for everything, or the classifier's."""
-        if self.classifier is not None:
-            return self.classifier.claims
-        return (self.kind,) if self.kind else ()
+        return (self.kind,) if self.kind else super().classes
 
     @property
-    def class_codes(self) -> Mapping[str, int]:
-        """The classifier's."""
-        return {} if self.classifier is None else self.classifier.codes or {}
+    def sound_speed_m_s(self) -> float:
+        """Speed of sound at the temperature of the air."""
+        return float(speed_of_sound_m_s(self.temperature_c))
 
-    def array(self) -> MicrophoneArray:
-        """The model of one array; gain and absorption that are not given follow from others."""
-        array_gain_db = self.array_gain_db
-        if array_gain_db is None:
-            array_gain_db = float(10 * np.log10(self.microphones))
-        sound_speed_m_s = float(speed_of_sound_m_s(self.temperature_c))
-        converted = {
-            "absorption_db_per_m": self._absorption_db_per_m(),
-            "array_gain_db": array_gain_db,
-            "noise_db": self._noise_db(),
-            "sound_speed_m_s": sound_speed_m_s,
-            "classifier": self.classifier and self.classifier.model(),
-            "layout": self._layout(sound_speed_m_s / self.frequency_hz),
-            "azimuth_cover": self.azimuth_cover,
-        }
-        return MicrophoneArray(**self.by_name(MicrophoneArray) | converted)
-
-    def _layout(self, wavelength_m: float) -> MicrophoneLayout | None:
-        if self.layout is None:
-            return None
-        return MicrophoneLayout(
-            **self.layout.model_dump(), microphones=self.microphones, wavelength_m=wavelength_m
-        )
-
-    def _noise_db(self) -> float:
-        """Noise with that of the wind, powers added."""
-        if self.weather is None or not self.weather.wind_m_s:
-            return self.noise_db
-        of_wind_db = wind_noise_db(self.weather.wind_m_s, self.frequency_hz, self.windscreen_m)
-        return float(10 * np.log10(10 ** (self.noise_db / 10) + 10 ** (of_wind_db / 10)))
-
-    def _absorption_db_per_m(self) -> float:
+    @property
+    def absorption_db_per_m(self) -> float:
+        """Absorption by the air, as it is given or as the weather makes it."""
         if self.absorption_db_per_km is not None:
             return self.absorption_db_per_km / 1000
         return float(
@@ -182,6 +145,27 @@ class MicrophoneKeys(AzimuthCoverKeys):
                 self.frequency_hz, self.temperature_c, self.humidity_pct, self.pressure_kpa
             )
         )
+
+    def following(self, site: Site, /) -> dict[str, Any]:
+        """Gain of the array, noise with that of the wind, and the layout."""
+        gain_db, layout = self.array_gain_db, self.layout
+        return super().following(site) | {
+            "array_gain_db": float(10 * np.log10(self.microphones)) if gain_db is None else gain_db,
+            "noise_db": self._noise_db(),
+            "layout": layout
+            and layout.made(
+                MicrophoneLayout,
+                microphones=self.microphones,
+                wavelength_m=self.sound_speed_m_s / self.frequency_hz,
+            ),
+        }
+
+    def _noise_db(self) -> float:
+        """Noise with that of the wind, powers added."""
+        if self.weather is None or not self.weather.wind_m_s:
+            return self.noise_db
+        of_wind_db = wind_noise_db(self.weather.wind_m_s, self.frequency_hz, self.windscreen_m)
+        return float(10 * np.log10(10 ** (self.noise_db / 10) + 10 ** (of_wind_db / 10)))
 
     def warnings(self, _site: Site, /) -> list[str]:
         """Odd accuracies, scans too short to hear anything in, and a gain given twice."""
@@ -203,7 +187,7 @@ class MicrophoneKeys(AzimuthCoverKeys):
     def _ambiguous(self, layout: LayoutKeys) -> list[str]:
         """Sides that a line cannot tell apart, and waves that are too short for the spacing."""
         found = []
-        wavelength_m = float(speed_of_sound_m_s(self.temperature_c)) / self.frequency_hz
+        wavelength_m = self.sound_speed_m_s / self.frequency_hz
         if layout.spacing_m > wavelength_m / 2:
             found.append(
                 f"layout.spacing_m is {layout.spacing_m:g}, more than half a wavelength at "
@@ -229,10 +213,6 @@ class AcousticKeys(MicrophoneKeys):
 
     type: Literal["acoustic"]
     """Which model."""
-
-    def model(self, _site: Site, /) -> MicrophoneArray:
-        """The model of the array."""
-        return self.array()
 
 
 class AcousticPairKeys(MicrophoneKeys):
@@ -260,20 +240,17 @@ class AcousticPairKeys(MicrophoneKeys):
             raise ValueError("drift.sigma_range_m: not modelled of two arrays")
         return self
 
-    def _baseline_m(self, site: Site) -> tuple[float, float, float]:
-        frame = frame_at(site, self.position_enu_m)
-        east_m, north_m, up_m = enu_from(frame, site, self.second_array)
-        return float(east_m), float(north_m), float(up_m)
-
     def model(self, site: Site, /) -> AcousticPair:
         """The model of both."""
+        array: Any = super().model(site)
+        baseline_enu_m = self.offset_enu_m(site, self.second_array)
         return AcousticPair(
-            range_max_m=self.range_max_m, array=self.array(), baseline_enu_m=self._baseline_m(site)
+            range_max_m=self.range_max_m, array=array, baseline_enu_m=baseline_enu_m
         )
 
     def warnings(self, site: Site, /) -> list[str]:
         """What there is of one array, and a baseline that is too short or too long."""
-        apart_m = float(np.hypot(*self._baseline_m(site)[:2]))
+        apart_m = float(np.hypot(*self.offset_enu_m(site, self.second_array)[:2]))
         found = super().warnings(site)
         if apart_m > self.range_max_m:
             found.append(

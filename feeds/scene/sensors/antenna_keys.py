@@ -52,10 +52,8 @@ class GaussianCutKeys(_Beam):
         """The beam of a sensor with that cover."""
         from plotfeed.models.effects.antenna import GaussianCut
 
-        return GaussianCut(
-            beamwidth_deg=self.beamwidth_deg or cover.beamwidth_deg,
-            boresight_deg=self._boresight_deg(cover),
-        )
+        width_deg = self.beamwidth_deg or cover.beamwidth_deg
+        return GaussianCut(beamwidth_deg=width_deg, boresight_deg=self._boresight_deg(cover))
 
 
 class BeamsCutKeys(SceneTable):
@@ -105,11 +103,8 @@ class CosecantSquaredKeys(SceneTable):
         """The beam of a sensor with that cover."""
         from plotfeed.models.effects.antenna import CosecantSquaredCut
 
-        return CosecantSquaredCut(
-            from_deg=self.from_deg,
-            to_deg=self.to_deg,
-            beamwidth_deg=self.beamwidth_deg or cover.beamwidth_deg,
-        )
+        width_deg = self.beamwidth_deg or cover.beamwidth_deg
+        return self.made(CosecantSquaredCut, beamwidth_deg=width_deg)
 
 
 class TableCutKeys(_Beam):
@@ -162,10 +157,10 @@ class PatternKeys(SceneTable):
         """The pattern of a sensor with those covers."""
         from plotfeed.models.effects.antenna import Pattern
 
-        return Pattern(
-            azimuth=None if self.azimuth is None else self.azimuth.model(azimuth),
-            elevation=None if self.elevation is None else self.elevation.model(elevation),
-            sidelobe_db=self.sidelobe_db,
+        return self.made(
+            Pattern,
+            azimuth=self.azimuth and self.azimuth.model(azimuth),
+            elevation=self.elevation and self.elevation.model(elevation),
         )
 
 

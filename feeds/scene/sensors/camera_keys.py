@@ -31,6 +31,8 @@ class CameraKeys(SensorKeys):
     geometry = SensorGeometry.BEARINGS
     sapient_type = "CAMERA"
     formats = ("asterix-015", "asterix-205", "plots", "sapient")
+    usual = ("asterix-015", "plots")
+    makes = Camera
 
     type: Literal["camera"]
     """Which model."""
@@ -89,11 +91,6 @@ class CameraKeys(SensorKeys):
     """Motors that turn the camera to cues, and home to pan_deg and tilt_deg; without it, fixed."""
     netd_mk: Annotated[float, Field(ge=1, le=10_000)] = 50.0
     """Noise of a pixel of heat; some 50 mK without a cooler, 20 to 25 with one."""
-
-    @classmethod
-    def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
-        """The category that has azimuth and elevation with their errors, and all of it."""
-        return ("asterix-015", "plots")
 
     @model_validator(mode="after")
     def _sees_something(self) -> Self:
@@ -160,22 +157,22 @@ class CameraKeys(SensorKeys):
         """True: where it sees enough of a drone, it does."""
         return True
 
-    def model(self, _site: Site, /) -> Camera:
-        """The model."""
+    def following(self, site: Site, /) -> dict[str, Any]:
+        """Cover, cycles and contrasts, with its mount's home as what it looks along."""
         pixels = float(self.pixels_across) * self.pixels_down
         visibility_m = self.visibility_m or NO_LIMIT_M
         steered = self.mount is not None
-        middle_deg, half_deg = 0.0 if steered else self.pan_deg, self.horizontal_fov_deg / 2
+        pan_deg, half_deg = 0.0 if steered else self.pan_deg, self.horizontal_fov_deg / 2
         hot_spot = None
         if self.hotter_k is not None:
             hot_spot = HotSpot(
                 warmer_k=self.hotter_k, noise_k=self.netd_mk / 1000, visibility_m=visibility_m
             )
-        converted = {
+        return super().following(site) | {
             "pfa": self.false_alarms_per_frame / pixels,
-            "pan_deg": 0.0 if steered else self.pan_deg,
+            "pan_deg": pan_deg,
             "tilt_deg": 0.0 if steered else self.tilt_deg,
-            "azimuth_cover": AzimuthCover(middle_deg - half_deg, middle_deg + half_deg),
+            "azimuth_cover": AzimuthCover(pan_deg - half_deg, pan_deg + half_deg),
             "vertical_fov_deg": self.vertical_field_deg,
             "pixels_across": float(self.pixels_across),
             "pixels_down": float(self.pixels_down),
@@ -187,7 +184,6 @@ class CameraKeys(SensorKeys):
             "contrast": self._contrast(visibility_m),
             "hot_spot": hot_spot,
         }
-        return Camera(**self.by_name(Camera) | converted)
 
     def _contrast(self, visibility_m: float) -> LostContrast | None:
         inherent = self.day_contrast

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import Field, model_validator
 
-from plotfeed.feeds.scene.fields import Name, SceneTable
+from plotfeed.feeds.scene.fields import ModelTable, Name
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Row = Annotated[tuple[Share, ...], Field(strict=False, min_length=1, max_length=64)]
 
 
-class ClassifierKeys(SceneTable):
+class ClassifierKeys(ModelTable):
     """What the sensor calls what it finds, by a confusion matrix."""
 
     claims: Annotated[tuple[Name, ...], Field(strict=False, min_length=1, max_length=64)]
@@ -54,10 +54,9 @@ class ClassifierKeys(SceneTable):
         """The matrix for a model."""
         from plotfeed.models.effects.classification import Confusion
 
-        return Confusion(
-            claims=self.claims,
+        return self.made(
+            Confusion,
             true_classes=tuple(self.confusion),
             rows=tuple(self.confusion.values()),
-            otherwise=self.otherwise,
             held_ns=round(self.held_s * NS),
         )

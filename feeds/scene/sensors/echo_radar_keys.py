@@ -4,27 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
-from plotfeed.feeds.scene.fields import Site, enu_from, frame_at
+from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.sensors.antenna_keys import AntennaKeys, BeamCover, StraddlingKeys
-from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, VolumeKeys
+from plotfeed.feeds.scene.sensors.effect_keys import DopplerKeys, MergingKeys
+from plotfeed.feeds.scene.sensors.sensor_keys import (
+    TrackingSensorKeys,
+    VolumeKeys,
+    gain_or_of_beam,
+)
 from plotfeed.feeds.scene.weather_keys import JammerKeys, WeatherKeys
 from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.echo_radar import EchoRadar
-from plotfeed.models.state import Floats
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.doppler import Doppler
     from plotfeed.models.effects.jamming import Jammer
-
-M = TypeVar("M", bound=EchoRadar)
+    from plotfeed.models.effects.merging import Merging
 
 
 def weather_effects(
@@ -63,12 +66,12 @@ def weather_effects(
 
 def jammer_seen(
     keys: JammerKeys,
-    position_enu_m: Floats,
+    position_enu_m: tuple[float, float, float],
     signals_hz: Sequence[tuple[float, float]],
     model: EchoRadar,
 ) -> Jammer:
     """A jammer as a radar has it that is at the origin."""
-    azimuth_deg, elevation_deg, range_m = (float(x) for x in enu_to_aer(position_enu_m))
+    azimuth_deg, elevation_deg, range_m = (float(x) for x in enu_to_aer(np.array(position_enu_m)))
     frequency_hz, bandwidth_hz = np.array(signals_hz).T
     from plotfeed.models.effects.jamming import Jammer, jamming_over_noise
 
@@ -82,14 +85,12 @@ def jammer_seen(
         bandwidth_hz=bandwidth_hz,
         noise_w_hz=model.receiver_noise_w_hz,
     )
-    east_m, north_m, up_m = position_enu_m.tolist()
-    return Jammer(
-        position_enu_m=(east_m, north_m, up_m),
-        frequency_hz=keys.frequency_hz,
+    return keys.made(
+        Jammer,
+        position_enu_m=position_enu_m,
         azimuth_deg=float(np.nan_to_num(azimuth_deg)),
         elevation_deg=float(np.nan_to_num(elevation_deg)),
         over_noise=tuple(over_noise.tolist()),
-        sidelobe_db=keys.sidelobe_db,
     )
 
 
@@ -99,7 +100,14 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
     if TYPE_CHECKING:  # keys of every radar, which stand where each of them has them
         azimuth_beamwidth_deg: float
         elevation_beamwidth_deg: float | None
-        doppler: Any
+        doppler: DopplerKeys | None
+        merging: MergingKeys | None
+        gain_rx_dbi: float | None
+        antenna_efficiency: float
+        integration_s: float
+
+    legs: ClassVar[int] = 2
+    """Ways of a signal that grow as the target recedes."""
 
     antenna: AntennaKeys | None = None
     """Without it, the gains are the same over the whole cover."""
@@ -135,38 +143,63 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
         """Carrier and bandwidth of each of its signals; one, if they share a band."""
         raise NotImplementedError
 
-    def in_the_world(self, model: M, site: Site) -> M:
-        """The model in its weather, among its jammers; itself if there are none."""
+    @property
+    def range_cells_m(self) -> Sequence[float]:
+        """Widths of the cells of range, or bistatic range, of each."""
+        raise NotImplementedError
+
+    def following(self, site: Site, /) -> dict[str, Any]:
+        """The receive gain, which may be that of the beam, and what is made of cells and beams."""
+        gain_rx_dbi = gain_or_of_beam(
+            self.gain_rx_dbi,
+            self.azimuth_beamwidth_deg,
+            self.elevation_beamwidth_deg,
+            self.antenna_efficiency,
+            0.0 if self.antenna is None else self.antenna.peak_loss_db,
+        )
+        doppler = self._doppler()
+        made = {"gain_rx_dbi": gain_rx_dbi, "doppler": doppler, "merging": self._merging(doppler)}
+        return super().following(site) | made
+
+    def _doppler(self) -> Doppler | None:
+        if self.doppler is None:
+            return None
+        wavelengths_m = [C_M_S / frequency_hz for frequency_hz, _ in self.signals_hz]
+        return self.doppler.model(wavelengths_m, self.integration_s, self.legs)
+
+    def _merging(self, doppler: Doppler | None) -> Merging | None:
+        if self.merging is None:
+            return None
+        tells_elevations = getattr(self, "measures_elevation", False)
+        return self.merging.model(
+            range_cells_m=self.range_cells_m,
+            azimuth_deg=self.azimuth_beamwidth_deg,
+            elevation_deg=self.elevation_beamwidth_deg if tells_elevations else None,
+            doppler=doppler,
+            period_s=self.scan.period_s,
+        )
+
+    def model(self, site: Site, /) -> Any:
+        """The model in its weather, among its jammers."""
+        model: Any = super().model(site)
         met: list[EchoEffect] = []
         if self.weather is not None:
             met += weather_effects(self.weather, self.signals_hz, model)
         if self.jamming:
-            frame = frame_at(site, self.position_enu_m)
             from plotfeed.models.effects.jamming import Jamming
 
-            met.append(
-                Jamming(
-                    jammers=tuple(
-                        jammer_seen(jammer, enu_from(frame, site, jammer), self.signals_hz, model)
-                        for jammer in self.jamming.values()
-                    ),
-                    azimuth_beamwidth_deg=self.azimuth_beamwidth_deg,
-                    elevation_beamwidth_deg=self.elevation_beamwidth_deg,
-                )
+            seen = (
+                jammer_seen(jammer, self.offset_enu_m(site, jammer), self.signals_hz, model)
+                for jammer in self.jamming.values()
             )
+            met.append(self.made(Jamming, jammers=tuple(seen)))
         if not met:
             return model
         effects = model.echo_effects or EchoEffects()
         return replace(model, echo_effects=replace(effects, in_the_world=tuple(met)))
 
     @property
-    def shape_loss_db(self) -> float:
-        """What the shape of the receiving beam costs at its peak, by the beamwidths alone."""
-        return 0.0 if self.antenna is None else self.antenna.peak_loss_db
-
-    def echo_effects(
-        self, range_cells_m: Sequence[float], doppler: Doppler | None
-    ) -> EchoEffects | None:
+    def echo_effects(self) -> EchoEffects | None:
         """What becomes of echoes' powers, by the cells of signals; None if nothing is named."""
         if self.antenna is None and self.straddling is None:
             return None
@@ -176,5 +209,7 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
         straddling = self.straddling
         return EchoEffects(
             antenna=None if self.antenna is None else self.antenna.model(azimuth, elevation),
-            straddling=None if straddling is None else straddling.model(range_cells_m, doppler),
+            straddling=None
+            if straddling is None
+            else straddling.model(self.range_cells_m, self._doppler()),
         )

@@ -11,6 +11,7 @@ from pydantic import Field
 from plotfeed.feeds.scene.fields import (
     Azimuth,
     Beamwidth,
+    ModelTable,
     NotNegative,
     Offset,
     Positive,
@@ -23,10 +24,8 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
-    from plotfeed.models.effects.degradation import Degradation
     from plotfeed.models.effects.doppler import Doppler
     from plotfeed.models.effects.merging import Merging
-    from plotfeed.models.effects.multipath import Multipath
     from plotfeed.models.effects.readings import Readings
 
 
@@ -78,8 +77,10 @@ class DriftKeys(SceneTable):
     """Standard deviation of the drift in azimuth."""
 
 
-class DegradationKeys(SceneTable):
+class DegradationKeys(ModelTable):
     """What a sensor does worse than it takes itself to do, each by itself; for events above all."""
+
+    makes = "effects.degradation:Degradation"
 
     pd_factor: Annotated[float, Field(ge=0, le=1)] = 1.0
     """What is left of the probability of detection of each look, however strong the target."""
@@ -88,26 +89,16 @@ class DegradationKeys(SceneTable):
     error_factor: Annotated[float, Field(ge=0, le=1000)] = 1.0
     """So many times the errors by noise; the standard deviations in plots stay as they are."""
 
-    def model(self) -> Degradation:
-        """Factors for a model."""
-        from plotfeed.models.effects.degradation import Degradation
 
-        return Degradation(**self.model_dump())
-
-
-class MultipathKeys(SceneTable):
+class MultipathKeys(ModelTable):
     """Two rays: straight, and by way of the ground, which is flat as far as the sensor sees."""
+
+    makes = "effects.multipath:Multipath"
 
     reflection: Annotated[float, Field(ge=-1, le=1)] = -0.9
     """Reflection coefficient of the ground; at grazing it is near -1 for either polarisation."""
     antenna_height_m: Annotated[float, Field(ge=0, le=10_000)]
     """Of the sensor's antenna above that ground."""
-
-    def model(self) -> Multipath:
-        """The two rays for a model."""
-        from plotfeed.models.effects.multipath import Multipath
-
-        return Multipath(reflection=self.reflection, antenna_height_m=self.antenna_height_m)
 
 
 class DopplerKeys(SceneTable):
@@ -126,11 +117,11 @@ class DopplerKeys(SceneTable):
         cells_m_s = tuple(w / (legs * integration_s) for w in wavelengths_m)
         from plotfeed.models.effects.doppler import Doppler
 
-        return Doppler(
+        return self.made(
+            Doppler,
             cells_m_s=cells_m_s,
             spans_m_s=tuple(2 * self.rate_max_m_s for _ in wavelengths_m),
             folds=False,
-            notch_m_s=self.notch_m_s,
             floors_m_s=tuple(stated_or(self.floor_m_s, RATE_SHARE * cell) for cell in cells_m_s),
         )
 
@@ -205,16 +196,9 @@ def readings_of(
     from plotfeed.models.effects.readings import Drift, DriftingReadings, Readings
 
     if drift is not None:
-        drifting = DriftingReadings(
-            sigma_range_m=drift.sigma_range_m,
-            sigma_azimuth_deg=drift.sigma_azimuth_deg,
-            drift=Drift(
-                chance, step_ns=period_ns, time_constant_ns=drift.time_constant_s * NS, n=2
-            ),
-        )
-    return Readings(
-        range_scale=bias.range_scale, range_offset_m=bias.range_offset_m, drifting=drifting
-    )
+        process = Drift(chance, step_ns=period_ns, time_constant_ns=drift.time_constant_s * NS, n=2)
+        drifting = drift.made(DriftingReadings, drift=process)
+    return bias.made(Readings, drifting=drifting)
 
 
 EFFECTS = frozenset(

@@ -142,19 +142,16 @@ class MountKeys(SceneTable):
         wide_deg = home.field_deg if self.fov_max_deg is None else self.fov_max_deg
         from plotfeed.models.pointing import Motor, Mount
 
-        mount = Mount(
+        mount = self.made(
+            Mount,
             pan=Motor(
                 rate_deg_s=self.pan_rate_deg_s, acceleration_deg_s2=self.pan_acceleration_deg_s2
             ),
             tilt=Motor(
                 rate_deg_s=self.tilt_rate_deg_s, acceleration_deg_s2=self.tilt_acceleration_deg_s2
             ),
-            tilt_min_deg=self.tilt_min_deg,
-            tilt_max_deg=self.tilt_max_deg,
-            settle_s=self.settle_s,
             field_min_deg=min(narrow_deg, home.field_deg),
             field_max_deg=max(wide_deg, home.field_deg),
-            zoom_s=self.zoom_s,
         )
         from plotfeed.models.cueing import CueRule
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,8 +15,6 @@ from plotfeed.feeds.scene.fields import (
     Positive,
     Probability,
     Site,
-    enu_from,
-    frame_at,
 )
 from plotfeed.feeds.scene.report_formats import TRACK_FORMATS
 from plotfeed.feeds.scene.sensors.echo_radar_keys import EchoRadarKeys
@@ -30,7 +28,6 @@ from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
     SensorGeometry,
-    gain_or_of_beam,
     long_integration,
 )
 from plotfeed.feeds.scene.sensors.usual_accuracy import (
@@ -40,14 +37,10 @@ from plotfeed.feeds.scene.sensors.usual_accuracy import (
     odd_frequency,
     stated_or,
 )
-from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.passive_signals import MAN_MADE, Illuminator, external_noise_db
-
-if TYPE_CHECKING:
-    from plotfeed.models.effects.merging import Merging
 
 NotPositive = Annotated[float, Field(le=0)]
 BLURRED_DEG = 26.0
@@ -61,6 +54,9 @@ class PassiveRadarKeys(EchoRadarKeys):
     geometry = SensorGeometry.BISTATIC
     sapient_type = "RADAR"
     formats = ("asterix-015", *TRACK_FORMATS, "plots", "sapient")
+    usual = ("asterix-015", "plots")
+    makes = PassiveRadar
+    legs = 1
 
     type: Literal["passive_radar"]
     """Which model."""
@@ -124,11 +120,6 @@ class PassiveRadarKeys(EchoRadarKeys):
     merging: MergingKeys | None = None
     """Without it, every drone is seen by itself; its elevation_deg is not used."""
 
-    @classmethod
-    def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
-        """The category made for such sensors, and all that was measured."""
-        return ("asterix-015", "plots")
-
     @model_validator(mode="before")
     @classmethod
     def _has_no_pulses(cls, keys: Any) -> Any:
@@ -178,60 +169,30 @@ class PassiveRadarKeys(EchoRadarKeys):
         """All of its transmitters."""
         return self.transmitters
 
-    def model(self, site: Site, /) -> PassiveRadar:
-        """The model, with the transmitters as the receiver sees them."""
-        converted = {
+    def following(self, site: Site, /) -> dict[str, Any]:
+        """What of any radar, the transmitters as the receiver sees them, and the error floor."""
+        return super().following(site) | {
             "transmitters": tuple(self._transmitter(t, site) for t in self.transmitters),
-            "gain_rx_dbi": gain_or_of_beam(
-                self.gain_rx_dbi,
-                self.azimuth_beamwidth_deg,
-                self.elevation_beamwidth_deg,
-                self.antenna_efficiency,
-                self.shape_loss_db,
-            ),
-            "azimuth_cover": self.azimuth_cover,
             "azimuth_floor_deg": stated_or(self.azimuth_floor_deg, self._usual_azimuth_deg()),
-            "multipath": self.multipath and self.multipath.model(),
-            "doppler": self._doppler(),
-            "merging": self._merging(),
-            "echo_effects": self.echo_effects(
-                [C_M_S / t.bandwidth_hz for t in self.transmitters], self._doppler()
-            ),
         }
-        return self.in_the_world(PassiveRadar(**self.by_name(PassiveRadar) | converted), site)
 
     @property
     def signals_hz(self) -> Sequence[tuple[float, float]]:
         """Carriers and bandwidths of its transmitters."""
         return [(t.frequency_hz, t.bandwidth_hz) for t in self.transmitters]
 
+    @property
+    def range_cells_m(self) -> Sequence[float]:
+        """Cells of bistatic range of its channels."""
+        return [C_M_S / t.bandwidth_hz for t in self.transmitters]
+
     def _usual_azimuth_deg(self) -> float:
         return ANGLE_SHARE * self.azimuth_beamwidth_deg
 
-    def _doppler(self) -> Doppler | None:
-        if self.doppler is None:
-            return None
-        wavelengths_m = [C_M_S / t.frequency_hz for t in self.transmitters]
-        return self.doppler.model(wavelengths_m, self.integration_s, legs=1)
-
-    def _merging(self) -> Merging | None:
-        if self.merging is None:
-            return None
-        return self.merging.model(
-            range_cells_m=[C_M_S / t.bandwidth_hz for t in self.transmitters],
-            azimuth_deg=self.azimuth_beamwidth_deg,
-            elevation_deg=None,
-            doppler=self._doppler(),
-            period_s=self.scan.period_s,
-        )
-
     def _transmitter(self, part: IlluminatorKeys, site: Site) -> Illuminator:
-        east_m, north_m, up_m = enu_from(frame_at(site, self.position_enu_m), site, part.place)
-        return Illuminator(
-            erp_w=part.erp_w,
-            frequency_hz=part.frequency_hz,
-            bandwidth_hz=part.bandwidth_hz,
-            position_enu_m=(float(east_m), float(north_m), float(up_m)),
+        return part.made(
+            Illuminator,
+            position_enu_m=self.offset_enu_m(site, part.place),
             external_noise_db=self._noise_db(part),
             range_floor_m=stated_or(
                 self.bistatic_range_floor_m, RANGE_SHARE * C_M_S / part.bandwidth_hz
@@ -240,7 +201,7 @@ class PassiveRadarKeys(EchoRadarKeys):
 
     def warnings(self, site: Site, /) -> list[str]:
         """An integration longer than a scan, odd accuracies, and what lies near a baseline."""
-        model = self.model(site)
+        model: PassiveRadar = self.model(site)
         azimuths_deg, _, baselines_m = enu_to_aer(model.positions_enu_m)
         found = long_integration(self.integration_s, self.scan) + self._odd_values()
         for part, azimuth_deg, baseline_m in zip(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
@@ -12,6 +12,7 @@ from plotfeed.feeds.scene.fields import (
     Beamwidth,
     Decibels,
     Frequency,
+    Location,
     Loss,
     NotNegative,
     Positive,
@@ -29,11 +30,11 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
 )
 from plotfeed.feeds.scene.sensors.mount_keys import MountKeys
 from plotfeed.feeds.scene.sensors.pulse_keys import PulsesKeys
-from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, ElectronicScan
+from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, ElectronicScan, StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
     SensorGeometry,
-    gain_or_of_beam,
+    long_integration,
 )
 from plotfeed.feeds.scene.sensors.usual_accuracy import (
     ANGLE_SHARE,
@@ -43,12 +44,10 @@ from plotfeed.feeds.scene.sensors.usual_accuracy import (
     stated_or,
 )
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.doppler import Doppler
-    from plotfeed.models.effects.merging import Merging
     from plotfeed.models.effects.pulse_intervals import PulseIntervals
     from plotfeed.models.sensors.electronic_radar import ElectronicRadar
 
@@ -118,20 +117,6 @@ class PolarRadarKeys(EchoRadarKeys):
         rotates = isinstance(scan, dict) and scan.get("kind") == "rotating"
         return ("asterix-048" if rotates else "asterix-015", "plots")
 
-    def model(self, site: Site, /) -> PolarRadar | ElectronicRadar:
-        """The model that these keys make, at that site."""
-        raise NotImplementedError
-
-    @property
-    def classes(self) -> tuple[str, ...]:
-        """What the classifier may say."""
-        return () if self.classifier is None else self.classifier.claims
-
-    @property
-    def class_codes(self) -> Mapping[str, int]:
-        """The classifier's."""
-        return {} if self.classifier is None else self.classifier.codes or {}
-
     def warnings(self, site: Site, /) -> list[str]:
         """Odd accuracies, cells without false alarms, and a format coarser than the radar."""
         folded = [] if self.pulses is None else self.pulses.warnings(self.range_max_m)
@@ -141,6 +126,11 @@ class PolarRadarKeys(EchoRadarKeys):
     def signals_hz(self) -> Sequence[tuple[float, float]]:
         """Carrier, and the bandwidth that its range cells take."""
         return [(self.frequency_hz, C_M_S / (2 * self.range_resolution_m))]
+
+    @property
+    def range_cells_m(self) -> Sequence[float]:
+        """The one range cell."""
+        return [self.range_resolution_m]
 
     def _usual_floors(self) -> dict[str, float]:
         """Error floors of such a radar, by their keys."""
@@ -185,34 +175,17 @@ class PolarRadarKeys(EchoRadarKeys):
             if row.range_step_m / 12**0.5 > best_m
         ]
 
-    def _polar(self) -> dict[str, Any]:
-        """What the model calls by the same names, its floors, cover and receive gain."""
+    def following(self, site: Site, /) -> dict[str, Any]:
+        """Error floors that are not stated, the intervals of pulses, and what of any radar."""
         floors = {
             k: stated_or(getattr(self, k), usual) for k, usual in self._usual_floors().items()
         }
-        return (
-            self.by_name(PolarRadar)
-            | floors
-            | {
-                "azimuth_cover": self.azimuth_cover,
-                "gain_rx_dbi": gain_or_of_beam(
-                    self.gain_rx_dbi,
-                    self.azimuth_beamwidth_deg,
-                    self.elevation_beamwidth_deg,
-                    self.antenna_efficiency,
-                    self.shape_loss_db,
-                ),
-                "measures_run_length": any(
-                    REPORT_FORMATS[name].tells_run_lengths for name in self.report
-                ),
-                "multipath": self.multipath and self.multipath.model(),
-                "doppler": self._doppler(),
-                "merging": self._merging(),
-                "intervals": self._intervals(),
-                "classifier": self.classifier and self.classifier.model(),
-                "echo_effects": self.echo_effects([self.range_resolution_m], self._doppler()),
-            }
-        )
+        return super().following(site) | floors | {"intervals": self._intervals()}
+
+    @property
+    def measures_run_length(self) -> bool:
+        """Whether any of its formats tells run lengths."""
+        return any(REPORT_FORMATS[name].tells_run_lengths for name in self.report)
 
     @model_validator(mode="after")
     def _pulses_are_of_it(self) -> Self:
@@ -233,29 +206,17 @@ class PolarRadarKeys(EchoRadarKeys):
         )
 
     def _doppler(self) -> Doppler | None:
-        keys = self.doppler
-        if keys is None:
-            return None
-        if self.pulses is not None:
-            keys = keys.model_copy(update={"prf_hz": self.pulses.folding_prf_hz})
-        return keys.model([C_M_S / self.frequency_hz], self.integration_s, legs=2)
-
-    def _merging(self) -> Merging | None:
-        if self.merging is None:
-            return None
-        return self.merging.model(
-            range_cells_m=[self.range_resolution_m],
-            azimuth_deg=self.azimuth_beamwidth_deg,
-            elevation_deg=self.elevation_beamwidth_deg if self.measures_elevation else None,
-            doppler=self._doppler(),
-            period_s=self.scan.period_s,
-        )
+        if self.doppler is None or self.pulses is None:
+            return super()._doppler()
+        keys = self.doppler.model_copy(update={"prf_hz": self.pulses.folding_prf_hz})
+        return keys.model([C_M_S / self.frequency_hz], self.integration_s, self.legs)
 
 
 class ActiveRadarKeys(PolarRadarKeys):
     """A quasi-monostatic active radar. The defaults are the paper's typical values."""
 
     label = "radar"
+    makes = ActiveRadar
 
     type: Literal["active_radar"]
     """Which model."""
@@ -278,18 +239,14 @@ class ActiveRadarKeys(PolarRadarKeys):
         return self
 
     def model(self, site: Site, /) -> ActiveRadar | ElectronicRadar:
-        """The model; a receive gain that is not given follows from the beamwidths."""
-        plain = ActiveRadar(
-            **self._polar(),
-            power_w=self.power_w,
-            gain_tx_dbi=self.gain_tx_dbi,
-        )
-        model = self.in_the_world(plain, site)
+        """The radar, or what steers its beam."""
+        model: ActiveRadar = super().model(site)
         if not isinstance(self.scan, ElectronicScan):
             return model
-        steering = self.scan.steering
+        from plotfeed.models.dwell_agenda import Steering
         from plotfeed.models.sensors.electronic_radar import ElectronicRadar
 
+        steering = self.scan.made(Steering)
         return ElectronicRadar(range_max_m=self.range_max_m, radar=model, steering=steering)
 
     @model_validator(mode="after")
@@ -316,3 +273,51 @@ class ActiveRadarKeys(PolarRadarKeys):
             f"integration_s is {self.integration_s:g}{times}, but the beam is on a target for "
             f"{on_target_s:.3g} s of a turn: integrate less, turn slower, or add receive_beams"
         ]
+
+
+class MimoTransmitterKeys(Location):
+    """One of the radar's transmitters, and the place of its antenna."""
+
+    power_w: Positive
+    """Average."""
+    gain_tx_dbi: Decibels | None = None
+    """In place of the radar's."""
+
+
+class MimoRadarKeys(PolarRadarKeys):
+    """A radar of several transmitters far apart, and one receiver at the sensor's place.
+
+    It looks everywhere at once. The defaults are the paper's typical values.
+    """
+
+    label = "MIMO radar"
+    makes = MimoRadar
+
+    type: Literal["mimo_radar"]
+    """Which model."""
+    scan: StaringScan
+    """How it scans."""
+    transmitters: Annotated[
+        tuple[MimoTransmitterKeys, ...], Field(strict=False, min_length=1, max_length=32)
+    ]
+    """The radar's own."""
+    loss_db: Loss = 1.1
+    """Of the system: the paper's 2 dB without the CFAR loss, which is in the detector already."""
+    n_reference: Annotated[int, Field(ge=1, le=256)] = 16
+    """Reference cells of the CA-CFAR in the signal of each transmitter."""
+
+    def following(self, site: Site, /) -> dict[str, Any]:
+        """What of any such radar, and the transmitters as the receiver sees them."""
+        transmitters = tuple(
+            part.made(
+                MimoTransmitter,
+                position_enu_m=self.offset_enu_m(site, part),
+                gain_dbi=self.gain_tx_dbi if part.gain_tx_dbi is None else part.gain_tx_dbi,
+            )
+            for part in self.transmitters
+        )
+        return super().following(site) | {"transmitters": transmitters}
+
+    def warnings(self, site: Site, /) -> list[str]:
+        """An integration longer than a scan, and a format coarser than the radar."""
+        return [*long_integration(self.integration_s, self.scan), *super().warnings(site)]

@@ -68,16 +68,11 @@ class PulsesKeys(SceneTable):
 
         if self.beam_passes and turn_s is not None:
             beam = PassingBeam(beamwidth_deg=beamwidth_deg, step_deg=360 * interval_s / turn_s)
-        return PulseIntervals(
+        return self.made(
+            PulseIntervals,
             prfs_hz=tuple(islice(cycle(self.prf_hz), self.count)),
-            needed=self.needed,
             interval_s=interval_s,
-            pulse_s=self.pulse_s,
             wavelength_m=C_M_S / frequency_hz,
-            stc_range_m=self.stc_range_m,
-            stc_exponent=self.stc_exponent,
-            canceller=self.canceller,
-            notch_m_s=self.notch_m_s,
             beam=beam,
         )
 

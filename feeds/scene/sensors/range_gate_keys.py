@@ -18,6 +18,7 @@ class RangeGateKeys(TrackingSensorKeys):
     """A range gate and Gaussian noise: what the paper's more accurate models replace."""
 
     label = "range gate"
+    makes = RangeGate
     geometry = SensorGeometry.MONOSTATIC
     sapient_type = "OTHER"
     formats = ("asterix-015", *TRACK_FORMATS, "plots", "sapient")
@@ -32,10 +33,6 @@ class RangeGateKeys(TrackingSensorKeys):
     """Of the gate: beyond it nothing is reported."""
     sigma_m: NotNegative
     """Of the noise on each of east, north and up."""
-
-    def model(self, _site: Site, /) -> RangeGate:
-        """The model."""
-        return RangeGate(**self.by_name(RangeGate))
 
     def warnings(self, _site: Site, /) -> list[str]:
         """Noise that is none."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import (
@@ -18,8 +18,6 @@ from plotfeed.feeds.scene.fields import (
     Probability,
     SceneTable,
     Site,
-    enu_from,
-    frame_at,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
@@ -37,31 +35,26 @@ from plotfeed.models.effects.jamming import BandNoise, jamming_over_noise
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import distance_m
 from plotfeed.models.sensors.rf import RfDirectionFinder
-from plotfeed.models.state import Floats
 
 MAX_SAMPLES = 1e8
 """Up to here the detector's probabilities are good to some 1e-11."""
 
 
-def _band_noise(keys: JammerKeys, position_enu_m: Floats, model: RfDirectionFinder) -> BandNoise:
+def _band_noise(
+    keys: JammerKeys, position_enu_m: tuple[float, float, float], model: RfDirectionFinder
+) -> BandNoise:
     """A jammer as a receiver at the origin has it, which hears as much from everywhere."""
     over_noise = jamming_over_noise(
         eirp_w=keys.eirp_w,
         jammer_hz=keys.frequency_hz,
         jammer_width_hz=keys.bandwidth_hz,
-        range_m=distance_m(position_enu_m),
+        range_m=distance_m(np.array(position_enu_m)),
         gain_dbi=model.gain_rx_dbi,
         frequency_hz=keys.frequency_hz,
         bandwidth_hz=keys.bandwidth_hz,
         noise_w_hz=model.receiver_noise_w_hz[0],
     )
-    east_m, north_m, up_m = position_enu_m.tolist()
-    return BandNoise(
-        position_enu_m=(east_m, north_m, up_m),
-        frequency_hz=keys.frequency_hz,
-        bandwidth_hz=keys.bandwidth_hz,
-        over_noise=float(over_noise),
-    )
+    return keys.made(BandNoise, position_enu_m=position_enu_m, over_noise=float(over_noise))
 
 
 class Friis(SceneTable):
@@ -100,6 +93,7 @@ class RfKeys(AzimuthCoverKeys):
     geometry = SensorGeometry.BEARINGS
     sapient_type = "PASSIVE_RF"
     formats = ("asterix-205", "plots", "sapient")
+    makes = RfDirectionFinder
 
     type: Literal["rf"]
     """Which model."""
@@ -196,13 +190,7 @@ class RfKeys(AzimuthCoverKeys):
     @property
     def classes(self) -> tuple[str, ...]:
         """Kinds of emission that it reads, and what its classifier may say."""
-        claims = () if self.classifier is None else self.classifier.claims
-        return tuple(dict.fromkeys([*claims, *filter(None, self.decodes)]))
-
-    @property
-    def class_codes(self) -> Mapping[str, int]:
-        """The classifier's."""
-        return {} if self.classifier is None else self.classifier.codes or {}
+        return tuple(dict.fromkeys([*super().classes, *filter(None, self.decodes)]))
 
     @property
     def tells_kinds(self) -> bool:
@@ -214,32 +202,29 @@ class RfKeys(AzimuthCoverKeys):
             return self.instantaneous_bandwidth_hz
         return self.frequency_max_hz - self.frequency_min_hz
 
-    def model(self, site: Site, /) -> RfDirectionFinder:
-        """The model; free space is log-distance with exponent 2."""
+    def following(self, site: Site, /) -> dict[str, Any]:
+        """What is received at once, the beams of its cover, and the path's loss."""
         path_loss, city = self.path_loss, None
         if isinstance(path_loss, CityLoss):
             city = replace(CITIES[path_loss.environment], shadowing_db=path_loss.shadowing_db)
-        if not isinstance(path_loss, LogDistance):
+        if not isinstance(path_loss, LogDistance):  # free space is log-distance with exponent 2
             path_loss = LogDistance(kind="log-distance", exponent=2.0)
-        cover = self.azimuth_cover
-        beams = cells_across(cover.span_deg, self.azimuth_beamwidth_deg or cover.span_deg)
-        converted = {
+        span_deg = self.azimuth_cover.span_deg
+        beams = cells_across(span_deg, self.azimuth_beamwidth_deg or span_deg)
+        return super().following(site) | {
             "instantaneous_bandwidth_hz": self._received_at_once_hz(),
             "city": city,
             "path_loss_exponent": path_loss.exponent,
             "path_loss_reference_m": path_loss.reference_m,
-            "azimuth_cover": cover,
             "azimuth_beams": beams if self.measures_azimuth else 1.0,
             "baseline_m": self.baseline_m or 1.0,
             "decodes": frozenset(self.decodes),
-            "multipath": self.multipath and self.multipath.model(),
-            "classifier": self.classifier and self.classifier.model(),
         }
-        model = RfDirectionFinder(**self.by_name(RfDirectionFinder) | converted)
-        if not self.jamming:
-            return model
-        frame = frame_at(site, self.position_enu_m)
-        places = [(jammer, enu_from(frame, site, jammer)) for jammer in self.jamming.values()]
+
+    def model(self, site: Site, /) -> Any:
+        """The model among its jammers."""
+        model: Any = super().model(site)
+        places = [(jammer, self.offset_enu_m(site, jammer)) for jammer in self.jamming.values()]
         return replace(model, jammers=tuple(_band_noise(*each, model) for each in places))
 
     def warnings(self, _site: Site, /) -> list[str]:

@@ -11,7 +11,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
-    from plotfeed.models.dwell_agenda import Steering
+    pass
 
 
 class Event(ForAWhile):
@@ -115,13 +115,6 @@ class ElectronicScan(_Periodic):
     def sectors(self) -> int:
         """Reports a period."""
         return 1
-
-    @property
-    def steering(self) -> Steering:
-        """How dwells are shared, for a model."""
-        from plotfeed.models.dwell_agenda import Steering
-
-        return Steering(**self.model_dump(exclude={"kind", "jitter_ms"}))
 
     def refuse_what_cannot_be(self, keys: Any) -> None:
         """Raise ValueError for keys of a radar that are not modelled of a steered beam."""

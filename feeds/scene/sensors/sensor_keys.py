@@ -9,7 +9,6 @@ class is defined.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
@@ -22,10 +21,13 @@ from plotfeed.feeds.scene.fields import (
     Elevation,
     Enu,
     Height,
+    Location,
     Name,
     NotNegative,
     SceneTable,
     Site,
+    enu_from,
+    frame_at,
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -65,6 +67,10 @@ class SensorKeys(SceneTable):
     """What it is to SAPIENT."""
     formats: ClassVar[tuple[str, ...]]
     """Those that a scene may ask of it, by name."""
+    usual: ClassVar[tuple[str, ...]] = ("plots",)
+    """Those in which it reports where a scene asks for none."""
+    makes: ClassVar[type[SensorModel]]
+    """Its model, whose fields have the keys and properties of the same names."""
 
     if TYPE_CHECKING:  # keys of every sensor, which stand where each of them has them
         type: str
@@ -162,17 +168,21 @@ class SensorKeys(SceneTable):
     @classmethod
     def usual_report(cls, _keys: dict[str, Any], /) -> tuple[str, ...]:
         """The formats of such a sensor, given its other keys, not validated yet."""
-        return ("plots",)
+        return cls.usual
 
     def model(self, site: Site, /) -> SensorModel:
         """The model that these keys make, at that site."""
-        raise NotImplementedError
+        return self.made(self.makes, **self.following(site))
 
-    def by_name(self, model: Any) -> dict[str, Any]:
-        """The keys that a model, a dataclass, has under the same names; degradation as its own."""
-        names = {field.name for field in fields(model)} & type(self).model_fields.keys()
-        found = {name: getattr(self, name) for name in names}
-        return found | {"degradation": self.degradation and self.degradation.model()}
+    def following(self, _site: Site, /) -> dict[str, Any]:
+        """Fields of the model that have not just the key of the same name."""
+        return {}
+
+    def offset_enu_m(self, site: Site, place: Location) -> tuple[float, float, float]:
+        """A place seen from the sensor, metres east, north and up."""
+        frame = frame_at(site, self.position_enu_m)
+        east_m, north_m, up_m = enu_from(frame, site, place).tolist()
+        return east_m, north_m, up_m
 
     @property
     def believed(self) -> Self:
@@ -192,12 +202,14 @@ class SensorKeys(SceneTable):
     @property
     def classes(self) -> tuple[str, ...]:
         """Names of what the sensor finds, if it classifies."""
-        return ()
+        classifier = getattr(self, "classifier", None)
+        return () if classifier is None else classifier.claims
 
     @property
     def class_codes(self) -> Mapping[str, int]:
         """Numbers of its classes in I015/300, if it has agreed on any with a receiver."""
-        return {}
+        classifier = getattr(self, "classifier", None)
+        return {} if classifier is None else classifier.codes or {}
 
     @property
     def tells_kinds(self) -> bool:
