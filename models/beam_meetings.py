@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from plotfeed.models.beam import Sector, Sectors, time_after_share_ns
-from plotfeed.models.frames import Axes, wrap_180
+from plotfeed.models.frames import Axes, frames_at, rows_about, wrap_180
 from plotfeed.models.known_rows import trimmed
-from plotfeed.models.local_frames import frames_at, rows_about
 from plotfeed.models.state import NS, Bools, Floats, Ints, TruthState
 from plotfeed.models.truth import Trajectories
 

@@ -10,6 +10,7 @@ are worked out at once.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from hashlib import blake2b
@@ -150,8 +151,28 @@ class ScanDraws:
             table.scan_of[sensor, scan % slots] = scan
 
 
-class DrawsByDrone:
+class _StandIn(ABC):
     """Stand-in for a generator where sizes end in the number of looks, (..., n)."""
+
+    @abstractmethod
+    def _take(self, size: Any, draw: Callable[..., Floats]) -> Floats:
+        """What `draw` draws of a generator and a shape, for the looks."""
+
+    def random(self, size: int | tuple[int, ...]) -> Floats:
+        """Uniform in [0, 1)."""
+        return self._take(size, lambda rng, shape, *_: rng.random(shape))
+
+    def standard_normal(self, size: int | tuple[int, ...]) -> Floats:
+        """Normal, of mean 0 and variance 1."""
+        return self._take(size, lambda rng, shape, *_: rng.standard_normal(shape))
+
+    def standard_exponential(self, size: int | tuple[int, ...]) -> Floats:
+        """Exponential, of mean 1."""
+        return self._take(size, lambda rng, shape, *_: rng.standard_exponential(shape))
+
+
+class DrawsByDrone(_StandIn):
+    """Draws that belong to the drones of looks, in the tables of their scans."""
 
     def __init__(
         self, draws: ScanDraws, sensor: Ints, scan: Ints, drone: Ints, tables: count[int]
@@ -167,24 +188,12 @@ class DrawsByDrone:
         sensor, scan, drone = self._sensor[which], self._scan[which], self._drone[which]
         return DrawsByDrone(self._draws, sensor, scan, drone, self._tables)
 
-    def random(self, size: tuple[int, ...]) -> Floats:
-        """Uniform in [0, 1)."""
-        return self._take(size, (), lambda rng, shape: rng.random(shape))
-
-    def standard_normal(self, size: tuple[int, ...]) -> Floats:
-        """Normal, of mean 0 and variance 1."""
-        return self._take(size, (), lambda rng, shape: rng.standard_normal(shape))
-
-    def standard_exponential(self, size: tuple[int, ...]) -> Floats:
-        """Exponential, of mean 1."""
-        return self._take(size, (), lambda rng, shape: rng.standard_exponential(shape))
-
     def standard_gamma(self, order: float, size: tuple[int, ...]) -> Floats:
         """Gamma of that order, one for all, and of scale 1."""
         order = float(order)
-        return self._take(size, (order,), lambda rng, shape: rng.standard_gamma(order, shape))
+        return self._take(size, lambda rng, shape: rng.standard_gamma(order, shape), order)
 
-    def _take(self, size: int | tuple[int, ...], law: tuple[Any, ...], draw: Draw) -> Floats:
+    def _take(self, size: Any, draw: Draw, *law: float) -> Floats:
         inner = size[:-1] if isinstance(size, tuple) else ()
         key = (next(self._tables), inner, *law)
         if not len(self._drone):
@@ -193,11 +202,8 @@ class DrawsByDrone:
         return np.moveaxis(taken, 0, -1) if inner else taken
 
 
-class DrawsBySensor:
-    """Stand-in for a generator where each sensor has its own, for looks that stand together.
-
-    Sizes end in the number of looks, (..., n). Each sensor draws what it would draw alone.
-    """
+class DrawsBySensor(_StandIn):
+    """Draws of a generator a sensor, each as if it were alone, for looks that stand together."""
 
     def __init__(self, generators: Sequence[Generator], sensor: Ints) -> None:
         """`sensor` (n,) is the index of the generator of each look, in ascending order."""
@@ -208,18 +214,6 @@ class DrawsBySensor:
         """Draws for some of the looks, in their order."""
         return DrawsBySensor(self._generators, self._sensor[which])
 
-    def random(self, size: int | tuple[int, ...]) -> Floats:
-        """Uniform in [0, 1)."""
-        return self._take(size, lambda rng, shape, _: rng.random(shape))
-
-    def standard_normal(self, size: int | tuple[int, ...]) -> Floats:
-        """Normal, of mean 0 and variance 1."""
-        return self._take(size, lambda rng, shape, _: rng.standard_normal(shape))
-
-    def standard_exponential(self, size: int | tuple[int, ...]) -> Floats:
-        """Exponential, of mean 1."""
-        return self._take(size, lambda rng, shape, _: rng.standard_exponential(shape))
-
     def standard_gamma(self, order: ArrayLike, size: int | tuple[int, ...] | None = None) -> Floats:
         """Gamma of those orders, one for all or (..., n), and of scale 1."""
         orders = np.asarray(order)
@@ -229,11 +223,7 @@ class DrawsBySensor:
 
         return self._take(orders.shape if size is None else size, draw)
 
-    def _take(
-        self,
-        size: int | tuple[int, ...],
-        draw: Callable[[Generator, tuple[int, ...], slice], Floats],
-    ) -> Floats:
+    def _take(self, size: Any, draw: Callable[..., Floats]) -> Floats:
         shape = size if isinstance(size, tuple) else (size,)
         taken = np.empty(shape)
         if len(self._sensor):

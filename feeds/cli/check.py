@@ -14,7 +14,7 @@ from plotfeed.feeds.console.extras import check_picture, save_figure
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
-from plotfeed.feeds.scene.problem_places import Problem
+from plotfeed.feeds.scene.problems import Problem
 from plotfeed.feeds.scene.scene import Scene, SceneError, load
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor

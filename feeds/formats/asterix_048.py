@@ -19,8 +19,7 @@ from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
-from plotfeed.models.frames import aer_to_enu
-from plotfeed.models.local_frames import LocalFrames, frames_at
+from plotfeed.models.frames import LocalFrames, aer_to_enu, frames_at
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.asterix.codec.reports import Parts

@@ -24,8 +24,7 @@ from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu
-from plotfeed.models.sensors.joint_sensor import JointSensor
-from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.models.sensors.sensor_model import JointSensor, SensorModel
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots

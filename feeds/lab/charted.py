@@ -36,13 +36,11 @@ from plotfeed.models.multilateration import Sightings, range_sums_m, solved
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.electronic_radar import ElectronicRadar
-from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.multistatic import MultistaticRadar
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.rf import RfDirectionFinder
-from plotfeed.models.sensors.rf_receiver import emissions_of
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, SensorModel, Targets
+from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, JointSensor, SensorModel, Targets
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Signatures, TruthState
 
 PD = "pd"

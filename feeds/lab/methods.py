@@ -56,8 +56,7 @@ from plotfeed.models.sensors.acoustic import REFERENCE_DISTANCE_M, MicrophoneArr
 from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar
 from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.rf import RfDirectionFinder
-from plotfeed.models.sensors.rf_receiver import emissions_of
+from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Bools, Floats, Ints, Plots, Signature, TruthState
 from plotfeed.models.truth import Trajectories

@@ -34,7 +34,7 @@ from plotfeed.feeds.scene.presets.system import with_systems
 from plotfeed.feeds.scene.problems import in_a_line
 from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree, load, parsed
 from plotfeed.feeds.scene.sensors import SENSORS
-from plotfeed.feeds.scene.terrain_keys import HORIZONS
+from plotfeed.feeds.scene.world_keys import HORIZONS
 from plotfeed.feeds.transport.local_hosts import LOOPBACK
 from plotfeed.proto.errors import PlotfeedError
 

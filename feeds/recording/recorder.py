@@ -20,7 +20,7 @@ from typing import Self
 from plotfeed.feeds.console.process import new_file
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.terrain_keys import HORIZONS
+from plotfeed.feeds.scene.world_keys import HORIZONS
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.content_types import ASTERIX
 from plotfeed.replay.mcap.mcap_writer import McapWriter

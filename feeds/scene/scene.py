@@ -30,8 +30,7 @@ from plotfeed.feeds.scene.output_keys import Mqtt, PageKeys, SapientKeys
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import with_presets
 from plotfeed.feeds.scene.presets.system import SystemKeys, renamed_key, with_systems
-from plotfeed.feeds.scene.problem_places import located
-from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.feeds.scene.problems import located, problems_of
 from plotfeed.feeds.scene.sea_heights import with_ellipsoidal_heights
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import check_cues

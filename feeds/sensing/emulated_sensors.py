@@ -31,8 +31,8 @@ from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.beam_meetings import Borders
 from plotfeed.models.chance import Chance, PairDraws, Purpose, ScanDraws
 from plotfeed.models.effects.classification import ClaimDraws
+from plotfeed.models.frames import LocalFrames
 from plotfeed.models.known_rows import renamed
-from plotfeed.models.local_frames import LocalFrames
 from plotfeed.models.sensors.stacking import grouping_key
 from plotfeed.models.state import Bools
 from plotfeed.models.truth import Trajectories

@@ -20,11 +20,16 @@ from plotfeed.feeds.sensing.sensor_site import SensorSite, with_heights
 from plotfeed.models.beam import Sectors, Timetable
 from plotfeed.models.beam_meetings import CULLED_FROM, Borders, meetings
 from plotfeed.models.chance import Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
-from plotfeed.models.frames import Axes
-from plotfeed.models.local_frames import frames_at, rows_about
+from plotfeed.models.frames import Axes, frames_at, rows_about
 from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.sensors.joint_sensor import DwellingSensor, JointSensor
-from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS, SensorModel, Targets
+from plotfeed.models.sensors.sensor_model import (
+    NO_LOOKS,
+    NO_PLOTS,
+    DwellingSensor,
+    JointSensor,
+    SensorModel,
+    Targets,
+)
 from plotfeed.models.sensors.stacking import stacked
 from plotfeed.models.state import Columns, Floats, Ints, Looks, PlaceState, Plots, TruthState
 from plotfeed.models.truth import Trajectories

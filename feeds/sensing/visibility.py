@@ -18,8 +18,7 @@ from plotfeed.feeds.scene.sensors.mount_keys import home_of, mount_of
 from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.models.chance import Chance, PairDraws
 from plotfeed.models.frames import distance_m, ecef_to_geodetic, enu_to_aer
-from plotfeed.models.sensors.joint_sensor import DwellingSensor, JointSensor
-from plotfeed.models.sensors.sensor_model import SensorModel, Targets
+from plotfeed.models.sensors.sensor_model import DwellingSensor, JointSensor, SensorModel, Targets
 from plotfeed.models.state import Floats, Ints, Signatures, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS

@@ -19,8 +19,7 @@ from plotfeed.models.effects.surroundings import SeenFrom, Surroundings
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.acoustic import MicrophoneArray
-from plotfeed.models.sensors.joint_sensor import JointSensor
-from plotfeed.models.sensors.sensor_model import Prediction, Targets
+from plotfeed.models.sensors.sensor_model import JointSensor, Prediction, Targets
 from plotfeed.models.state import FALSE_ALARM, NS, Floats, Looks, Plots
 
 MOST_BEARINGS = 300

@@ -11,8 +11,7 @@ import numpy as np
 
 from plotfeed.models import detection
 from plotfeed.models.chance import of_rows
-from plotfeed.models.sensors.radio_sensor import RadioSensor
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, RadioSensor, Targets
 from plotfeed.models.sensors.stacking import EVERY_ROW
 from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
 

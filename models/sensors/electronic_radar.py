@@ -32,8 +32,7 @@ from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.fluctuation import STEADY
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.sensors.joint_sensor import DwellingSensor
-from plotfeed.models.sensors.sensor_model import Prediction, Targets
+from plotfeed.models.sensors.sensor_model import DwellingSensor, Prediction, Targets
 from plotfeed.models.state import NS, Floats, Ints, Looks, Plots
 
 if TYPE_CHECKING:

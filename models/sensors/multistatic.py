@@ -21,9 +21,8 @@ from plotfeed.models.joined_sets import OUTSIDE, Detections, JoinedSets, SetFind
 from plotfeed.models.multilateration import Sightings, covariance, linearised, range_sums_m
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.active_radar import MimoRadar
-from plotfeed.models.sensors.joint_sensor import JointSensor
 from plotfeed.models.sensors.passive_radar import PassiveRadar
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
+from plotfeed.models.sensors.sensor_model import NO_PLOTS, JointSensor, Prediction, Targets
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
 
 

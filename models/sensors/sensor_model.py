@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models import false_alarms
 from plotfeed.models.beam import AzimuthCover, Sector, beam_times_ns
@@ -17,11 +17,14 @@ from plotfeed.models.sensors.stacking import Stackable
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures, endless
 
 if TYPE_CHECKING:
+    from plotfeed.models.dwell_agenda import Agenda, PointedBeams
     from plotfeed.models.effects.classification import Confusion, HeldClaims
     from plotfeed.models.effects.decorrelation import TargetStrengths
     from plotfeed.models.effects.degradation import Degradation
+    from plotfeed.models.effects.multipath import Multipath
     from plotfeed.models.effects.readings import Readings
     from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
+
 
 NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))
 NO_LOOKS = Looks.none()
@@ -355,3 +358,83 @@ class CellSensor(SensorModel, ABC):
     @abstractmethod
     def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:
         """The plots of false alarms at those times and azimuths, (n,), n above 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointSensor(SensorModel, ABC):
+    """A sensor that has a pass of its own, in which false alarms meet detections of targets.
+
+    A plot that is made of detections of several targets, or of none, is a false alarm: a ghost.
+    """
+
+    @abstractmethod
+    def observe_scan(
+        self, targets: Targets, sector: Sector, rng: np.random.Generator
+    ) -> tuple[Looks, Plots]:
+        """Looks at the targets of a scan and all of its plots, ghosts among them."""
+
+    @property
+    def errs_as_stated(self) -> bool:
+        """Not to more than first order, and not of what was joined wrongly."""
+        return False
+
+    def observe(self, targets: Targets, rng: np.random.Generator) -> tuple[Looks, Plots]:
+        """Looks and plots of a scan that ends when the targets are looked at."""
+        if not len(targets):
+            return NO_LOOKS, NO_PLOTS
+        end_ns = int(targets.t_utc_ns[0])
+        sector = Sector(0, 0, end_ns, end_ns, 0.0, 360.0, stares=True)
+        return self.observe_scan(targets, sector, rng)
+
+    def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:  # noqa: ARG002
+        """None by themselves: they are among the plots of a scan."""
+        return NO_PLOTS
+
+
+@dataclass(frozen=True, kw_only=True)
+class DwellingSensor(JointSensor, ABC):
+    """A sensor that chooses where it looks next, by an agenda that goes from scan to scan."""
+
+    @property
+    @abstractmethod
+    def among_all(self) -> SensorModel:
+        """The sensor of one dwell, among what surrounds it."""
+
+    @abstractmethod
+    def observe_period(
+        self, agenda: Agenda, targets: Targets, sector: Sector, rng: np.random.Generator
+    ) -> tuple[Looks, Plots, Agenda]:
+        """Looks and plots of a period, and what there is to do after it."""
+
+    @abstractmethod
+    def pointed(self, agenda: Agenda) -> PointedBeams:
+        """Where the beams of the last period pointed, by the agenda after it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadioSensor(SensorModel, ABC):
+    """A sensor of radio waves, over ground that may reflect them."""
+
+    multipath: Multipath | None = None
+
+    is_radio: ClassVar[bool] = True
+
+    @property
+    @abstractmethod
+    def receiver_noise_w_hz(self) -> Floats:
+        """Density of what disturbs its receiver, by signal, watts in a hertz; (K,)."""
+
+    @property
+    def is_in_free_space(self) -> bool:
+        """Whether nothing changes the powers of its signals on their way."""
+        return self.multipath is None and self.surroundings is None
+
+    def way_factor(
+        self, place_enu_m: Floats, wavelength_m: ArrayLike, from_enu_m: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> Floats:
+        """Factor of power one way between places, (..., 3), by all that changes it; (...) out."""
+        factor = np.ones(place_enu_m.shape[:-1])
+        for each in (self.multipath, self.surroundings):
+            if each is not None:
+                factor = factor * each.power_factor(place_enu_m, wavelength_m, from_enu_m)
+        return factor

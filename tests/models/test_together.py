@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
 from plotfeed.models.effects.readings import SkewFrame
-from plotfeed.models.frames import Axes, LocalFrame
-from plotfeed.models.local_frames import LocalFrames, frames_at
+from plotfeed.models.frames import Axes, LocalFrame, LocalFrames, frames_at
 
 S = 1_000_000_000
 SPANS = st.tuples(

@@ -17,8 +17,7 @@ from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.models.beam import Sector
 from plotfeed.models.confidence import Confidence, TargetPrior, confidence_of
 from plotfeed.models.frames import aer_to_enu, wrap_360
-from plotfeed.models.sensors.joint_sensor import JointSensor
-from plotfeed.models.sensors.sensor_model import Prediction, Targets
+from plotfeed.models.sensors.sensor_model import JointSensor, Prediction, Targets
 from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.errors import DecodeError, EncodeError
 from plotfeed.proto.sapient.decode_sapient import restamped_later

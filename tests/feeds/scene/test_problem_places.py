@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.scene.problem_places import key_lines
+from plotfeed.feeds.scene.problems import key_lines
 from plotfeed.feeds.scene.scene import SceneError, load
 
 ROOT = Path(__file__).parents[3]

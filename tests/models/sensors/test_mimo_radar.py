@@ -15,7 +15,7 @@ from support.significance import assert_mean, assert_sum
 
 from plotfeed.feeds.scene.fields import Site, site_frame
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.mimo_radar_keys import MimoRadarKeys
+from plotfeed.feeds.scene.sensors.polar_radar_keys import MimoRadarKeys
 from plotfeed.models import detection
 from plotfeed.models.beam import AzimuthCover, Sector
 from plotfeed.models.frames import aer_to_enu

@@ -18,8 +18,7 @@ from plotfeed.models import propagation
 from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.rf import RfDirectionFinder
-from plotfeed.models.sensors.rf_receiver import emissions_of
+from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import FALSE_ALARM, Emitter, Signatures
 
