@@ -284,18 +284,13 @@ def detection_check(looks: LookOdds, false_per_look: float) -> ResidualCheck:
         variance *= (1 + rho) / (1 - rho)
         chance = p_of_normal((hits - float(p.sum())) / math.sqrt(variance))
     else:
-        chance = _chance_of_hits(p, hits)
+        cells = np.array_split(np.sort(p), min(CELLS, len(p)))
+        counts = np.array([len(cell) for cell in cells], np.float64)
+        chance = p_of_trials(counts, np.array([cell.mean() for cell in cells]), hits)
     return ResidualCheck(
         name="Pd", unit="", claimed=claimed, found=found, sigma=math.sqrt(variance) / n, p=chance,
         of=n,
     )  # fmt: skip
-
-
-def _chance_of_hits(p: Floats, hits: int) -> float:
-    """Probability of so many hits, or of what is further off."""
-    cells = np.array_split(np.sort(p), min(CELLS, len(p)))
-    counts = np.array([len(cell) for cell in cells], np.float64)
-    return p_of_trials(counts, np.array([cell.mean() for cell in cells]), hits)
 
 
 def clutter_check(left: int, expected: float, scans: float, false_hits: float) -> ResidualCheck:

@@ -96,9 +96,12 @@ class TrackLives:
         Time between this sector and the one before it is not counted: nobody looked.
         """
         self._make_room(int(drone[-1]) + 1 if len(drone) else 0)
-        self._stand_still_until(start_ns)
+        if self._end_ns is not None and start_ns > self._end_ns:
+            self._looked_ns[self.drones] += start_ns - self._end_ns
         self._end_ns = end_ns
-        missed = self._not_looked_at(drone, end_ns)
+        others = np.setdiff1d(self.drones, drone)
+        due_ns = self._looked_ns[others] + self._rule.period_ns + self._rule.patience_ns
+        missed = others[due_ns <= end_ns]
         self._looked_ns[missed] += self._rule.period_ns
         self._looked_ns[drone] = t_utc_ns
         self._hit_ns[drone[hit]] = t_utc_ns[hit]
@@ -128,16 +131,6 @@ class TrackLives:
     def _make_room(self, drones: int) -> None:
         for name in _OF_LIVES:
             setattr(self, name, with_room(getattr(self, name), drones))
-
-    def _stand_still_until(self, start_ns: int) -> None:
-        if self._end_ns is not None and start_ns > self._end_ns:
-            self._looked_ns[self.drones] += start_ns - self._end_ns
-
-    def _not_looked_at(self, looked_at: Ints, end_ns: int) -> Ints:
-        """The drones whose look is overdue at the end of a sector."""
-        known = np.setdiff1d(self.drones, looked_at)
-        due_ns = self._looked_ns[known] + self._rule.period_ns + self._rule.patience_ns
-        return known[due_ns <= end_ns]
 
     def _count(self, drone: Ints, hit: Bools) -> None:
         self._hits[drone] = np.concatenate([self._hits[drone, 1:], hit[:, None]], axis=1)

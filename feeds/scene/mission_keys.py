@@ -10,6 +10,7 @@ from plotfeed.feeds.scene.fields import (
     Azimuth,
     Height,
     Location,
+    ModelTable,
     NotNegative,
     Positive,
     SceneTable,
@@ -17,13 +18,15 @@ from plotfeed.feeds.scene.fields import (
 )
 
 if TYPE_CHECKING:
-    from plotfeed.models.flight_plan import FlightLimits
+    pass
 
 MAX_TURNS = 100.0
 
 
-class LimitKeys(SceneTable):
+class LimitKeys(ModelTable):
     """What the drone can do on its legs and in contingencies; a Phantom 4's, but acceleration."""
+
+    makes = "flight_plan:FlightLimits"
 
     speed_m_s: Speed = 20.0
     """Greatest, over all."""
@@ -33,13 +36,6 @@ class LimitKeys(SceneTable):
     """Greatest, downwards."""
     acceleration_m_s2: Annotated[float, Field(ge=0.1, le=100)] = 4.0
     """Greatest, of any kind; 4 m/s² is a tilt of 22 degrees."""
-
-    @property
-    def model(self) -> FlightLimits:
-        """The limits by which a flight is planned."""
-        from plotfeed.models.flight_plan import FlightLimits
-
-        return FlightLimits(**self.model_dump())
 
 
 class TakeOffLeg(SceneTable):
@@ -220,7 +216,7 @@ class MissionKeys(SceneTable):
         return self
 
     def _check_leg(self, n: int, leg: Leg) -> None:
-        limits = self.limits.model
+        limits = self.limits.model()
         if leg.kind == "land" and n + 1 < len(self.leg):
             raise ValueError(f"leg[{n}]: nothing comes after land")
         if not isinstance(leg, PlaceLeg | OrbitLeg) or leg.speed_m_s is None:

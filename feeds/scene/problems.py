@@ -30,7 +30,10 @@ def problems_of(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[
         key, text = _key(found["loc"], tree), found["msg"]
         kind, context = found["type"], found.get("ctx", {})
         if kind == "extra_forbidden":
-            yield key, f"no such key{_suggestion(found['loc'])}"
+            known = {name for model in _models() for name in model.model_fields}
+            close = difflib.get_close_matches(str(found["loc"][-1]), known, 1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            yield key, f"no such key{' here' if found['loc'][-1] in known else hint}"
         elif kind == "missing":
             yield key, "missing"
         elif kind == "union_tag_not_found":
@@ -86,14 +89,6 @@ def _key(location: tuple[int | str, ...], tree: dict[str, Any]) -> str:
         key += f".{step}" if key else str(step)
         here = here.get(step, {}) if isinstance(here, dict) else {}
     return key
-
-
-def _suggestion(location: tuple[int | str, ...]) -> str:
-    known = {name for model in _models() for name in model.model_fields}
-    if location[-1] in known:
-        return " here"  # but elsewhere
-    close = difflib.get_close_matches(str(location[-1]), known, 1)
-    return f"; did you mean {close[0]}?" if close else ""
 
 
 def _models() -> Iterator[type[BaseModel]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -40,21 +40,17 @@ def _stated(sensor: Any) -> Source | None:
 def _numbered(sensor: Any, taken: set[Source]) -> Any:
     if not isinstance(sensor, dict) or "sic" in sensor:
         return sensor
-    found = next((each for each in _open_to(sensor) if each not in taken), None)
+    sac = sensor.get("sac")
+    sacs: Iterable[int] = range(LAST_CODE + 1)
+    if sac is not None:
+        sacs = [sac] if isinstance(sac, int) else []
+    codes = ((area, sic) for area in sacs for sic in range(1, LAST_CODE + 1))
+    found = next((each for each in codes if each not in taken), None)
     if found is None:
         return sensor
     taken.add(found)
     sac, sic = found
     return {**sensor, **({"sac": sac} if sac else {}), "sic": sic}
-
-
-def _open_to(sensor: dict[str, Any]) -> Iterator[Source]:
-    """The codes that a sensor might have, the first before the others."""
-    sac = sensor.get("sac")
-    sacs: Iterable[int] = range(LAST_CODE + 1)
-    if sac is not None:
-        sacs = [sac] if isinstance(sac, int) else []
-    return ((area, sic) for area in sacs for sic in range(1, LAST_CODE + 1))
 
 
 def check_sources(sensors: Sequence[SensorKeys]) -> None:

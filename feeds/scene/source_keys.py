@@ -85,7 +85,11 @@ class SourceAddress:
         scheme, _, place = where.partition(":")
         transport = _TRANSPORTS.get(scheme)
         if transport == "http" and transport in KINDS[kind].transports:
-            return cls(kind, transport, path=_base_url(where))
+            parts = urlsplit(where)
+            secret = parts.username or parts.password or parts.query  # or what might be one
+            if not parts.hostname or secret or parts.fragment:
+                raise ValueError("expected http://HOST/PATH or https://, without user, ? and #")
+            return cls(kind, transport, path=where)
         if transport is None or transport not in KINDS[kind].transports:
             known = sorted(n for n, t in _TRANSPORTS.items() if t in KINDS[kind].transports)
             serial = " or a serial port" if "serial" in known else ""
@@ -142,14 +146,6 @@ def _serial(place: str, text: str) -> tuple[str, int]:
     return path, int(rate)
 
 
-def _base_url(text: str) -> str:
-    """The address of a service, without what might be a secret."""
-    parts = urlsplit(text)
-    if not parts.hostname or parts.username or parts.password or parts.query or parts.fragment:
-        raise ValueError("expected http://HOST/PATH or https://, without user, ? and #")
-    return text
-
-
 def _checked_host(transport: str, host: str) -> str:
     """The host, of which sockets that listen need the number."""
     if transport == "tcp":
@@ -165,11 +161,6 @@ def _checked_host(transport: str, host: str) -> str:
 def _address(text: str) -> str:
     SourceAddress.parse(text)
     return text
-
-
-def _braces(template: str) -> set[str]:
-    """Names in braces."""
-    return {part.partition("}")[0] for part in template.split("{")[1:]}
 
 
 View = tuple[Latitude, Longitude, Latitude, Longitude]
@@ -208,7 +199,8 @@ class TelemetrySource(SceneTable):
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Self:
         kind = self.address.kind
-        unknown = sorted(_braces(self.drone or "") - KINDS[kind].fields)
+        named = {part.partition("}")[0] for part in (self.drone or "").split("{")[1:]}
+        unknown = sorted(named - KINDS[kind].fields)
         if unknown:
             known = ", ".join(f"{{{name}}}" for name in sorted(KINDS[kind].fields))
             raise ValueError(f"drone: {{{unknown[0]}}} is not known of {kind}; expected {known}")

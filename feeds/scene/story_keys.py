@@ -128,7 +128,13 @@ def usual_stories(sensors: Sequence[Sensor]) -> list[Story]:
     main = sensors[0]
     radar = next((s for s in sensors if s.geometry is not SensorGeometry.BEARINGS), main)
     found = [
-        _of_links(sensors),
+        Story(
+            id="bad-link",
+            title="The link goes bad",
+            text="Messages of all sensors come late and unevenly, and a quarter is lost, in "
+            "bursts.",
+            change=tuple(StoryChange(sensor=s.id, set={"link": _bad_link(s)}) for s in sensors),
+        ),
         Story(
             id="outage",
             title=f"Outage of {main.id}"[:MAX_TITLE],
@@ -140,15 +146,6 @@ def usual_stories(sensors: Sequence[Sensor]) -> list[Story]:
         _of_swarm(radar),
     ]
     return [story for story in found if story is not None]
-
-
-def _of_links(sensors: Sequence[Sensor]) -> Story:
-    return Story(
-        id="bad-link",
-        title="The link goes bad",
-        text="Messages of all sensors come late and unevenly, and a quarter is lost, in bursts.",
-        change=tuple(StoryChange(sensor=s.id, set={"link": _bad_link(s)}) for s in sensors),
-    )
 
 
 def _bad_link(sensor: Sensor) -> dict[str, Any]:

@@ -75,7 +75,12 @@ def with_spells(tree: dict[str, Any]) -> dict[str, Any]:
         *(_event(spell, {"weather": _keys(spell)}) for spell in _spells(tree, WeatherSpell)),
         *(_event(j, {"jamming": {j.id: _keys(j)}}) for j in _spells(tree, JammerSpell)),
     ]
-    return {**tree, "sensor": [_with_events(sensor, events) for sensor in tree["sensor"]]}
+    sensors = list(tree["sensor"])
+    for n, sensor in enumerate(sensors):
+        own = sensor.get("event", []) if isinstance(sensor, dict) else None
+        if events and isinstance(own, list | tuple):
+            sensors[n] = {**sensor, "event": [*own, *events]}
+    return {**tree, "sensor": sensors}
 
 
 def _spells(tree: dict[str, Any], kind: type[S]) -> Iterator[S]:
@@ -92,10 +97,3 @@ def _keys(spell: WeatherSpell | JammerSpell) -> dict[str, Any]:
 def _event(spell: WeatherSpell | JammerSpell, changes: dict[str, Any]) -> dict[str, Any]:
     until = {} if spell.to_s is None else {"to_s": spell.to_s}
     return {"from_s": spell.from_s, **until, "set": changes}
-
-
-def _with_events(sensor: Any, events: list[dict[str, Any]]) -> Any:
-    own = sensor.get("event", []) if isinstance(sensor, dict) else None
-    if not events or not isinstance(own, list | tuple):
-        return sensor
-    return {**sensor, "event": [*own, *events]}

@@ -92,7 +92,7 @@ def _by_legs(space: SceneSpace, drone: Drone) -> DroneRoute:
     home_m = np.zeros(3) if drone.home is None else space.level_m(drone.home, offset_m)
     from plotfeed.models.flight_plan import FlightPlan
 
-    plan = FlightPlan(drone.limits.model, home_m)
+    plan = FlightPlan(drone.limits.model(), home_m)
     ends = []
     for leg in drone.leg:
         begin_s = plan.end_s

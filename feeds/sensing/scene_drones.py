@@ -233,7 +233,7 @@ class _FlyingDrone:
         position_m, velocity_m_s = segment.between(at_ns, segment.end_ns).coefficients[:2]
         frame = self._space.frame
         plan = FlightPlan(
-            self._drone.limits.model,
+            self._drone.limits.model(),
             level_from_ecef(frame, position_m),
             level_velocity(frame, position_m, velocity_m_s),
         )

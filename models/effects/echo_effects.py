@@ -58,14 +58,10 @@ class Straddling:
         return factor
 
 
-def _hann(offset: Floats) -> Floats:
-    return np.asarray(np.sinc(offset) / (1 - offset * offset))
-
-
 CELL_SHAPES: dict[str, Callable[[Floats], Floats]] = {
     "sinc": np.sinc,
     "triangle": lambda offset: 1 - np.abs(offset),
-    "hann": _hann,
+    "hann": lambda offset: np.asarray(np.sinc(offset) / (1 - offset * offset)),
 }
 """Amplitudes off the middle of a cell: of a flat spectrum or window, of the correlation of a flat
 pulse with itself, of Hann's window, whose noise is 1.76 dB more beside."""

@@ -105,11 +105,8 @@ class MicrophoneLayout:
     def _error_shape(self) -> Floats:
         """What makes errors of w of normals, for 1/sqrt(2 S) of one; (2, 2)."""
         wave_number = 2 * np.pi / self.wavelength_m
-        return np.asarray(np.linalg.cholesky(np.linalg.inv(wave_number**2 * self._square_m2)))
-
-    @cached_property
-    def _square_m2(self) -> Floats:
-        return np.asarray(self.places_m.T @ self.places_m / self.microphones)
+        square_m2 = np.asarray(self.places_m.T @ self.places_m / self.microphones)
+        return np.asarray(np.linalg.cholesky(np.linalg.inv(wave_number**2 * square_m2)))
 
     def _spread(self, azimuth: Floats | float, snr: Floats) -> Floats:
         """Standard deviation of w along an azimuth, radians."""

@@ -150,7 +150,10 @@ class AcousticPair(JointSensor):
             seen, plots = array.observe(each, rng)
             alarms = array.draw_false_alarms(sector, rng)
             looks.append(seen)
-            bearings.append(_loudest(Plots.joined([plots, alarms])))
+            found = Plots.joined([plots, alarms])
+            if len(found) > MOST_BEARINGS:
+                found = found.rows(np.sort(np.argsort(-found.snr)[:MOST_BEARINGS]))
+            bearings.append(found)
         _, of_first, of_second = np.intersect1d(
             looks[0].drone, looks[1].drone, assume_unique=True, return_indices=True
         )
@@ -237,9 +240,3 @@ class AcousticPair(JointSensor):
     def stated_sigmas(self, snr: float) -> dict[str, float]:
         """Errors of the bearing; that of the range goes with the place."""
         return self.array.stated_sigmas(snr)
-
-
-def _loudest(bearings: Plots) -> Plots:
-    if len(bearings) <= MOST_BEARINGS:
-        return bearings
-    return bearings.rows(np.sort(np.argsort(-bearings.snr)[:MOST_BEARINGS]))

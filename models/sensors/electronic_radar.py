@@ -331,7 +331,8 @@ class ElectronicRadar(DwellingSensor):
             fresh = np.flatnonzero((self._apart(found_m, expected_m) > 2.0).all(axis=1))
             found_m, confirmed = found_m[fresh], confirmed.rows(fresh)
         wait_ns = self._wait_ns(found_m, confirmed.snr)
-        interval_s = np.append(self._intervals_s(tracks), np.maximum(wait_ns / NS, 1e-6))
+        waits_ns = np.append(tracks.due_ns - tracks.t_utc_ns, wait_ns)
+        interval_s = np.maximum(waits_ns / NS, 1e-6)
         load = np.cumsum(self.steering.dwell_s / np.maximum(interval_s, self.steering.period_s))
         room = (load <= 1 - self.steering.search_share) & (
             np.arange(len(load)) < self.steering.max_tracks
@@ -341,10 +342,6 @@ class ElectronicRadar(DwellingSensor):
         t_utc_ns = confirmed.t_utc_ns[taken]
         new = BeamTracks.begun(found_m[taken], t_utc_ns, np.full(len(taken), sector.end_ns))
         return BeamTracks.joined([tracks, new])
-
-    @staticmethod
-    def _intervals_s(tracks: BeamTracks) -> Floats:
-        return np.maximum((tracks.due_ns - tracks.t_utc_ns) / NS, 1e-6)
 
     def predict(self, targets: Targets) -> Prediction:
         """A dwell that points at each target, by the radar's closed forms."""

@@ -298,12 +298,13 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             )
         if self.classifier is not None:
             columns |= targets.claims_of(echoes, self.classifier, rng)
+        found_m = range_m + errors[0]
         plots = self._plots(
             snr,
             threshold,
             sigmas,
             t_utc_ns=echoes.t_utc_ns,
-            range_m=self._told_m(range_m + errors[0]),
+            range_m=found_m if self.intervals is None else self.intervals.folded_m(found_m),
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
             **echoes.whose(),
@@ -311,9 +312,6 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         )
         inside = (plots.range_m >= self.range_min_m) & (plots.range_m <= self.range_max_m)
         return plots.rows(inside & (plots.range_m > 0))
-
-    def _told_m(self, range_m: Floats) -> Floats:
-        return range_m if self.intervals is None else self.intervals.folded_m(range_m)
 
     def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:
         """Uniform in range and elevation (eqs 10 to 12; elevation is drawn, not height)."""

@@ -6,7 +6,6 @@ interferometer. Every emitter of a drone is looked at, detected and reported by 
 
 from __future__ import annotations
 
-from abc import ABC
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -44,13 +43,15 @@ def emissions_of(targets: Targets) -> Emissions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RfReceiver(RadioSensor, CellSensor, ABC):
-    """What the equations of reception need.
+class RfDirectionFinder(RadioSensor, CellSensor):
+    """A receiver that tells where emissions come from and what they are.
 
     `channel_bandwidth_hz` is that in which energy is summed and noise with it, and
     `instantaneous_bandwidth_hz` how much of the band is received at once. A `path_loss_exponent`
     of 2 is free space. `azimuth_beams` are cells for false alarms: the cover over a beam. Without
-    `multipath` there is no ground. Jammers are those whose noise is in emissions' channels.
+    `multipath` there is no ground. Jammers are those whose noise is in emissions' channels. A kind
+    that is among `decodes` gives its identity. Without `elevation_baseline_m` there is no
+    elevation, and without a classifier none that errs.
     """
 
     frequency_min_hz: float
@@ -66,8 +67,23 @@ class RfReceiver(RadioSensor, CellSensor, ABC):
     duty_cycle: float
     bursts_per_dwell: int
     azimuth_beams: float
+    measures_azimuth: bool
+    baseline_m: float
+    azimuth_floor_deg: float
+    classifies: bool
+    decodes: frozenset[str]
+    elevation_baseline_m: float | None = None
+    elevation_floor_deg: float = 0.0
+    classifier: Confusion | None = None
     jammers: tuple[BandNoise, ...] = ()
     city: City | None = None
+
+    alike: ClassVar[frozenset[str]] = frozenset(
+        {
+            *("pfa", "channel_bandwidth_hz", "integration_s", "surroundings", "multipath"),
+            *("classifier", "jammers", "city"),
+        }
+    )
 
     def with_jammers_behind(self, way: OnTheWay) -> Self:
         """The receiver with what an obstruction leaves of its jammers."""
@@ -164,32 +180,6 @@ class RfReceiver(RadioSensor, CellSensor, ABC):
         crossed = detection.pd_noncoherent_swerling2(snr, self.pfa, self.samples)
         return np.where(self.received_share(emissions) > 0, intercepted * crossed, 0.0)
 
-
-@dataclass(frozen=True, kw_only=True)
-class RfDirectionFinder(RfReceiver):
-    """A receiver that tells where emissions come from and what they are.
-
-    One whose kind is among `decodes` gives its identity. Without `elevation_baseline_m` there is no
-    elevation, and without a classifier none that errs.
-    """
-
-    measures_azimuth: bool
-    baseline_m: float
-    azimuth_floor_deg: float
-    classifies: bool
-    decodes: frozenset[str]
-    elevation_baseline_m: float | None = None
-    elevation_floor_deg: float = 0.0
-    classifier: Confusion | None = None
-
-    alike: ClassVar[frozenset[str]] = frozenset(
-        {
-            *("pfa", "channel_bandwidth_hz", "integration_s", "surroundings", "multipath"),
-            "classifier",
-            *("jammers", "city"),
-        }
-    )
-
     @nan_without_warnings
     def sigma_azimuth_deg(self, frequency_hz: Floats, snr: Floats) -> Floats:
         """Standard deviation of an interferometer's azimuth, with the floor.
@@ -260,18 +250,11 @@ class RfDirectionFinder(RfReceiver):
         told = self._read(table, emitted)
         if self.classifier is not None:
             drawn = None if targets.claims is None else targets.claims.of(hits)
-            claimed = self.classifier.claimed(table.kinds(emitted), rng, drawn)
-            told |= self._unless_read(*claimed, told["kind"])
+            kind, probability = self.classifier.claimed(table.kinds(emitted), rng, drawn)
+            was_read = told["kind"] != ""
+            told["kind"] = np.where(was_read, told["kind"], kind)
+            told["kind_probability"] = np.where(was_read, 1.0, probability)
         return looks, plots.but(**told)
-
-    @staticmethod
-    def _unless_read(kind: Texts, probability: Floats, read: Texts) -> dict[str, NDArray[Any]]:
-        """What the classifier says of emissions, unless they were read."""
-        was_read = read != ""
-        return {
-            "kind": np.where(was_read, read, kind),
-            "kind_probability": np.where(was_read, 1.0, probability),
-        }
 
     def _read(self, table: EmitterTable, emissions: Emissions) -> dict[str, Texts]:
         """What plots of those emissions say of them beside their measurements."""

@@ -1,22 +1,23 @@
-"""The third file: a line that registers the lookout, and a scene that has one."""
+"""A scene that has a lookout, which is there for these tests alone."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from importlib import import_module
 
 import pytest
 from support.road import held, scene, staring
-from toy_sensor.lookout_keys import LookoutKeys
 
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import SENSORS, register
+from plotfeed.feeds.scene.sensors import SENSORS
 
 
 @pytest.fixture(autouse=True)
 def registered() -> Iterator[None]:
-    register(LookoutKeys)
+    keys = import_module("toy_sensor.lookout_keys").__name__
     yield
-    del SENSORS["lookout"]  # of other tests
+    del SENSORS["lookout"], sys.modules[keys]  # of other tests
 
 
 @pytest.fixture

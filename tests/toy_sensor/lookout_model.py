@@ -1,4 +1,4 @@
-"""A lookout with a telescope: the first of a toy sensor's three files, its model."""
+"""A lookout with a telescope: the first of a toy sensor's two files, its model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sensor of three files is right in every format, on the page and in the chart."""
+"""A sensor of two files is right in every format, on the page and in the chart."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from support.asterix_readers import read_blocks
 from support.road import Road, fly
 from support.sapient_rules import checked
-from toy_sensor.lookout_keys import LookoutKeys
 
 from plotfeed.feeds.lab.chart import charted
 from plotfeed.feeds.lab.charted import Effort
 from plotfeed.feeds.page.scene_outline import Placements, outline
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import register
+from plotfeed.feeds.scene.sensors import SENSORS, register
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, SensorKeys
 from plotfeed.feeds.schema import text_of
 from plotfeed.feeds.schema.flows import types_that_report
@@ -141,4 +140,4 @@ def test_a_bistatic_sensor_has_illuminators() -> None:
 
 def test_no_two_sensors_have_one_type() -> None:
     with pytest.raises(ValueError, match="there is a sensor of type lookout already"):
-        register(LookoutKeys)
+        register(SENSORS["lookout"])

@@ -1,7 +1,7 @@
 """What all sensors of a scene have in common: keys, and the traits that tell their kinds apart.
 
-A sensor is added in three files: its model, its keys, which derive from `SensorKeys`, and a line
-that registers them (`feeds.scene.sensors`). Everything that formats, the page and the chart have to
+A sensor is added in two files: its model, and its keys, which derive from `SensorKeys` and are
+registered (`feeds.scene.sensors`). Everything that formats, the page and the chart have to
 know of its kind is a trait, a class attribute of the keys; one that is missing is an error when the
 class is defined.
 """
