@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import gammainc, gammaincc, gammainccinv
 from stability_case import Case, relative
 
-from plotfeed.feeds.impairment.losses import chain_of
+from plotfeed.feeds.link.losses import chain_of
 from plotfeed.feeds.scene.link_keys import GilbertElliott
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.echo_effects import cell_factor
@@ -33,7 +33,7 @@ DOPPLER = Doppler(
 TIME_CONSTANT_STEPS = 600.0
 NS = 1_000_000_000
 TEST_OF_CHAINS = (
-    "feeds/impairment/test_loss_chains.py::test_chains_that_hardly_ever_move_keep_their_figures"
+    "feeds/link/test_loss_chains.py::test_chains_that_hardly_ever_move_keep_their_figures"
 )
 
 

@@ -19,7 +19,7 @@ from plotfeed.feeds.console.posix import keys_of
 from plotfeed.feeds.console.printed import say, say_damage
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
-from plotfeed.feeds.delivery.lateness import lateness_us
+from plotfeed.feeds.link.lateness import lateness_us
 from plotfeed.feeds.messages.outgoing import Transport
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports

@@ -36,8 +36,8 @@ from plotfeed.feeds.console.process import (
     undisturbed,
 )
 from plotfeed.feeds.console.status_line import show_last_status, show_status
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.lateness import lateness_us
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.lateness import lateness_us
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import NO_BROKER

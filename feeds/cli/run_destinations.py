@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.cli.run_settings import RunSettings
 from plotfeed.feeds.console.printed import say
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.scene import Scene

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from plotfeed.feeds.engine.change_control import ChangeControl
 from plotfeed.feeds.formats import in_time
-from plotfeed.feeds.impairment.link import Impairment
-from plotfeed.feeds.impairment.uplink import Uplink
+from plotfeed.feeds.link.impairment import Impairment
+from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import kolmogorov, ndtr
 
-from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.lab.asked import AskedSensor
+from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.models.beam import Volume
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.numerics import nan_without_warnings

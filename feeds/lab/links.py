@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from plotfeed.feeds.impairment.link import LinkExpectation
-from plotfeed.feeds.impairment.losses import LossChain
 from plotfeed.feeds.lab.laws import ENOUGH, law_distance, p_of_distance, z_score
 from plotfeed.feeds.lab.ledger_columns import ToldMessages
+from plotfeed.feeds.link.impairment import LinkExpectation
+from plotfeed.feeds.link.losses import LossChain
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.models.state import Floats, Ints

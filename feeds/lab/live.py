@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.console.printed import finite
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.engine.simulation import SimulatedLooks, SimulatedPlots, SimulatedSensor
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.lab.feed_checks import FALSE_RATE, feed_checks, simulated_feed
 from plotfeed.feeds.lab.scoring import ScoreSettings
 from plotfeed.feeds.lab.track_reports import ToldTrack, tracks_in
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.fields import site_frame

@@ -11,8 +11,8 @@ import numpy as np
 
 from plotfeed.feeds.console.printed import aligned
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
-from plotfeed.feeds.impairment.link import Fate, Impairment
 from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
+from plotfeed.feeds.link.impairment import Fate, Impairment
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.impairment.uplink import json_of
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.uplink import json_of
 from plotfeed.feeds.page.recorded_sectors import (
     DroneNumbers,
     RecordedSector,

@@ -9,8 +9,8 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequenc
 from pathlib import Path
 from typing import Any
 
-from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.lab.live import LiveScore, is_scored, scoring
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.connections import connections
 from plotfeed.feeds.page.page_access import PageAddress, Tokens

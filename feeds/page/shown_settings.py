@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.impairment.losses import chain_of
+from plotfeed.feeds.link.delays import DelayLaw
+from plotfeed.feeds.link.losses import chain_of
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor

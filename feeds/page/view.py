@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.console.printed import finite
-from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats import carries_plots
-from plotfeed.feeds.impairment.losses import LossChain
 from plotfeed.feeds.lab.track_reports import ToldTrack
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.losses import LossChain
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.audience import CONCEALS, without_truth
 from plotfeed.feeds.page.recorded_sectors import RecordedSector

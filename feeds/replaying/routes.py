@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.outbox import Outbox
-from plotfeed.feeds.impairment.link import Copy, Impairment, Outcome
-from plotfeed.feeds.impairment.uplink import Uplink
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.impairment import Copy, Impairment, Outcome
+from plotfeed.feeds.link.outbox import Outbox
+from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing, Transport, publish
 from plotfeed.feeds.replaying.destinations import ReplayUdp

@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from plotfeed.feeds.delivery.counters import SapientCounters
-from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.formats import Announcer, announcer_of
+from plotfeed.feeds.link.counters import SapientCounters
+from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import KeptUp, Outgoing, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS

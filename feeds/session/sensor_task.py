@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from plotfeed.feeds.delivery.lateness import lateness_us
-from plotfeed.feeds.delivery.outbox import Outbox
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.formats import Announcer
+from plotfeed.feeds.link.lateness import lateness_us
+from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.changes import Layers, instants_ns, joined
 from plotfeed.feeds.scene.sensors import Sensor

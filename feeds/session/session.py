@@ -7,9 +7,9 @@ import contextlib
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.ledger_writer import Kept, LedgerWriter
 from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.ledger_writer import Kept, LedgerWriter
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message

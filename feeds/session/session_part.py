@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from plotfeed.feeds.console.posix import alive_s
-from plotfeed.feeds.delivery.lateness import lateness_us
-from plotfeed.feeds.delivery.outbox import Outbox
+from plotfeed.feeds.link.lateness import lateness_us
+from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.messages.outgoing import Client, Outgoing, Transport
 from plotfeed.feeds.scene.scene import Scene

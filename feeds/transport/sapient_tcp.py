@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from plotfeed.feeds.console.printed import printable
-from plotfeed.feeds.delivery.counters import SapientCounters
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.formats.sapient.sapient_announcer import is_answer, is_registration
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
+from plotfeed.feeds.link.counters import SapientCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
 from plotfeed.feeds.scene.fields import split_address

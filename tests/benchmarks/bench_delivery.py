@@ -25,8 +25,8 @@ from aims import YARDSTICK, aim, ratios, spread, yardstick_us
 from bench_engine import a_broker
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.outbox import Outbox, prepare_all, send_all
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.outbox import Outbox, prepare_all, send_all
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.timing.clock import WallClock

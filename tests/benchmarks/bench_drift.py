@@ -24,7 +24,7 @@ sys.path.insert(0, str(HERE.parent))
 
 from support.road import flown, radar, rotating, scene, waypoint  # noqa: E402
 
-from plotfeed.feeds.delivery.counters import SessionCounters  # noqa: E402
+from plotfeed.feeds.link.counters import SessionCounters  # noqa: E402
 from plotfeed.feeds.messages.message import Message  # noqa: E402
 from plotfeed.feeds.session.session import run  # noqa: E402
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from aims import aim, ratios, spread
 
-from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.scene.link_keys import LinkSettings
 
 NS = 10**9

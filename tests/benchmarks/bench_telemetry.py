@@ -25,9 +25,9 @@ from support.brokers import free_port, mosquitto  # noqa: E402
 from support.mqtt_client import listening  # noqa: E402
 from support.scene_files import radar, scene_file, scene_text  # noqa: E402
 
-from plotfeed.feeds.delivery.counters import SessionCounters  # noqa: E402
-from plotfeed.feeds.delivery.lateness import lateness_us  # noqa: E402
 from plotfeed.feeds.engine.engine import Engine  # noqa: E402
+from plotfeed.feeds.link.counters import SessionCounters  # noqa: E402
+from plotfeed.feeds.link.lateness import lateness_us  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
 from plotfeed.feeds.session.inputs import SessionInputs  # noqa: E402
 from plotfeed.feeds.session.observer import Observer, SessionContext  # noqa: E402

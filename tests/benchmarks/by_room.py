@@ -14,14 +14,13 @@ EVERY_S = 0.002
 ROOMS = {
     "feeds/sensing": "sensing",
     "feeds/formats": "formats",
-    "feeds/delivery": "delivery",
-    "feeds/impairment": "delivery",
+    "feeds/link": "link",
     "feeds/transport": "transport",
     "feeds/telemetry": "telemetry",
     "feeds/session/inputs.py": "telemetry",
 }
 """What a piece of a file's path says; the innermost call that is of any of these counts."""
-NAMES = ("sensing", "formats", "delivery", "transport", "telemetry", "ledger", "the rest")
+NAMES = ("sensing", "formats", "link", "transport", "telemetry", "ledger", "the rest")
 """The rest is the loop with its clock and schedule. Physics is sensing, octets are formats."""
 
 

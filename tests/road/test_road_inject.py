@@ -17,7 +17,7 @@ from support.road import Road, Table, staring
 from support.significance import assert_standard_normal
 from support.waiting import until
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.session.session import run
 from plotfeed.models.frames import aer_to_enu, wrap_180

@@ -26,7 +26,7 @@ from soak_figures import (
     read,
 )
 
-from plotfeed.feeds.delivery.lateness import LATENESS_KEPT
+from plotfeed.feeds.link.lateness import LATENESS_KEPT
 
 LATE_EVERY_S = 10.0
 COLUMNS = 104

@@ -18,7 +18,7 @@ from support.significance import (
     assert_uncorrelated,
 )
 
-from plotfeed.feeds.impairment.link import LinkExpectation
+from plotfeed.feeds.link.impairment import LinkExpectation
 from plotfeed.feeds.scene.link_keys import LinkSettings
 
 N = 10_000

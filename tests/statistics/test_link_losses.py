@@ -11,8 +11,8 @@ from scipy import stats
 from support.links import bursts, due_times, link, losses, passed
 from support.significance import Array, assert_chance, assert_counts, assert_mean, assert_sum
 
-from plotfeed.feeds.impairment.delays import DelayLaw, waits_ns
-from plotfeed.feeds.impairment.link import LinkExpectation
+from plotfeed.feeds.link.delays import DelayLaw, waits_ns
+from plotfeed.feeds.link.impairment import LinkExpectation
 
 N = 101_000
 BATCH = 100

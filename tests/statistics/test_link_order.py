@@ -9,7 +9,7 @@ from scipy.special import log_ndtr
 from support.links import NS, OCTETS, START_NS, delays_ms, due_times, link, passed
 from support.significance import Array, assert_chance, assert_law, assert_mean, assert_sum
 
-from plotfeed.feeds.impairment.link import Fate, Impairment
+from plotfeed.feeds.link.impairment import Fate, Impairment
 
 N = 25_000
 

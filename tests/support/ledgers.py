@@ -10,8 +10,8 @@ from pathlib import Path
 from support.links import OCTETS, due_times, passed
 from support.road import START_NS
 
-from plotfeed.feeds.impairment.link import Fate, Outcome
 from plotfeed.feeds.lab.figures import LedgerReport, report
+from plotfeed.feeds.link.impairment import Fate, Outcome
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from support.significance import Array
 
-from plotfeed.feeds.impairment.link import Fate, Impairment, Outcome
+from plotfeed.feeds.link.impairment import Fate, Impairment, Outcome
 from plotfeed.feeds.scene.link_keys import LinkSettings
 
 NS = 10**9

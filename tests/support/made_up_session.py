@@ -14,8 +14,8 @@ import numpy as np
 from support import road
 from support.station import Station
 
-from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.lab.track_reports import ToldTrack
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.scene_outline import Basemap

@@ -14,9 +14,9 @@ from support.road import radar, scene
 from support.sapient_rules import checked
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.delivery.counters import SapientCounters, SessionCounters
 from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
+from plotfeed.feeds.link.counters import SapientCounters, SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.output_keys import SapientKeys

@@ -13,7 +13,7 @@ from support.brokers import mosquitto, rumqttd
 from support.road import START_NS
 from support.waiting import until
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run

@@ -12,7 +12,6 @@ from scipy import stats
 from support.links import link
 from support.significance import assert_chance
 
-from plotfeed.feeds.impairment.delays import DelayLaw
 from plotfeed.feeds.lab.checks import (
     CELL_M,
     EDGES,
@@ -29,6 +28,7 @@ from plotfeed.feeds.lab.checks import (
 from plotfeed.feeds.lab.laws import CELLS, law_distance, p_of_distance, share_interval, z_score
 from plotfeed.feeds.lab.ledger_columns import tables_of
 from plotfeed.feeds.lab.links import Order, found_times, orders_of
+from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.measured_plots import MeasuredPlots
 

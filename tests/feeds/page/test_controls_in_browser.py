@@ -8,7 +8,7 @@ from support.chromium import until
 from support.made_up_session import MadeUpSession
 from support.page_server import Served, clock_button, wait_for_command
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -13,8 +13,8 @@ from support.links import link
 from support.random_scenes import random_tree
 from support.significance import assert_chance
 
-from plotfeed.feeds.impairment.delays import DelayLaw
-from plotfeed.feeds.impairment.losses import chain_of
+from plotfeed.feeds.link.delays import DelayLaw
+from plotfeed.feeds.link.losses import chain_of
 from plotfeed.feeds.page.strips import (
     BINS,
     LOSSES_KEPT,

@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 from support.replays import MS, RECORDED, REPLAYED, S, message, simulated
 
-from plotfeed.feeds.impairment.link import Impairment
+from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.messages.message import attributes
 from plotfeed.feeds.replaying.replay_settings import (
     LinkRule,

@@ -18,8 +18,8 @@ from support.sapient_tasks import ONE, THREE, TWO, task
 from support.sessions import Asks
 from support.waiting import until
 
-from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.formats.sapient.sapient_announcer import MAX_TASKS_PER_S
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Input

@@ -9,7 +9,7 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.sessions import StallingClock
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer

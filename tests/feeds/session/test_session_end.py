@@ -24,7 +24,7 @@ from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.proto import plotfeed_pb2 as pb

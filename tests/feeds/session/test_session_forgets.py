@@ -10,7 +10,7 @@ import numpy as np
 from support.held_sizes import held
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.scene import Scene, load

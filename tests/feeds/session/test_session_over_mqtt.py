@@ -20,7 +20,7 @@ from support.mqtt_websocket import FOR_BROWSERS
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock

@@ -12,7 +12,7 @@ from scipy import stats
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import Array, assert_chance
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.session import run

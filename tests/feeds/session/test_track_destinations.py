@@ -17,7 +17,7 @@ from support.waiting import until
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
-from plotfeed.feeds.delivery.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.session.session import run

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.delivery.counters import SessionCounters
 from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.inputs import AT_ONCE, SessionInputs

@@ -13,10 +13,10 @@ from support.mqtt_link import BUSY, end_connection, linked
 from support.scripted_broker import ScriptedBroker
 from support.waiting import until
 
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.outbox import Outbox, send_all
-from plotfeed.feeds.impairment.link import Impairment
-from plotfeed.feeds.impairment.uplink import Uplink
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.impairment import Impairment
+from plotfeed.feeds.link.outbox import Outbox, send_all
+from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.timing.clock import WallClock

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.deliveries import Deliveries
 
-from plotfeed.feeds.delivery.outbox import Outbox
+from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.timing.clock import InstantClock

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from support.links import NS, START_NS, due_times, link, passed
 
-from plotfeed.feeds.impairment.link import Fate, Impairment
+from plotfeed.feeds.link.impairment import Fate, Impairment
 
 MS = 1_000_000
 

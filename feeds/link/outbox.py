@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
-from plotfeed.feeds.delivery.counters import ClientCounters, SessionCounters
+from plotfeed.feeds.link.counters import ClientCounters, SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import (
     HELD_NS,

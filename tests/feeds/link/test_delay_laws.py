@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.links import link
 
-from plotfeed.feeds.impairment.delays import DelayLaw
+from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.feeds.scene.link_keys import LONGEST_DELAY_MS
 
 NAMED = ("normal", "uniform", "pareto", "paretonormal")

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.links import link
 
-from plotfeed.feeds.impairment.link import LinkExpectation
-from plotfeed.feeds.impairment.losses import LossChain, chain_of, left_of
+from plotfeed.feeds.link.impairment import LinkExpectation
+from plotfeed.feeds.link.losses import LossChain, chain_of, left_of
 from plotfeed.feeds.scene.link_keys import FourState, GilbertElliott, RandomLoss
 
 inner = st.floats(0.01, 0.99)

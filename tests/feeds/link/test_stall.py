@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from support.links import OCTETS, START_NS, due_times, link, passed
 
-from plotfeed.feeds.impairment.delays import MOST_REPEATS, DelayLaw, waits_ns
-from plotfeed.feeds.impairment.link import Fate, Impairment
+from plotfeed.feeds.link.delays import MOST_REPEATS, DelayLaw, waits_ns
+from plotfeed.feeds.link.impairment import Fate, Impairment
 
 MS = 1_000_000
 

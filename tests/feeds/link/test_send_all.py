@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.outbox import Departure, Outbox, send_all
-from plotfeed.feeds.impairment.link import Impairment
-from plotfeed.feeds.impairment.uplink import Uplink
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.impairment import Impairment
+from plotfeed.feeds.link.outbox import Departure, Outbox, send_all
+from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Client, Outgoing, records
 from plotfeed.feeds.scene.link_keys import LinkSettings

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from support.links import START_NS
 
-from plotfeed.feeds.impairment.link import Fate, Impairment, LinkExpectation, flip
+from plotfeed.feeds.link.impairment import Fate, Impairment, LinkExpectation, flip
 from plotfeed.feeds.scene.link_keys import LONGEST_DELAY_MS, LinkSettings
 
 chance = st.floats(0, 1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.links import NS, OCTETS, START_NS, due_times, link, passed
 
-from plotfeed.feeds.impairment.link import Copy, Fate, Impairment, Outcome, flip, random_rows
+from plotfeed.feeds.link.impairment import Copy, Fate, Impairment, Outcome, flip, random_rows
 from plotfeed.models.chance import Chance
 
 BURSTS = {"kind": "gilbert-elliott", "mean_loss": 0.2, "mean_burst": 4.0}

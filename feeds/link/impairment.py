@@ -10,8 +10,8 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.feeds.impairment.delays import MOST_REPEATS, DelayLaw, DelaySeries, waits_ns
-from plotfeed.feeds.impairment.losses import LossChain, chain_of, left_of
+from plotfeed.feeds.link.delays import MOST_REPEATS, DelayLaw, DelaySeries, waits_ns
+from plotfeed.feeds.link.losses import LossChain, chain_of, left_of
 from plotfeed.feeds.scene.link_keys import LinkSettings, ReorderSettings
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.proto.utc import NS

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.delivery.lateness import LATENESS_KEPT, LastLateness, lateness_us
+from plotfeed.feeds.link.lateness import LATENESS_KEPT, LastLateness, lateness_us
 
 VALUES = st.lists(st.integers(-(2**62), 2**62), max_size=40)
 

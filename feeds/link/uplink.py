@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from plotfeed.feeds.impairment.link import Fate, Impairment, flip
+from plotfeed.feeds.link.impairment import Fate, Impairment, flip
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import HELD_NS, Outgoing

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from plotfeed.feeds.delivery.lateness import LastLateness
+from plotfeed.feeds.link.lateness import LastLateness
 from plotfeed.proto import plotfeed_pb2 as pb
 
 LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from plotfeed.feeds.delivery.counters import SessionCounters
-from plotfeed.feeds.delivery.lateness import lateness_us
-from plotfeed.feeds.delivery.outbox import Outbox
-from plotfeed.feeds.impairment.link import Impairment
-from plotfeed.feeds.impairment.uplink import Uplink
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.impairment import Impairment
+from plotfeed.feeds.link.lateness import lateness_us
+from plotfeed.feeds.link.outbox import Outbox
+from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Client, Outgoing, records
 from plotfeed.feeds.recording.recorder import RawFile
