@@ -293,8 +293,9 @@ class MqttConnection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Say who it is."""
         assert isinstance(transport, asyncio.WriteTransport)  # noqa: S101 - of a stream  # nosec B101
-        transport.set_write_buffer_limits(high=1, low=0)  # TLS takes 0 for always full
         self._transport, self._buffer = transport, SocketBuffer(transport, self._on_room)
+        # TLS takes 0 for always full, and may say at once that it is.
+        transport.set_write_buffer_limits(high=1, low=0)
         access = self._address.access
         self._buffer.write(
             connect_packet(

@@ -219,8 +219,7 @@ def test_without_any_tracks_the_error_says_what_was_looked_for(tmp_path: Path) -
 
 
 def test_what_sensors_handed_to_links_is_not_what_a_tracker_published(tmp_path: Path) -> None:
-    before = Recorded(**{**{n: getattr(OF_062, n) for n in OF_062.__slots__},
-                         "stage": Stage.BEFORE})  # fmt: skip
+    before = OF_062._replace(stage=Stage.BEFORE)
     path = written(tmp_path / "x.mcap", [before, OF_062])
     assert len(read_tracks(path).reports) == len(TRACKS)
 

@@ -286,7 +286,7 @@ def test_the_card_of_a_fleet_opens_where_a_fleet_is_told_of(
     card = page.locator('[data-card="fleet"]')
     until(page, "plotfeed.picture.framesTaken > 1")
     assert not card.is_visible()
-    row = {"sensors": ["a", "b", "c", "d"], "state": "RUNNING", "worker": "host:7", "epoch": 2}
+    row = {"sensors": ["a", "b", "c", "d"], "state": "RUNNING", "worker": "host:7", "claim": 2}
     told = {"part": "0-0", "age_s": 0.34, "lateness_p99_ms": 1.2} | row
     gaps = ["nothing of part 0-0: 0.50 s, since host:6 died"]
     news = {"parts": [told], "takeovers": 1, "gaps": 1, "last_gaps": gaps}

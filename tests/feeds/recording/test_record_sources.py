@@ -16,13 +16,12 @@ from support.deliveries import NOBODY
 from support.udp_receiver import LOOPBACK_INTERFACE, interface_of
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.messages.message import Message, ReceivedMessage
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.recording.record import CaptureSource
 from plotfeed.feeds.recording.record_sources import (
     BrokerSource,
     UdpSource,
-    recorded_of,
     rfc_3339_ns,
 )
 from plotfeed.feeds.scene.output_keys import Endpoint
@@ -288,19 +287,6 @@ async def test_the_embedded_broker_is_heard_too(tmp_path: Path, version: int) ->
         assert found[0].properties == MESSAGES[0].properties
     else:
         assert {(m.content_type, m.properties) for m in found} == {("", ())}
-
-
-def test_a_topic_that_is_no_text_is_recorded_all_the_same() -> None:
-    heard = ReceivedMessage(
-        topic=b"a/\xff",  # type: ignore[arg-type]
-        payload=b"",
-        content_type=None,
-        properties=(("time", "noon"),),
-        retain=False,
-        qos=0,
-    )
-    recorded = recorded_of(heard, 5)
-    assert (recorded.topic, recorded.publish_time_ns) == ("a/\ufffd", 5)
 
 
 @pytest.mark.parametrize(
