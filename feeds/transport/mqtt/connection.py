@@ -294,8 +294,7 @@ class MqttConnection(asyncio.BufferedProtocol):
         """Say who it is."""
         assert isinstance(transport, asyncio.WriteTransport)  # noqa: S101 - of a stream  # nosec B101
         self._transport, self._buffer = transport, SocketBuffer(transport, self._on_room)
-        # TLS takes 0 for always full, and may say at once that it is.
-        transport.set_write_buffer_limits(high=1, low=0)
+        transport.set_write_buffer_limits(high=1, low=0)  # TLS takes 0 for always full
         access = self._address.access
         self._buffer.write(
             connect_packet(
