@@ -31,7 +31,7 @@ def yardstick_us() -> float:
     """Processor time of the yardstick, microseconds; mean of some."""
     import numpy as np  # some who read this file run where it is not
 
-    chance, turns = np.random.default_rng(1), 20
+    chance, turns = np.random.default_rng(1), 200
     start = time.process_time()
     for _ in range(turns):
         found = {f"{i}": i * 0.5 for i in range(1000)}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -25,6 +27,8 @@ ROOMS = ("feeds", "models", "proto", "replay")
 PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 COPIED = (*ROOMS, "tests", "docs", "examples", "Makefile", "mkdocs.yml", "pyproject.toml", *PAGES)
 PATIENCE_S = 900
+SIGN = re.compile(r"\w+|,(?!\s*[)\]}])|[^\w\s,]")
+"""Word or sign; spaces, ends of lines and a comma before a closing bracket do not count."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +37,8 @@ class Fault:
 
     what: str
     """What a user would have of it."""
-    file: str
+    where: str
+    """Function, method, class or constant that is changed, by its qualified name in its module."""
     old: str
     new: str
     tests: str
@@ -46,11 +51,47 @@ def faults() -> list[Fault]:
         return [Fault(**fault) for fault in tomllib.load(file)["fault"]]
 
 
+def place(fault: Fault) -> tuple[str, int, int]:
+    """File and characters that the fault replaces; raises `ValueError` unless one piece is meant."""
+    wanted = [sign[0] for sign in SIGN.finditer(fault.old)]
+    found = []
+    for file, text in _texts().items():
+        for begin, block in _blocks(text, fault.where):
+            signs = list(SIGN.finditer(block))
+            plain = [sign[0] for sign in signs]
+            found += [
+                (file, begin + signs[i].start(), begin + signs[i + len(wanted) - 1].end())
+                for i in range(len(plain) - len(wanted) + 1)
+                if plain[i : i + len(wanted)] == wanted
+            ]
+    if len(found) != 1:
+        raise ValueError(f"{fault.where}: expected {fault.old!r} once, not {len(found)} times")
+    return found[0]
+
+
 def planted(fault: Fault, text: str) -> str:
-    """The text with the fault in it; raises `ValueError` where its place is not there once."""
-    if text.count(fault.old) != 1:
-        raise ValueError(f"{fault.file}: expected {fault.old!r} once, not {text.count(fault.old)}")
-    return text.replace(fault.old, fault.new)
+    """The text of the file of the fault's place with the fault in it."""
+    _, begin, end = place(fault)
+    return text[:begin] + fault.new + text[end:]
+
+
+def _blocks(text: str, where: str) -> Iterator[tuple[int, str]]:
+    """Each definition of that qualified name: where it begins, and its text."""
+    name, _, inner = where.partition(".")
+    if name not in text:
+        return
+    head = rf"^([ \t]*)(?:(?:async )?def |class )?{name}\b"
+    for block in re.finditer(rf"{head}.*\n(?:(?:\1[ \t)\]}}].*|[ \t]*)\n)*", text, re.MULTILINE):
+        if not inner:
+            yield block.start(), block[0]
+        for begin, within in _blocks(block[0], inner) if inner else ():
+            yield block.start() + begin, within
+
+
+@cache
+def _texts() -> dict[str, str]:
+    files = (path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py")))
+    return {str(path.relative_to(ROOT)): path.read_text() for path in files}
 
 
 @contextmanager
@@ -74,7 +115,7 @@ def copied() -> Iterator[Path]:
 
 def is_noticed(fault: Fault, copy: Path) -> bool:
     """Whether a test fails with the fault; raises `RuntimeError` if the tests cannot be run."""
-    path = copy / fault.file
+    path = copy / place(fault)[0]
     right = path.read_text()
     path.write_text(planted(fault, right))
     words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
@@ -99,17 +140,17 @@ def is_noticed(fault: Fault, copy: Path) -> bool:
 
 
 def main() -> None:
-    """Plant all faults, or those whose file or text is named."""
+    """Plant all faults, or those whose place or text is named."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("only", nargs="*", help="parts of files' names or of what a fault does")
+    parser.add_argument("only", nargs="*", help="parts of functions' names or of what a fault does")
     only = parser.parse_args().only
-    chosen = [f for f in faults() if not only or any(o in f.file + f.what for o in only)]
+    chosen = [f for f in faults() if not only or any(o in f.where + f.what for o in only)]
     survivors = []
     with copied() as copy:
         for fault in chosen:
             noticed = is_noticed(fault, copy)
             verdict = "noticed " if noticed else "SURVIVES"
-            print(verdict, fault.file, fault.what, sep="  ", flush=True)
+            print(verdict, fault.where, fault.what, sep="  ", flush=True)
             if not noticed:
                 survivors.append(fault)
     print(f"{len(chosen) - len(survivors)} of {len(chosen)} faults are noticed")

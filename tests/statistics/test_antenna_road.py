@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.every_kind import MIMO, PASSIVE
 from support.radar_equations import LIGHT_M_S, mean_snr, pd
-from support.road import Table, flown, fly, held, radar, rotating, scene, waypoint
+from support.road import flown, fly, held, radar, rotating, scene, waypoint
 from support.significance import Array, assert_sum
 
 from plotfeed.feeds.cli.check import report
@@ -47,10 +47,6 @@ def active_gain(elevation_deg: Array) -> Array:
 def climbing(n: int = 24) -> list[dict[str, Any]]:
     """Drones at elevations all over the cover."""
     return [held(f"d{i}", 15.0 * i, 0.5 + 2.2 * i, 3000.0, rcs_m2=0.05) for i in range(n)]
-
-
-def rows_near(looks: Table) -> Table:
-    return looks.rows(looks.snr_db > -200)
 
 
 @pytest.mark.parametrize("scan", [{}, {"scan": rotating(1.0, 8)}], ids=["staring", "rotating"])

@@ -61,11 +61,6 @@ def plain() -> Road:
     return fly(scene([camera()], rings(), seed=81), FRAMES * 0.5)
 
 
-def of_ring(road: Road, ring: int) -> Any:
-    plots = road.plots("camera")
-    return plots.rows(np.char.startswith(plots.drone, f"{ring}-"))
-
-
 def kinds(road: Road) -> tuple[Array, Array]:
     batches = [pb.PlotBatch.FromString(payload) for payload in road.payloads("camera/plots")]
     told = [plot for batch in batches for plot in batch.plots]

@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
 from support.command import PLOTFEED
 from support.fleet_oracle import Verdict, judged, reference
 from support.mqtt_client import Client
@@ -23,12 +22,6 @@ from support.waiting import wait_until
 from plotfeed.feeds.scene.scene import load
 
 NS = 1_000_000_000
-
-
-def skip_without_ray(errors: str) -> None:
-    """Skip a test where Ray's own processes do not start, as on a machine that is far too busy."""
-    if "Ray cannot be started" in errors:
-        pytest.skip("Ray cannot be started here")
 
 
 class Fleet:
