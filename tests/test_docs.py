@@ -94,7 +94,14 @@ def test_the_index_names_every_page_once() -> None:
 def test_the_scene_page_tells_each_key_of_a_sensor_once_and_its_contents_lead_to_it() -> None:
     parts = (DOCS / "scene.md").read_text().split("\n## ")
     rows = {
-        part.split("\n")[0]: re.findall(r"^\| `(\w+)` \|", part, re.MULTILINE) for part in parts
+        part.split("\n")[0]: [
+            key
+            for line in re.findall(
+                r"^- (?:As in \[.*?\]\(#.*?\): (?=.*\.$))?(.*)", part, re.MULTILINE
+            )
+            for key in re.findall(r"`(\w+)(?: = [^`]*)?`(?=\*\*)?", line.split(": ")[0])
+        ]
+        for part in parts
     }
     common = rows["`[[sensor]]` of every type"]
     assert {"id", "position_enu_m", "link"} <= set(common)

@@ -34,7 +34,6 @@ def page() -> str:
     for line in files("plotfeed.proto").joinpath("plotfeed.proto").read_text().splitlines():
         if match := re.match(r"^(message|enum) (\w+) {$", line):
             lines += ["", f"## {match[2]}", "", *([" ".join(comment), ""] if comment else [])]
-            lines += ["| field | number | type | |", "|---|--:|---|---|"]
             inside, comment = True, []
         elif line.startswith("//"):
             comment.append(line.removeprefix("//").strip())
@@ -42,9 +41,9 @@ def page() -> str:
             inside, comment = inside and not line.startswith("}"), []
         elif inside and (match := FIELD.match(line)):
             kind = " ".join(part for part in (match[1], match[2]) if part)
-            lines.append(f"| `{match[3]}` | {match[4]} | {kind} | {match[5] or ''} |")
+            lines.append(f"{match[4]}. `{match[3]}`, {kind}{(match[5] and f': {match[5]}') or ''}")
         elif inside and (match := VALUE.match(line)):
-            lines.append(f"| `{match[1]}` | {match[2]} | value | {match[3] or ''} |")
+            lines.append(f"- `{match[1]}` = {match[2]}{(match[3] and f': {match[3]}') or ''}")
     return "\n".join(lines) + "\n"
 
 

@@ -5,6 +5,7 @@ python docs/commands/write_presets.py
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,8 @@ sensor out, so each key below says where its value comes from:
 - **derived**: a rule gives it, from stated figures or from other keys. Where the rule inverts the
   model ("such that pd = 0.8 at the quoted range"), it is solved when the preset is loaded, so that
   preset and model always agree.
-- **assumed**: the model needs it and the source is silent. Defaults are assumptions too.
+- **assumed**: the model needs it and the source is silent. Keys that are not listed have the
+  defaults of [the scene](scene.md), which are assumptions too.
 
 Where no accuracy is published, the errors that no echo removes are the defaults, whose source
 [equations](equations.md#errors-that-no-echo-removes) names.
@@ -139,11 +141,11 @@ def _section(each: dict[str, Any]) -> list[str]:
         f"Target: {each['target_note']}",
         "",
     ]
-    rows = [
-        (f"`{k['key']}`", shown_value(k["value"]), k["mark"], why(k).replace("|", "/"))
+    lines += _items(
+        (k["key"], shown_value(k["value"]), k["mark"], why(k))
         for k in each["keys"]
-    ]
-    lines += table(("key", "value", "mark", "why"), rows)
+        if not why(k).startswith("The default.")
+    )
     lines += [
         f"\nFor {other['target']}, Pd is 0.8 to {shown_reach(other['range_at_pd_80_percent_m'])}; "
         f"{shown_reach(other['quoted_range_m'])} are quoted. {other['note']}"
@@ -152,6 +154,21 @@ def _section(each: dict[str, Any]) -> list[str]:
     if each["left_out"]:
         lines += ["", "Stated and not modelled:", "", *(f"- {text}" for text in each["left_out"])]
     return lines
+
+
+def _items(keys: Iterable[tuple[str, str, str, str]]) -> list[str]:
+    """A line for each reason: of keys that have the same one, or are as another key, together."""
+    found: list[tuple[list[str], list[str], str, str]] = []
+    for key, value, mark, reason in keys:
+        shown, same = f"`{key}` {value}", reason.removeprefix("As ").removesuffix(".")
+        for names_, told, its_mark, its_reason in found:
+            if mark == its_mark and (reason == its_reason or same in names_):
+                names_.append(key)
+                told.append(shown)
+                break
+        else:
+            found.append(([key], [shown], mark, reason))
+    return [f"- {', '.join(told)} ({mark}): {reason}" for _, told, mark, reason in found]
 
 
 def _systems() -> list[str]:
@@ -167,12 +184,11 @@ def _systems() -> list[str]:
 
 
 def _broadcasts() -> list[str]:
-    rows = [
-        (f"`{name}`", kind.title, f"`{key}`", shown_value(value), *kind.notes[key])
-        for name, kind in BROADCASTS.items()
-        for key, value in kind.keys.items()
-    ]
-    return table(("preset", "broadcast", "key", "value", "mark", "why"), rows)
+    lines = []
+    for name, kind in BROADCASTS.items():
+        keys = ((key, shown_value(value), *kind.notes[key]) for key, value in kind.keys.items())
+        lines += ["", f"`{name}`: {kind.title}", "", *_items(keys)]
+    return lines
 
 
 if __name__ == "__main__":

@@ -25,32 +25,16 @@ line of the file and the sensor or drone whose key it is:
 
     here.toml: line 12: sensor[0].powr_w of 'radar': no such key; did you mean power_w?
 
-The unit of a key is the end of its name.
+The unit of a key is the end of its name: `_m` metres, `_deg` degrees, `_db` decibels, `_utc` a date
+and time with its zone, and so on. Keys in **bold** are needed; `key = value` is what counts where a
+scene does not name the key; in brackets is what it may be. A key that several tables have is
+described once, where it comes first.
 
 `plotfeed check SCENE` says what the sensors will do; scenes to start from are in
 [examples](../examples/README.md), the one of the demo in `feeds/scene/examples/`.
 """
-UNITS = {
-    "_deg": "degrees",
-    "_m2": "m²",
-    "_m_s": "m/s",
-    "_m": "m",
-    "_kbit_s": "kbit/s",
-    "_s": "s",
-    "_ms": "ms",
-    "_hz": "Hz",
-    "_w": "W",
-    "_dbi": "dBi",
-    "_dbm": "dBm",
-    "_db": "dB",
-    "_h": "h",
-    "_utc": "UTC",
-    "_pct": "%",
-    "_c": "°C",
-    "_kpa": "kPa",
-}
 WORTH_A_SECTION = 5
-TYPES = {"number": "number", "integer": "whole number", "boolean": "true or false",
+TYPES = {"number": "", "integer": "whole", "boolean": "true or false",
          "string": "text", "array": "list", "object": "table", "null": "none"}  # fmt: skip
 NOT_DESCRIBED = {
     "name": "Of the scene, for people.",
@@ -78,6 +62,7 @@ class Reference:
     def __init__(self, schema: Schema) -> None:
         self._definitions: dict[str, Schema] = schema.get("$defs", {})
         self._done: set[str] = set()
+        self._first: dict[tuple[str, str, str], tuple[str, str]] = {}
         self.silent: list[str] = []
         """Keys of which nobody says what they are."""
         self.parts: list[str] = []
@@ -112,16 +97,23 @@ class Reference:
     def _section(self, title: str, table: Schema, place: str, owner: str = "") -> None:
         """One table's keys, and the sections of what stands within it."""
         lines = [f"## {title}", "", _line(table.get("description", "")), ""]
-        lines += ["| key | what | unit | values | default |", "|---|---|---|---|---|"]
         needed = table.get("required", [])
+        elsewhere: dict[str, list[str]] = {}
         for key, value in table["properties"].items():
-            default = "**needed**" if key in needed else _default(value)
-            what = value.get("description") or NOT_DESCRIBED.get(key, "")
+            what = _line(value.get("description") or NOT_DESCRIBED.get(key, ""))
             if not what:
                 self.silent.append(f"{place}.{key}")
-            cells = (f"`{key}`", _line(what), _unit(key),
-                     self._values(value), default)  # fmt: skip
-            lines.append("| " + " | ".join(cells) + " |")
+            default, values = _default(value), self._values(value)
+            if default and values in ("true or false", "text"):
+                values = ""
+            name = f"**`{key}`**" if key in needed else f"`{key}{default and f' = {default}'}`"
+            first, named = self._first.setdefault((key, what, values), (title, name))
+            if first == title:
+                lines.append(f"- {name}{values and f' ({values})'}: {what}")
+            else:
+                elsewhere.setdefault(first, []).append(f"`{key}`" if name == named else name)
+        for first, keys in elsewhere.items():
+            lines.append(f"- As in [{first}](#{_anchor(first)}): {', '.join(keys)}.")
         self.titles.append(title)
         self.parts.append("\n".join(lines) + "\n")
         for key, value in table["properties"].items():
@@ -135,22 +127,22 @@ class Reference:
         if "$ref" in schema:
             name = schema["$ref"].rpartition("/")[2]
             inner = self._definitions[name]
-            return "table, below" if "properties" in inner else self._values(inner)
+            return "table" if "properties" in inner else self._values(inner)
         for several in ("anyOf", "oneOf"):
             if several in schema:
                 told = [self._values(s) for s in schema[several] if s.get("type") != "null"]
-                return " or ".join(dict.fromkeys(told))
+                return " or ".join(filter(None, dict.fromkeys(told)))
         if schema.get("type") == "array":
             return self._list(schema)
         if schema.get("format") == "date-time":
-            return "date and time with its zone"
+            return ""
         return " ".join(filter(None, (TYPES[schema.get("type", "object")], _bounds(schema))))
 
     def _list(self, schema: Schema) -> str:
         if "prefixItems" in schema:
             return f"list of {len(schema['prefixItems'])} numbers"
         inner = self._values(schema.get("items", {}))
-        return "list of tables, below" if inner.startswith("table") else f"list of {inner}"
+        return "tables" if inner.startswith("table") else f"list of {inner or 'numbers'}"
 
     def _names(self, schema: Schema) -> list[str]:
         """The definitions that a value may be of."""
@@ -179,8 +171,7 @@ def _contents(titles: list[str]) -> str:
     lines = ["## Contents", ""]
     for title in titles:
         depth = title.split("`")[1].count(".")
-        anchor = re.sub(r"[^\w\s-]", "", title).lower().replace(" ", "-")
-        lines.append(f"{'    ' * depth}- [{title}](#{anchor})")
+        lines.append(f"{'    ' * depth}- [{title}](#{_anchor(title)})")
     return "\n".join(lines) + "\n"
 
 
@@ -191,11 +182,15 @@ def _kind(table: Schema) -> tuple[str, str]:
 
 
 def _bounds(schema: Schema) -> str:
-    told = {"minimum": "at least", "exclusiveMinimum": "above", "maximum": "at most",
-            "exclusiveMaximum": "below"}  # fmt: skip
-    return ", ".join(
-        f"{text} {_number(schema[key])}" for key, text in told.items() if key in schema
-    )
+    low = _number(schema["minimum"]) if "minimum" in schema else ""
+    if "exclusiveMinimum" in schema:
+        low = f"above {_number(schema['exclusiveMinimum'])}"
+    high = _number(schema["maximum"]) if "maximum" in schema else ""
+    if "exclusiveMaximum" in schema:
+        high = f"below {_number(schema['exclusiveMaximum'])}"
+    if low and high:
+        return f"±{high}" if low == f"-{high}" else f"{low} to {high}"
+    return low and f"{low} or more" if not low.startswith("above") else low or high
 
 
 def _number(value: float) -> str:
@@ -210,12 +205,12 @@ def _default(schema: Schema) -> str:
         return ""
     value = schema["default"]
     if value in (None, [], ""):
-        return "none"
-    return f"`{value:g}`" if isinstance(value, float) else f"`{json.dumps(value)}`"
+        return ""
+    return f"{value:g}" if isinstance(value, float) else json.dumps(value)
 
 
-def _unit(key: str) -> str:
-    return next((unit for end, unit in UNITS.items() if key.endswith(end)), "")
+def _anchor(title: str) -> str:
+    return re.sub(r"[^\w\s-]", "", title).lower().replace(" ", "-")
 
 
 def _line(text: str) -> str:

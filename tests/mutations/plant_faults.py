@@ -52,7 +52,7 @@ def faults() -> list[Fault]:
 
 
 def place(fault: Fault) -> tuple[str, int, int]:
-    """File and characters that the fault replaces; raises `ValueError` unless one piece is meant."""
+    """File and characters that the fault replaces; raises `ValueError` unless one is meant."""
     wanted = [sign[0] for sign in SIGN.finditer(fault.old)]
     found = []
     for file, text in _texts().items():
