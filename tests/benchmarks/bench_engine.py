@@ -1,11 +1,11 @@
-"""The engine under load: 200 rotating radars and a broker, the bare scheduler, and plots a second.
+"""The engine under load: rotating radars and a broker, the bare scheduler, and plots a second.
 
-    python tests/benchmarks/bench_engine.py [SECONDS]
+    python tests/benchmarks/bench_engine.py [SECONDS] [PLOTFEED]
 
 The radars turn once a second in 32 sectors each and report in categories 048 and 034, all in step:
-200 sectors end every 31 ms at the same instant. The broker, and a subscriber that counts what
+all their sectors end every 31 ms at the same instant. The broker, and a subscriber that counts what
 arrives, share the machine, and clock_nanosleep from C runs beside them. The scheduler is set beside
-that in turns.
+that in turns. PLOTFEED is the command of another revision, to be set beside this one in turns.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,6 +39,7 @@ from support.nanosleep import nanosleep_late_us  # noqa: E402
 from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
 from support.scene_files import toml_of  # noqa: E402
 from support.tools import place_of  # noqa: E402
+from support.waiting import wait_until  # noqa: E402
 
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
@@ -49,6 +51,8 @@ from plotfeed.feeds.timing.schedule import Schedule  # noqa: E402
 
 SECONDS, RUNS = 12.0, 3
 RADARS, SECTORS, DRONES = 200, 32, 50
+# Radars, and whether the broker is the embedded one; the last is more than a machine can do.
+LOADS = ((200, True), (500, True), (200, False), (500, False), (1000, False), (2500, False))
 NS = 1_000_000_000
 PERCENTILES = (50, 99, 99.9)
 AIM_DRONES, AIM_PLOTS = 1000, 300_000
@@ -117,30 +121,87 @@ class Loaded:
     """How late C woke in the same seconds, p50, p99 and p99.9; None without a compiler."""
 
 
-def loaded(seconds: float, *, truth: bool) -> Loaded:
+def loaded(
+    seconds: float,
+    *,
+    radar_count: int = RADARS,
+    truth: bool = True,
+    embedded: bool = False,
+    command: Path = COMMAND,
+) -> Loaded:
     """A session in a process of its own, with C beside it."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder, options, keys = Path(name), list[str](), dict[str, Any](truth=truth)
+        if embedded:
+            broker, port = "embedded", free_port()
+            keys["port"] = port
+        else:
+            broker, port = stack.enter_context(a_broker(folder))
+            options = ["--broker", f"mqtt://127.0.0.1:{port}"]
         scene = folder / "load.toml"
-        scene.write_text(scene_text(radars(RADARS), DRONES, mqtt={"truth": truth}))
-        with a_broker(folder) as (broker, port):
+        scene.write_text(scene_text(radars(radar_count), DRONES, mqtt=keys))
+        settled_s = SETTLED_S + radar_count / 250
+        options += ["--duration", str(settled_s + seconds + 1), "--json"]
+        if not embedded:
             arrivals = Arrivals(port)
-            url = f"mqtt://127.0.0.1:{port}"
-            options = ["--broker", url, "--duration", str(SETTLED_S + seconds + 1), "--json"]
-            process = subprocess.Popen(
-                [COMMAND, "run", scene, *options], stdout=subprocess.PIPE, text=True
-            )
-            with listening(port, 5, "plotfeed/session") as ears:
-                ears.wait_for(lambda _: True)  # that it has begun
-            time.sleep(SETTLED_S)
-            before_s, began_s = cpu_s(process.pid), time.monotonic()
-            beside = nanosleep_late_us(round(seconds * 100), NS // 100)
-            time.sleep(max(0.0, began_s + seconds - time.monotonic()))
-            cores = (cpu_s(process.pid) - before_s) / (time.monotonic() - began_s)
-            out, _ = process.communicate()
-            arrived = arrivals.count()
+        process = subprocess.Popen(
+            [command, "run", scene, *options], stdout=subprocess.PIPE, text=True
+        )
+        if embedded:
+            port += 1  # of MQTT 5
+            wait_until(lambda: is_open(port), "no broker listens")
+            arrivals = Arrivals(port)
+        with listening(port, 5, "plotfeed/session") as ears:
+            ears.wait_for(lambda _: True)  # that it has begun
+        time.sleep(settled_s)
+        before_s, began_s = cpu_s(process.pid), time.monotonic()
+        beside = nanosleep_late_us(round(seconds * 100), NS // 100)
+        time.sleep(max(0.0, began_s + seconds - time.monotonic()))
+        cores = (cpu_s(process.pid) - before_s) / (time.monotonic() - began_s)
+        out, _ = process.communicate()
+        arrived = arrivals.count()
     machine_ms = None if beside is None else np.percentile(beside, PERCENTILES) / 1e3
     return Loaded(broker, json.loads(out.splitlines()[-1]), arrived, cores, machine_ms)
+
+
+def is_open(port: int) -> bool:
+    """Whether somebody listens there."""
+    with socket.socket() as ours:
+        return ours.connect_ex(("127.0.0.1", port)) == 0
+
+
+def by_load(seconds: float, other: Path | None) -> None:
+    """How many radars one process can do, with either broker, beside another revision's."""
+    commands = {"this": COMMAND} | ({} if other is None else {"other": other})
+    print(
+        f"\nRadars of {SECTORS} sectors at 1 Hz, {DRONES} drones, the ledger, a subscriber,\n"
+        f"as above: median (least to most) of {RUNS} runs of {seconds:g} s each in turns. Scans\n"
+        "missed are those of the whole session.\n"
+    )
+    print(
+        "| radars | broker | revision | messages | lateness p50, ms | p99, ms "
+        "| C beside it, p99, ms | scans missed | cores |\n|--:|---|---|--:|--:|--:|--:|--:|--:|"
+    )
+    for radar_count, embedded in LOADS:
+        runs: dict[str, list[Loaded]] = {name: [] for name in commands}
+        for _ in range(RUNS):
+            for name, command in commands.items():
+                found = loaded(seconds, radar_count=radar_count, embedded=embedded, command=command)
+                runs[name].append(found)
+        for name, each in runs.items():
+            cells = [
+                spread([x.totals["messages"] for x in each], ",.0f"),
+                *(
+                    spread([x.totals[f"lateness_{p}_us"] / 1e3 for x in each])
+                    for p in ("p50", "p99")
+                ),
+                spread([x.machine_ms[1] for x in each]),
+                spread([x.totals["missed_scans"] for x in each], ",.0f"),
+                spread([x.cores for x in each]),
+            ]
+            print(
+                f"| {radar_count:,} | {each[0].broker} | {name} | {' | '.join(cells)} |", flush=True
+            )
 
 
 def cpu_s(pid: int) -> float:
@@ -324,6 +385,7 @@ def main() -> None:
     """Prints tables."""
     seconds = float(sys.argv[1]) if sys.argv[1:] else SECONDS
     under_load(seconds)
+    by_load(seconds, Path(sys.argv[2]) if sys.argv[2:] else None)
     beside_nanosleep(seconds)
     keep_freed()
     with undisturbed(GARBAGE_OF_SESSION):
