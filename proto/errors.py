@@ -6,8 +6,8 @@ from __future__ import annotations
 class PlotfeedError(Exception):
     """Something that a user can mend: its text is one line that names what was wrong."""
 
+    # Exit code of the command: 2 for wrong use or bad input, 1 for what failed all the same.
     exit_code = 2
-    """Exit code of the command: 2 for wrong use or bad input, 1 for what failed all the same."""
 
 
 class DecodeError(PlotfeedError):

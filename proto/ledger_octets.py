@@ -35,8 +35,7 @@ _LEDGER, _LOOK, _PLOT, _SENT = (
 )
 _SCAN, _SECTOR = (tag(_LEDGER[name], VARINT) for name in ("scan", "sector"))
 _LOOKS, _PLOTS, _MESSAGES = (tag(_LEDGER[name], LENGTH) for name in ("looks", "plots", "messages"))
-MANY = 16
-"""Rows from which on it is faster to fill in octets than objects of protobuf."""
+MANY = 16  # Rows from which on it is faster to fill in octets than objects of protobuf
 _DELIVERED = pb.Sent(delivered=True, fate=pb.SENT).SerializeToString()
 
 
@@ -45,15 +44,14 @@ class LedgerOctets:
 
     def __init__(self) -> None:
         self._names: Sequence[str] = ()
+        # The names that are in the tables: `self._names` may have grown since.
         self._tabled: list[str] = []
-        """The names that are in the tables: `self._names` may have grown since."""
         self._looked_at = TextTable()
         self._caused_by = TextTable([b""])  # the first one is of false alarms
         self._others_looked_at = TextTable()
         self._others_caused_by = TextTable([b""])
         self._has_others = False
-        self._are_others = np.zeros(0, np.bool_)
-        """By the row of a drone."""
+        self._are_others = np.zeros(0, np.bool_)  # By the row of a drone
         self._topics = TextTable()
         self._topic_numbers: dict[str, int] = {}
 

@@ -14,10 +14,9 @@ FRAME_START = re.compile(b"[\xfd\xfe]")
 SIGNED = 0x01
 SIGNATURE_OCTETS = 13
 V1_OVERHEAD, V2_OVERHEAD = 8, 12
-LEAST_OCTETS = 3
-"""Of a frame, by which its length can be told."""
+LEAST_OCTETS = 3  # Of a frame, by which its length can be told
+# Frames with wrong checksums in what comes at once; the rest of it is passed over.
 MAX_FAILURES = 64
-"""Frames with wrong checksums in what comes at once; the rest of it is passed over."""
 
 Message = TypeVar("Message")
 
@@ -59,10 +58,8 @@ class FrameSplitter(Generic[Message]):
         """`decode` gives None for a frame whose checksum is wrong."""
         self._wanted, self._decode = wanted, decode
         self._left = bytearray()
-        self.damaged = 0
-        """Octets so far that belonged to no frame."""
-        self.frames = 0
-        """Found so far, wanted or not."""
+        self.damaged = 0  # Octets so far that belonged to no frame
+        self.frames = 0  # Found so far, wanted or not
 
     def split(self, data: bytes) -> Iterator[Message]:
         """The wanted messages that end in these octets, in their order."""

@@ -26,8 +26,7 @@ class MeasuredPlots(Columns):
     """
 
     t_utc_ns: Texts
-    sensor: Texts
-    """Id of the sensor; "" but in batches of ours."""
+    sensor: Texts  # Id of the sensor; "" but in batches of ours
     category: Ints
     sac: Ints
     sic: Ints
@@ -47,19 +46,14 @@ class MeasuredPlots(Columns):
     channel: Ints
     kind: Texts
     identity: Texts
-    mode_3a: Texts
-    """Of transponders, in octal."""
-    address: Texts
-    """Of Mode S, in hexadecimal."""
+    mode_3a: Texts  # Of transponders, in octal
+    address: Texts  # Of Mode S, in hexadecimal
     track: Ints
-    flight_level: Floats
-    """In hundreds of feet, by a barometer set to 1013.25 hPa."""
-    ssr_amplitude_dbm: Floats
-    """Of a transponder's reply."""
+    flight_level: Floats  # In hundreds of feet, by a barometer set to 1013.25 hPa
+    ssr_amplitude_dbm: Floats  # Of a transponder's reply
     latitude_deg: Floats
     longitude_deg: Floats
-    east_m: Floats
-    """From the sensor; of a tracker, from its reference point."""
+    east_m: Floats  # From the sensor; of a tracker, from its reference point
     north_m: Floats
     velocity_east_m_s: Floats
     velocity_north_m_s: Floats
@@ -82,6 +76,7 @@ class MeasuredPlots(Columns):
         )
 
 
+# What stands in the columns of which no plot of a message tells anything.
 ABSENT: Mapping[str, NDArray[Any]] = {
     **dict.fromkeys((field.name for field in fields(MeasuredPlots)), endless(math.nan, np.float64)),
     "t_utc_ns": endless(None, np.object_),
@@ -89,4 +84,3 @@ ABSENT: Mapping[str, NDArray[Any]] = {
     **dict.fromkeys(("sac", "sic", "channel", "track"), endless(NOT_TOLD, np.int64)),
     "category": endless(0, np.int64),
 }
-"""What stands in the columns of which no plot of a message tells anything."""

@@ -30,6 +30,7 @@ from plotfeed.proto.content_types import (
     message_type,
 )
 
+# Classes of the messages of ours that are sent by themselves, by their full names.
 OUR_MESSAGES: Mapping[str, Any] = {
     kind.DESCRIPTOR.full_name: kind
     for kind in (
@@ -42,13 +43,12 @@ OUR_MESSAGES: Mapping[str, Any] = {
         pb.SensorDescription,
     )
 }
-"""Classes of the messages of ours that are sent by themselves, by their full names."""
+# Those that tell what a message is without naming a message of protobuf.
 MEDIA_TYPES = (ASTERIX, JSON, GEOJSON, COT)
-"""Those that tell what a message is without naming a message of protobuf."""
+# Kinds that a topic tells where senders choose the format: categories that they may publish in.
+#
+# No first octet of a TrackBatch is 62, nor of either message of protobuf a bracket.
 OPEN_TO: Mapping[str, Container[int]] = {TRACK_BATCH: {62}, TELEMETRY: {129}, "": CATEGORIES}
-"""Kinds that a topic tells where senders choose the format: categories that they may publish in.
-
-No first octet of a TrackBatch is 62, nor of either message of protobuf a bracket."""
 LAST_LEVELS = {
     **dict.fromkeys(("errors", "status", "settings", "description", "session"), JSON),
     "plots": PLOT_BATCH,

@@ -12,17 +12,14 @@ from dataclasses import dataclass
 from plotfeed.proto.units import FOOT_M
 
 BEAST_MARK = 0x1A
+# Of the message behind 6 octets of time and 1 of signal, by type.
 BEAST_OCTETS = {0x31: 2, 0x32: 7, 0x33: 14}
-"""Of the message behind 6 octets of time and 1 of signal, by type."""
 BEAST_HEAD_OCTETS = 7
 LONG_OCTETS = 14
 MAX_FRAME_OCTETS = 2 * (2 + BEAST_HEAD_OCTETS + LONG_OCTETS)
-SQUITTERS = (17, 18)
-"""Downlink formats: of transponders, and of others that say the same."""
-GENERATOR = 0x1FFF409
-"""Of the parity, 25 bits; ICAO Annex 10 volume IV, 3.1.2.3.3."""
-ZONES = 15
-"""Latitude zones between equator and pole."""
+SQUITTERS = (17, 18)  # Downlink formats: of transponders, and of others that say the same
+GENERATOR = 0x1FFF409  # Of the parity, 25 bits; ICAO Annex 10 volume IV, 3.1.2.3.3
+ZONES = 15  # Latitude zones between equator and pole
 CPR = 1 << 17
 CALLSIGN = "#ABCDEFGHIJKLMNOPQRSTUVWXYZ##### ###############0123456789######"
 _DIVISORS = [GENERATOR << shift for shift in range(88)]
@@ -33,8 +30,7 @@ class BeastSplitter:
 
     def __init__(self) -> None:
         self._left = b""
-        self.damaged = 0
-        """Octets so far that belonged to no frame."""
+        self.damaged = 0  # Octets so far that belonged to no frame
 
     def split(self, data: bytes) -> Iterator[bytes]:
         """The messages, of 2, 7 or 14 octets, that end in these octets."""
@@ -97,10 +93,9 @@ class CprPosition:
     is_odd: bool
     latitude: float
     longitude: float
+    # NaN where it is not told, or in steps of 100 feet, which aircraft of today do not send.
     altitude_ft: float
-    """NaN where it is not told, or in steps of 100 feet, which aircraft of today do not send."""
-    is_geometric: bool
-    """Whether that is over the ellipsoid, and not by pressure."""
+    is_geometric: bool  # Whether that is over the ellipsoid, and not by pressure
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,7 @@ PACK_HEADER_OCTETS = 3
 MAX_IN_PACK = 9
 BASIC_ID, LOCATION, PACK = 0x0, 0x1, 0xF
 ID_OCTETS = 20
-SERIAL_NUMBER = 1
-"""Type of an identity that is the same in every flight (ANSI/CTA-2063-A)."""
+SERIAL_NUMBER = 1  # Type of an identity that is the same in every flight (ANSI/CTA-2063-A)
 HORIZONTAL_CLASSES_M = {
     "HAUnknown": math.nan,
     "HA10NM": 18520.0,
@@ -43,6 +42,7 @@ VERTICAL_CLASSES_M = {
     "VA3m": 3.0,
     "VA1m": 1.0,
 }
+# Bounds of 95 % of errors, by the name of the class, in the order of their numbers.
 SPEED_CLASSES_M_S = {
     "SAUnknown": math.nan,
     "SA10mps": 10.0,
@@ -50,13 +50,12 @@ SPEED_CLASSES_M_S = {
     "SA1mps": 1.0,
     "SA03mps": 0.3,
 }
-"""Bounds of 95 % of errors, by the name of the class, in the order of their numbers."""
 HORIZONTAL_M, VERTICAL_M, SPEED_M_S = (
     tuple(classes.values())
     for classes in (HORIZONTAL_CLASSES_M, VERTICAL_CLASSES_M, SPEED_CLASSES_M_S)
 )
+# Radius, and distance either way, within which 95 % of normal errors are, standard deviations.
 RADIUS_95, EDGE_95 = math.sqrt(-2 * math.log(0.05)), 1.959964
-"""Radius, and distance either way, within which 95 % of normal errors are, standard deviations."""
 UNKNOWN_ALTITUDE_M, UNKNOWN_DIRECTION_DEG = -1000.0, 361.0
 UNKNOWN_SPEED_M_S, UNKNOWN_CLIMB_M_S = 255.0, 63.0
 UNKNOWN_TENTHS = 0xFFFF
@@ -76,8 +75,7 @@ class OdidLocation:
     ellipsoid_height_m: float
     pressure_altitude_m: float
     height_m: float
-    is_over_ground: bool
-    """Whether that height is over the ground, and not over where it took off."""
+    is_over_ground: bool  # Whether that height is over the ground, and not over where it took off
     course_deg: float
     speed_m_s: float
     climb_m_s: float

@@ -38,8 +38,7 @@ _TEXTS = ("kind", "identity")
 _SCAN, _SECTOR = (
     varint(pb.PlotBatch.DESCRIPTOR.fields_by_name[name].number << 3) for name in ("scan", "sector")
 )
-MANY = 8
-"""Plots from which on it is faster to fill rows of octets than objects of protobuf."""
+MANY = 8  # Plots from which on it is faster to fill rows of octets than objects of protobuf
 
 
 def plot_batch(sensor: str, scan: int, sector: int, plots: Plots) -> bytes:

@@ -12,10 +12,8 @@ from plotfeed.models.state import Floats, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.varint import varint
 
-VARINT, DOUBLE, MESSAGE = 0, 1, 2
-"""Wire types."""
-TIME_OCTETS = 9
-"""Of a time since 1970 that is not years before 1973 nor centuries ahead."""
+VARINT, DOUBLE, MESSAGE = 0, 1, 2  # Wire types
+TIME_OCTETS = 9  # Of a time since 1970 that is not years before 1973 nor centuries ahead
 EARLIEST_NS, LATEST_NS = 1 << 7 * (TIME_OCTETS - 1), (1 << 7 * TIME_OCTETS) - 1
 MOST_IN_AN_OCTET = 127
 _FIELDS = pb.Plot.DESCRIPTOR.fields_by_name

@@ -15,58 +15,45 @@ class SentCategory:
     """A category of ASTERIX that a format brings, and from which of its sensors."""
 
     summary: str
-    rotates: bool = False
-    """Only of a beam that turns."""
+    rotates: bool = False  # Only of a beam that turns
+    # Only of a receiver of echoes whose transmitters stand elsewhere.
     has_illuminators: bool = False
-    """Only of a receiver of echoes whose transmitters stand elsewhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlotItems:
     """Paths into the records of a category to what they tell of plots or tracks."""
 
-    time: str
-    """Path of the time of day, in seconds."""
-    columns: Mapping[str, str]
-    """The path of each column of `MeasuredPlots`."""
+    time: str  # Path of the time of day, in seconds
+    columns: Mapping[str, str]  # The path of each column of `MeasuredPlots`
+    # What one is of a column, in the column's own unit, where that is not the layout's.
     units: Mapping[str, float] = field(default_factory=dict)
-    """What one is of a column, in the column's own unit, where that is not the layout's."""
+    # A part, and the values by which it says that a record is a plot; all are, without one.
     plots_alone: tuple[str, tuple[int, ...]] = ("", ())
-    """A part, and the values by which it says that a record is a plot; all are, without one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportFormat:
     """A format as scenes name it, and what its messages can and cannot say."""
 
-    name: str
-    """As in a sensor's `report`."""
+    name: str  # As in a sensor's `report`
+    # End of the topic of the messages that hold plots or tracks, behind prefix and sensor.
     topic: str
-    """End of the topic of the messages that hold plots or tracks, behind prefix and sensor."""
-    content_type: str
-    """Of those messages."""
-    summary: str
-    """What they are."""
-    inbox: str = ""
-    """End of the topics on which sensors are asked something in it; empty for none."""
-    message: str = ""
-    """The protobuf message that they are; empty for ASTERIX, XML and JSON."""
-    schema: Mapping[str, Any] | None = None
-    """Of JSON."""
+    content_type: str  # Of those messages
+    summary: str  # What they are
+    inbox: str = ""  # End of the topics on which sensors are asked something in it; empty for none
+    message: str = ""  # The protobuf message that they are; empty for ASTERIX, XML and JSON
+    schema: Mapping[str, Any] | None = None  # Of JSON
+    # Of ASTERIX: the format's own category first, then its companions, and what they bring.
     categories: Mapping[int, SentCategory] = field(default_factory=dict)
-    """Of ASTERIX: the format's own category first, then its companions, and what they bring."""
-    layouts: tuple[Category, ...] = ()
-    """Of the categories that the format is the first to bring."""
+    layouts: tuple[Category, ...] = ()  # Of the categories that the format is the first to bring
+    # Where records of the format's own category tell of plots or tracks.
     plot_items: PlotItems | None = None
-    """Where records of the format's own category tell of plots or tracks."""
-    tells_tracks: bool = False
-    """It brings tracks, and no plots."""
+    tells_tracks: bool = False  # It brings tracks, and no plots
     tells_heights: bool = False
-    tells_run_lengths: bool = False
-    """Over how much azimuth the beam saw the target."""
+    tells_run_lengths: bool = False  # Over how much azimuth the beam saw the target
     needs_azimuth: bool = False
-    range_step_m: float = 0.0
-    """In which it counts ranges; 0 if that is finer than any sensor."""
+    range_step_m: float = 0.0  # In which it counts ranges; 0 if that is finer than any sensor
 
 
 def asterix(categories: Mapping[int, SentCategory], **says: Any) -> ReportFormat:

@@ -21,12 +21,11 @@ from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 
 TIMESTAMP = Timestamp.DESCRIPTOR.full_name
-NANOSECONDS = "_utc_ns"
-"""How the names of our times end that are not Timestamps."""
+NANOSECONDS = "_utc_ns"  # How the names of our times end that are not Timestamps
+# The years 1 to 9999, which a Timestamp can tell.
 EARLIEST_NS, LATEST_NS = -62_135_596_800 * NS, 253_402_300_800 * NS
-"""The years 1 to 9999, which a Timestamp can tell."""
+# Members of our JSON objects that tell a time.
 JSON_TIMES = ("time_utc", "timeUtc", "start_utc", "start_utc_ns")
-"""Members of our JSON objects that tell a time."""
 _MEMBER = re.compile(rf'("({"|".join(JSON_TIMES)})"\s*:\s*)(?:"[^"\\]*"|-?\d+\b)')
 
 OneMessage = TypeVar("OneMessage", bound=Message)

@@ -6,8 +6,7 @@ import re
 from datetime import UTC, datetime, timedelta
 from functools import lru_cache
 
-NS = 1_000_000_000
-"""Nanoseconds in a second; as in `models.state`, which would bring NumPy along."""
+NS = 1_000_000_000  # Nanoseconds in a second; as in `models.state`, which would bring NumPy along
 NS_IN_MS = 1_000_000
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.proto.varint import varint, varint_octets
 
-VARINT, DOUBLE, LENGTH = 0, 1, 2
-"""Wire types."""
+VARINT, DOUBLE, LENGTH = 0, 1, 2  # Wire types
 Octets = NDArray[np.uint8]
 
 _SHIFTS = np.arange(0, 70, 7, dtype=np.uint64)
+# From each of them on, a number takes an octet more.
 _THRESHOLDS = (1 << _SHIFTS[1:]).astype(np.uint64)
-"""From each of them on, a number takes an octet more."""
 _PLACES = np.arange(10)
 
 

@@ -86,8 +86,8 @@ def _is_one_block(payload: bytes) -> bool:
 
 
 LSB_NS = 7_812_500  # 1/128 s
+# Categories of which it is known where their records end.
 KNOWN_CATEGORIES = frozenset((*CATEGORIES, *OTHER_CATEGORIES))
-"""Categories of which it is known where their records end."""
 
 
 @cache

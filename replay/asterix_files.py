@@ -19,8 +19,8 @@ from plotfeed.replay.asterix_blocks import (
 )
 from plotfeed.replay.recorded import OctetsReader, Recorded, RecordingWriter
 
+# A data block, and the time of day of its first record if that has one.
 Timed = tuple[bytes, int | None]
-"""A data block, and the time of day of its first record if that has one."""
 
 
 def raw_topic(category: int) -> str:
@@ -98,8 +98,7 @@ def _alone(before_ns: int | None, time_ns: int, after_ns: int | None) -> bool:
 class BlocksWriter(RecordingWriter):
     """Writes the data blocks of messages that are ASTERIX, and nothing of what came after them."""
 
-    lost: str
-    """What a file of this format does not say."""
+    lost: str  # What a file of this format does not say
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -146,8 +145,8 @@ MIN_FRAME_OCTETS = FINAL_HEADER_OCTETS + len(TRAILER)
 MAX_FRAME_OCTETS = 0xFFFF
 _HEADER = struct.Struct(">HBBBBH")
 
+# Properties that keep what a frame says and a message does not.
 ERROR, LINE, DAY = "final-error", "final-line", "final-day"
-"""Properties that keep what a frame says and a message does not."""
 
 
 class FinalReader(OctetsReader):
@@ -255,8 +254,8 @@ def _octet(text: str | None, otherwise: int) -> int:
     return int(text) if int(text) <= 0xFF else otherwise
 
 
+# How much earlier than the one before it a time of day may be, on the same day.
 BEHIND_NS = 3600 * NS
-"""How much earlier than the one before it a time of day may be, on the same day."""
 
 
 class DayClock:

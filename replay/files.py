@@ -52,16 +52,13 @@ class FormatFacts:
     """What a format is like."""
 
     suffixes: tuple[str, ...]
+    # Whether files of the format begin with these octets.
     begins: Callable[[bytes], bool] = lambda _: False
-    """Whether files of the format begin with these octets."""
+    # Reads a file whose first day begins at that time, UTC in ns; None if it is only written.
     reader: Callable[[BinaryIO, int], RecordingReader] | None = None
-    """Reads a file whose first day begins at that time, UTC in ns; None if it is only written."""
-    writer: Callable[[BinaryIO], RecordingWriter] | None = None
-    """None if the format is only read."""
-    has_dates: bool = True
-    """Whether there is more than times of day."""
-    holds_stages: bool = False
-    """Whether messages before their link stand beside those after it."""
+    writer: Callable[[BinaryIO], RecordingWriter] | None = None  # None if the format is only read
+    has_dates: bool = True  # Whether there is more than times of day
+    holds_stages: bool = False  # Whether messages before their link stand beside those after it
 
 
 def _is_final(head: bytes) -> bool:
@@ -111,6 +108,7 @@ def _parquet_writer(
     return ParquetWriter(file, table, select)
 
 
+# In the order in which a file's beginning is tried: lines of JSON can look like raw blocks.
 FORMATS: Mapping[FileFormat, FormatFacts] = {
     FileFormat.MCAP: FormatFacts(
         suffixes=(".mcap",),
@@ -158,7 +156,6 @@ FORMATS: Mapping[FileFormat, FormatFacts] = {
         writer=lambda file: _parquet_writer(file, TableName.PLOTS),
     ),
 }
-"""In the order in which a file's beginning is tried: lines of JSON can look like raw blocks."""
 SUFFIXES = {suffix: form for form in FileFormat for suffix in FORMATS[form].suffixes}
 
 
@@ -168,8 +165,7 @@ class Recording:
 
     reader: RecordingReader
     format: FileFormat
-    octets: int
-    """Of the file; unpacked, where gzip packed it."""
+    octets: int  # Of the file; unpacked, where gzip packed it
 
     @property
     def has_dates(self) -> bool:

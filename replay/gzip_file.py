@@ -13,8 +13,8 @@ from typing import BinaryIO
 from plotfeed.replay.recorded import CHUNK_OCTETS
 
 MAGIC = b"\x1f\x8b"
+# Octets of content for each of a file's that was read, and in any case; as for chunks of MCAP.
 MOST_UNPACKED, SPARE_OCTETS = 256, 1 << 20
-"""Octets of content for each of a file's that was read, and in any case; as for chunks of MCAP."""
 _SIZE_OCTETS = 4
 
 

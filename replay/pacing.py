@@ -12,10 +12,9 @@ from fractions import Fraction
 from plotfeed.proto.utc import NS
 
 MIN_SPEED, MAX_SPEED = Fraction(1, 1000), Fraction(10_000)
+# Speeds are fractions with a denominator up to this, so that 0.1 is one tenth.
 FINEST_SPEED = 1_000_000
-"""Speeds are fractions with a denominator up to this, so that 0.1 is one tenth."""
-LONE_LAP_NS = NS
-"""From one lap to the next of a recording whose messages all have the same time."""
+LONE_LAP_NS = NS  # From one lap to the next of a recording whose messages all have the same time
 
 
 def speed_of(factor: float) -> Fraction:
@@ -30,11 +29,9 @@ class Pace:
     """What was recorded at `recorded_ns` is due at `due_ns`, and the rest accordingly."""
 
     recorded_ns: int
-    due_ns: int
-    """On the clock of the replay."""
+    due_ns: int  # On the clock of the replay
     speed: Fraction = Fraction(1)
-    paused: bool = False
-    """Nothing is due, and what was due until the anchor has left."""
+    paused: bool = False  # Nothing is due, and what was due until the anchor has left
     _ratio: tuple[int, int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -79,10 +76,8 @@ class Pace:
 class Laps:
     """A recording replayed again and again, as one line of time."""
 
-    begin_ns: int
-    """Recorded time at which every lap begins."""
-    period_ns: int
-    """From one lap to the next."""
+    begin_ns: int  # Recorded time at which every lap begins
+    period_ns: int  # From one lap to the next
 
     def unrolled(self, lap: int, recorded_ns: int) -> int:
         """The place of a recorded time in the line of all laps, of which the first is 0."""

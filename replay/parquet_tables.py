@@ -20,8 +20,7 @@ from plotfeed.replay.plots_csv import COLUMNS, Selection, plots_in, table_of
 from plotfeed.replay.recorded import PLOT_TABLES, Recorded, RecordingWriter, TableName
 
 GROUP_ROWS = 1 << 16
-GROUP_OCTETS = 32 << 20
-"""Of payloads: what is held before a group of rows is written."""
+GROUP_OCTETS = 32 << 20  # Of payloads: what is held before a group of rows is written
 TIME = pa.timestamp("ns", tz="UTC")
 WHOLE, REAL, TEXT, TRUTH = pa.int64(), pa.float64(), pa.string(), pa.bool_()
 MOST_NS = (1 << 63) - 1
@@ -49,6 +48,7 @@ _PLOT_FIELDS = {
     "topic": TEXT,
     "log_time_utc": TIME,
 }
+# Columns of each table, in their order.
 FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
     **dict.fromkeys(PLOT_TABLES, _PLOT_FIELDS),
     TableName.TRUTHS: {
@@ -106,7 +106,6 @@ FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
         "not_to": pa.list_(TEXT),
     },
 }
-"""Columns of each table, in their order."""
 
 
 class ParquetWriter(RecordingWriter):

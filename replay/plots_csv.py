@@ -34,14 +34,13 @@ from plotfeed.replay.asterix_blocks import is_asterix
 from plotfeed.replay.recorded import PLOT_TABLES, Recorded, RecordingWriter, TableName
 
 TIME, TOPIC, DOPPLER = "time_utc", "topic", "doppler_m_s"
+# What tables call columns that have other names in `MeasuredPlots`.
 NAMES = {"t_utc_ns": TIME, "range_rate_m_s": DOPPLER}
-"""What tables call columns that have other names in `MeasuredPlots`."""
 LEFT_OUT = ("sigma_range_rate_m_s", "kind_probability")
 COLUMNS = (TIME, TOPIC, *(NAMES.get(name, name) for name in [*ABSENT][1:] if name not in LEFT_OUT))
+# The plots of a message that a table takes, or why it takes none; None of what holds none.
 Selection = Callable[[Recorded], MeasuredPlots | str | None]
-"""The plots of a message that a table takes, or why it takes none; None of what holds none."""
-FORMULAS = ("=", "+", "-", "@", "\t", "\r")
-"""What spreadsheets run begins with one of these."""
+FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # What spreadsheets run begins with one of these
 
 
 class PlotsCsvWriter(RecordingWriter):
@@ -127,8 +126,8 @@ def as_text(cell: str) -> str:
     return f"'{cell}" if cell.startswith(FORMULAS) else cell
 
 
+# A sensor: what stands before the format in its topic, or a topic of datagrams, SAC and SIC.
 Source = str | tuple[str, int, int]
-"""A sensor: what stands before the format in its topic, or a topic of datagrams, SAC and SIC."""
 
 
 def selection_of(table: TableName, messages: Iterable[Recorded]) -> Selection:
@@ -153,10 +152,10 @@ def _of_category(category: int, message: Recorded) -> MeasuredPlots | None:
 class PlotsOnce:
     """The plots of a recording, of each sensor in the format that says most of them."""
 
+    # Of each sensor, the category that it is taken from; 0 for PlotBatch.
     _formats: dict[Source, int] = field(default_factory=dict)
-    """Of each sensor, the category that it is taken from; 0 for PlotBatch."""
+    # SAC and SIC of those that have a topic of their own.
     _sensors: set[tuple[int, int]] = field(default_factory=set)
-    """SAC and SIC of those that have a topic of their own."""
 
     def see(self, message: Recorded) -> None:
         """Take notice of a message, of all before any is selected."""
@@ -193,8 +192,7 @@ class PlotsOnce:
         return self._formats.get(sensor or (_carrier(topic), sac, sic)) == category
 
 
-FORMATS = (0, *PLOT_ITEMS)
-"""Categories that hold plots, 0 for PlotBatch, those that say most first."""
+FORMATS = (0, *PLOT_ITEMS)  # Categories that hold plots, 0 for PlotBatch, those that say most first
 
 
 def _keys(plots: MeasuredPlots) -> list[tuple[int, int, int]]:

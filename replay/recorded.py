@@ -9,42 +9,34 @@ from enum import StrEnum
 from typing import BinaryIO, NamedTuple
 
 CHUNK_OCTETS = 1 << 18
-LATEST_NS = (1 << 64) - 1
-"""In the year 2554; all that MCAP can hold."""
-UDP_TOPIC = "udp/"
-"""How topics of datagrams begin: udp/ADDRESS/PORT of where they went."""
+LATEST_NS = (1 << 64) - 1  # In the year 2554; all that MCAP can hold
+UDP_TOPIC = "udp/"  # How topics of datagrams begin: udp/ADDRESS/PORT of where they went
 
 
 class Stage(StrEnum):
     """Where a message was when it was recorded."""
 
-    TELEMETRY = "telemetry"
-    """It came in."""
-    BEFORE = "before"
-    """A sensor handed it to its link; the log time is when it did."""
-    AFTER = "after"
-    """It left, as late as its link made it; the log time is when it did."""
+    TELEMETRY = "telemetry"  # It came in
+    BEFORE = "before"  # A sensor handed it to its link; the log time is when it did
+    AFTER = "after"  # It left, as late as its link made it; the log time is when it did
+    # It came from a broker or a socket, or was read from a file that others wrote.
     RECEIVED = "received"
-    """It came from a broker or a socket, or was read from a file that others wrote."""
 
 
+# The stages of messages as whoever received them had them.
 WHAT_LEFT = (Stage.AFTER, Stage.RECEIVED)
-"""The stages of messages as whoever received them had them."""
 
 
 class Recorded(NamedTuple):
     """One message of a recording, by its names: most of the time of reading is that to make one."""
 
-    topic: str
-    """For a datagram, udp/ADDRESS/PORT of where it went."""
+    topic: str  # For a datagram, udp/ADDRESS/PORT of where it went
     payload: bytes
-    log_time_ns: int
-    """UTC since 1970: when it left or was received."""
+    log_time_ns: int  # UTC since 1970: when it left or was received
+    # UTC since 1970: when it was due to leave its sensor; the log time where that is unknown.
     publish_time_ns: int
-    """UTC since 1970: when it was due to leave its sensor; the log time where that is unknown."""
     content_type: str = ""
-    properties: tuple[tuple[str, str], ...] = ()
-    """User properties of MQTT 5."""
+    properties: tuple[tuple[str, str], ...] = ()  # User properties of MQTT 5
     retain: bool = False
     qos: int = 0
     stage: Stage = Stage.RECEIVED
@@ -54,10 +46,8 @@ class Recorded(NamedTuple):
 class Damage:
     """A part of a recording that cannot be read."""
 
-    offset: int
-    """Octet of the file at which it begins."""
-    what: str
-    """In a line: what is wrong, and what was expected."""
+    offset: int  # Octet of the file at which it begins
+    what: str  # In a line: what is wrong, and what was expected
 
     def __str__(self) -> str:
         return f"octet {self.offset}: {self.what}"
@@ -89,8 +79,7 @@ class Attachment:
     name: str
     media_type: str
     data: bytes
-    log_time_ns: int = 0
-    """UTC since 1970: when it was put there."""
+    log_time_ns: int = 0  # UTC since 1970: when it was put there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,18 +88,15 @@ class AttachmentEntry:
 
     name: str
     media_type: str
-    octets: int
-    """Of its data."""
-    offset: int
-    """Of its record in the file."""
+    octets: int  # Of its data
+    offset: int  # Of its record in the file
 
 
 class RecordingReader(ABC):
     """Reads a recording from its start to its end."""
 
     def __init__(self) -> None:
-        self.damage = Damages()
-        """Found so far. It grows as parts are read that only then show it."""
+        self.damage = Damages()  # Found so far. It grows as parts are read that only then show it.
 
     @property
     @abstractmethod
@@ -150,11 +136,11 @@ class TableName(StrEnum):
     ASTERIX_205 = "asterix-205"
 
 
+# Tables of plots, and the category that is in each; None: each plot once, whatever its format.
 PLOT_TABLES: Mapping[TableName, int | None] = {
     TableName.PLOTS: None,
     **{name: int(name[-3:]) for name in TableName if name.startswith("asterix-")},
 }
-"""Tables of plots, and the category that is in each; None: each plot once, whatever its format."""
 
 
 class RecordingWriter(ABC):

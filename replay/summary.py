@@ -15,12 +15,9 @@ from plotfeed.replay.asterix_blocks import categories, is_asterix, record_counts
 from plotfeed.replay.recorded import Recorded, Stage
 
 MAX_SERIES = 10_000
-OTHERS = "(others)"
-"""In place of the topic when there are more."""
-LEDGER = "Ledger"
-"""What is told of plots when there is time: its lateness is nobody's."""
-STEPS = 1000
-"""Of lateness within a factor of e: it is known to 0.05 %."""
+OTHERS = "(others)"  # In place of the topic when there are more
+LEDGER = "Ledger"  # What is told of plots when there is time: its lateness is nobody's
+STEPS = 1000  # Of lateness within a factor of e: it is known to 0.05 %
 
 
 @dataclass(slots=True)
@@ -29,8 +26,8 @@ class SeriesSummary:
 
     messages: int = 0
     octets: int = 0
+    # Of ASTERIX, those that are whole; None where nothing tells where they end.
     records: int | None = 0
-    """Of ASTERIX, those that are whole; None where nothing tells where they end."""
 
 
 class Lateness:
@@ -61,27 +58,20 @@ class Lateness:
 class Summary:
     """Counts, times, the longest gap and lateness."""
 
+    # The layouts by which records are told apart.
     categories: Mapping[int, Category] = field(default_factory=lambda: CATEGORIES)
-    """The layouts by which records are told apart."""
     messages: int = 0
-    octets: int = 0
-    """Of payload."""
-    records: int = 0
-    """Of ASTERIX, as far as they can be told apart."""
-    first_ns: int | None = None
-    """Earliest log time."""
-    last_ns: int | None = None
-    """Latest log time."""
-    gap_ns: int = 0
-    """Longest time in which no message came."""
-    gap_from_ns: int | None = None
-    """Log time of the message before that."""
-    disordered: int = 0
-    """Messages of an earlier log time than one before them."""
+    octets: int = 0  # Of payload
+    records: int = 0  # Of ASTERIX, as far as they can be told apart
+    first_ns: int | None = None  # Earliest log time
+    last_ns: int | None = None  # Latest log time
+    gap_ns: int = 0  # Longest time in which no message came
+    gap_from_ns: int | None = None  # Log time of the message before that
+    disordered: int = 0  # Messages of an earlier log time than one before them
+    # By topic, stage and kind. A message of two categories is counted with both.
     series: dict[tuple[str, Stage, str], SeriesSummary] = field(default_factory=dict)
-    """By topic, stage and kind. A message of two categories is counted with both."""
+    # Of messages whose due time is known, but for the ledger.
     lateness: dict[Stage, Lateness] = field(default_factory=dict)
-    """Of messages whose due time is known, but for the ledger."""
 
     @property
     def duration_s(self) -> float:

@@ -34,12 +34,11 @@ from plotfeed.feeds.page.updates import (
 from plotfeed.feeds.page.view import View
 from plotfeed.proto.errors import PlotfeedError
 
-STALLED_S = 5.0
-"""A viewer that takes nothing for so long is dropped."""
+STALLED_S = 5.0  # A viewer that takes nothing for so long is dropped
 MAX_VIEWERS = 50
 MAX_CONNECTIONS = 200
+# Connections on which a request has not been sent to its end, and for how long it may not be.
 MAX_HALF_ASKED, HALF_ASKED_S = 50, 5.0
-"""Connections on which a request has not been sent to its end, and for how long it may not be."""
 MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "css": "text/css; charset=utf-8",
@@ -212,8 +211,8 @@ class Application:
 class _Impatient(H11Protocol):
     """A connection that is closed when its request does not come; the oldest when many are so."""
 
+    # The oldest first, with when they are closed.
     half_asked: ClassVar[dict[_Impatient, asyncio.TimerHandle]] = {}
-    """The oldest first, with when they are closed."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Give it some time."""

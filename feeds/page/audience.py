@@ -12,10 +12,9 @@ from plotfeed.feeds.console.printed import in_short
 from plotfeed.proto.errors import PlotfeedError
 
 KEPT_ACTIONS = 40
-MAX_NAME, MAX_WORDS = 40, 160
-"""Characters of a viewer's name, and of what he did."""
+MAX_NAME, MAX_WORDS = 40, 160  # Characters of a viewer's name, and of what he did
+# Counts that say what only the truth knows.
 TRUE_TOTALS = frozenset({"drones", "forgotten", "looks", "false_alarms", "telemetry", "refused"})
-"""Counts that say what only the truth knows."""
 GIFTS = ("truth", "controls")
 
 
@@ -139,5 +138,5 @@ def without_truth(told: Mapping[str, Any]) -> dict[str, Any]:
     return shown
 
 
+# Keys of news that the audience has otherwise.
 CONCEALS = frozenset({"totals", "details", "scene", "refusal"})
-"""Keys of news that the audience has otherwise."""

@@ -16,10 +16,9 @@ from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_PORT = 8590
 TOKEN_VARIABLE = "PLOTFEED_PAGE_TOKEN"  # noqa: S105 - its name  # nosec B105
-AUDIENCE_VARIABLE = "PLOTFEED_AUDIENCE_TOKEN"
-"""The same for the audience's address."""
+AUDIENCE_VARIABLE = "PLOTFEED_AUDIENCE_TOKEN"  # The same for the audience's address
+# Below it is what the audience may ask for; its own page is there with a slash.
 AUDIENCE_PATH = "/audience"
-"""Below it is what the audience may ask for; its own page is there with a slash."""
 PRESENTERS_PATHS = frozenset({"/", "/feed"})
 
 
@@ -102,8 +101,8 @@ class PageAccess:
                 yield role
 
 
+# A connection whose other end takes nothing for so long is given up by the system, on Linux.
 ABORT_MS = 10_000
-"""A connection whose other end takes nothing for so long is given up by the system, on Linux."""
 
 
 class PageError(PlotfeedError):

@@ -33,10 +33,10 @@ from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.pacing import speed_of
 
+# Plots are read from so long before those that are to be shown: the ledger tells of them later.
 LEAD_NS = 2 * NS
-"""Plots are read from so long before those that are to be shown: the ledger tells of them later."""
+# Of recorded time between two looks; of more, what has not faded is shown and the rest is not.
 MOST_READ_NS = 60 * NS
-"""Of recorded time between two looks; of more, what has not faded is shown and the rest is not."""
 
 
 class RecordedView:
@@ -146,8 +146,8 @@ LOOK_EVERY_S = 0.1
 MOST_S = 1e9
 EXPECTED = "replay: expected load, stop, or some of paused, speed, position_s and skip_s"
 NOT_NOW = "A replay is not changed, stepped or recorded: Stop or Restart ends it."
+# Controls that do not work meanwhile, and why.
 REFUSES = dict.fromkeys(("sensor", "story", "undo", "step", "record"), NOT_NOW)
-"""Controls that do not work meanwhile, and why."""
 WHOSE_TIME = "Times are those of the recording; its messages leave with those of now."
 
 
@@ -159,8 +159,8 @@ class PageReplay:
         self._view = view
         self._shown = RecordedView(recording, view)
         self._control = ReplayControl()
+        # The time that is shown until the view has followed a leap.
         self._leapt_from_ns: int | None = None
-        """The time that is shown until the view has followed a leap."""
         self._leaps = 0
 
     async def run(
@@ -300,10 +300,10 @@ def _number_in(value: object) -> float:
     return float(value)
 
 
+# What may be asked of a replay, and how it is read; raises `ValueError`.
 REPLAY_CONTROLS: Mapping[str, Callable[[object], Any]] = {
     "paused": _truth_in,
     "speed": lambda value: speed_of(_number_in(value)),
     "position_s": _number_in,
     "skip_s": _number_in,
 }
-"""What may be asked of a replay, and how it is read; raises `ValueError`."""

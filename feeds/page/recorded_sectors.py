@@ -47,8 +47,7 @@ from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.plots_csv import plots_in
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
-UNKNOWN_DRONE = -2
-"""Of a plot of which nothing says whose it is; pages know it."""
+UNKNOWN_DRONE = -2  # Of a plot of which nothing says whose it is; pages know it
 MOST_M, MOST_DEG, MOST_DB = 1e7, 360.0, 300.0
 
 
@@ -141,18 +140,13 @@ class RecordedSession:
 
     path: Path
     scene: Scene
-    start_ns: int
-    """Log time of its first message."""
+    start_ns: int  # Log time of its first message
     end_ns: int
-    ledger: str | None
-    """The topic of the ledger; None if it holds none."""
-    carriers: Mapping[str, str]
-    """Sensors, by the topics from which their plots are taken."""
-    carried: tuple[Stage, ...]
-    """The stages at which they are."""
+    ledger: str | None  # The topic of the ledger; None if it holds none
+    carriers: Mapping[str, str]  # Sensors, by the topics from which their plots are taken
+    carried: tuple[Stage, ...]  # The stages at which they are
     settings: RecordedSettings
-    notes: tuple[str, ...]
-    """Sentences on what of it is not shown."""
+    notes: tuple[str, ...]  # Sentences on what of it is not shown
 
     @classmethod
     def open(cls, path: Path) -> Self:
@@ -225,22 +219,19 @@ def _notes(
         yield f"It holds no plots of {', '.join(silent)} that can be read."
 
 
-FAR_NS = DAY_NS
-"""Times further from a recording than this are not its own."""
+FAR_NS = DAY_NS  # Times further from a recording than this are not its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSector:
     """A sector of a recording, or a message where there is no ledger."""
 
-    at_ns: int
-    """Log time at which this was known."""
+    at_ns: int  # Log time at which this was known
     sensor: str
     looks: Looks
     plots: Plots
     sent: Sequence[pb.Sent]
-    link: str | None
-    """The link's keys then, in JSON, empty for none; None if that is not known."""
+    link: str | None  # The link's keys then, in JSON, empty for none; None if that is not known
 
 
 class RecordedSectors:
@@ -249,8 +240,7 @@ class RecordedSectors:
     def __init__(
         self, log: McapReader, recording: RecordedSession, drones: DroneNumbers, from_ns: int
     ) -> None:
-        self.read_ns = from_ns
-        """Log time as far as which it has read."""
+        self.read_ns = from_ns  # Log time as far as which it has read
         self._recording = recording
         self._prefix = recording.scene.mqtt.prefix
         self._drones = drones
@@ -356,12 +346,10 @@ def sent_of(told: ToldMessages) -> list[pb.Sent]:
     return [pb.Sent(**dict(zip(names, row, strict=True))) for row in rows]
 
 
-KEPT = 12
-"""Places of a drone, the latest ones."""
+KEPT = 12  # Places of a drone, the latest ones
+# A velocity is fitted to places as if they were known so well, so that it is that of now.
 SIGMA_M = 0.1
-"""A velocity is fitted to places as if they were known so well, so that it is that of now."""
-SCANS = 2.5
-"""A drone that no sensor has looked at for so many of the longest scans is not there."""
+SCANS = 2.5  # A drone that no sensor has looked at for so many of the longest scans is not there
 
 
 class _Seen(NamedTuple):
@@ -379,8 +367,7 @@ class SeenDrones:
         self._alive_ns = round(max(scene.telemetry.stale_after_s, SCANS * longest_s) * NS)
         self._places: dict[int, list[tuple[int, Floats]]] = {}
         self._latest: dict[int, _Seen] = {}
-        self._changed: set[int] = set()
-        """Drones that were seen since the last were worked out."""
+        self._changed: set[int] = set()  # Drones that were seen since the last were worked out
 
     def take(self, sensor: str, looks: Looks) -> None:
         """What a sensor looked at."""

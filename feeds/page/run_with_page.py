@@ -37,8 +37,8 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 
 TRUTH_EVERY_S = 0.1
+# Commands that the session itself takes.
 OF_SESSION = frozenset({"sensor", "clock", "story", "undo"})
-"""Commands that the session itself takes."""
 CLOCK_CONTROLS = ("pause", "step", "speed")
 REAL_TIME = "Pause, step and speed need a simulated clock: real time cannot be held or hurried."
 NO_PACE = "A run as fast as possible has no pace to control."

@@ -167,10 +167,8 @@ def _transmitters(scene: Scene, sensor: Sensor) -> list[dict[str, Any]]:
 
 MAX_OCTETS = 32 << 20
 MAX_VERTICES = 300_000
-MAX_DEPTH = 8
-"""Of collections of geometries within collections."""
-SKEW = 0.02
-"""Of its diagonal, by which the fourth corner of an image may be off the parallelogram."""
+MAX_DEPTH = 8  # Of collections of geometries within collections
+SKEW = 0.02  # Of its diagonal, by which the fourth corner of an image may be off the parallelogram
 IMAGES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp"}
 
 
@@ -180,8 +178,8 @@ class Basemap:
 
     media_type: str
     content: bytes
+    # East and north of an image's top left, top right and bottom left corner.
     corners_m: list[list[float]] | None = None
-    """East and north of an image's top left, top right and bottom left corner."""
 
 
 def load_basemap(settings: str | BasemapImage, path: Path, site: Site) -> Basemap:

@@ -32,14 +32,10 @@ class SessionSwitch(Observer):
 
     def __init__(self, scene: Scene, view: View, folder: Path) -> None:
         """Recordings are those in `folder`; scenes to choose from are those beside this one."""
-        self.scene = scene
-        """Of the session that runs, or ran before the replay that does."""
-        self.replaying: PageReplay | None = None
-        """The replay that runs in place of a session."""
-        self.ending = asyncio.Event()
-        """Set when the session that runs shall end."""
-        self.goes_on = True
-        """Whether another one follows then."""
+        self.scene = scene  # Of the session that runs, or ran before the replay that does
+        self.replaying: PageReplay | None = None  # The replay that runs in place of a session
+        self.ending = asyncio.Event()  # Set when the session that runs shall end
+        self.goes_on = True  # Whether another one follows then
         self._view = view
         self._folder = folder
         self._scenes = _scenes_beside(scene)
@@ -261,11 +257,9 @@ def _scenes_beside(scene: Scene) -> dict[str, Callable[[], Scene]]:
     return found
 
 
-LIBRARY = "plotfeed "
-"""What those of plotfeed say that they were written by, before its version."""
+LIBRARY = "plotfeed "  # What those of plotfeed say that they were written by, before its version
 MAX_LISTED = 50
-MAX_LOOKED_AT = 500
-"""Files, the newest first, of which it is found out whose they are."""
+MAX_LOOKED_AT = 500  # Files, the newest first, of which it is found out whose they are
 
 
 def recordings_in(folder: Path) -> dict[str, Path]:

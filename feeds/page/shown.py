@@ -17,8 +17,7 @@ from plotfeed.models.known_rows import renamed
 from plotfeed.models.state import DRONE, Floats, Ints, Plots, Texts, TruthState
 from plotfeed.proto.units import decibels
 
-SHOWN_AFTER_NS = 30_000_000_000
-"""A drone that went is shown this long where it was last."""
+SHOWN_AFTER_NS = 30_000_000_000  # A drone that went is shown this long where it was last
 
 
 class Drones:
@@ -26,12 +25,9 @@ class Drones:
 
     def __init__(self, site: LocalFrame) -> None:
         self.names: Sequence[str] = ()
-        self.classes: dict[str, str] = {}
-        """Of those that are no drones, by index."""
-        self.unseen: Mapping[str, str] = {}
-        """Those that no sensor will see, and why."""
-        self.changed = False
-        """Whether there is a name or a class that was not told."""
+        self.classes: dict[str, str] = {}  # Of those that are no drones, by index
+        self.unseen: Mapping[str, str] = {}  # Those that no sensor will see, and why
+        self.changed = False  # Whether there is a name or a class that was not told
         self._site = site
         self._told: Sequence[str] = ()
         self._seen_utc_ns = np.zeros(0, np.int64)
@@ -93,22 +89,19 @@ def _no_drones(target_class: Texts) -> dict[str, str]:
     return {str(number): str(target_class[number]) for number in others}
 
 
+# Plots and tracks that came longer ago are seen no more, however slowly a page lets them fade.
 KEPT_NS = 60_000_000_000
-"""Plots and tracks that came longer ago are seen no more, however slowly a page lets them fade."""
-MAX_KEPT = 30_000
-"""Plots for whoever joins late; older ones give way."""
-MAX_NEW = 100_000
-"""Plots between two updates; what comes on top is not shown."""
+MAX_KEPT = 30_000  # Plots for whoever joins late; older ones give way
+MAX_NEW = 100_000  # Plots between two updates; what comes on top is not shown
+# Sectors that are worked out at once: the session must not wait for all of an update's.
 MAX_PARTS = 48
-"""Sectors that are worked out at once: the session must not wait for all of an update's."""
 MAX_MERGED = 255
 
 
 class _Arrived(NamedTuple):
     sensor: int
     plots: Plots
-    sent_utc_ns: int
-    """0 for what no message brought."""
+    sent_utc_ns: int  # 0 for what no message brought
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,7 @@ from plotfeed.models.state import Floats
 from plotfeed.proto.errors import DecodeError
 
 MAX_TRACKS = 10_000
-MAX_TOLD = 5_000
-"""Tracks of one message."""
+MAX_TOLD = 5_000  # Tracks of one message
 
 
 def tracks_to_show(
@@ -132,6 +131,6 @@ class ShownTracks:
         return dict(zip(_NAMES, values, strict=True))
 
 
+# The number of a track in its name, perhaps after the identification of its source.
 _OWN_NUMBER = re.compile(r"(?:\w+\.\w+\.)?(0|[1-9]\d{0,9})", re.ASCII)
-"""The number of a track in its name, perhaps after the identification of its source."""
 _NAMES = tuple(name for name, _ in LAYOUTS[SectionKind.TRACKS])

@@ -15,10 +15,8 @@ from plotfeed.models.state import Floats
 from plotfeed.models.tail_chances import p_of_trials
 
 RANGE_BINS = 25
-OFF_BELOW = 1e-4
-"""Probability by chance below which a strip says that something is not as asked."""
-LOOKS_AT_ONCE = 256
-"""That are counted together: the session must not wait for many."""
+OFF_BELOW = 1e-4  # Probability by chance below which a strip says that something is not as asked
+LOOKS_AT_ONCE = 256  # That are counted together: the session must not wait for many
 
 
 def new_looks(range_max_m: float) -> LookTally:
@@ -52,8 +50,7 @@ class Loss(NamedTuple):
     sensor: int
     number: int
     due_utc_ns: int
-    by_chain: bool
-    """The link's model of loss took it, not an outage or a queue."""
+    by_chain: bool  # The link's model of loss took it, not an outage or a queue
 
 
 LATENCIES_KEPT = 3000
@@ -67,8 +64,8 @@ class LinkRecord:
 
     def __init__(self) -> None:
         self._asked_ms: Floats = np.zeros(0)
+        # The median of what the link asks for: a message that it loses would have come by then.
         self.usual_delay_ns = 0
-        """The median of what the link asks for: a message that it loses would have come by then."""
         self.begin()
 
     def begin(
@@ -158,8 +155,7 @@ class LinkRecord:
         return self._is_off
 
 
-IN_DOUBT = 3.0
-"""Standard deviations within which nothing is so improbable as to be called off."""
+IN_DOUBT = 3.0  # Standard deviations within which nothing is so improbable as to be called off
 
 
 def _histogram(latency_ms: Floats, asked_ms: Floats) -> dict[str, Any]:
@@ -209,8 +205,7 @@ def _nice_bins(low_ms: float, high_ms: float) -> tuple[float, float]:
 
 
 HISTORY_S = 120
-MAX_LATENESS = 20_000
-"""Messages of a second whose lateness is taken; what comes on top is not."""
+MAX_LATENESS = 20_000  # Messages of a second whose lateness is taken; what comes on top is not
 
 
 class Rates:

@@ -10,8 +10,7 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.session.observer import RunningSession
 
-MAX_MARKS = 100
-"""The newest are kept."""
+MAX_MARKS = 100  # The newest are kept
 
 
 class TimeMarks:
@@ -20,8 +19,8 @@ class TimeMarks:
     def __init__(self, view: View) -> None:
         self._view = view
         self._marks: deque[dict[str, Any]] = deque(maxlen=MAX_MARKS)
+        # Sensors that are otherwise, and since when, of which no command has told yet.
         self._unexplained: dict[str, int] = {}
-        """Sensors that are otherwise, and since when, of which no command has told yet."""
         self._would_undo = ""
 
     def begin(self, session: RunningSession) -> None:

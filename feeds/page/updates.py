@@ -28,43 +28,34 @@ MAGIC = b"PLF1"
 HEADER = struct.Struct("<4sIQd")
 SECTION = struct.Struct("<4I")
 ALIGNMENT = 8
-COUNT_MASK = 0xFFFF_FFFF
-"""Numbers of rows begin again after this."""
+COUNT_MASK = 0xFFFF_FFFF  # Numbers of rows begin again after this
 
 
 class UpdateFlag(IntFlag):
     """What an update is."""
 
-    SNAPSHOT = 1
-    """All that there is to see: what came before is forgotten."""
+    SNAPSHOT = 1  # All that there is to see: what came before is forgotten
 
 
 class SectionKind(IntEnum):
     """What a section holds."""
 
-    NEWS = 1
-    """JSON in UTF-8: one object whose keys replace those of earlier news."""
-    PLOTS = 2
-    """Plots as they were delivered."""
+    NEWS = 1  # JSON in UTF-8: one object whose keys replace those of earlier news
+    PLOTS = 2  # Plots as they were delivered
+    # Of the plots with the same numbers: whose they are. Only for who asks for the truth.
     PLOT_TRUTHS = 3
-    """Of the plots with the same numbers: whose they are. Only for who asks for the truth."""
+    # Plots that no message brought; their latency is NaN. Only for who asks for the truth.
     LOST_PLOTS = 4
-    """Plots that no message brought; their latency is NaN. Only for who asks for the truth."""
-    DRONES = 5
-    """Every drone that there is or lately was. Only for who asks for the truth."""
-    TRACKS = 6
-    """News of tracks of the tracker under test."""
-    TRUE_NEWS = 7
-    """As NEWS. Only for who asks for the truth."""
+    DRONES = 5  # Every drone that there is or lately was. Only for who asks for the truth.
+    TRACKS = 6  # News of tracks of the tracker under test
+    TRUE_NEWS = 7  # As NEWS. Only for who asks for the truth.
 
 
 class PlotFlag(IntFlag):
     """What there is to know of a plot beside its numbers."""
 
-    BEARING = 1
-    """It has no range: east and north are where its ray leaves the sensor's cover."""
-    NOWHERE = 2
-    """It has no direction either: something was noticed, and that is all."""
+    BEARING = 1  # It has no range: east and north are where its ray leaves the sensor's cover
+    NOWHERE = 2  # It has no direction either: something was noticed, and that is all
 
 
 class TrackFlag(IntFlag):
@@ -97,6 +88,9 @@ _TRUTH = (
     ("drone", "i4"),
     ("merged", "u1"),
 )
+# Columns and their types, as NumPy writes them. East and north are from the site, along its own
+# horizontal. NaN is for what is not known; `gone_ms` of a drone that is there is 0, `drone` of a
+# false alarm -1, and `merged` counts the drones besides.
 LAYOUTS: Mapping[SectionKind, tuple[tuple[str, str], ...]] = {
     SectionKind.PLOTS: _PLOT,
     SectionKind.PLOT_TRUTHS: _TRUTH,
@@ -120,9 +114,6 @@ LAYOUTS: Mapping[SectionKind, tuple[tuple[str, str], ...]] = {
         ("flags", "u1"),
     ),
 }
-"""Columns and their types, as NumPy writes them. East and north are from the site, along its own
-horizontal. NaN is for what is not known; `gone_ms` of a drone that is there is 0, `drone` of a
-false alarm -1, and `merged` counts the drones besides."""
 
 
 class Update(NamedTuple):
@@ -131,8 +122,8 @@ class Update(NamedTuple):
     public: bytes
     truth: bytes
     is_snapshot: bool
+    # What an audience sees that is not given the truth, if that is not the same.
     audience: bytes | None = None
-    """What an audience sees that is not given the truth, if that is not the same."""
 
 
 def header(number: int, now_utc_ns: int, flags: int = 0) -> bytes:
@@ -165,20 +156,18 @@ def _aligned(columns: Iterable[bytes]) -> Iterable[bytes]:
 
 
 MAX_COMMAND_OCTETS = 64 << 10
+# Sensors whose details are worked out: for one viewer, and for all of them together.
 MAX_WATCHED = 16
-"""Sensors whose details are worked out: for one viewer, and for all of them together."""
+# Of a command: exactly one of these keys says what it is for.
 SUBJECTS = ("sensor", "clock", "story", "undo", "session", "record", "replay", "audience")
-"""Of a command: exactly one of these keys says what it is for."""
 
 
 class ViewRequest(NamedTuple):
     """What a viewer looks at."""
 
     truth: bool
-    watched: tuple[str, ...]
-    """Sensors whose details it shows."""
-    name: str = ""
-    """What who looks calls himself."""
+    watched: tuple[str, ...]  # Sensors whose details it shows
+    name: str = ""  # What who looks calls himself
 
 
 class ControlRequest(NamedTuple):
@@ -237,8 +226,7 @@ def _look_in(look: object) -> ViewRequest:
     return ViewRequest(truth, tuple(watched[:MAX_WATCHED]), name)
 
 
-MAX_QUEUED = 20
-"""Updates; when there are more, all are dropped, and a snapshot makes up for them."""
+MAX_QUEUED = 20  # Updates; when there are more, all are dropped, and a snapshot makes up for them
 MAX_QUEUED_OCTETS = 8 << 20
 
 

@@ -41,8 +41,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
-Reported = Batch | RecordedSector
-"""A sector: its sensor, what that looked at, and what it measured."""
+Reported = Batch | RecordedSector  # A sector: its sensor, what that looked at, and what it measured
 MAX_REASON = 300
 LAYOUTS_BY_KIND = {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 _NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
@@ -53,8 +52,7 @@ class View:
 
     def __init__(self) -> None:
         self.basemap: Basemap | None = None
-        self.generation = 0
-        """Of the scene: goes up with each."""
+        self.generation = 0  # Of the scene: goes up with each
         self._number = 0
         self._news: dict[str, Any] = {"layouts": LAYOUTS_BY_KIND, "session": {}, "totals": {}}
         self._changed: set[str] = set()

@@ -41,27 +41,22 @@ from plotfeed.replay.recorded import (
 TABLES = (FileFormat.CSV, FileFormat.PARQUET)
 MAX_REASONS = 100
 MAX_NOTES = 20
-MAX_RETAINED = 100_000
-"""Topics of which a slice has what was retained when it begins."""
+MAX_RETAINED = 100_000  # Topics of which a slice has what was retained when it begins
+# The end of the topic on which a session says when it began: without that, no record is one.
 SESSION = "/session"
-"""The end of the topic on which a session says when it began: without that, no record is one."""
 
 
 @dataclass(slots=True)
 class ConversionCounts:
     """What became of the messages."""
 
-    messages: int = 0
-    """That are in the new file."""
-    octets: int = 0
-    """Of their payload."""
+    messages: int = 0  # That are in the new file
+    octets: int = 0  # Of their payload
     read: int = 0
-    asked: int = 0
-    """Of these, by topic, stage and time."""
+    asked: int = 0  # Of these, by topic, stage and time
     first_ns: int | None = None
     last_ns: int | None = None
-    left_out: Counter[str] = field(default_factory=Counter)
-    """By the reason why."""
+    left_out: Counter[str] = field(default_factory=Counter)  # By the reason why
     notes: list[str] = field(default_factory=list)
 
 

@@ -27,8 +27,8 @@ from plotfeed.proto.utc import iso_utc
 
 ENVELOPE = frozenset({"timestamp", "node_id", "destination_id", "additional_information"})
 MAX_TEXT = 2000
+# What a message may be.
 UNREADABLE = (ValueError, RecursionError, json_format.Error, ProtobufDecodeError, DecodeError)
-"""What a message may be."""
 
 
 def sapient_line(message: Mapping[str, Any]) -> str:

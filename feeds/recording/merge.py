@@ -22,8 +22,8 @@ from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Attachment, Recorded
 
+# Messages that are looked for in other files; the oldest are then forgotten.
 MAX_REMEMBERED = 1_000_000
-"""Messages that are looked for in other files; the oldest are then forgotten."""
 _log_time = attrgetter("log_time_ns")
 
 
@@ -31,16 +31,12 @@ _log_time = attrgetter("log_time_ns")
 class MergeCounts:
     """What became of the messages."""
 
-    messages: int = 0
-    """That are in the new file."""
-    octets: int = 0
-    """Of their payload."""
-    of: dict[str, int] = field(default_factory=dict)
-    """Read, by file."""
-    twice: int = 0
-    """Left out, as another file had them."""
+    messages: int = 0  # That are in the new file
+    octets: int = 0  # Of their payload
+    of: dict[str, int] = field(default_factory=dict)  # Read, by file
+    twice: int = 0  # Left out, as another file had them
+    # That no such file can hold, by the reason why.
     refused: Counter[str] = field(default_factory=Counter)
-    """That no such file can hold, by the reason why."""
     first_ns: int | None = None
     last_ns: int | None = None
 

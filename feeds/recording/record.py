@@ -27,8 +27,7 @@ from plotfeed.feeds.transport.mqtt.address import (
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.recorded import Recorded
 
-MAX_TOPICS = 65_536
-"""That are counted."""
+MAX_TOPICS = 65_536  # That are counted
 
 
 LIVE = "mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
@@ -83,11 +82,9 @@ class _Recording:
         self._settings = settings
         self._stop = asyncio.Event()
         self._topics: set[str] = set()
-        self._early: list[Recorded] = []
-        """What comes before there is a file for it."""
+        self._early: list[Recorded] = []  # What comes before there is a file for it
         self._recorder: Recorder | None = None
-        self._told = 0
-        """Messages when the last status line was written."""
+        self._told = 0  # Messages when the last status line was written
 
     async def run(self) -> int:
         """The exit code."""

@@ -35,23 +35,18 @@ IS_LINUX = sys.platform == "linux"
 # Of Linux, and unknown to Python.
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, SO_MEMINFO = 33, 35, 55
 IP_PKTINFO, IPV6_RECVPKTINFO, IPV6_PKTINFO = 8, 49, 50
-TIMESPEC = struct.Struct("@ll")
-"""Seconds and nanoseconds."""
-MEMINFO = struct.Struct("@9I")
-"""Of which the last is how many datagrams the socket had no room for."""
+TIMESPEC = struct.Struct("@ll")  # Seconds and nanoseconds
+MEMINFO = struct.Struct("@9I")  # Of which the last is how many datagrams the socket had no room for
+# What comes while this program does something else; the kernel may allow less.
 BUFFER_OCTETS = 32 << 20
-"""What comes while this program does something else; the kernel may allow less."""
 LARGEST_OCTETS = 1 << 16
 EXTRA_OCTETS = 256
-AT_ONCE = 256
-"""Datagrams, until something else has its turn."""
+AT_ONCE = 256  # Datagrams, until something else has its turn
+# At first the kernel may give a datagram the time at which it is read, as it has no other yet.
+#
+# Those after it, which it stamped as they came, would then be earlier; a socket hands on in order.
 SETTLING_S = 1.0
-"""At first the kernel may give a datagram the time at which it is read, as it has no other yet.
-
-Those after it, which it stamped as they came, would then be earlier; a socket hands on in order.
-"""
-LAST_TURNS = 1000
-"""At the end, should they never cease to come."""
+LAST_TURNS = 1000  # At the end, should they never cease to come
 
 
 class UdpSource:
@@ -63,8 +58,7 @@ class UdpSource:
             raise UdpError(f"--interface: only for multicast, which {endpoint.address} is not")
         host = str(endpoint.address)
         self.shown = f"udp://{f'[{host}]' if ':' in host else host}:{endpoint.port}"
-        self.has_kernel_times = False
-        """Whether times are those of the kernel, not of this program."""
+        self.has_kernel_times = False  # Whether times are those of the kernel, not of this program
         self._endpoint = endpoint
         self._interface = interface
         self._topic = _topic(endpoint.address, endpoint.port)
@@ -207,16 +201,15 @@ RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d{1,9})?(Z|[+-]\d\d
 class BrokerSource:
     """The messages of a broker on a topic filter."""
 
+    # Messages that are known to have been lost on their way; a broker tells none.
     lost: int | None = None
-    """Messages that are known to have been lost on their way; a broker tells none."""
 
     def __init__(
         self, address: BrokerAddress, topic_filter: str, name: str = "plotfeed-record"
     ) -> None:
         """`name` is how the client calls itself."""
         self.topic_filter = topic_filter
-        self.shown = f"{address}/{topic_filter}"
-        """Where messages come from, without secrets."""
+        self.shown = f"{address}/{topic_filter}"  # Where messages come from, without secrets
         self._address = address
         self._name = name
         self._running: asyncio.Task[None] | None = None

@@ -24,6 +24,7 @@ from plotfeed.proto.asterix.codec.layout import (
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.asterix.standard import Meaning, StandardCategories, standard
 
+# Digits of items, and parts of items, that everybody writes so: addresses, Mode S registers.
 HEXADECIMAL = {
     "I048/220": 6,
     "ADR": 6,
@@ -34,12 +35,11 @@ HEXADECIMAL = {
     "MBDATA": 14,
     "ACS": 14,
 }
-"""Digits of items, and parts of items, that everybody writes so: addresses, Mode S registers."""
+# Of categories that not all senders write alike.
 EDITIONS: Mapping[str, Category] = {"025-half-turn": CAT025_HALF_TURN, "062-1.18": CAT062_1_18}
-"""Of categories that not all senders write alike."""
 EXTRA = "pip install 'plotfeed[asterix]'"
+# Said of records that are cut alone.
 NOT_DECODED = f"octets are not decoded; for names and values: {EXTRA}"
-"""Said of records that are cut alone."""
 NO_TIME = " " * 12
 INDENT = "  "
 UNNAMED = Meaning("")
@@ -195,8 +195,8 @@ def _time(items: dict[str, Any], category: Category) -> str:
     return NO_TIME
 
 
+# By the identity of a category, as its hash is that of all that it holds.
 _TIMES: dict[int, tuple[Category, tuple[str, ...]]] = {}
-"""By the identity of a category, as its hash is that of all that it holds."""
 
 
 def _time_items(category: Category) -> tuple[str, ...]:

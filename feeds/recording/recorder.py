@@ -27,11 +27,10 @@ from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 FLUSH_EVERY_S = 0.25
+# Of 256 KiB, for a disk that stands still; then messages are dropped, and counted.
 MAX_WAITING_CHUNKS = 64
-"""Of 256 KiB, for a disk that stands still; then messages are dropped, and counted."""
 SUFFIX = ".mcap"
-SCENE_NAME = "scene.toml"
-"""The attachment that holds a session's scene."""
+SCENE_NAME = "scene.toml"  # The attachment that holds a session's scene
 
 
 class Recorder:
@@ -52,15 +51,11 @@ class Recorder:
         Raises `PlotfeedError`, and `OSError` if the file cannot be written.
         """
         self.path = path
-        self.failure = ""
-        """Why the file is not whole; empty while it is."""
+        self.failure = ""  # Why the file is not whole; empty while it is
         self.messages = 0
-        self.octets = 0
-        """Of payloads."""
-        self.dropped = 0
-        """Messages that came while the disk stood still."""
-        self.refused = 0
-        """Messages that such a file cannot hold."""
+        self.octets = 0  # Of payloads
+        self.dropped = 0  # Messages that came while the disk stood still
+        self.refused = 0  # Messages that such a file cannot hold
         self._waits = waits
         self._closed = False
         self._given = self._done = 0
@@ -230,8 +225,7 @@ class RawFile(Observer):
     def __init__(self, path: Path, *, force: bool = False) -> None:
         """`force` replaces a file; raises `PlotfeedError` and `OSError`."""
         self.path = path
-        self.failure = ""
-        """Why the file is not whole; empty while it is."""
+        self.failure = ""  # Why the file is not whole; empty while it is
         self._file = BufferedWriter(new_file(path, force=force))
 
     def after_link(self, message: Message, _sent_utc_ns: int) -> None:

@@ -15,8 +15,7 @@ from plotfeed.replay.recorded import Recorded, Stage
 
 SESSION_TOPIC = "/session"
 CONTROL_TOPIC = "/control"
-MAX_SUFFIX = 16
-"""Characters: by it the format of a flight is known."""
+MAX_SUFFIX = 16  # Characters: by it the format of a flight is known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,9 +25,9 @@ class SessionRecord:
     path: Path
     start_utc_ns: int
     end_utc_ns: int
+    # Whether its session went by ticks, as sessions do now: only then telemetry counts in the same
+    # sectors again.
     has_ticks: bool = True
-    """Whether its session went by ticks, as sessions do now: only then telemetry counts in the
-    same sectors again."""
 
     @classmethod
     def open(cls, path: Path) -> SessionRecord:

@@ -10,8 +10,7 @@ from plotfeed.feeds.timing.clock import Clock
 from plotfeed.proto.utc import NS
 from plotfeed.replay.pacing import Laps, Pace
 
-SEEK_NS = NS // 10
-"""A replay goes on so long after a seek, for what is there has to be read first."""
+SEEK_NS = NS // 10  # A replay goes on so long after a seek, for what is there has to be read first
 
 
 class ReplayControl:
@@ -21,10 +20,8 @@ class ReplayControl:
     """
 
     def __init__(self) -> None:
-        self.pace: Pace | None = None
-        """None before it has begun and after it has ended."""
-        self.begin_ns = 0
-        """Recorded time at which each lap begins."""
+        self.pace: Pace | None = None  # None before it has begun and after it has ended
+        self.begin_ns = 0  # Recorded time at which each lap begins
         self.stopped = False
         self._clock: Clock | None = None
         self._laps: Callable[[], Laps | None] = lambda: None

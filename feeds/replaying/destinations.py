@@ -23,10 +23,8 @@ from plotfeed.replay.recorded import UDP_TOPIC
 log = logging.getLogger(__name__)
 
 MAX_DESTINATIONS = 256
-FULL_S = 1.0
-"""So long a socket that is full is waited for, where nothing else waits for its time."""
-WAITING = 4096
-"""Messages that may wait for a broker while whoever has no deadlines waits for room."""
+FULL_S = 1.0  # So long a socket that is full is waited for, where nothing else waits for its time
+WAITING = 4096  # Messages that may wait for a broker while whoever has no deadlines waits for room
 CONNECT_S = 5.0
 
 
@@ -45,8 +43,7 @@ class ReplayUdp(UdpTransport):
     ) -> None:
         """`waits` says that a full socket is waited for, rather than that a datagram is lost."""
         super().__init__(settings, key)
-        self.refused = 0
-        """How often the system said that nobody listens."""
+        self.refused = 0  # How often the system said that nobody listens
         self._waits = waits
 
     def open(self) -> None:
@@ -155,12 +152,9 @@ class Destinations:
 
     brokers: tuple[BrokerAddress, ...] = ()
     udp: tuple[UdpDestination, ...] = ()
-    recorded_udp: bool = False
-    """Whether datagrams go where they once went."""
-    ttl: int = 1
-    """Of those that once went to a multicast group."""
-    interface: str | None = None
-    """By which those leave."""
+    recorded_udp: bool = False  # Whether datagrams go where they once went
+    ttl: int = 1  # Of those that once went to a multicast group
+    interface: str | None = None  # By which those leave
 
 
 @contextlib.asynccontextmanager

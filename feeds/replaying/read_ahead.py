@@ -14,20 +14,16 @@ from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Laps, lap_period_ns
 from plotfeed.replay.recorded import Recorded, Stage
 
-BATCH, BATCH_OCTETS = 256, 1 << 20
-"""Messages looked at in one go."""
+BATCH, BATCH_OCTETS = 256, 1 << 20  # Messages looked at in one go
 BEFORE = Stage.BEFORE
 
 
 class ReplayItem(NamedTuple):
     """A message, and when it was recorded."""
 
-    unrolled_ns: int
-    """In the line of all laps."""
-    lap: int
-    """From 0."""
-    recorded_ns: int
-    """When it left or was received; before a link, when it was due."""
+    unrolled_ns: int  # In the line of all laps
+    lap: int  # From 0
+    recorded_ns: int  # When it left or was received; before a link, when it was due
     recorded: Recorded
 
 
@@ -35,17 +31,14 @@ class ReplayReader:
     """Reads what is to be replayed, a batch at a time; it may be used in a thread."""
 
     def __init__(self, source: RepeatableRecording, settings: ReplaySettings) -> None:
-        self.finished = False
-        """Nothing is left."""
+        self.finished = False  # Nothing is left
+        # Recorded time at which each lap begins; None until something has been read.
         self.begin_ns: int | None = None
-        """Recorded time at which each lap begins; None until something has been read."""
-        self.laps: Laps | None = None
-        """Known once a lap has been read to its end."""
+        self.laps: Laps | None = None  # Known once a lap has been read to its end
         self._source = source
         self._settings = settings
         self._lap = 0
-        self._from_ns: int | None = None
-        """Where this lap begins, if not with all others."""
+        self._from_ns: int | None = None  # Where this lap begins, if not with all others
         self._bounds: tuple[int | None, int | None] | None = None
         self._is_taken: dict[tuple[str, str, str], bool] = {}
         self._messages: Iterator[Recorded] | None = None
@@ -144,8 +137,8 @@ class ReplayReader:
         return period_ns if end_ns is None else min(period_ns, end_ns - begin_ns)
 
 
+# Messages, and what they hold, that wait before no more are read.
 AHEAD, AHEAD_OCTETS = 4096, 16 << 20
-"""Messages, and what they hold, that wait before no more are read."""
 
 
 class ReadAhead:
@@ -154,8 +147,7 @@ class ReadAhead:
     def __init__(self, reader: ReplayReader, on_news: Callable[[], object]) -> None:
         """`on_news` is called when there is something after there was nothing, or the end is."""
         self.reader = reader
-        self.finished = False
-        """Nothing more will come, unless it is told to go on elsewhere."""
+        self.finished = False  # Nothing more will come, unless it is told to go on elsewhere
         self._on_news = on_news
         self._items: deque[ReplayItem] = deque()
         self._octets = 0

@@ -25,10 +25,9 @@ class ReplayError(PlotfeedError):
 class Selection:
     """Which messages of a recording are replayed."""
 
+    # After: what left sensors, or was received. Before: what sensors handed to their links.
     stage: Choice = "after"
-    """After: what left sensors, or was received. Before: what sensors handed to their links."""
-    truth: bool = False
-    """Whether the ledger is too."""
+    truth: bool = False  # Whether the ledger is too
 
     def takes(self, topic: str, content_type: str, stage: Stage) -> bool:
         """Whether messages on that topic are replayed, of that type and at that stage."""
@@ -128,23 +127,18 @@ class ReplaySettings:
 
     selection: Selection = Selection()
     speed: Fraction = Fraction(1)
-    fastest: bool = False
-    """As fast as possible: time is simulated, at the recording's own pace."""
+    fastest: bool = False  # As fast as possible: time is simulated, at the recording's own pace
     start: Moment | None = None
-    end: Moment | None = None
-    """Messages of this time and later are left out."""
-    laps: int | None = 1
-    """None: again and again."""
+    end: Moment | None = None  # Messages of this time and later are left out
+    laps: int | None = 1  # None: again and again
+    # Recorded time, not before the last message, at which it stands until it is sought or stopped;
+    # None, and without deadlines: it ends with its last message.
     stands_at_ns: int | None = None
-    """Recorded time, not before the last message, at which it stands until it is sought or stopped;
-    None, and without deadlines: it ends with its last message."""
     stamps: Stamps = Stamps()
-    topics: tuple[TopicRule, ...] = ()
-    """The first that is for a topic counts."""
+    topics: tuple[TopicRule, ...] = ()  # The first that is for a topic counts
+    # The first that is for a topic counts; a link each for what has the same source.
     links: tuple[LinkRule, ...] = ()
-    """The first that is for a topic counts; a link each for what has the same source."""
-    seed: int = 0
-    """Of the links' chance."""
+    seed: int = 0  # Of the links' chance
 
 
 def is_topic(text: str) -> bool:

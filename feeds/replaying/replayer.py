@@ -20,14 +20,13 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Pace
 
+# A message is made ready this long before it is due, so that only sending is left.
 READY_NS = 20_000_000
-"""A message is made ready this long before it is due, so that only sending is left."""
-SPARE_NS = 100_000
-"""Less than this before a deadline, nothing else is made ready."""
+SPARE_NS = 100_000  # Less than this before a deadline, nothing else is made ready
+# Messages sent before others have their turn in the loop, where there are no deadlines.
 AT_ONCE = 1024
-"""Messages sent before others have their turn in the loop, where there are no deadlines."""
+# Transports may take so long for the last messages; longer where a slow broker is waited for.
 FAREWELL_S, PATIENT_FAREWELL_S = 1.0, 10.0
-"""Transports may take so long for the last messages; longer where a slow broker is waited for."""
 
 
 class RushClock(InstantClock):
@@ -95,8 +94,8 @@ class Replayer:
         self._restamper = Restamper(totals.left)
         self._news = asyncio.Event()
         self._ahead = ReadAhead(ReplayReader(source, settings), self._wake)
+        # What is on the schedule, and can be taken back until it leaves.
         self._ready: dict[int, ReplayItem] = {}
-        """What is on the schedule, and can be taken back until it leaves."""
         self._numbers = count()
 
     async def run(self) -> None:

@@ -18,12 +18,10 @@ from plotfeed.replay.recorded import UDP_TOPIC, Recorded
 
 log = logging.getLogger(__name__)
 
-TIME = "time"
-"""The user property that CloudEvents tells the time of a message by."""
+TIME = "time"  # The user property that CloudEvents tells the time of a message by
 MOST_SAID = 20
 
-Mover = Callable[[bytes, int], bytes]
-"""A payload and a shift in nanoseconds; raises `DecodeError`."""
+Mover = Callable[[bytes, int], bytes]  # A payload and a shift in nanoseconds; raises `DecodeError`
 
 
 class Restamper:
@@ -33,8 +31,7 @@ class Restamper:
         """`left` counts the messages, or parts of them, that are left alone, by what they are."""
         self._left = left
         self._asterix = Retimer()
-        self._movers: dict[str, Mover | None] = {}
-        """By the kind of message."""
+        self._movers: dict[str, Mover | None] = {}  # By the kind of message
 
     def payload(self, recorded: Recorded, shift_ns: int) -> bytes:
         """The message's payload, its times later by that."""

@@ -39,12 +39,11 @@ class ReplayImpairment(Impairment):
 
 
 Properties = tuple[tuple[str, str], ...]
+# Messages that leave in one go where there are no deadlines: a system call costs more than one.
 TOGETHER = 64
-"""Messages that leave in one go where there are no deadlines: a system call costs more than one."""
-MAX_LINKS = 1000
-"""Sources with a link of their own."""
+MAX_LINKS = 1000  # Sources with a link of their own
+# Last levels of what a session says beside what its sensors report.
 NOT_OVER_LINKS = frozenset({"status", "settings", "description", "session", "errors", "truth"})
-"""Last levels of what a session says beside what its sensors report."""
 _FORMAT = re.compile(r"(.+)/(?:asterix/\d{1,3}|plots|sapient)")
 
 
@@ -52,16 +51,13 @@ _FORMAT = re.compile(r"(.+)/(?:asterix/\d{1,3}|plots|sapient)")
 class ReplayCounters(SessionCounters):
     """What a replay has done so far."""
 
-    worst_ns: int = 0
-    """The greatest lateness."""
-    octets: int = 0
-    """Of payloads that were sent, each copy counted."""
-    laps: int = 0
-    """Begun."""
+    worst_ns: int = 0  # The greatest lateness
+    octets: int = 0  # Of payloads that were sent, each copy counted
+    laps: int = 0  # Begun
+    # Messages that were not sent, by the reason.
     skipped: Counter[str] = field(default_factory=Counter)
-    """Messages that were not sent, by the reason."""
+    # Times that were left alone although they should have been moved, by what they are in.
     left: Counter[str] = field(default_factory=Counter)
-    """Times that were left alone although they should have been moved, by what they are in."""
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int, octets: int) -> None:
         """Count what became of a copy of a message, with so many octets of payload."""
@@ -83,12 +79,11 @@ class Route(NamedTuple):
     """What becomes of the messages on a topic."""
 
     topic: str
+    # The link that they go through, and then their way out; None if they go through none.
     over: tuple[Uplink, Outbox] | None
-    """The link that they go through, and then their way out; None if they go through none."""
-    obstacle: str = ""
-    """Why they are not sent; empty if they are."""
+    obstacle: str = ""  # Why they are not sent; empty if they are
+    # Sends a payload, where that is all that has to be done.
     datagram: Callable[[bytes], bool] | None = None
-    """Sends a payload, where that is all that has to be done."""
 
 
 class Departure(NamedTuple):
@@ -96,8 +91,7 @@ class Departure(NamedTuple):
 
     route: Route
     payload: bytes
-    message: Message | None
-    """None for a datagram that is its payload and nothing else."""
+    message: Message | None  # None for a datagram that is its payload and nothing else
     due_ns: int
 
 
@@ -113,8 +107,8 @@ class Routes:
         schedule: Schedule,
         totals: ReplayCounters,
     ) -> None:
+        # How far the replay's time is ahead of the recorded one, at its beginning.
         self.later_ns = 0
-        """How far the replay's time is ahead of the recorded one, at its beginning."""
         self._transports = transports
         self._settings = settings
         self._clock = clock

@@ -8,8 +8,7 @@ from plotfeed.feeds.telemetry.position_report import Reason, Refused, ReportRow
 from plotfeed.proto.utc import NS
 
 MAX_DRONE_NAME = 64
-NAME_SEPARATORS = frozenset("/+#")
-"""Characters that MQTT gives a meaning in topics."""
+NAME_SEPARATORS = frozenset("/+#")  # Characters that MQTT gives a meaning in topics
 
 
 class Admission:

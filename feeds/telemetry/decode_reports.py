@@ -43,10 +43,10 @@ from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS, nearest_utc_ns
 
 MAX_OCTETS = 4096
+# Radius that holds half of a circular normal distribution, in standard deviations.
 HALF_OF_POSITIONS = math.sqrt(2 * math.log(2))
-"""Radius that holds half of a circular normal distribution, in standard deviations."""
-Kind = Enum("Kind", ["PROTOBUF", "JSON", "ASTERIX"])
-"""How a report is written."""
+Kind = Enum("Kind", ["PROTOBUF", "JSON", "ASTERIX"])  # How a report is written
+# Of media types; what ends in +json or +protobuf is likewise.
 _KINDS = {
     "application/x-protobuf": Kind.PROTOBUF,
     "application/protobuf": Kind.PROTOBUF,
@@ -58,7 +58,6 @@ _KINDS = {
     "application/x-asterix": Kind.ASTERIX,
     "application/asterix": Kind.ASTERIX,
 }
-"""Of media types; what ends in +json or +protobuf is likewise."""
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT(?:[01]\d|2[0-3]):\d\d:\d\d)(?:\.(\d{1,9}))?Z", re.ASCII)
 SOUTH_DEG, NORTH_DEG = LIMITS["latitude_deg"]
 WEST_DEG, EAST_DEG = LIMITS["longitude_deg"]

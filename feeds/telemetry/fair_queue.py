@@ -8,21 +8,17 @@ from collections.abc import Callable
 
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 
+# Telemetry of a second from a few thousand drones; beyond it a topic has room for one message.
 MAX_WAITING = 20_000
-"""Telemetry of a second from a few thousand drones; beyond it a topic has room for one message."""
-MAX_OF_TOPIC = 64
-"""Of one drone: a second of more than anybody sends."""
-MAX_STRANGERS = 1_000
-"""Topics at a time from which nothing has been taken yet."""
+MAX_OF_TOPIC = 64  # Of one drone: a second of more than anybody sends
+MAX_STRANGERS = 1_000  # Topics at a time from which nothing has been taken yet
 LARGE_OCTETS = 16_384
-MAX_LARGE_OCTETS = 16 << 20
-"""Of payloads that are large; no telemetry and few commands are."""
-MAX_TOPICS_TOLD = 50
-"""Of those that drop, between two askings; the rest is one number."""
+MAX_LARGE_OCTETS = 16 << 20  # Of payloads that are large; no telemetry and few commands are
+MAX_TOPICS_TOLD = 50  # Of those that drop, between two askings; the rest is one number
 BEHIND_EVERY_S = 0.1
 
+# A topic, and the payloads and content types that waited, in the order in which they came.
 Turn = tuple[str, list[tuple[bytes, str | None]]]
-"""A topic, and the payloads and content types that waited, in the order in which they came."""
 
 
 class FairQueue:
@@ -36,9 +32,9 @@ class FairQueue:
         limit_of_strangers: int = MAX_STRANGERS,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
+        # Messages that found no room or gave way, since it was last cleared; by topic, or "" of
+        # more topics than are told apart.
         self.dropped: Counter[str] = Counter()
-        """Messages that found no room or gave way, since it was last cleared; by topic, or "" of
-        more topics than are told apart."""
         self._limit = limit
         self._limit_of_topic = limit_of_topic
         self._limit_of_strangers = limit_of_strangers

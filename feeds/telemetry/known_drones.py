@@ -10,10 +10,9 @@ from plotfeed.feeds.telemetry.motion_gate import Course
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.proto.utc import NS
 
+# How often it is looked up at most who is gone, where there is no place for a new drone.
 LOOK_EVERY_NS = NS // 10
-"""How often it is looked up at most who is gone, where there is no place for a new drone."""
-MAX_KNOCKED = 10_000
-"""Names that are remembered of those that were too many in their second."""
+MAX_KNOCKED = 10_000  # Names that are remembered of those that were too many in their second
 
 
 class KnownDrones:
@@ -27,8 +26,8 @@ class KnownDrones:
         self, *, max_drones: int, max_new_per_s: int, forget_after_ns: int, gone_after_ns: int
     ) -> None:
         self._courses: dict[str, Course] = {}
+        # Drones of which one report was taken, the oldest first.
         self._singles: dict[str, None] = {}
-        """Drones of which one report was taken, the oldest first."""
         self._max_drones = max_drones
         self._max_new_per_s = max_new_per_s
         self._gone_after_ns = gone_after_ns
@@ -38,8 +37,8 @@ class KnownDrones:
         self._knocked: dict[str, None] = {}
         self._swept_s = 0
         self._looked_ns = 0
+        # Drones that were gone when it was last looked up, the one that is gone longest last.
         self._gone: list[str] = []
-        """Drones that were gone when it was last looked up, the one that is gone longest last."""
         self._forgotten: list[str] = []
 
     def __len__(self) -> int:

@@ -17,24 +17,20 @@ from plotfeed.feeds.telemetry.position_report import Reason, Refused, ReportRow
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import NS
 
-MAX_SPEED_M_S = 150.0
-"""Multicopters reach 60 m/s, those with jets 150 m/s."""
+MAX_SPEED_M_S = 150.0  # Multicopters reach 60 m/s, those with jets 150 m/s
+# A fix may be off by this without being taken for wrong: receivers jump, coarse logs step.
 GRACE_M = 30.0
-"""A fix may be off by this without being taken for wrong: receivers jump, coarse logs step."""
-SIGMAS = 4.0
-"""And by so many standard deviations of both positions, where they are stated."""
+SIGMAS = 4.0  # And by so many standard deviations of both positions, where they are stated
 CONFIRM_REPORTS = 3
+# So many reports from elsewhere over so long are a new start. A receiver that is upsampled repeats
+# one wrong fix for 0.2 s.
 CONFIRM_NS = NS
-"""So many reports from elsewhere over so long are a new start. A receiver that is upsampled repeats
-one wrong fix for 0.2 s."""
+# For how many from elsewhere one from where the drone was counts: who reports less is refused.
 AGAINST = 2
-"""For how many from elsewhere one from where the drone was counts: who reports less is refused."""
+# So many from elsewhere, and as many in between from where the drone was, are two sources.
 SOURCE_REPORTS = 3
-"""So many from elsewhere, and as many in between from where the drone was, are two sources."""
-MEMORY_NS = 10 * NS
-"""After so long without a report from elsewhere, there is no second source."""
-MAX_METRES_PER_DEG = 113_500.0
-"""Of latitude or longitude, up to 100 km above the ground."""
+MEMORY_NS = 10 * NS  # After so long without a report from elsewhere, there is no second source
+MAX_METRES_PER_DEG = 113_500.0  # Of latitude or longitude, up to 100 km above the ground
 
 
 def reach_m(seconds: float, max_speed_m_s: float, sigma_m: float = 0.0) -> float:
@@ -47,12 +43,10 @@ class _Elsewhere:
     """Reports that no flight from a drone's last one explains, and that agree with each other."""
 
     last: ReportRow
-    since_ns: int
-    """When they began to outweigh those from where the drone was."""
+    since_ns: int  # When they began to outweigh those from where the drone was
     weight: int = 1
     reports: int = 1
-    between: int = 0
-    """Reports from where the drone was, since the first of these."""
+    between: int = 0  # Reports from where the drone was, since the first of these
 
 
 class Course:
@@ -63,12 +57,9 @@ class Course:
     def __init__(self, row: ReportRow) -> None:
         self.row = row
         self.elsewhere: _Elsewhere | None = None
-        self.sources_are_told = False
-        """Whether it was said that two sources report under its name."""
-        self.is_single = True
-        """Whether this is the only report of it that was taken."""
-        self.since_utc_ns = row.t_utc_ns
-        """When it became known."""
+        self.sources_are_told = False  # Whether it was said that two sources report under its name
+        self.is_single = True  # Whether this is the only report of it that was taken
+        self.since_utc_ns = row.t_utc_ns  # When it became known
 
 
 class MotionGate:

@@ -21,6 +21,7 @@ from plotfeed.proto.utc import NS
 MAX_SPEED_M_S = 1000.0
 LATEST_UTC_NS = 2**63 - 1  # year 2262: the last that int64 holds
 ABOVE_ZERO = math.ulp(0.0)
+# Least and greatest value taken, both included; all are finite.
 LIMITS = {
     "latitude_deg": (-90.0, 90.0),
     "longitude_deg": (-180.0, 180.0),
@@ -32,28 +33,26 @@ LIMITS = {
     "sound_power_db": (-math.inf, math.inf),
     "size_m": (ABOVE_ZERO, math.inf),
 }
-"""Least and greatest value taken, both included; all are finite."""
+# As `LIMITS`, of what a drone emits.
 EMITTER_LIMITS = {
     "frequency_hz": (ABOVE_ZERO, math.inf),
     "bandwidth_hz": (0.0, math.inf),
     "eirp_dbm": (-math.inf, math.inf),
 }
-"""As `LIMITS`, of what a drone emits."""
 POSITION, OTHERS = tuple(LIMITS)[:3], tuple(LIMITS)[3:]
 VELOCITY = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
+# Names that the numbers of a report have in `plotfeed.v1.Telemetry`.
 NUMBERS = (*POSITION, *VELOCITY, *OTHERS)
-"""Names that the numbers of a report have in `plotfeed.v1.Telemetry`."""
 EMITTER_FIELDS = (*EMITTER_LIMITS, "kind", "identity")
+# By name and by number in `plotfeed.v1`.
 REFERENCES: dict[int | str, AltitudeReference] = {
     key: reference
     for reference in AltitudeReference
     for key in (reference.name, pb.AltitudeReference.Value(reference.name))
 }
-"""By name and by number in `plotfeed.v1`."""
 CLASS_NAMES = "1 to 64 printable characters without space, /, + and #"
 
-MAX_DETAIL = 300
-"""Characters of a refusal's text: it quotes what others sent."""
+MAX_DETAIL = 300  # Characters of a refusal's text: it quotes what others sent
 
 
 class Reason(StrEnum):
@@ -114,8 +113,7 @@ class PositionReport:
     rcs_m2: float | None = None
     sound_power_db: float | None = None
     emitters: tuple[Emitter, ...] = ()
-    target_class: str = ""
-    """What it is to sensors that recognise it; empty where nobody says it."""
+    target_class: str = ""  # What it is to sensors that recognise it; empty where nobody says it
     size_m: float | None = None
 
     @classmethod
@@ -247,8 +245,8 @@ def check_finite(name: str, value: float) -> float:
 class AltitudeDatum:
     """What altitudes are counted from, beside the ellipsoid."""
 
+    # Of the take-off point above the ellipsoid; None where nobody says it.
     takeoff_height_m: float | None = None
-    """Of the take-off point above the ellipsoid; None where nobody says it."""
     sea_level: SeaLevel = field(default_factory=SeaLevel)
 
     def check(self, reference: AltitudeReference) -> None:

@@ -26,8 +26,7 @@ from plotfeed.proto.utc import NS
 
 log = logging.getLogger(__name__)
 
-LOOK_BACK_S = 1.0
-"""Further back than its own sectors and signals no sensor looks by more than this."""
+LOOK_BACK_S = 1.0  # Further back than its own sectors and signals no sensor looks by more than this
 
 
 def look_back_s(scene: Scene) -> float:
@@ -46,31 +45,30 @@ def look_back_s(scene: Scene) -> float:
     return LOOK_BACK_S + found_s
 
 
+# So many times the range sound may come from: its drone may have been beyond, the air colder.
 TRAVEL = 1.5
-"""So many times the range sound may come from: its drone may have been beyond, the air colder."""
+# Topics, and of each the payloads and content types that waited, in the order of coming.
 Waited = Sequence[tuple[str, Sequence[tuple[bytes, str | None]]]]
-"""Topics, and of each the payloads and content types that waited, in the order of coming."""
+# Published; every one is counted. Whoever floods the telemetry shall not flood the errors.
 MAX_REFUSALS_PER_S = 50
-"""Published; every one is counted. Whoever floods the telemetry shall not flood the errors."""
 
 
 class TelemetryReceiver:
     """Takes telemetry for a session, and counts what is refused and why."""
 
     def __init__(self, scene: Scene, trajectories: Trajectories) -> None:
+        # Told the topics of drones that become known.
         self.welcome: Callable[[str], object] = lambda _topic: None
-        """Told the topics of drones that become known."""
+        # Told the topics of drones that are forgotten.
         self.part_with: Callable[[str], object] = lambda _topic: None
-        """Told the topics of drones that are forgotten."""
         settings = scene.telemetry
         self.taken = 0
+        # Reports that were good, but later ones came with them and no sensor asks for these.
         self.conflated = 0
-        """Reports that were good, but later ones came with them and no sensor asks for these."""
+        # Drones that were known and are not any more; one that comes again is new.
         self.forgotten = 0
-        """Drones that were known and are not any more; one that comes again is new."""
         self.last_refusal = ""
-        self.refusals: Counter[str] = Counter()
-        """By reason."""
+        self.refusals: Counter[str] = Counter()  # By reason
         look_back = look_back_s(scene)
         self._look_back_ns = round(look_back * NS)
         self._admission = Admission(

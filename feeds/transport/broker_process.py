@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
-OUT_OF_MEMORY = 70
-"""The exit code of one that took more memory than it may."""
-LOOK_EVERY_S = 0.1
-"""From one look at the memory to the next."""
+OUT_OF_MEMORY = 70  # The exit code of one that took more memory than it may
+LOOK_EVERY_S = 0.1  # From one look at the memory to the next
 MIB = 1 << 20
 MEMORY = Path("/proc/self/statm")
 READ_OCTETS = 1 << 16

@@ -31,16 +31,13 @@ log = logging.getLogger(__name__)
 
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
+# By then a child whose port somebody else took has ended, although that port answers.
 SETTLE_S = 0.1
-"""By then a child whose port somebody else took has ended, although that port answers."""
+# So long a session that ended just now may still have the ports that a scene names.
 PORT_PATIENCE_S = 3.0
-"""So long a session that ended just now may still have the ports that a scene names."""
-LOOK_EVERY_S = 0.25
-"""From one look at the children to the next."""
-AGAIN_AFTER_S = 0.5
-"""A child that has ended is made anew no sooner."""
-SEGMENT_OCTETS = 1 << 20
-"""Of the broker's log, which keeps ten of them for each filter, in memory."""
+LOOK_EVERY_S = 0.25  # From one look at the children to the next
+AGAIN_AFTER_S = 0.5  # A child that has ended is made anew no sooner
+SEGMENT_OCTETS = 1 << 20  # Of the broker's log, which keeps ten of them for each filter, in memory
 ONE_OF_YOUR_OWN = "give the address of a broker of your own with --broker mqtt://HOST:PORT"
 
 
@@ -57,8 +54,8 @@ class Ports:
     mqtt3: int
     mqtt5: int
     websocket: int | None = None
+    # The ports that were wanted and are taken, by those that stand in for them.
     instead_of: Mapping[int, int] = field(default_factory=dict)
-    """The ports that were wanted and are taken, by those that stand in for them."""
 
     def by_protocol(self) -> dict[str, int]:
         """All ports."""

@@ -18,8 +18,7 @@ log = logging.getLogger(__name__)
 TOKEN_VARIABLE = "PLOTFEED_REMOTE_ID_TOKEN"  # noqa: S105 - where it is, not what it is
 TIMEOUT_S = 10.0
 MAX_ANSWER_OCTETS = 8 << 20
-SLOWEST_S = 30.0
-"""Between two questions to a service that fails."""
+SLOWEST_S = 30.0  # Between two questions to a service that fails
 WHY = {
     401: f"it wants a token: {TOKEN_VARIABLE}",
     403: f"it does not let that token in: {TOKEN_VARIABLE}",

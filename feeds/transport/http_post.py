@@ -14,10 +14,9 @@ from plotfeed.feeds.transport.http_client import HttpClient, HttpError
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
 from plotfeed.feeds.transport.queued_transport import QueuedTransport, SendError
 
+# Of an answer, which is read so that the connection can be kept; more, and it is not.
 MAX_BODY_OCTETS = 1 << 20
-"""Of an answer, which is read so that the connection can be kept; more, and it is not."""
-TRY_AGAIN = frozenset({408, 425, 429})
-"""Answers that ask for patience, as those from 500 on do."""
+TRY_AGAIN = frozenset({408, 425, 429})  # Answers that ask for patience, as those from 500 on do
 MEANINGS = {401: "is the token right?", 403: "may this token do that?", 422: "it wants other keys"}
 
 

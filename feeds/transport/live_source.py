@@ -24,10 +24,9 @@ log = logging.getLogger(__name__)
 HEARTBEAT_S = 1.0
 ASK_EVERY_S = 10.0
 
-Take = Callable[[str, PositionReport], object]
-"""Told of the reports of a drone."""
+Take = Callable[[str, PositionReport], object]  # Told of the reports of a drone
+# Told of what was not taken, and of which drone; "" if that is not known.
 Refuse = Callable[[str, Refused], object]
-"""Told of what was not taken, and of which drone; "" if that is not known."""
 
 
 class _Octets(Protocol):

@@ -36,8 +36,7 @@ FIXED_TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 class ServedAddress:
     """Host and port at which something is served over HTTP."""
 
-    option: ClassVar[str]
-    """By which a command is given it."""
+    option: ClassVar[str]  # By which a command is given it
     host: str = LOOPBACK
     port: int = 0
 

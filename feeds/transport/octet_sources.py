@@ -20,10 +20,9 @@ log = logging.getLogger(__name__)
 
 LARGEST_OCTETS = 1 << 16
 BUFFER_OCTETS = 1 << 20
-AT_ONCE = 64
-"""Datagrams, until something else has its turn."""
+AT_ONCE = 64  # Datagrams, until something else has its turn
+# Between attempts to connect: each of them, and the last from then on.
 AGAIN_S = (0.5, 1.0, 2.0, 5.0)
-"""Between attempts to connect: each of them, and the last from then on."""
 MAX_CONNECTIONS = 64
 MAX_CORRESPONDENTS = 256
 

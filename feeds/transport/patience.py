@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""After the first failure, and the next ones in a row."""
+BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)  # After the first failure, and the next ones in a row
 LOOK_EVERY_S = 0.001
 
 

@@ -20,10 +20,8 @@ from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
 from plotfeed.proto.tracks.remote_id_answers import MAX_DIAGONAL_M, DisplayArea, KnownFlights
 
 MAX_HEAD_OCTETS = 8192
-MAX_CLIENTS = 100
-"""At a time; others are told that the service is busy."""
-PATIENCE_S = 10.0
-"""Who takes longer to ask, or to take the answer, is left."""
+MAX_CLIENTS = 100  # At a time; others are told that the service is busy
+PATIENCE_S = 10.0  # Who takes longer to ask, or to take the answer, is left
 
 
 class RefusedRequest(Exception):  # noqa: N818 - what happened to it, not what broke

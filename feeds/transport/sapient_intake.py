@@ -9,10 +9,8 @@ import asyncio
 from collections import deque
 from typing import Protocol
 
-SERVE_EVERY_S = 0.02
-"""While anything waits, some of it is taken in so often."""
-AT_ONCE_S = 0.05
-"""After a silence, what may be said in this time is taken in at once."""
+SERVE_EVERY_S = 0.02  # While anything waits, some of it is taken in so often
+AT_ONCE_S = 0.05  # After a silence, what may be said in this time is taken in at once
 
 
 class Speaker(Protocol):
@@ -32,8 +30,8 @@ class SapientIntake:
     def __init__(self, max_messages_per_s: float, max_octets_per_s: float) -> None:
         self._loop = asyncio.get_running_loop()
         self._max_messages_per_s, self._max_octets_per_s = max_messages_per_s, max_octets_per_s
+        # That may be taken in now; octets are owed after a long message.
         self._messages, self._octets = 0.0, 0.0
-        """That may be taken in now; octets are owed after a long message."""
         self._filled_s = self._loop.time() - AT_ONCE_S
         self._waiting: deque[Speaker] = deque()
         self._timer: asyncio.TimerHandle | None = None

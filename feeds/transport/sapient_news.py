@@ -7,8 +7,7 @@ import logging
 
 log = logging.getLogger(__name__)
 
-GATHER_S = 1.0
-"""Who has the same to tell within this time is one of a number."""
+GATHER_S = 1.0  # Who has the same to tell within this time is one of a number
 
 
 class SapientNews:
@@ -16,8 +15,7 @@ class SapientNews:
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self._more: dict[str, int] = {}
-        """By what was told a moment ago."""
+        self._more: dict[str, int] = {}  # By what was told a moment ago
 
     def tell(self, name: str, what: str, level: int = logging.WARNING) -> None:
         """Say of that connection what happened to it, unless others have just said the same."""

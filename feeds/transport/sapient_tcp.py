@@ -27,10 +27,9 @@ from plotfeed.proto.sapient.decode_sapient import Heard, decode_heard
 
 CONNECT_TIMEOUT_S = 2.0
 ACK_TIMEOUT_S = 2.0
-REGISTER_AGAIN_S = 10.0
-"""Who was refused asks so often whether that has changed."""
+REGISTER_AGAIN_S = 10.0  # Who was refused asks so often whether that has changed
+# A connection that lasted less counts as a failure: whoever hangs up at once is not hurried.
 STEADY_S = 5.0
-"""A connection that lasted less counts as a failure: whoever hangs up at once is not hurried."""
 MAX_SAID = 200
 
 
@@ -69,8 +68,8 @@ class SapientTcpTransport(ImmediateTransport):
         self._news = news
         self._on_task = on_task
         self._wire: SapientWire | None = None
+        # Set while a connection stands over which something was said to the registration.
         self._up = asyncio.Event()
-        """Set while a connection stands over which something was said to the registration."""
         self._answered = asyncio.Event()
         self._is_refused = False
         self._loss_told = False

@@ -11,13 +11,13 @@ from plotfeed.feeds.transport.sapient_intake import SapientIntake
 from plotfeed.proto.errors import DecodeError
 
 LENGTH_OCTETS = 4
+# Of what is taken from a peer; the answers to a sensor are some hundred octets.
 MAX_MESSAGE_OCTETS = 1 << 16
-"""Of what is taken from a peer; the answers to a sensor are some hundred octets."""
 MAX_UNSENT_OCTETS = 8 << 20
+# While the socket has taken nothing for so long, nothing more is taken; it would come too late.
 MAX_STALL_S = 0.5
-"""While the socket has taken nothing for so long, nothing more is taken; it would come too late."""
+# That the system takes before it lets us wait: the less, the sooner it shows that nobody reads.
 SOCKET_OCTETS = 128 << 10
-"""That the system takes before it lets us wait: the less, the sooner it shows that nobody reads."""
 
 
 def framed(payload: bytes) -> bytes:
@@ -69,10 +69,8 @@ class SapientWire(asyncio.Protocol):
         """A peer that has read nothing for `give_up_after_s` is left."""
         self._loop = asyncio.get_running_loop()
         self.lost: asyncio.Future[None] = self._loop.create_future()
-        self.reason = ""
-        """Why it is lost, if that is known."""
-        self.was_stalled = False
-        """Whether it was given up because the other end did not read."""
+        self.reason = ""  # Why it is lost, if that is known
+        self.was_stalled = False  # Whether it was given up because the other end did not read
         self._intake, self._on_message = intake, on_message
         self._give_up_after_s = give_up_after_s
         self._deframer = Deframer()

@@ -18,8 +18,7 @@ from plotfeed.feeds.transport.octet_sources import OctetsTaker, SourceError
 log = logging.getLogger(__name__)
 
 READ_OCTETS = 1 << 16
-AGAIN_S = 1.0
-"""Between attempts to open a port."""
+AGAIN_S = 1.0  # Between attempts to open a port
 
 
 class SerialOctets:

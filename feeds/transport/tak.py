@@ -12,10 +12,9 @@ from plotfeed.feeds.scene.track_output_keys import TakServer, split_server
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess
 from plotfeed.feeds.transport.queued_transport import QueuedTransport, SendError
 
+# One that turns its clients away, such as for want of a certificate, takes a first event first.
 STEADY_S = 5.0
-"""One that turns its clients away, such as for want of a certificate, takes a first event first."""
-HEARD_OCTETS = 1 << 16
-"""Read at once of what a server sends on, which nobody here wants."""
+HEARD_OCTETS = 1 << 16  # Read at once of what a server sends on, which nobody here wants
 
 
 class TakTransport(QueuedTransport):

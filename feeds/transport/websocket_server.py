@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
-MAX_HEARD_OCTETS = 1 << 12
-"""Of what a client sends, which nobody reads."""
+MAX_HEARD_OCTETS = 1 << 12  # Of what a client sends, which nobody reads
 
 
 class WebSocketTransport(ListeningTransport):

@@ -91,12 +91,9 @@ OBSERVATIONS = 1 << 24  # I015/400/ON counts so far, then from 0
 class Geometry(IntEnum):
     """What the range of I015/625 is, I015/020/MOMU."""
 
-    MONOSTATIC = 0
-    """The distance of the target."""
-    MULTISTATIC = 1
-    """The path transmitter-target-receiver less the baseline."""
-    OTHER = 2
-    """No range: a sensor of bearings."""
+    MONOSTATIC = 0  # The distance of the target
+    MULTISTATIC = 1  # The path transmitter-target-receiver less the baseline
+    OTHER = 2  # No range: a sensor of bearings
 
 
 class Scanning(IntEnum):
@@ -108,12 +105,13 @@ class Scanning(IntEnum):
     STATIC = 3
 
 
+# The columns of plots for range and its standard deviation.
 RANGES = {
     Geometry.MONOSTATIC: ("range_m", "sigma_range_m"),
     Geometry.MULTISTATIC: ("bistatic_range_m", "sigma_bistatic_range_m"),
 }
-"""The columns of plots for range and its standard deviation."""
 
+# Parts that are sent where their columns are measured.
 OPTIONAL = {
     "I015/626/DV": "range_rate_m_s",
     "I015/626/SDDV": "sigma_range_rate_m_s",
@@ -123,15 +121,14 @@ OPTIONAL = {
     "I015/628/SDEL": "sigma_elevation_deg",
     "I015/630/RPP": "amplitude_dbm",
 }
-"""Parts that are sent where their columns are measured."""
 
+# Standard deviations, and whose they are.
 DEVIATIONS = {
     "I015/625/SDR": "I015/625/R",
     "I015/626/SDDV": "I015/626/DV",
     "I015/627/SDASZ": "I015/627/AZ",
     "I015/628/SDEL": "I015/628/EL",
 }
-"""Standard deviations, and whose they are."""
 
 
 FORMAT = asterix(

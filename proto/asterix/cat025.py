@@ -42,6 +42,7 @@ FRN  item      octets  parts: bits, LSB and unit
 """,
 )
 
+# What libasterix reads: longitudes in the LSB of latitudes, which reach from -90 to 90 deg.
 CAT025_HALF_TURN = category(
     25,
     """
@@ -49,7 +50,6 @@ CAT025_HALF_TURN = category(
 """,
     base=CAT025,
 )
-"""What libasterix reads: longitudes in the LSB of latitudes, which reach from -90 to 90 deg."""
 
 STATUS = SentCategory("that the sensor works, and where it stands")
 SERVICE_AND_SYSTEM_STATUS = 1  # I025/000/RTYP

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
     from plotfeed.models.state import Ints, Plots
 
+# Codes of modes 2, 3/A and C are octal and Gray. I048/110 is above mean sea level. Of what ends in
+# EP, a bit says whether the value after it is populated.
 CAT048 = category(
     48,
     """
@@ -65,10 +67,9 @@ FRN  item      octets  parts: bits, LSB and unit
 28   I048/RE   1+n     octets behind their count
 """,
 )
-"""Codes of modes 2, 3/A and C are octal and Gray. I048/110 is above mean sea level. Of what ends in
-EP, a bit says whether the value after it is populated.
-"""
 
+# I034/000 is 1 for a north marker, 2 for a sector crossing. I034/120 is in WGS-84, and its height
+# above the ellipsoid.
 CAT034 = category(
     34,
     """
@@ -94,21 +95,18 @@ FRN  item      octets  parts: bits, LSB and unit
 14   I034/SP   1+n     octets behind their count
 """,
 )
-"""I034/000 is 1 for a north marker, 2 for a sector crossing. I034/120 is in WGS-84, and
-its height above the ellipsoid.
-"""
 
 RHO_LSB_M = NM_M / 256  # I048/040
 PRIMARY = 1  # I048/020/TYP: single primary detection
 NORTH_MARKER, SECTOR_CROSSING = 1, 2  # I034/000
 
+# Parts that are sent where their columns are measured.
 OPTIONAL = {
     "I048/130/PRL": "run_length_deg",
     "I048/130/PAM": "amplitude_dbm",
     "I048/110": "height_m",
     "I048/120/CAL/CAL": "range_rate_m_s",
 }
-"""Parts that are sent where their columns are measured."""
 
 
 FORMAT = asterix(

@@ -86,6 +86,7 @@ FRN  item      octets  parts: bits, LSB and unit
 """,
 )
 
+# Editions up to 1.18, which have no height below 0 in I062/340.
 CAT062_1_18 = category(
     62,
     """
@@ -95,12 +96,12 @@ CAT062_1_18 = category(
 """,
     base=CAT062,
 )
-"""Editions up to 1.18, which have no height below 0 in I062/340."""
 
 MONOSENSOR, GEOMETRIC_HEIGHT, RADAR_3D = 1, 1, 2  # I062/080: MON, MRH, SRC
 ALTITUDE_LSB_M = 6.25 * FOOT_M  # I062/130
 CLIMB_LSB_M_S = 6.25 * FOOT_M / 60  # I062/220
 
+# Parts that are sent where their columns hold numbers.
 OPTIONAL = {
     "I062/130": "height_m",
     "I062/220": "climb_m_s",
@@ -108,13 +109,12 @@ OPTIONAL = {
     "I062/500/APC/X": "sigma_east_m",
     "I062/500/APC/Y": "sigma_north_m",
 }
-"""Parts that are sent where their columns hold numbers."""
 
+# Standard deviations, and whose they are.
 DEVIATIONS = {"I062/500/APC/X": "I062/100/X", "I062/500/APC/Y": "I062/100/Y"}
-"""Standard deviations, and whose they are."""
 
+# Parts of I062/080 that say 0: of transponders, flight plans and other sensors.
 STATUS_OF_OTHERS = "SPI FPC AFF STP KOS AMA MD4 ME MI MD5 SSR MDS ADS SUC AAC"
-"""Parts of I062/080 that say 0: of transponders, flight plans and other sensors."""
 
 
 FORMAT = asterix(

@@ -70,6 +70,7 @@ class Message205(IntEnum):
     SENSOR_DATA = 5
 
 
+# Its time is that of sending.
 FORMAT = asterix(
     {205: SentCategory("bearings"), 25: STATUS},
     layouts=(CAT205, CAT025),
@@ -84,7 +85,6 @@ FORMAT = asterix(
         plots_alone=("I205/000", (Message205.SYSTEM_BEARING, Message205.SENSOR_DATA)),
     ),
 )
-"""Its time is that of sending."""
 
 
 class BearingEncoder205:

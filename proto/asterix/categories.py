@@ -5,12 +5,10 @@ from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.report_format import PlotItems, ReportFormat
 
 ASTERIX_FORMATS = (cat015.FORMAT, cat048.FORMAT, cat062.FORMAT, cat205.FORMAT)
+# The newest edition of each. For another, give a reader `CATEGORIES | {62: CAT062_1_18}`.
 CATEGORIES: dict[int, Category] = {129: cat129.CAT129}
-"""The newest edition of each. For another, give a reader `CATEGORIES | {62: CAT062_1_18}`."""
-PLOT_ITEMS: dict[int, PlotItems] = {}
-"""What tells of plots, by category."""
-TRACK_ITEMS: dict[int, PlotItems] = {}
-"""What tells of tracks."""
+PLOT_ITEMS: dict[int, PlotItems] = {}  # What tells of plots, by category
+TRACK_ITEMS: dict[int, PlotItems] = {}  # What tells of tracks
 
 
 def know(format_: ReportFormat) -> None:

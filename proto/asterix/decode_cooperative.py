@@ -16,6 +16,7 @@ from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.units import FOOT_M, NM_M
 
+# Its other items are octets.
 CAT021 = category(
     21,
     """
@@ -33,12 +34,10 @@ FRN  item      octets  parts: bits, LSB and unit
 """,
     base=OTHER_CATEGORIES[21],
 )
-"""Its other items are octets."""
 DAY_S = 86_400
+# Items of time, by how near they are to when the position was measured.
 TIMES = ("I021/073", "I021/071", "I021/075", "I021/077")
-"""Items of time, by how near they are to when the position was measured."""
-POSITIONS = ("I021/131", "I021/130")
-"""Items of position, the finer first."""
+POSITIONS = ("I021/131", "I021/130")  # Items of position, the finer first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,8 +49,7 @@ class AircraftReport:
 
     icao: str
     callsign: str
-    emitter: int
-    """Emitter category: 1 light, 5 heavy, 10 a rotorcraft, 13 unmanned; 0 if unknown."""
+    emitter: int  # Emitter category: 1 light, 5 heavy, 10 a rotorcraft, 13 unmanned; 0 if unknown
     t_of_day_s: float
     latitude_deg: float
     longitude_deg: float

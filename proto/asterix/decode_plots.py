@@ -14,8 +14,8 @@ from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.report_format import PlotItems
 from plotfeed.proto.utc import NS, nearest_utc_ns
 
+# Columns that the ranges of 015 are of, where a record says that its sensor is multistatic.
 MULTISTATIC = {"range_m": "bistatic_range_m", "sigma_range_m": "sigma_bistatic_range_m"}
-"""Columns that the ranges of 015 are of, where a record says that its sensor is multistatic."""
 
 
 def steps_of(category: int) -> Mapping[str, float]:

@@ -25,6 +25,12 @@ from plotfeed.proto.asterix.codec.layout import (
     Undecoded,
 )
 
+# A category, its edition, and its items by their field reference numbers, - where none is.
+#
+# NAME:3 has three octets; :s is SAC and SIC, :t a time of day; :x goes on with each octet whose
+# last bit is set, :x2.1 after two and then one; :r8 counts by its first octet how often eight
+# octets come, :f2 goes on so while the last bit is set; :e begins with its own length, and :(1 x)
+# has flags, and behind them the subfields that they name.
 _ITEMS = """
 001 1.4:
     010:s 020:x 040:4 070:2 090:2 130:f1 141:2 050:2 120:1 131:1 080:2 100:4 060:2 030:f1 150:1 -
@@ -66,13 +72,6 @@ _ITEMS = """
     160:r4 170:r3 180:r4 190:2 200:r1 210:2 220:2 230:2 240:r4 250:r2 251:r4 171:r3 151:r6
 240 1.3: 010:s 000:1 020:4 030:r1 040:12 041:12 048:2 049:5 050:r4 051:r64 052:r256 140:t RE:e SP:e
 247 1.3: 010:s 015:1 140:t 550:r3 - SP:e RE:e
-"""
-"""A category, its edition, and its items by their field reference numbers, - where none is.
-
-NAME:3 has three octets; :s is SAC and SIC, :t a time of day; :x goes on with each octet whose last
-bit is set, :x2.1 after two and then one; :r8 counts by its first octet how often eight octets come,
-:f2 goes on so while the last bit is set; :e begins with its own length, and :(1 x) has flags, and
-behind them the subfields that they name.
 """
 _HEAD = re.compile(r"^(\d{3}) \S+( tracks)?:\s", re.MULTILINE)
 _ITEM = re.compile(r"-|(\w+):(\([^)]*\)|\S+)")
@@ -125,5 +124,5 @@ def _categories() -> Mapping[int, Category]:
     return found
 
 
+# By number; their items are octets but for sources and times of day.
 OTHER_CATEGORIES = _categories()
-"""By number; their items are octets but for sources and times of day."""

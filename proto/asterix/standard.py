@@ -56,10 +56,9 @@ class Standard:
 
     category: Category
     edition: str
-    meanings: Mapping[str, Meaning]
-    """By paths such as I048/040/RHO."""
+    meanings: Mapping[str, Meaning]  # By paths such as I048/040/RHO
+    # What the flags in the first octet of the RE field stand for; none if that is not known.
     expansion: tuple[Item | None, ...]
-    """What the flags in the first octet of the RE field stand for; none if that is not known."""
 
     def read_expansion(self, octets: bytes) -> dict[str, Any] | None:
         """The parts of an RE field behind its length; None if it is not as this edition has it."""

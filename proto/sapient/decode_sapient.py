@@ -23,8 +23,7 @@ from plotfeed.proto.sapient.encode_node import DEG_M, ELLIPSOID, LAT_LNG, TRUE_N
 from plotfeed.proto.sapient.envelope import envelope, set_stamp, stamp_ns
 from plotfeed.proto.utc import NS
 
-MAX_REASONS = 3
-"""That are read of an answer, however many it has."""
+MAX_REASONS = 3  # That are read of an answer, however many it has
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +31,7 @@ class Heard:
     """What a middleware said to a node: of its registration, that something is wrong, or a task."""
 
     what: Literal["accepted", "refused", "error", "task", "other"]
-    reasons: tuple[str, ...] = ()
-    """The first of a refusal, or of an error message."""
+    reasons: tuple[str, ...] = ()  # The first of a refusal, or of an error message
 
 
 def decode(data: bytes) -> dict[str, Any]:
@@ -88,6 +86,7 @@ def plots_in_sapient(data: bytes) -> MeasuredPlots:
     return MeasuredPlots.of([told])
 
 
+# Columns of plots, by what SAPIENT calls them.
 _PLACES = {
     "range": "range_m",
     "azimuth": "azimuth_deg",
@@ -96,7 +95,6 @@ _PLACES = {
     "azimuth_error": "sigma_azimuth_deg",
     "elevation_error": "sigma_elevation_deg",
 }
-"""Columns of plots, by what SAPIENT calls them."""
 
 
 def _parsed(data: bytes) -> SapientMessage:
@@ -129,8 +127,8 @@ def retime_sapient(data: bytes, shift_ns: int) -> bytes:
 MAX_REASON = 300
 ULID = re.compile("[0-7][0-9A-HJKMNP-TV-Z]{25}", re.IGNORECASE)
 CONTROLS = {Task.CONTROL_START: "start", Task.CONTROL_STOP: "stop", Task.CONTROL_PAUSE: "pause"}
+# Fields that would make a task hold for a time or a place alone.
 LIMITS = ("task_end_time", "region")
-"""Fields that would make a task hold for a time or a place alone."""
 
 TaskStatus = Literal["ACCEPTED", "REJECTED", "COMPLETED"]
 
@@ -140,20 +138,15 @@ class AskedTask:
     """What a node is asked to do: a command with its value, and when to begin or end."""
 
     task_id: str
-    control: str
-    """start, stop, pause, or empty."""
-    command: str
-    """By the standard's name, such as mode_change; empty for none."""
-    value: str
-    """Of the command; thresholds are LOW, MEDIUM or HIGH."""
+    control: str  # start, stop, pause, or empty
+    command: str  # By the standard's name, such as mode_change; empty for none
+    value: str  # Of the command; thresholds are LOW, MEDIUM or HIGH
     start_utc_ns: int | None
-    destination_id: str
-    """The node that it is for; empty for whoever gets it."""
-    limits: tuple[str, ...]
-    """Which of `LIMITS` it has."""
+    destination_id: str  # The node that it is for; empty for whoever gets it
+    limits: tuple[str, ...]  # Which of `LIMITS` it has
+    # Of that command: azimuth_deg, elevation_deg and horizontal_fov_deg, as far as given, or
+    # latitude_deg, longitude_deg and height_m; None where it says so in other units.
     look_at: Mapping[str, float] | None = None
-    """Of that command: azimuth_deg, elevation_deg and horizontal_fov_deg, as far as given, or
-    latitude_deg, longitude_deg and height_m; None where it says so in other units."""
 
 
 def decode_task(data: bytes) -> AskedTask:

@@ -95,13 +95,13 @@ def _write(place: Location | RangeBearing, columns: _Values, i: int) -> None:
 
 
 SNR, AGE, BISTATIC_RANGE, TRANSMITTER = "SNR", "age", "bistatic range", "transmitter"
+# Types of object_info; as track_info a consumer would take the plot for a track.
 RANGE_RATE, BISTATIC_RANGE_RATE = "range rate", "bistatic range rate"
-"""Types of object_info; as track_info a consumer would take the plot for a track."""
 
 MAX_SNR = 1e30
 MAX_RATE_M_S = 1e9
+# Of metres and metres a second in texts of object_info, whose errors hold this rounding.
 RANGE_DECIMALS, RATE_DECIMALS = 2, 3
-"""Of metres and metres a second in texts of object_info, whose errors hold this rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,15 +109,13 @@ class Manner:
     """What is said of every detection, and what of each."""
 
     detection_confidence: float | None = None
+    # The class of what the sensor does not classify; of what it does, the class above.
     default_class: str | None = None
-    """The class of what the sensor does not classify; of what it does, the class above."""
     class_confidence: float = 1.0
+    # Band of a receiver: each detection is a signal, somewhere in it.
     band_hz: tuple[float, float] | None = None
-    """Band of a receiver: each detection is a signal, somewhere in it."""
-    transmitters: tuple[str, ...] = ()
-    """Transmitters of a bistatic radar, by channel."""
-    tells_age: bool = False
-    """Whether the time from measurement to timestamp is told."""
+    transmitters: tuple[str, ...] = ()  # Transmitters of a bistatic radar, by channel
+    tells_age: bool = False  # Whether the time from measurement to timestamp is told
 
 
 class DetectionEncoder:

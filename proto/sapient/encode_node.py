@@ -27,10 +27,9 @@ DEG_M = RangeBearingCoordinateSystem.RANGE_BEARING_COORDINATE_SYSTEM_DEGREES_M
 TRUE_NORTH = RangeBearingDatum.RANGE_BEARING_DATUM_TRUE
 LAT_LNG = LocationCoordinateSystem.LOCATION_COORDINATE_SYSTEM_LAT_LNG_DEG_M
 ELLIPSOID = LocationDatum.LOCATION_DATUM_WGS84_E
-CONFIDENCE = "probability"
-"""Units of what is said of classes."""
-MODE, STANDBY = "default", "standby"
-"""In the second one a node looks at nothing."""
+CONFIDENCE = "probability"  # Units of what is said of classes
+MODE, STANDBY = "default", "standby"  # In the second one a node looks at nothing
+# What a node can be asked for, and what that is; two words are for one thing.
 REQUESTS = {
     "Registration": "registration",
     "Status": "status",
@@ -39,11 +38,10 @@ REQUESTS = {
     "Stop": "stop",
     "Reset": "reset",
 }
-"""What a node can be asked for, and what that is; two words are for one thing."""
 THRESHOLDS = ("Low", "Medium", "High")
 
+# Node types of the standard that sense drones from afar.
 NodeType = Literal["RADAR", "ACOUSTIC", "PASSIVE_RF", "CAMERA", "OTHER"]
-"""Node types of the standard that sense drones from afar."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,29 +75,23 @@ class Node:
     sub_type: str
     latitude_deg: float
     longitude_deg: float
-    height_m: float
-    """Height above the ellipsoid."""
+    height_m: float  # Height above the ellipsoid
     field: FieldOfView
     scanning: bool
-    settle_s: float
-    """Time until everything within cover has been looked at once."""
-    latency_s: float
-    """Longest time from a measurement to the timestamp of its report."""
+    settle_s: float  # Time until everything within cover has been looked at once
+    latency_s: float  # Longest time from a measurement to the timestamp of its report
     status_interval_s: float
     tells_location: bool
-    has_threshold: bool
-    """Whether it can be made more or less sensitive."""
-    steers: bool
-    """Whether it can be told where to look."""
+    has_threshold: bool  # Whether it can be made more or less sensitive
+    steers: bool  # Whether it can be told where to look
     capabilities: tuple[SapientQuantity, ...] = ()
     performance: tuple[SapientQuantity, ...] = ()
-    objects: tuple[SapientQuantity, ...] = ()
-    """What `object_info` may hold."""
+    objects: tuple[SapientQuantity, ...] = ()  # What `object_info` may hold
     signals: tuple[SapientQuantity, ...] = ()
+    # What a detection may be called: the classes, or the sub-classes of `above`.
     classes: tuple[str, ...] = ()
-    """What a detection may be called: the classes, or the sub-classes of `above`."""
+    # The class of every detection, which goes before what the sensor itself calls it.
     above: str | None = None
-    """The class of every detection, which goes before what the sensor itself calls it."""
     model: str
     software_version: str
 

@@ -49,12 +49,10 @@ def _not_within(value: float, low: float, high: float) -> str:
     return f"{value:g} is not a number from {low:g} to {high:g}"
 
 
-_BASE32 = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
-"""Crockford's: neither I, L, O nor U."""
+_BASE32 = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"  # Crockford's: neither I, L, O nor U
 _PAIRS = [high + low for high in _BASE32 for low in _BASE32]
 _COUNTER_BITS = 30
-MAX_IDS = 1 << _COUNTER_BITS
-"""How many names there are of one purpose at one time."""
+MAX_IDS = 1 << _COUNTER_BITS  # How many names there are of one purpose at one time
 
 
 def node_id(seed: int, sensor: str) -> str:
@@ -91,8 +89,7 @@ def _base32(value: int, digits: int) -> str:
 
 
 ICD_VERSION = "BSI Flex 335 v2.0"
-STAMP_NS = 1000
-"""Timestamps are whole microseconds: what a datetime holds, and no more."""
+STAMP_NS = 1000  # Timestamps are whole microseconds: what a datetime holds, and no more
 
 
 def stamp_ns(t_utc_ns: int) -> int:

@@ -80,10 +80,9 @@ def _known(value: float | None) -> str:
     return UNKNOWN if value is None else f"{value:.2f}"
 
 
+# Variance of an altitude that is not measured, and stands as 0 where a number must stand.
 UNKNOWN_HEIGHT_M2 = 1e8
-"""Variance of an altitude that is not measured, and stands as 0 where a number must stand."""
-DIAGONAL = 2
-"""Of foxglove.LocationFix: the diagonal of the covariance is known."""
+DIAGONAL = 2  # Of foxglove.LocationFix: the diagonal of the covariance is known
 
 
 def feature_of(told: Told, origin: TrackOrigin) -> dict[str, Any]:
@@ -173,12 +172,9 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 2)
 
 
-PRIMARY_RADAR = 5
-"""Flight Blender's `traffic_source` of what does not answer."""
-OF_ONE_SOURCE = 0
-"""Its `source_type` of what is not fused."""
-MOST_SPEED_M_S, MOST_CLIMB_M_S = 254.25, 62.0
-"""That F3411 has numbers for."""
+PRIMARY_RADAR = 5  # Flight Blender's `traffic_source` of what does not answer
+OF_ONE_SOURCE = 0  # Its `source_type` of what is not fused
+MOST_SPEED_M_S, MOST_CLIMB_M_S = 254.25, 62.0  # That F3411 has numbers for
 
 
 def air_traffic(tracks: ToldTracks, origin: TrackOrigin) -> bytes:

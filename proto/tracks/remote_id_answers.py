@@ -14,16 +14,15 @@ from typing import Any, NamedTuple, TypeAlias
 
 from plotfeed.proto.utc import NS, iso_utc_ms, utc_ns
 
+# NetMaxNearRealTimeDataPeriod: a flight of which nothing came for longer is not told of.
 KEPT_S = 60
-"""NetMaxNearRealTimeDataPeriod: a flight of which nothing came for longer is not told of."""
+# NetMaxDisplayAreaDiagonal, and NetDetailsMaxDisplayAreaDiagonal: beyond that, clusters alone.
 MAX_DIAGONAL_M, MAX_DETAILED_DIAGONAL_M = 7000.0, 2000.0
-"""NetMaxDisplayAreaDiagonal, and NetDetailsMaxDisplayAreaDiagonal: beyond that, clusters alone."""
+# Cells of a view: each has a sixth of its area, and NetMinClusterSizePercent is 15 %.
 CLUSTER_ROWS, CLUSTER_COLUMNS = 2, 3
-"""Cells of a view: each has a sixth of its area, and NetMinClusterSizePercent is 15 %."""
 EARTH_RADIUS_M = 6_371_008.8  # mean, IUGG
 MAX_FLIGHTS = 10_000
-MAX_PLACES = 100
-"""That are kept of a flight's last minute; of more, the oldest are dropped."""
+MAX_PLACES = 100  # That are kept of a flight's last minute; of more, the oldest are dropped
 
 Json: TypeAlias = dict[str, Any]
 

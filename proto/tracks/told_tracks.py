@@ -80,8 +80,7 @@ class TrackOrigin:
 
     sensor: str
     kind: Literal["smoothed-truth", "plain"]
-    stale_after_s: float
-    """A track of which nothing has come for so long is gone."""
+    stale_after_s: float  # A track of which nothing has come for so long is gone
 
     def name_of(self, number: int) -> str:
         """Name a track so that no other of the session has it."""
@@ -96,8 +95,7 @@ class TrackOrigin:
         return f"{digest}-{number}"
 
 
-Told = dict[str, Any]
-"""One track: columns by their names, None for what is not estimated."""
+Told = dict[str, Any]  # One track: columns by their names, None for what is not estimated
 
 
 def one_by_one(tracks: ToldTracks) -> list[Told]:

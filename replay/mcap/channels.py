@@ -66,11 +66,11 @@ def properties_of_json(data: bytes) -> Properties:
     return pairs
 
 
+# Of packages: what brings their messages along, if it is installed.
 MODULES = {
     "plotfeed.v1.": "plotfeed.proto.plotfeed_pb2",
     "sapient_msg.bsi_flex_335_v2_0.": "sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2",
 }
-"""Of packages: what brings their messages along, if it is installed."""
 
 
 def schema_of(message_type: str) -> bytes | None:
@@ -99,12 +99,12 @@ def _collect(file: FileDescriptor, files: dict[str, FileDescriptor]) -> None:
         files[file.name] = file
 
 
+# Our protobuf messages that are published as JSON, by the last level of their topics.
 JSON_BY_TOPIC: Mapping[str, str] = {
     "status": "SensorStatus",
     "description": "SensorDescription",
     "errors": "Refusal",
 }
-"""Our protobuf messages that are published as JSON, by the last level of their topics."""
 
 
 def json_schema_of(series: ChannelKey) -> tuple[str, bytes] | None:
@@ -126,10 +126,8 @@ def json_schema_of(series: ChannelKey) -> tuple[str, bytes] | None:
 
 
 ANY_OBJECT: Mapping[str, object] = {"type": "object"}
-OURS = "plotfeed."
-"""Before our names in a channel's metadata."""
-BEFORE, PROPERTIES = "before/", "properties/"
-"""Before topics, where one topic has several channels."""
+OURS = "plotfeed."  # Before our names in a channel's metadata
+BEFORE, PROPERTIES = "before/", "properties/"  # Before topics, where one topic has several channels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,8 +173,8 @@ class Channel:
     """A channel of a file that is read."""
 
     series: ChannelKey
+    # Whether its messages are the user properties of the series' messages.
     holds_properties: bool = False
-    """Whether its messages are the user properties of the series' messages."""
 
 
 def channel_of(topic: str, encoding: str, schema: str, metadata: Mapping[str, str]) -> Channel:

@@ -18,35 +18,32 @@ from plotfeed.proto.errors import DecodeError
 from plotfeed.replay.mcap.channels import Channel, channel_of
 from plotfeed.replay.recorded import LATEST_NS, Attachment, AttachmentEntry, Damages
 
-MAGIC = b"\x89MCAP0\r\n"
-"""The first and the last octets of a file."""
+MAGIC = b"\x89MCAP0\r\n"  # The first and the last octets of a file
+# Of a record or a chunk's content; whatever claims to be longer is not read.
 MAX_RECORD_OCTETS = 256 << 20
-"""Of a record or a chunk's content; whatever claims to be longer is not read."""
 MAX_HEADER_OCTETS = 4096
+# Octets of content for each of a file's that was read, and in any case: what grows more is made to
+# cost time, for a log shrinks to a tenth or a fiftieth.
 MOST_UNPACKED, SPARE_OCTETS = 256, 1 << 20
-"""Octets of content for each of a file's that was read, and in any case: what grows more is made
-to cost time, for a log shrinks to a tenth or a fiftieth."""
 
-HEAD = struct.Struct("<BQ")
-"""Opcode, and octets that follow."""
+HEAD = struct.Struct("<BQ")  # Opcode, and octets that follow
+# Head, channel, sequence, log time and publish time of a message; its payload follows.
 MESSAGE = struct.Struct("<BQHIQQ")
-"""Head, channel, sequence, log time and publish time of a message; its payload follows."""
 MESSAGE_FIELDS_OCTETS = MESSAGE.size - HEAD.size
+# First and last log time, octets when uncompressed and their CRC; name and content follow.
 CHUNK_FIELDS = struct.Struct("<QQQI")
-"""First and last log time, octets when uncompressed and their CRC; name and content follow."""
+# Octets that one octet can stand for: of zstd, 4 octets are a run of 128 KiB at most.
 MOST_SHRUNK = {"": 1, "zstd": 1 << 15, "lz4": 255}
-"""Octets that one octet can stand for: of zstd, 4 octets are a run of 128 KiB at most."""
+# Opcode, length, where the summary and its offsets begin, CRC of the summary; then the magic.
 FOOTER = struct.Struct("<BQQQI8s")
-"""Opcode, length, where the summary and its offsets begin, CRC of the summary; then the magic."""
+# First and last log time, offset and octets of the chunk, and octets of a map to go over.
 CHUNK_INDEX = struct.Struct("<QQQQI")
-"""First and last log time, offset and octets of the chunk, and octets of a map to go over."""
+# Messages, schemas, channels, attachments, metadata, chunks, first and last log time, octets of the
+# messages by channel, which follow.
 STATISTICS = struct.Struct("<QHIIIIQQI")
-"""Messages, schemas, channels, attachments, metadata, chunks, first and last log time, octets of
-the messages by channel, which follow."""
-COUNT = struct.Struct("<HQ")
-"""Channel, and its messages."""
+COUNT = struct.Struct("<HQ")  # Channel, and its messages
+# Offset and length of the record, log time, time of creation, octets of the data.
 ATTACHMENT_INDEX = struct.Struct("<QQQQQ")
-"""Offset and length of the record, log time, time of creation, octets of the data."""
 
 
 class Fields:
@@ -165,8 +162,7 @@ def _decompressed(name: str, content: bytes, octets: int) -> bytes:
 class TimeSpan(NamedTuple):
     """Octets of the file that hold messages: a chunk's record, or messages outside chunks."""
 
-    first_ns: int
-    """Log time."""
+    first_ns: int  # Log time
     last_ns: int
     offset: int
     octets: int
@@ -180,10 +176,8 @@ class Contents:
     channels: dict[int, Channel] = field(default_factory=dict)
     spans: list[TimeSpan] = field(default_factory=list)
     attachments: list[AttachmentEntry] = field(default_factory=list)
-    counts: dict[int, int] = field(default_factory=dict)
-    """Messages by channel."""
-    schemas: dict[int, str] = field(default_factory=dict)
-    """Their names."""
+    counts: dict[int, int] = field(default_factory=dict)  # Messages by channel
+    schemas: dict[int, str] = field(default_factory=dict)  # Their names
 
     def define(self, opcode: int, fields: Fields) -> None:
         """Take the record of a schema or a channel; raises `DecodeError`."""
@@ -320,16 +314,14 @@ def _contents(summary: bytes, start: int) -> Contents | None:
     return found
 
 
-LOOSE_OCTETS = 1 << 20
-"""Messages outside chunks are read so many octets at a time."""
+LOOSE_OCTETS = 1 << 20  # Messages outside chunks are read so many octets at a time
+# In which a chunk is looked for: first small ones, then large ones.
 PIECES_OCTETS = 1 << 12, 1 << 20
-"""In which a chunk is looked for: first small ones, then large ones."""
+# Of what is broken, so many times the file's octets are read, and those, before it is given up.
 PATIENCE, PATIENCE_OCTETS = 8, 64 << 20
-"""Of what is broken, so many times the file's octets are read, and those, before it is given up."""
+# Where a chunk may begin: its opcode, and its compression in the right place.
 _CHUNK = re.compile(rb"\x06(?=(?s:.{36})(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4}))")
-"""Where a chunk may begin: its opcode, and its compression in the right place."""
-CHUNK_OCTETS = HEAD.size + CHUNK_FIELDS.size + 4 + 4 + 8
-"""At most, up to its content."""
+CHUNK_OCTETS = HEAD.size + CHUNK_FIELDS.size + 4 + 4 + 8  # At most, up to its content
 _KINDS = frozenset(Opcode)
 
 
@@ -360,8 +352,7 @@ class _Scan:
         self._source = source
         self._damages = damages
         self._loose: TimeSpan | None = None
-        self._wasted = 0
-        """Octets read in vain."""
+        self._wasted = 0  # Octets read in vain
 
     def run(self) -> None:
         """Record after record; after a broken one, wherever the next can be found."""

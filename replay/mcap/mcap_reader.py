@@ -32,10 +32,9 @@ from plotfeed.replay.recorded import (
     Stage,
 )
 
-MAX_HELD_OCTETS = 64 << 20
-"""Of chunks whose times overlap, while their messages are put in order."""
+MAX_HELD_OCTETS = 64 << 20  # Of chunks whose times overlap, while their messages are put in order
+# In a chunk, and so many again that wait to be put in order: a message of no octets takes room.
 MAX_MESSAGES = 1 << 18
-"""In a chunk, and so many again that wait to be put in order: a message of no octets takes room."""
 _log_time = attrgetter("log_time_ns")
 
 
@@ -43,14 +42,11 @@ _log_time = attrgetter("log_time_ns")
 class McapSummary:
     """What an MCAP file holds."""
 
-    counts: Mapping[ChannelKey, int]
-    """Messages of each series."""
-    start_ns: int | None
-    """First log time; None without messages."""
-    end_ns: int | None
-    """Last log time."""
+    counts: Mapping[ChannelKey, int]  # Messages of each series
+    start_ns: int | None  # First log time; None without messages
+    end_ns: int | None  # Last log time
+    # Whether it was ended as it should, so that a part of it is found without reading the rest.
     indexed: bool
-    """Whether it was ended as it should, so that a part of it is found without reading the rest."""
 
     @property
     def messages(self) -> int:
@@ -248,6 +244,5 @@ class _Wanted(NamedTuple):
     """A channel whose messages are asked for."""
 
     series: ChannelKey
-    number: int
-    """Of the series."""
+    number: int  # Of the series
     holds_properties: bool

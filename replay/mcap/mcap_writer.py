@@ -41,27 +41,23 @@ from plotfeed.replay.mcap.mcap_contents import (
 )
 from plotfeed.replay.recorded import LATEST_NS, Attachment, Recorded, RecordingWriter
 
-ZSTD_LEVEL = 1
-"""Higher levels take longer and make the messages of sensors hardly smaller."""
+ZSTD_LEVEL = 1  # Higher levels take longer and make the messages of sensors hardly smaller
+# Of the index, which has some octets for each channel in each chunk: hours make it large.
 IN_MEMORY_OCTETS = 1 << 20
-"""Of the index, which has some octets for each channel in each chunk: hours make it large."""
 
 
 class ChunkFile:
     """Takes chunks and attachments. After an `OSError` it ends with what was whole."""
 
     def __init__(self, file: BinaryIO, library: str, attachments: Iterable[Attachment]) -> None:
-        self.schemas: list[bytes] = []
-        """Records for the summary, as the next."""
+        self.schemas: list[bytes] = []  # Records for the summary, as the next
         self.channels: list[bytes] = []
         self._chunk_indexes = Overflowing(file)
         self._attachment_indexes: list[bytes] = []
-        self._counts: Counter[int] = Counter()
-        """Messages by channel."""
+        self._counts: Counter[int] = Counter()  # Messages by channel
         self._first_ns, self._last_ns = LATEST_NS, 0
         self._file = file
-        self._octets = 0
-        """Of whole records."""
+        self._octets = 0  # Of whole records
         self._failed = False
         self._append([MAGIC, record_of(mcap.Header(profile="", library=library))])
         for attachment in attachments:
@@ -217,8 +213,7 @@ class Overflowing:
         name = getattr(beside, "name", None)
         folder = str(Path(name).parent) if isinstance(name, str | Path) else None
         self.count = 0
-        self._octets = 0
-        """Of whole records."""
+        self._octets = 0  # Of whole records
         self._file = SpooledTemporaryFile(IN_MEMORY_OCTETS, dir=folder)  # noqa: SIM115
         self._close = weakref.finalize(self, self._file.close)  # a writer may be given up
 
@@ -260,13 +255,13 @@ def _message_index(channel_id: int, entries: Sequence[int]) -> bytes:
 
 CHUNK_OCTETS = 256 << 10
 MAX_PAYLOAD_OCTETS = MAX_RECORD_OCTETS // 2
+# Chunks: where there is no index, the loss of one shall not make others unreadable for long.
 DEFINE_EVERY = 16
-"""Chunks: where there is no index, the loss of one shall not make others unreadable for long."""
 MAX_CHANNELS = 65_535
 LAST_SEQUENCE = 0xFFFFFFFF
 
+# Does a piece of work now or later, the pieces one after the other.
 Run = Callable[[Callable[[], None]], object]
-"""Does a piece of work now or later, the pieces one after the other."""
 
 
 class _Channel:
@@ -277,11 +272,9 @@ class _Channel:
     def __init__(self, number: int, definition: bytes) -> None:
         self.id = number
         self.definition = definition
-        self.defined_in = 0
-        """Number of the last chunk that has the definition."""
+        self.defined_in = 0  # Number of the last chunk that has the definition
         self.messages = 0
-        self.entries: list[int] = []
-        """Of the current chunk: log time, offset, log time, ..."""
+        self.entries: list[int] = []  # Of the current chunk: log time, offset, log time, ..
         self.properties: _Channel | None = None
 
 
@@ -308,8 +301,7 @@ class McapWriter(RecordingWriter):
         self._parts: list[bytes] = []
         self._octets = 0
         self._touched: list[_Channel] = []
-        self._chunk = 1
-        """Number of the current one."""
+        self._chunk = 1  # Number of the current one
         self._closed = False
 
     def write(self, message: Recorded) -> str | None:

@@ -28,26 +28,23 @@ from plotfeed.replay.pcap.link_layers import (
 )
 from plotfeed.replay.recorded import LATEST_NS, UDP_TOPIC, OctetsReader, Recorded, RecordingWriter
 
+# In base64: the header of the file, what is before the payload, what is behind it if anything.
 FILE, HEAD, TAIL = "pcap-file", "pcap-head", "pcap-tail"
-"""In base64: the header of the file, what is before the payload, what is behind it if anything."""
-LENGTH = "pcap-length"
-"""Octets of the packet before it was cut; only where it was."""
+LENGTH = "pcap-length"  # Octets of the packet before it was cut; only where it was
+# CRC-32 of the payload in hexadecimal, which tells whether it is still that of the packet.
 PAYLOAD_CRC = "pcap-payload-crc"
-"""CRC-32 of the payload in hexadecimal, which tells whether it is still that of the packet."""
 
-SOURCE = "udp-source"
-"""The property that says who sent a datagram: ADDRESS/PORT."""
+SOURCE = "udp-source"  # The property that says who sent a datagram: ADDRESS/PORT
 
 HEADER_OCTETS, RECORD_OCTETS = 24, 16
-MAX_PACKET_OCTETS = 1 << 18
-"""As captures have it at most; a datagram is shorter."""
+MAX_PACKET_OCTETS = 1 << 18  # As captures have it at most; a datagram is shorter
+# Byte order and nanoseconds of a fraction by the first octets of a file.
 FORMATS = {
     b"\xa1\xb2\xc3\xd4": (">", 1000),
     b"\xd4\xc3\xb2\xa1": ("<", 1000),
     b"\xa1\xb2\x3c\x4d": (">", 1),
     b"\x4d\x3c\xb2\xa1": ("<", 1),
 }
-"""Byte order and nanoseconds of a fraction by the first octets of a file."""
 _MAGIC_NS = 0xA1B23C4D
 _LINK_TYPE_MASK = 0xFFFF  # above it is what a frame check sequence is like
 
@@ -56,13 +53,11 @@ class PcapHeader(NamedTuple):
     """The header of a file."""
 
     octets: bytes
-    unit_ns: int
-    """Of the fractions of seconds."""
+    unit_ns: int  # Of the fractions of seconds
     link_type: int
-    snap_octets: int
-    """Of a packet at most; 0 is all."""
+    snap_octets: int  # Of a packet at most; 0 is all
+    # Of a packet: seconds, fraction, octets that are there, octets that it had.
     record: struct.Struct
-    """Of a packet: seconds, fraction, octets that are there, octets that it had."""
 
 
 def header_of(octets: bytes) -> PcapHeader | None:
@@ -95,8 +90,7 @@ def ns_header(link_type: int) -> PcapHeader:
 class KeptPacket(NamedTuple):
     """A packet without its payload."""
 
-    header: PcapHeader
-    """Of the file that it was in."""
+    header: PcapHeader  # Of the file that it was in
     head: bytes
     tail: bytes
     length: int | None
@@ -202,8 +196,7 @@ class PacketReader(OctetsReader):
         )
 
 
-ASTERIX_PORT = 8600
-"""Of UDP, where Wireshark takes it for ASTERIX."""
+ASTERIX_PORT = 8600  # Of UDP, where Wireshark takes it for ASTERIX
 MAX_PAYLOAD_OCTETS = 65_507
 MAX_TOPICS = 1 << 16
 
@@ -372,8 +365,7 @@ INTERFACE, OBSOLETE_PACKET, SIMPLE_PACKET, ENHANCED_PACKET = 1, 2, 3, 6
 READ = (INTERFACE, OBSOLETE_PACKET, SIMPLE_PACKET, ENHANCED_PACKET)
 
 HEAD_OCTETS, TAIL_OCTETS = 8, 4
-ROOM_OCTETS = 1 << 16
-"""Of a block for what is not packet: its fields and options."""
+ROOM_OCTETS = 1 << 16  # Of a block for what is not packet: its fields and options
 MAX_INTERFACES = 1 << 12
 
 TSRESOL, TSOFFSET = 9, 14
@@ -386,8 +378,7 @@ class Interface:
     """Where packets were captured, and how their times count."""
 
     link_type: int
-    snap_octets: int
-    """Captured of a packet at most; 0 is all."""
+    snap_octets: int  # Captured of a packet at most; 0 is all
     ticks_a_second: int
     offset_s: int
 

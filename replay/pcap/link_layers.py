@@ -11,15 +11,14 @@ from plotfeed.proto.errors import DecodeError
 
 IPV4, IPV6 = 0x0800, 0x86DD
 NULL, ETHERNET, RAW, COOKED, COOKED_2 = 0, 1, 101, 113, 276
-RAW_OF_SYSTEMS = (12, 14)
-"""What DLT_RAW is on BSDs, by whose programs some files were written."""
+RAW_OF_SYSTEMS = (12, 14)  # What DLT_RAW is on BSDs, by whose programs some files were written
 ONLY_IPV4, ONLY_IPV6 = 228, 229
+# What packets without a link layer carry.
 _WITHOUT_LINK = {
     **dict.fromkeys((RAW, *RAW_OF_SYSTEMS), (IPV4, IPV6)),
     ONLY_IPV4: (IPV4,),
     ONLY_IPV6: (IPV6,),
 }
-"""What packets without a link layer carry."""
 LINK_TYPES = (NULL, ETHERNET, *RAW_OF_SYSTEMS, RAW, COOKED, ONLY_IPV4, ONLY_IPV6, COOKED_2)
 VLAN_TAGS = (0x8100, 0x88A8, 0x9100)
 _FAMILIES = {2: IPV4, 24: IPV6, 28: IPV6, 30: IPV6}  # AF_INET; AF_INET6 of the BSDs
@@ -40,8 +39,7 @@ class Datagram(NamedTuple):
     destination: str
     port: int
     payload: bytes
-    payload_at: int
-    """Octet of the packet."""
+    payload_at: int  # Octet of the packet
 
 
 def datagram_in(link_type: int, packet: bytes) -> Datagram | None:

@@ -43,10 +43,10 @@ _FIELD_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 
 FIX_3D = 3
 MIN_SATELLITES = 5
-MAX_HDOP = 5.0
-"""A fix of worse geometry is off by tens of metres."""
+MAX_HDOP = 5.0  # A fix of worse geometry is off by tens of metres
 
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 in seconds of UTC since 1970
+# GPS less UTC, seconds, from that day on; IERS Bulletin C. No later one is announced.
 _LEAP_SECONDS = [
     (datetime(2006, 1, 1, tzinfo=UTC), 14),
     (datetime(2009, 1, 1, tzinfo=UTC), 15),
@@ -54,7 +54,6 @@ _LEAP_SECONDS = [
     (datetime(2015, 7, 1, tzinfo=UTC), 17),
     (datetime(2017, 1, 1, tzinfo=UTC), 18),
 ]
-"""GPS less UTC, seconds, from that day on; IERS Bulletin C. No later one is announced."""
 
 STAMP_OCTETS = 8
 _GLOBAL_POSITION_INT = 33

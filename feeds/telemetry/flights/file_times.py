@@ -12,16 +12,15 @@ from statistics import median
 from plotfeed.feeds.telemetry.flights.flight import utc_ns
 from plotfeed.proto.utc import DAY_NS, NS
 
+# Times since 1970 under each are in seconds, ms, us; above the last in ns.
 _EPOCH_DIGITS = ((Decimal("1e11"), 10**9), (Decimal("1e14"), 10**6), (Decimal("1e17"), 10**3))
-"""Times since 1970 under each are in seconds, ms, us; above the last in ns."""
+# 1973 in seconds: a smaller number is the time of something else, such as a day.
 _EARLIEST_EPOCH = Decimal("1e8")
-"""1973 in seconds: a smaller number is the time of something else, such as a day."""
 _LATEST_NS = Decimal(2**63)
 _TIME_OF_DAY = re.compile(r"(\d{1,2}):(\d{1,2}):(\d{1,2})(?:[.,](\d{1,9}))?\s*([AaPp])?\.?[Mm]?\.?")
 _YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})")
 _YEAR_LAST = re.compile(r"(\d{1,2})[-/.](\d{1,2})[-/.](\d{4})")
-COARSE_NS = NS
-"""Step of clocks that show whole seconds."""
+COARSE_NS = NS  # Step of clocks that show whole seconds
 AGREEING_SHARE = 0.9
 
 

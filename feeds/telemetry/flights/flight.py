@@ -26,33 +26,28 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 MAX_OCTETS = 256 * 1024 * 1024
-MAX_SKIPPED = 10_000
-"""Lines kept on records that were not taken; the rest are only counted."""
+MAX_SKIPPED = 10_000  # Lines kept on records that were not taken; the rest are only counted
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MAX_CHAINS = 16
 
 
+# Which coordinate `GPS(...)` in a DJI subtitle names first.
 GpsOrder = Literal["lat-lon", "lon-lat"]
-"""Which coordinate `GPS(...)` in a DJI subtitle names first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightOptions:
     """What a file does not say of itself."""
 
+    # Quantity to column of a table, such as latitude_deg to "lat".
     columns: Mapping[str, str] = field(default_factory=dict)
-    """Quantity to column of a table, such as latitude_deg to "lat"."""
     altitude_reference: AltitudeReference | None = None
     gps_order: GpsOrder | None = None
-    utc_offset_h: float = 0.0
-    """Of times without a time zone, hours east of UTC."""
-    start_utc_ns: int | None = None
-    """Time of the start of a subtitle file that carries no dates."""
-    max_speed_m_s: float = MAX_SPEED_M_S
-    """What cannot have been flown to at this speed is skipped."""
+    utc_offset_h: float = 0.0  # Of times without a time zone, hours east of UTC
+    start_utc_ns: int | None = None  # Time of the start of a subtitle file that carries no dates
+    max_speed_m_s: float = MAX_SPEED_M_S  # What cannot have been flown to at this speed is skipped
+    # Of a flight whose file has no heights: above take-off, unless the reference says otherwise.
     height_m: float | None = None
-    """Of a flight whose file has no heights: above take-off, unless the reference says otherwise.
-    """
 
     @property
     def stated_height(self) -> tuple[float, AltitudeReference] | None:
@@ -68,16 +63,15 @@ class Flight:
 
     name: str
     reports: tuple[PositionReport, ...]
+    # A line for each record that was not taken: where it stands, and why.
     skipped: tuple[str, ...] = ()
-    """A line for each record that was not taken: where it stands, and why."""
+    # A line for each thing that the file did not say and that was taken for granted.
     assumed: tuple[str, ...] = ()
-    """A line for each thing that the file did not say and that was taken for granted."""
-    starts: tuple[int, ...] = ()
-    """Indices of reports to which no flight leads from those before."""
+    starts: tuple[int, ...] = ()  # Indices of reports to which no flight leads from those before
+    # A line for each thing that the file says of itself: columns, units, references.
     stated: tuple[str, ...] = ()
-    """A line for each thing that the file says of itself: columns, units, references."""
+    # How many records were not taken, by why, without their numbers.
     dropped: Mapping[str, int] = field(default_factory=dict)
-    """How many records were not taken, by why, without their numbers."""
 
     @property
     def duration_s(self) -> float:

@@ -93,11 +93,11 @@ def _not_read(kind: str, error: Exception) -> str:
     return f"not a {kind} file that can be read: {' '.join(str(error).split())[:200]}"
 
 
+# What altitudes of KML are above; in other modes, of which one is the usual, there are none.
 _MODES = {
     "absolute": AltitudeReference.MEAN_SEA_LEVEL,
     "relativeToGround": AltitudeReference.ABOVE_TAKEOFF,
 }
-"""What altitudes of KML are above; in other modes, of which one is the usual, there are none."""
 
 
 def read_kml(text: str, options: FlightOptions, log: Log) -> None:

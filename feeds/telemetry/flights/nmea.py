@@ -14,8 +14,8 @@ from plotfeed.proto.utc import DAY_NS, NS, nearest_utc_ns
 _SENTENCE = re.compile(r"[$!]([A-Z]{2})([A-Z]{3}),([^*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
 _TIME = re.compile(r"(\d{2})(\d{2})(\d{2})(?:\.(\d{1,9}))?")
 _ANGLE = re.compile(r"(\d{2,3})(\d{2}(?:\.\d{1,12})?)")
+# Qualities of GGA that are measured, and not dead reckoning, entered by hand or simulated.
 _FIXED = frozenset("123459")
-"""Qualities of GGA that are measured, and not dead reckoning, entered by hand or simulated."""
 LOOKS_LIKE = re.compile(rb"\$[A-Z]{2}(?:GGA|RMC|GSA|GSV|GLL|VTG|ZDA|TXT),")
 
 

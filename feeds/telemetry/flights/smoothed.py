@@ -16,17 +16,15 @@ from plotfeed.models.smoothing import ACCELERATION_DENSITY_M2_S3, smooth
 from plotfeed.models.state import Floats
 from plotfeed.proto.utc import NS
 
-MAX_GAP_S = 5.0
-"""What happened in a longer gap is not guessed, unless the whole log is that sparse."""
+MAX_GAP_S = 5.0  # What happened in a longer gap is not guessed, unless the whole log is that sparse
 SPARSE_FACTOR = 3.0
 DEGREE_DECIMALS = range(4, 10)
+# Numbers of decimals in which logs write degrees and metres, the coarsest first.
 METRE_DECIMALS = range(4)
-"""Numbers of decimals in which logs write degrees and metres, the coarsest first."""
-WRITTEN_SHARE = 0.97
-"""Of the values; the others may be damaged."""
+WRITTEN_SHARE = 0.97  # Of the values; the others may be damaged
 MIN_SIGMA_M = 1e-4
+# As printed; `models.constants` has what follows from the flattening, 1 ulp less.
 WGS84_E2 = 6.694379990141317e-3
-"""As printed; `models.constants` has what follows from the flattening, 1 ulp less."""
 
 
 def smoothed(flight: Flight) -> Flight:

@@ -168,8 +168,7 @@ class _Heights:
 
     name: str
     reference: AltitudeReference
-    height_m: float = 0.0
-    """That of all blocks, where the user states it."""
+    height_m: float = 0.0  # That of all blocks, where the user states it
 
     def read(self, block: _Block) -> float | None:
         if self.name == STATED:

@@ -26,12 +26,11 @@ from plotfeed.proto.errors import PlotfeedError
 
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
 _ACCURACIES = ("horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s")
+# Columns that Litchi's log has beside each other; its altitude is above take-off.
 LITCHI = frozenset({"altitude", "velocityx", "velocityy", "velocityz"})
-"""Columns that Litchi's log has beside each other; its altitude is above take-off."""
 MOST_LINES_BEFORE = 3
 REQUIRED = ("latitude_deg", "longitude_deg", "altitude_m")
-Place = tuple[TableColumn, float]
-"""A column, and what its values are multiplied by."""
+Place = tuple[TableColumn, float]  # A column, and what its values are multiplied by
 
 
 def read_table(text: str, options: FlightOptions, log: Log) -> None:

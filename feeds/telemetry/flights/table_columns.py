@@ -21,13 +21,13 @@ SPEEDS = {
     **dict.fromkeys(("ft_s", "fps"), FOOT_M),
     "mph": MILE_H_M_S,
 }
+# In nanoseconds.
 SECONDS = {
     **dict.fromkeys(("s", "sec", "second", "seconds"), 10**9),
     **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 10**6),
     **dict.fromkeys(("us", "microsecond", "microseconds"), 10**3),
     "ns": 1,
 }
-"""In nanoseconds."""
 DEGREES = {"deg": 1.0, "degree": 1.0, "degrees": 1.0}
 IN_WORDS = {1.0: "metres", FOOT_M: "feet"}
 ABOVE, SEA, GLOBE = (
@@ -48,6 +48,9 @@ TIME = (
 ELAPSED = ("elapsed", "elapsed_time", "time", "fly_time", "flytime", "flight_time", "offset_time")
 DATE = ("date", "date_local", "date_utc")
 TIME_OF_DAY = ("update_time", "updatetime", "updatetime_local", "time_local", "time_of_day", "time")
+# Quantity to the names taken for it, without unit and prefix.
+#
+# Velocities are only taken where the name tells direction and unit: `vx` may be north or east.
 KNOWN_NAMES: Mapping[str, Sequence[str]] = {
     "latitude_deg": ("latitude", "lat"),
     "longitude_deg": ("longitude", "lon", "lng", "long"),
@@ -58,10 +61,7 @@ KNOWN_NAMES: Mapping[str, Sequence[str]] = {
     "vertical_accuracy_m": ("vertical_accuracy", "vacc", "v_acc"),
     "velocity_accuracy_m_s": ("velocity_accuracy", "sacc", "s_acc"),
 }
-"""Quantity to the names taken for it, without unit and prefix.
-
-Velocities are only taken where the name tells direction and unit: `vx` may be north or east.
-"""
+# What heights are called, and above what that is; None where the name does not say.
 ALTITUDES: Mapping[str, AltitudeReference | None] = {
     **dict.fromkeys(("height_above_takeoff", "height_above_home", "relative_altitude"), ABOVE),
     **dict.fromkeys(("rel_alt", "relative_alt", "osd_height", "altitude_agl_home"), ABOVE),
@@ -69,7 +69,6 @@ ALTITUDES: Mapping[str, AltitudeReference | None] = {
     **dict.fromkeys(("altitude_ellipsoid", "ellipsoid_height", "height_ellipsoid", "hae"), GLOBE),
     **dict.fromkeys(("altitude", "alt", "height", "elevation", "ele")),
 }
-"""What heights are called, and above what that is; None where the name does not say."""
 USER_QUANTITIES = ("time", *KNOWN_NAMES, "altitude_m", "elapsed")
 _PREFIX = re.compile(r"^(osd|custom|gps|home)_(?=lat|lon|lng|date|time|updatetime|fly)")
 _UNIT = re.compile(r"^(.*?)[\s_]*[(\[]\s*([^()\[\]]*)\s*[)\]]\s*$")

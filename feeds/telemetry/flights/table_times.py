@@ -25,10 +25,8 @@ from plotfeed.feeds.telemetry.flights.table_columns import (
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
-MAX_ELAPSED_NS = 10**6 * NS
-"""A flight of eleven days: what is more is no time since its beginning."""
-LOOK_AT = 200
-"""Rows in which something is looked for, by which a column is judged."""
+MAX_ELAPSED_NS = 10**6 * NS  # A flight of eleven days: what is more is no time since its beginning
+LOOK_AT = 200  # Rows in which something is looked for, by which a column is judged
 
 Row = tuple[int, list[str]]
 Times = list[int | None]

@@ -16,17 +16,16 @@ from plotfeed.proto.errors import PlotfeedError
 
 ULOG_START = b"ULog\x01\x12\x35"
 HEADER_OCTETS, MESSAGE_HEAD_OCTETS = 16, 3
+# Of messages, as https://docs.px4.io/main/en/dev_log/ulog_file_format.html lists them.
 KINDS = frozenset(bytes([octet]) for octet in b"BFIMPQARDLCSO")
-"""Of messages, as https://docs.px4.io/main/en/dev_log/ulog_file_format.html lists them."""
 ESTIMATE = "vehicle_global_position"
 RECEIVERS = ("vehicle_gps_position", "sensor_gps")
 FIX_3D = 3
 US_NS = 1000
+# 2001: a receiver that has no time yet says 0, or the beginning of its own.
 EARLIEST_UTC_US = 10**15
-"""2001: a receiver that has no time yet says 0, or the beginning of its own."""
 
-Rows = dict[str, Any]
-"""Columns of a topic, by name; arrays (n,)."""
+Rows = dict[str, Any]  # Columns of a topic, by name; arrays (n,)
 
 
 def read_ulog(data: bytes, options: FlightOptions, log: Log) -> None:

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-AIRCRAFT = "aircraft"
-"""The class of what is no drone."""
+AIRCRAFT = "aircraft"  # The class of what is no drone
 
 
 class AircraftKind(NamedTuple):
@@ -26,10 +25,10 @@ HEAVY = AircraftKind(100.0, 60.9)
 FAST = AircraftKind(6.0, 13.1)
 ROTORCRAFT = AircraftKind(3.0, 13.6)
 GLIDER = AircraftKind(0.5, 15.0)
+# Cross-sections: Skolnik, Introduction to Radar Systems, 3rd edition, table 2.2; that of a glider
+# is assumed. Sizes: spans of a Cessna 172, Learjet 45, Boeing 737-800, 777-200ER and F-15, the
+# length of an H145 with its rotor, and the span of the standard class.
 UNMANNED = None
-"""Cross-sections: Skolnik, Introduction to Radar Systems, 3rd edition, table 2.2; that of a glider
-is assumed. Sizes: spans of a Cessna 172, Learjet 45, Boeing 737-800, 777-200ER and F-15, the length
-of an H145 with its rotor, and the span of the standard class."""
 
 OF_CATEGORY: Mapping[str, AircraftKind | None] = {
     "A1": LIGHT,

@@ -34,15 +34,13 @@ from plotfeed.proto.units import FOOT_M, KNOT_M_S
 from plotfeed.proto.utc import NS, nearest_utc_ns
 
 FOOT_MIN_M_S = FOOT_M / 60
+# For how long halves make a pair, a place helps to find the next, and a velocity holds.
 PAIR_NS, KNOWN_NS, VELOCITY_NS = 10 * NS, 30 * NS, 5 * NS
-"""For how long halves make a pair, a place helps to find the next, and a velocity holds."""
-OFF_NS = 5 * NS
-"""A time of the day that is further from now is of a clock that is off."""
+OFF_NS = 5 * NS  # A time of the day that is further from now is of a clock that is off
 MAX_AIRCRAFT, MAX_PEERS = 20_000, 256
 MAX_LINE_OCTETS = 1024
 STANDARD_HPA = 1013.25
-METRES_PER_HPA = 8.23
-"""At sea level in the standard atmosphere."""
+METRES_PER_HPA = 8.23  # At sea level in the standard atmosphere
 
 
 @dataclass(slots=True)
@@ -50,8 +48,7 @@ class _Aircraft:
     """What is remembered of one, which says one thing at a time."""
 
     callsign: str = ""
-    kind: AircraftKind | None = SMALL
-    """That of one that tells none is the usual one."""
+    kind: AircraftKind | None = SMALL  # That of one that tells none is the usual one
     halves: dict[bool, tuple[int, CprPosition]] = field(default_factory=dict)
     place: tuple[float, float] | None = None
     place_ns: int = 0

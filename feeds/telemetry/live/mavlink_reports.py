@@ -41,14 +41,12 @@ WANTED = frozenset(
 )
 FIX_3D = 3
 UNKNOWN_U16 = 0xFFFF
-EPOCH_LEAST_US = 10**15
-"""2001 by UTC, 31 years since a boot: a greater count is of UTC."""
+EPOCH_LEAST_US = 10**15  # 2001 by UTC, 31 years since a boot: a greater count is of UTC
 MS_NS, US_NS = 1_000_000, 1000
+# A system is not followed by what is less for so long after it sent its estimate, or came.
 PREFERRED_FOR_NS = 3 * NS
-"""A system is not followed by what is less for so long after it sent its estimate, or came."""
 MAX_PEERS = 256
-MAX_SYSTEMS = 1000
-"""That are remembered; the one that was heard first gives way."""
+MAX_SYSTEMS = 1000  # That are remembered; the one that was heard first gives way
 
 AltitudeKind = Literal["mean_sea_level", "above_takeoff"]
 
@@ -60,8 +58,8 @@ class _System:
     boot: SenderClock = field(default_factory=SenderClock)
     utc: SenderClock = field(default_factory=lambda: SenderClock(0))
     home_msl_m: float = math.nan
+    # Rank of the message by which it is followed; at first there may be the best of all.
     best: int = 0
-    """Rank of the message by which it is followed; at first there may be the best of all."""
     best_until_ns: int = 0
 
 

@@ -14,8 +14,7 @@ from plotfeed.feeds.telemetry.live.mavlink_reports import (
 )
 
 GROUND_STATION, ITS_COMPONENT = 255, 190
-SLOW_US = 1_000_000
-"""Between two of what hardly changes."""
+SLOW_US = 1_000_000  # Between two of what hardly changes
 ALL_SYSTEMS, AUTOPILOT = 0, 1
 
 

@@ -19,10 +19,9 @@ ADSB_VEHICLE = 246
 HAS_PLACE, HAS_ALTITUDE, HAS_COURSE, HAS_SPEED, HAS_CLIMB = 1, 2, 4, 8, 128
 HAS_ALL_OF_PLACE = HAS_PLACE | HAS_ALTITUDE
 HAS_VELOCITY = HAS_COURSE | HAS_SPEED
+# By altitude type: of pressure with the QNH of the autopilot, and of GNSS.
 REFERENCES = {0: AltitudeReference.MEAN_SEA_LEVEL, 1: AltitudeReference.ELLIPSOID}
-"""By altitude type: of pressure with the QNH of the autopilot, and of GNSS."""
-OLD_S = 5
-"""What was heard that long ago says no more where an aircraft is."""
+OLD_S = 5  # What was heard that long ago says no more where an aircraft is
 
 
 def aircraft_in(message: Any, now_utc_ns: int) -> Iterator[HeardReport]:

@@ -24,8 +24,8 @@ from plotfeed.proto.open_drone_id import (
 from plotfeed.proto.utc import utc_ns
 
 MAX_FLIGHTS = 10_000
+# Of 95 % of errors, metres and m/s, by name.
 BOUNDS = HORIZONTAL_CLASSES_M | VERTICAL_CLASSES_M | SPEED_CLASSES_M_S
-"""Of 95 % of errors, metres and m/s, by name."""
 
 
 class NetworkRemoteIdReports:

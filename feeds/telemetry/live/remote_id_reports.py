@@ -13,10 +13,9 @@ from plotfeed.proto.open_drone_id import OdidIdentity, OdidLocation, messages_in
 from plotfeed.proto.utc import NS
 
 HOUR_NS = 3600 * NS
+# A position that would be older, or as far ahead, is of a clock that is off: it is of now.
 OFF_NS = 60 * NS
-"""A position that would be older, or as far ahead, is of a clock that is off: it is of now."""
-MAX_TRANSMITTERS = 1000
-"""Whose identities are remembered; the one that was heard first gives way."""
+MAX_TRANSMITTERS = 1000  # Whose identities are remembered; the one that was heard first gives way
 
 
 def report_of(location: OdidLocation, now_utc_ns: int) -> PositionReport:

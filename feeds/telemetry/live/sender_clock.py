@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from plotfeed.proto.utc import NS
 
-TRUSTED_WITHIN_NS = NS
-"""A sender's UTC that is further from ours than this, is off."""
+TRUSTED_WITHIN_NS = NS  # A sender's UTC that is further from ours than this, is off
 LOOK_BACK_NS = 5 * NS
+# A clock that goes back by more than this has begun anew; by less, messages passed each other.
 RESTART_NS = NS
-"""A clock that goes back by more than this has begun anew; by less, messages passed each other."""
 
 
 class SenderClock:
@@ -21,8 +20,7 @@ class SenderClock:
     def __init__(self, declared_ns: int | None = None) -> None:
         """`declared_ns` is the sender's UTC less what its messages count; 0 if they count UTC."""
         self.declared_ns = declared_ns
-        self.is_off = False
-        """Whether the sender says a UTC that is not taken."""
+        self.is_off = False  # Whether the sender says a UTC that is not taken
         self._apart_ns: int | None = None
         self._recent_ns: int | None = None
         self._until_ns = 0

@@ -16,8 +16,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 USERNAME_VARIABLE = "PLOTFEED_MQTT_USERNAME"
 PASSWORD_VARIABLE = "PLOTFEED_MQTT_PASSWORD"  # noqa: S105 - its name, not its value  # nosec B105
-MAX_OCTETS = 65_535
-"""Of a text in MQTT."""
+MAX_OCTETS = 65_535  # Of a text in MQTT
 MAX_FILE_OCTETS = 1 << 16
 
 
@@ -29,11 +28,9 @@ class AccessError(PlotfeedError):
 class BrokerAccess:
     """Certificates and credentials; the password is never shown."""
 
-    ca_file: Path | None = None
-    """Who vouches for the broker; without it, whom the system trusts."""
+    ca_file: Path | None = None  # Who vouches for the broker; without it, whom the system trusts
     certificate_file: Path | None = None
-    key_file: Path | None = None
-    """Of the client, where the broker asks for one."""
+    key_file: Path | None = None  # Of the client, where the broker asks for one
     username: str | None = None
     password: str | None = field(default=None, repr=False)
 
@@ -120,8 +117,8 @@ def _why(error: OSError) -> str:
 
 DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 NO_ACCESS = BrokerAccess()
+# MQTT by its own names; 4 is how 3.1.1 is numbered in the protocol.
 VERSIONS = {"5": (5,), "3.1.1": (4,), "any": (5, 4)}
-"""MQTT by its own names; 4 is how 3.1.1 is numbered in the protocol."""
 
 
 class AddressError(PlotfeedError):
@@ -137,10 +134,9 @@ class BrokerAddress:
     versions: tuple[int, ...] = VERSIONS["any"]
     tls: bool = False
     access: BrokerAccess = NO_ACCESS
+    # Whether it is the embedded one: nobody is left to be told when its session dies.
     ends_with_us: bool = False
-    """Whether it is the embedded one: nobody is left to be told when its session dies."""
-    waits: bool = False
-    """Whether it is waited for until it is up."""
+    waits: bool = False  # Whether it is waited for until it is up
 
     @property
     def destination(self) -> str:

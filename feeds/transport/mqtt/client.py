@@ -27,15 +27,12 @@ from plotfeed.feeds.transport.patience import backoff_s, wait_while
 log = logging.getLogger(__name__)
 
 CONNECT_TIMEOUT_S = 3.0
-AT_FIRST_S = 0.5
-"""A broker that is not up by then is waited for with a line."""
-OTHER_VERSION_AFTER_S = 1.0
-"""A broker that does not know a version may just not answer."""
+AT_FIRST_S = 0.5  # A broker that is not up by then is waited for with a line
+OTHER_VERSION_AFTER_S = 1.0  # A broker that does not know a version may just not answer
+# A connection that lasted longer was a good one; a broker may also take us and end it at once.
 STABLE_S = 5.0
-"""A connection that lasted longer was a good one; a broker may also take us and end it at once."""
 WATCH_EVERY_S = 5.0
-SLICE = 100
-"""Messages that are sent before others have their turn in the loop."""
+SLICE = 100  # Messages that are sent before others have their turn in the loop
 
 
 class MqttTransport:
@@ -65,8 +62,7 @@ class MqttTransport:
         self.counts = QueueCounts(address.destination)
         self.name = name
         self.connections = 0
-        self.last_error = ""
-        """Why the last attempt to connect failed."""
+        self.last_error = ""  # Why the last attempt to connect failed
         self._client_id = f"{name}-{uuid4().hex[:8]}"
         self._subscribe = subscribe
         self._on_message = on_message
@@ -74,8 +70,8 @@ class MqttTransport:
         self._on_connect = on_connect
         self._echo = None if on_echo is None else OwnEcho(address, subscribe, on_echo)
         self._versions = address.versions
+        # There has been a connection, or it is known that there will be none.
         self._settled = asyncio.Event()
-        """There has been a connection, or it is known that there will be none."""
         self._queues = [SendQueue(queue or MqttQueueKeys(), qos, self.counts) for qos in (0, 1)]
         self._connection: MqttConnection | None = None
         self._sending: asyncio.Handle | None = None

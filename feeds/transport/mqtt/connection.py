@@ -44,33 +44,27 @@ from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
-KEEP_ALIVE_S = 15
-"""A broker that has said nothing for twice as long is gone."""
+KEEP_ALIVE_S = 15  # A broker that has said nothing for twice as long is gone
 CLOSE_S = 1.0
+# At a time, of what a session takes in: a millisecond's work if it is small messages.
 READ_OCTETS = 8_192
-"""At a time, of what a session takes in: a millisecond's work if it is small messages."""
-TOGETHER_OCTETS = 1 << 16
-"""Of QoS 1: beyond, what is to leave in one write leaves at once."""
-HEADER_OCTETS = 1024
-"""At most, of what a packet holds besides its payload."""
+TOGETHER_OCTETS = 1 << 16  # Of QoS 1: beyond, what is to leave in one write leaves at once
+HEADER_OCTETS = 1024  # At most, of what a packet holds besides its payload
+# Topics of a connection on which a broker refuses messages, and that are named.
 MOST_COMPLAINTS = 10
-"""Topics of a connection on which a broker refuses messages, and that are named."""
+# At once, where the broker does not say how many (Receive Maximum: mosquitto takes 20).
 MAX_UNACKNOWLEDGED = 1000
-"""At once, where the broker does not say how many (Receive Maximum: mosquitto takes 20)."""
-MAX_UNACKNOWLEDGED_OCTETS = 32 << 20
-"""Of payloads, besides the one that goes beyond it."""
-FIRST_ID, LAST_ID = 1000, 65_535
-"""Of messages; those below are of subscriptions."""
+MAX_UNACKNOWLEDGED_OCTETS = 32 << 20  # Of payloads, besides the one that goes beyond it
+FIRST_ID, LAST_ID = 1000, 65_535  # Of messages; those below are of subscriptions
+# CONNACK's codes, in MQTT 3.1.1 and 5, for a version of MQTT that the broker does not speak.
 UNKNOWN_VERSION = frozenset({1, 132})
-"""CONNACK's codes, in MQTT 3.1.1 and 5, for a version of MQTT that the broker does not speak."""
+# CONNACK's codes for what a broker may think better of: busy, not available yet.
 TRANSIENT = frozenset({3, 131, 136, 137, 151, 159})
-"""CONNACK's codes for what a broker may think better of: busy, not available yet."""
 TLS_TIMEOUT_S = 1.0
 HUNG_UP = "it hung up without an answer"
 TOO_MANY = "it may have as many connections as it takes"
 
-OnMessage = Callable[[str, bytes, str | None], None]
-"""Called with topic, payload and content type."""
+OnMessage = Callable[[str, bytes, str | None], None]  # Called with topic, payload and content type
 
 
 class MqttError(PlotfeedError):
@@ -80,10 +74,8 @@ class MqttError(PlotfeedError):
 
     def __init__(self, reason: str, *, final: bool = False, versions: bool = False) -> None:
         super().__init__(reason)
-        self.final = final
-        """It would be no better a second time."""
-        self.other_version = versions
-        """It may be better with another version of MQTT."""
+        self.final = final  # It would be no better a second time
+        self.other_version = versions  # It may be better with another version of MQTT
 
 
 class MqttConnection(asyncio.BufferedProtocol):
@@ -105,8 +97,7 @@ class MqttConnection(asyncio.BufferedProtocol):
     ) -> None:
         """`on_room` is called whenever there may be room again; `will` is a last one."""
         self.lost = asyncio.Event()
-        self.good_bye = ""
-        """Why the connection ends, as far as the broker or this client says."""
+        self.good_bye = ""  # Why the connection ends, as far as the broker or this client says
         self.version = version
         self._address, self._client_id, self._will = address, client_id, will
         self._on_message, self._on_received = on_message, on_received
@@ -115,29 +106,26 @@ class MqttConnection(asyncio.BufferedProtocol):
         self._on_room = on_room
         self._loop = asyncio.get_running_loop()
         self._keep_alive_s = keep_alive_s or KEEP_ALIVE_S
+        # CONNACK's code; None if the connection is lost before.
         self._answer: asyncio.Future[int | None] = self._loop.create_future()
-        """CONNACK's code; None if the connection is lost before."""
-        self._error: Exception | None = None
-        """What broke it."""
+        self._error: Exception | None = None  # What broke it
         self._reader = BrokerReader(version)
         at_a_time = READ_OCTETS if will is None else READ_OCTETS // 32
         self._incoming = memoryview(bytearray(at_a_time))
         self._heard_s = self._loop.time()
         self._timer: asyncio.TimerHandle | None = None
         self._transport: asyncio.WriteTransport | None = None
-        self._buffer: SocketBuffer
-        """There is one as soon as there is a transport."""
+        self._buffer: SocketBuffer  # There is one as soon as there is a transport
+        # Of QoS 1, by the numbers of their packets, in the order in which they were sent.
         self._unacknowledged: dict[int, Outgoing] = {}
-        """Of QoS 1, by the numbers of their packets, in the order in which they were sent."""
         self._unacknowledged_octets = 0
         self._most_unacknowledged = MAX_UNACKNOWLEDGED
         self._last_id = FIRST_ID - 1
-        self._packets: list[bytes] = []
-        """Of QoS 1, which are written next."""
+        self._packets: list[bytes] = []  # Of QoS 1, which are written next
         self._packed_octets = 0
         self._asks = cycle(range(1, FIRST_ID))
+        # Filters that the broker has not answered for, by the number of their subscription.
         self._subscriptions: dict[int, str] = {}
-        """Filters that the broker has not answered for, by the number of their subscription."""
         self._refused_topics: set[str] = set()
         self._largest_payload: int | None = None
 

@@ -19,15 +19,13 @@ from plotfeed.feeds.transport.patience import backoff_s
 
 log = logging.getLogger(__name__)
 
+# Connections that are made at a time: a broker has a queue for those that come, and others wait for
+# the loop.
 AT_ONCE = 10
-"""Connections that are made at a time: a broker has a queue for those that come, and others wait
-for the loop."""
-FIRST_LOOK_S, LOOK_EVERY_S = 0.01, 0.25
-"""The latter from one look at what is lost to the next."""
+FIRST_LOOK_S, LOOK_EVERY_S = 0.01, 0.25  # The latter from one look at what is lost to the next
+# A broker takes a connection for lost, and publishes its will, after 1.5 times that.
 PROMPT_KEEP_ALIVE_S = 3
-"""A broker takes a connection for lost, and publishes its will, after 1.5 times that."""
-PATIENCE_S = 1.0
-"""So long a session waits for its wills before it begins without the last of them."""
+PATIENCE_S = 1.0  # So long a session waits for its wills before it begins without the last of them
 
 
 class LastWills:
@@ -59,10 +57,8 @@ class LastWills:
         self._stem = stem
         self._prompt = prompt if stem is not None else ""
         self._client_ids: dict[str, str] = {}
-        self._connections: dict[str, MqttConnection] = {}
-        """By whose they are, up or lost."""
-        self._placed = asyncio.Event()
-        """All wills have been placed once, or it has been tried."""
+        self._connections: dict[str, MqttConnection] = {}  # By whose they are, up or lost
+        self._placed = asyncio.Event()  # All wills have been placed once, or it has been tried
         self._complained = False
         self._forgotten = False
 

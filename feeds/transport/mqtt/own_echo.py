@@ -18,14 +18,12 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
 log = logging.getLogger(__name__)
 
+# For a message to come back, and once more after the broker has answered another request.
 WAIT_S = 3.0
-"""For a message to come back, and once more after the broker has answered another request."""
+# So often that is, where other messages come meanwhile: they may be before it in a backlog.
 MOST_WAITS = 20
-"""So often that is, where other messages come meanwhile: they may be before it in a backlog."""
-QUIET_S = 30.0
-"""A topic on which nothing was published for so long gives way to the next one."""
-NEXT_S, ROUND_S = 1.0, 60.0
-"""Between two topics, and from the last one to the first again."""
+QUIET_S = 30.0  # A topic on which nothing was published for so long gives way to the next one
+NEXT_S, ROUND_S = 1.0, 60.0  # Between two topics, and from the last one to the first again
 MOST_TOPICS, MOST_SENT, MOST_COMPLAINTS = 10_000, 10_000, 10
 
 
@@ -46,19 +44,16 @@ class OwnEcho:
         self, address: BrokerAddress, subscribed: Iterable[str], counts: Callable[[bool], object]
     ) -> None:
         """`subscribed` the link has anyway; `counts` is told of each sample whether it came."""
-        self.wants = False
-        """Whether to be told of what is published now."""
-        self.topic = ""
-        """The one that is sampled now; empty for none."""
+        self.wants = False  # Whether to be told of what is published now
+        self.topic = ""  # The one that is sampled now; empty for none
         self._address, self._counts = address, counts
         self._subscribed = frozenset(subscribed)
         self._connection: Subscriber | None = None
         self._seen: set[str] = set()
         self._done: set[str] = set()
-        self._asked: set[str] = set()
-        """Topics that this connection has subscribed to for a sample."""
+        self._asked: set[str] = set()  # Topics that this connection has subscribed to for a sample
+        # Hashes of payloads that were published since the broker granted the subscription.
         self._sent: set[int] = set()
-        """Hashes of payloads that were published since the broker granted the subscription."""
         self._asks_again = self._comes = False
         self._waits = 0
         self._complaints: set[str] = set()

@@ -20,20 +20,20 @@ SUBSCRIBE, SUBACK, UNSUBSCRIBE, UNSUBACK = 0x82, 0x90, 0xA2, 0xB0
 PINGREQ, PINGRESP, DISCONNECT = b"\xc0\x00", 0xD0, 0xE0
 GOODBYE = b"\xe0\x00"
 CLEAN, WILL, RETAIN, PASSWORD, USERNAME = 0x02, 0x04, 0x20, 0x40, 0x80
-REFUSED = 128
-"""Reason codes from here on are refusals, in 3.1.1 of a subscription."""
+REFUSED = 128  # Reason codes from here on are refusals, in 3.1.1 of a subscription
 EXPIRY, CONTENT_TYPE = b"\x02", b"\x03"
 OF_CONTENT_TYPE, SERVER_KEEP_ALIVE, RECEIVE_MAXIMUM, MAXIMUM_PACKET_SIZE = 0x03, 0x13, 0x21, 0x27
 OF_USER, OF_SUBSCRIPTION, TOPIC_ALIAS = 0x26, 0x0B, 0x23
+# Octets of properties that are numbers, by their identifiers (2.2.2.2).
 NUMBERS = {
     **dict.fromkeys((0x01, 0x17, 0x19, 0x24, 0x25, 0x28, 0x29, 0x2A), 1),
     **dict.fromkeys((0x13, 0x21, 0x22, 0x23), 2),
     **dict.fromkeys((0x02, 0x11, 0x18, 0x27), 4),
 }
-"""Octets of properties that are numbers, by their identifiers (2.2.2.2)."""
+# Identifiers of properties that are texts or octets behind their length.
 TEXTS = frozenset({0x03, 0x08, 0x09, 0x12, 0x15, 0x16, 0x1A, 0x1C, 0x1F})
-"""Identifiers of properties that are texts or octets behind their length."""
 MOST_KNOWN = 256
+# Those from 0x80 on are of 5.0 (2.4), those before of a CONNACK of 3.1.1.
 REASONS = {
     1: "unacceptable protocol version",
     2: "identifier rejected",
@@ -74,7 +74,6 @@ REASONS = {
     0xA1: "subscription identifiers not supported",
     0xA2: "wildcard subscriptions not supported",
 }
-"""Those from 0x80 on are of 5.0 (2.4), those before of a CONNACK of 3.1.1."""
 
 
 class BrokenPacketError(PlotfeedError):
@@ -187,10 +186,9 @@ class PacketProperties:
     """Properties of a packet of MQTT 5.0; none of one of 3.1.1."""
 
     content_type: str | None = None
-    pairs: tuple[tuple[str, str], ...] = ()
-    """User properties."""
+    pairs: tuple[tuple[str, str], ...] = ()  # User properties
+    # Those that are numbers, by their identifiers.
     numbers: dict[int, int] = field(default_factory=dict)
-    """Those that are numbers, by their identifiers."""
 
 
 NO_PROPERTIES = PacketProperties()
@@ -212,10 +210,8 @@ class BrokerAnswer:
     """Any other packet of a broker: CONNACK, PUBACK, SUBACK, UNSUBACK, PINGRESP or DISCONNECT."""
 
     kind: int
-    number: int = 0
-    """Of the packet that is answered."""
-    codes: bytes = b"\0"
-    """Reason codes, one for each filter of a SUBSCRIBE."""
+    number: int = 0  # Of the packet that is answered
+    codes: bytes = b"\0"  # Reason codes, one for each filter of a SUBSCRIBE
     properties: PacketProperties = NO_PROPERTIES
 
 
@@ -226,8 +222,8 @@ class BrokerReader:
         self._has_properties = version >= 5
         self._rest = bytearray()
         self._needs = 2
+        # Properties by their octets: those of most messages are those of one before.
         self._known: dict[bytes, PacketProperties] = {}
-        """Properties by their octets: those of most messages are those of one before."""
 
     def receive(self, octets: bytes | memoryview) -> Iterator[Publication | BrokerAnswer]:
         """What is complete with these octets; raises `BrokenPacketError` behind the last good one.

@@ -13,33 +13,27 @@ from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.messages.outgoing import Client, Outgoing
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 
-MAX_WAITING_OCTETS = 32 << 20
-"""Of payloads; more do not wait, however few messages they are."""
-OVERRUN = 10_000
-"""What is taken beyond the limit from whoever publishes although he should wait."""
+MAX_WAITING_OCTETS = 32 << 20  # Of payloads; more do not wait, however few messages they are
+OVERRUN = 10_000  # What is taken beyond the limit from whoever publishes although he should wait
 
 
 @dataclass(slots=True)
 class QueueCounts:
     """What a link has done with messages other than deliver them."""
 
-    destination: str = "MQTT"
-    """What the link's broker is called."""
+    destination: str = "MQTT"  # What the link's broker is called
+    # Given up before they left: by the policy, too old, too large for the broker, or still in the
+    # socket's buffer when a connection was lost.
     dropped: int = 0
-    """Given up before they left: by the policy, too old, too large for the broker, or still in the
-    socket's buffer when a connection was lost."""
+    # Retained messages that gave way to a newer one on their topic, which is all that counts.
     superseded: int = 0
-    """Retained messages that gave way to a newer one on their topic, which is all that counts."""
-    repeated: int = 0
-    """Sent again, since a lost connection had left them unacknowledged."""
-    refused: int = 0
-    """Of QoS 1, which the broker has answered with a refusal."""
+    repeated: int = 0  # Sent again, since a lost connection had left them unacknowledged
+    refused: int = 0  # Of QoS 1, which the broker has answered with a refusal
 
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    key: Hashable
-    """Its topic, if it is retained."""
+    key: Hashable  # Its topic, if it is retained
     outgoing: Outgoing
     was_sent: bool
 
@@ -64,8 +58,8 @@ class SendQueue:
         self._now_s = now_s
         self._numbers = count()
         self._of_client: dict[Client | None, BoundedQueue[_Waiting]] = {}
+        # The keys of all that wait, and in whose queue they do.
         self._order: OrderedDict[Hashable, BoundedQueue[_Waiting]] = OrderedDict()
-        """The keys of all that wait, and in whose queue they do."""
 
     def __len__(self) -> int:
         """How many wait."""
@@ -178,12 +172,11 @@ class SendQueue:
         one.settle(delivered=False, to=self._counts.destination)
 
 
+# What may wait in a socket for a broker that has stalled; more is not taken.
 MAX_UNSENT_OCTETS = 8 << 20
-"""What may wait in a socket for a broker that has stalled; more is not taken."""
+# So many messages of QoS 0, too: asyncio looks at each of them whenever it takes another.
 MAX_UNSENT_MESSAGES = 4096
-"""So many messages of QoS 0, too: asyncio looks at each of them whenever it takes another."""
-GIVE_UP_S = 20.0
-"""A socket that has taken nothing for so long has nobody at its other end."""
+GIVE_UP_S = 20.0  # A socket that has taken nothing for so long has nobody at its other end
 
 
 class SocketBuffer:
@@ -202,13 +195,12 @@ class SocketBuffer:
 
         The transport's protocol tells `hold` and `release`.
         """
-        self.moved_s = now_s()
-        """When it last took something that had to wait."""
+        self.moved_s = now_s()  # When it last took something that had to wait
         self._transport = transport
         self._on_room = on_room
         self._now_s = now_s
+        # What has not left, and how many octets have when it has.
         self._outgoing: deque[tuple[int, Outgoing]] = deque()
-        """What has not left, and how many octets have when it has."""
         self._written = self._taken = 0
         self._holds = False
 

@@ -124,8 +124,8 @@ def records_in(block: Block, categories: Mapping[int, Category] = CATEGORIES) ->
         yield Record(number, items, body[start:at], origin + start)
 
 
+# By the identity of a category, as its hash is that of all that it holds.
 _PLANS: dict[int, tuple[Category, Reader]] = {}
-"""By the identity of a category, as its hash is that of all that it holds."""
 
 
 def _plans_of(category: Category) -> Reader:

@@ -35,13 +35,12 @@ if TYPE_CHECKING:
 
     from plotfeed.models.state import Ints
 
-UDP_OCTETS = 1400
-"""A data block of this length goes into one datagram on any common link."""
+UDP_OCTETS = 1400  # A data block of this length goes into one datagram on any common link
 
 MAX_OCTETS = 0xFFFF
 
+# What a part is in all records, or in those of each source that records may be of.
 Constant: TypeAlias = "float | str | Sequence[float] | Sequence[str]"
-"""What a part is in all records, or in those of each source that records may be of."""
 
 MAX_REPETITIONS = 255  # the octet that counts them holds no more
 WORD_OCTETS = (1, 2, 4, 8)
@@ -80,8 +79,8 @@ class Encoder:
         varying = [slot for slot in drawn.slots if slot.path not in constants]
         self.columns = tuple(slot.path for slot in varying)
         fixed = [_array(constants[slot.path], slot.path) for slot in stamped]
+        # How many sources there are.
         self.sources = _rows(fixed, "constants of {} sources", "constants")
-        """How many sources there are."""
         octets, width = drawn.octets, _width(drawn.octets)
         bare = drawn.template.to_bytes(octets, "big").ljust(width, b"\0")
         self._templates = np.repeat(np.frombuffer(bare, f"V{width}"), self.sources)
@@ -163,11 +162,11 @@ class _Columns:
 
     def __init__(self, octets: int, slots: Sequence[Slot], lsb: Mapping[str, float]) -> None:
         self.slots = slots
+        # In the column's unit; an int of a column of integers.
         self.lsb = [
             lsb.get(slot.path, float(slot.part.lsb) if isinstance(slot.part, Quantity) else 1)
             for slot in slots
         ]
-        """In the column's unit; an int of a column of integers."""
         self._octets = octets
         kinds: dict[type, list[int]] = {float: [], int: [], str: []}
         for place in sorted(range(len(slots)), key=lambda place: slots[place].octets):
@@ -218,8 +217,8 @@ class _Numbers:
         sizes, offsets, shifts = zip(*(_word(slot, octets) for slot in slots), strict=True)
         self._shift = np.array(shifts, np.uint64)[:, None]
         ends = accumulate(len(list(run)) for _, run in groupby(sizes))
+        # Columns of words of one size that follow each other: first, the one after, the size.
         self._runs = [(first, after, sizes[first]) for first, after in pairwise(chain([0], ends))]
-        """Columns of words of one size that follow each other: first, the one after, the size."""
         self._words = np.dtype(
             {
                 "names": [slot.path for slot in slots],
@@ -391,8 +390,8 @@ class _Drawing:
     used: set[str] = field(default_factory=set)
     octets: int = 0
     bits: int = 0
+    # Path, part, and where the part ends, in bits from the start.
     slots: list[tuple[str, Named, int]] = field(default_factory=list)
-    """Path, part, and where the part ends, in bits from the start."""
 
     def profile(self) -> Profile:
         end = self.octets * 8

@@ -20,22 +20,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 
-HEADER_OCTETS = 3
-"""Octets before the records of a data block: its category, and its length in two."""
+HEADER_OCTETS = 3  # Octets before the records of a data block: its category, and its length in two
 
-FX = 1
-"""The extension bit: the last of an octet that others follow."""
+FX = 1  # The extension bit: the last of an octet that others follow
 
+# A day in 1/128 s: the modulus of every time of day. It fits in 24 bits, so no mask drops it.
 DAY_LSB = 86_400 * 128
-"""A day in 1/128 s: the modulus of every time of day. It fits in 24 bits, so no mask drops it."""
 
+# The 6-bit characters of an aircraft identification; ICAO Annex 10 volume IV, 3.1.2.9.1.2.
 CALLSIGN = "?ABCDEFGHIJKLMNOPQRSTUVWXYZ????? ???????????????0123456789??????"
-"""The 6-bit characters of an aircraft identification; ICAO Annex 10 volume IV, 3.1.2.9.1.2."""
 
 OCTAL = "01234567"
 
+# Characters of an octet each; the upper half, which no standard assigns, reads as Latin-1.
 ASCII = bytes(range(256)).decode("latin-1")
-"""Characters of an octet each; the upper half, which no standard assigns, reads as Latin-1."""
 
 
 class Overflow(Enum):
@@ -134,8 +132,8 @@ class Group:
     parts: tuple[Part, ...]
     fx: bool = False
     octets: int = field(init=False)
+    # The named parts, each with the bits to its right in the group.
     fields: tuple[tuple[Named, int], ...] = field(init=False)
-    """The named parts, each with the bits to its right in the group."""
 
     def __post_init__(self) -> None:
         bits = sum(part.bits for part in self.parts) + self.fx
@@ -207,8 +205,8 @@ class Category:
 
     number: int
     uap: tuple[Item | None, ...]
+    # Of 001, that of records that are tracks, as the first bit of their second item says.
     track_uap: tuple[Item | None, ...] = ()
-    """Of 001, that of records that are tracks, as the first bit of their second item says."""
 
 
 _ALPHABETS = {3: OCTAL, 6: CALLSIGN, 8: ASCII}

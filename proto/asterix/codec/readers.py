@@ -32,24 +32,20 @@ from plotfeed.proto.asterix.codec.layout import (
 
 Reader: TypeAlias = Callable[[bytes, int], tuple[Any, int]]
 
-BROKEN = (IndexError, struct.error)
-"""What readers raise."""
-MAX_PLANS = 4096
-"""Of one record or item; what has sent more sets of flags than that begins anew."""
+BROKEN = (IndexError, struct.error)  # What readers raise
+MAX_PLANS = 4096  # Of one record or item; what has sent more sets of flags than that begins anew
+# Times that a set of flags comes before its items are compiled into one reader.
+#
+# Compiling that takes as long as reading some hundred records item by item.
 OFTEN = 100
-"""Times that a set of flags comes before its items are compiled into one reader.
-
-Compiling that takes as long as reading some hundred records item by item.
-"""
 
 
+# The name under which an extended item keeps the octets that follow the groups of its layout.
 FURTHER = "FURTHER"
-"""The name under which an extended item keeps the octets that follow the groups of its layout."""
-TABLE_BITS = 12
-"""Of characters that are looked up at once."""
+TABLE_BITS = 12  # Of characters that are looked up at once
 WORD_OCTETS = (1, 2, 4, 8)
+# Of `struct`; small letters for words with a sign.
 _CODES = dict(zip(WORD_OCTETS, "BHIQ", strict=True))
-"""Of `struct`; small letters for words with a sign."""
 
 
 class Plans:

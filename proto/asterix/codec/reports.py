@@ -36,10 +36,8 @@ if TYPE_CHECKING:
 class Parts:
     """Rows in parts that go into data blocks of their own, and the source that each part is of."""
 
-    by: Ints
-    """Part i is the rows from `by[i]` up to `by[i + 1]`; (m+1,)."""
-    sources: Ints
-    """By their numbers, as constants of an encoder have them; (m,)."""
+    by: Ints  # Part i is the rows from `by[i]` up to `by[i + 1]`; (m+1,)
+    sources: Ints  # By their numbers, as constants of an encoder have them; (m,)
 
     @classmethod
     def whole(cls, rows: int) -> Self:

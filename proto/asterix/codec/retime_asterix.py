@@ -20,8 +20,8 @@ from plotfeed.proto.asterix.codec.readers import BROKEN, Plans
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 
+# The subfield of I062/390 that holds times of departure and arrival.
 FLIGHT_PLAN, PLANNED = "I062/390", "TOD"
-"""The subfield of I062/390 that holds times of departure and arrival."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +69,8 @@ class TimeFinder:
 LSB_PER_S = 128
 DAY_S = 86_400
 TIME_OCTETS = 3
+# Today, yesterday and tomorrow in I062/390/TOD; 3 is none of them.
 DAY_OF_CODE = {0: 0, 1: -1, 2: 1}
-"""Today, yesterday and tomorrow in I062/390/TOD; 3 is none of them."""
 CODE_OF_DAY = {day: code for code, day in DAY_OF_CODE.items()}
 
 
@@ -159,8 +159,8 @@ _PLAN_OFFSETS = Plans(_PLAN.subfields, offsets=True).read
     for subfield in _PLAN.subfields
     if isinstance(subfield, Repetitive) and subfield.name == PLANNED
 )
+# ItemPlaces of the parts of a planned time from the right, and their masks.
 _PARTS = {part.name: (right, (1 << part.bits) - 1) for part, right in _ELEMENT.fields}
-"""ItemPlaces of the parts of a planned time from the right, and their masks."""
 
 
 def _planned_times(body: bytes, at: int) -> list[int]:
