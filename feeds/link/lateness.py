@@ -40,8 +40,11 @@ class LastLateness:
     def extend(self, lateness_ns: Iterable[int]) -> None:
         """Keep others, in that order; a column of integers is taken as it is."""
         if isinstance(lateness_ns, list) and len(lateness_ns) < _FEW:
-            for each in lateness_ns:
-                self.append(each)
+            self._make_room(self._count + len(lateness_ns))
+            kept, most = self._values, self._most
+            for number, each in enumerate(lateness_ns, self._count):
+                kept[number % most] = each
+            self._count += len(lateness_ns)
             return
         values = np.asarray(
             lateness_ns if isinstance(lateness_ns, np.ndarray) else list(lateness_ns), np.int64
@@ -65,7 +68,8 @@ class LastLateness:
         return np.frombuffer(self._values, np.int64)[: len(self)]
 
     def _make_room(self, count: int) -> None:
-        room = len(self._values)
+        if count <= (room := len(self._values)):
+            return
         while room < min(count, self._most):
             room = min(2 * room, self._most)
         if room > len(self._values):

@@ -162,10 +162,10 @@ class Outbox:
                 for one in now:
                     one.taken(sent_utc_ns)
             return []
-        at_utc_ns = max(sent, default=0) or self.now_ns()
+        at_utc_ns, late_ns = max(sent, default=0) or self.now_ns(), []
         for one in now:
             one.sent_utc_ns, one.delivered, one.fate = at_utc_ns, True, pb.SENT
-        late_ns = [at_utc_ns - one.due_utc_ns for one in now]
+            late_ns.append(at_utc_ns - one.due_utc_ns)
         self.counters.lateness_ns.extend(late_ns)
         return late_ns
 
@@ -239,12 +239,12 @@ def send_all(departures: Sequence[Departure]) -> None:
         late = outbox._note_taken(now, taken)
         late_ns.setdefault(id(outbox.totals), (outbox.totals, []))[1].extend(late)
         outbox._tell(outgoing, now)
-        waiting = [one for one in outgoing if not one.fate]
-        outbox._open.update(dict.fromkeys(waiting))
-        if on_complete is not None and waiting:
-            countdown = Countdown(len(waiting), on_complete)
-            for one in waiting:
-                one.countdown = countdown
+        if len(late) < len(outgoing) and (waiting := [one for one in outgoing if not one.fate]):
+            outbox._open.update(dict.fromkeys(waiting))
+            if on_complete is not None:
+                countdown = Countdown(len(waiting), on_complete)
+                for one in waiting:
+                    one.countdown = countdown
         elif on_complete is not None:
             on_complete()
     for totals, lates in late_ns.values():

@@ -30,15 +30,19 @@ def type_of(kind: str) -> str:
     return f"plotfeed.{kind.replace('/', '.')}"
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=1 << 14)
 def packed_pair(name: str, value: str) -> bytes:
     """One user property as packets have it."""
     return USER_PROPERTY + packed_text(name) + packed_text(value)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=1 << 14)
 def packed_text(text: str) -> bytes:
     """A text as packets have it, behind the number of its octets."""
+    return _octets_of(text)
+
+
+def _octets_of(text: str) -> bytes:
     octets = text.encode()
     return len(octets).to_bytes(2, "big") + octets
 
@@ -49,21 +53,29 @@ class SectorStamp:
     That is by the sensor's clock; messages are due when it truly is.
     """
 
-    __slots__ = ("_octets", "due_ns", "end_ns", "index", "scan")
+    __slots__ = ("_ids", "_octets", "due_ns", "end_ns", "index", "scan")
 
     def __init__(self, scan: int, index: int, end_ns: int, clock_ahead_ns: int = 0) -> None:
         self.scan, self.index, self.end_ns = scan, index, end_ns
         self.due_ns = end_ns - clock_ahead_ns
-        self._octets: tuple[bytes, bytes, bytes, int] | None = None
+        self._ids: dict[tuple[str, int], bytes] = {}
+        self._octets: tuple[bytes, bytes, int] | None = None
 
-    def octets(self) -> tuple[bytes, bytes, bytes, int]:
-        """Part of an id, the properties before and behind the sensor's, and how long these are."""
-        if self._octets is None:
-            scan, index, time = str(self.scan), str(self.index), iso_utc(self.end_ns).encode()
-            before = b"".join((_TIME, len(time).to_bytes(2, "big"), time))
-            behind = packed_pair("scan", scan) + packed_pair("sector", index)
-            length = len(before) + len(behind)
-            self._octets = f"{scan}-{index}-".encode(), before, behind, length
+    def octets(self, address: Address, number: int) -> Pieces:
+        """The properties of a message as packets have them; what many have alike is made once."""
+        before, behind, length = self._octets or self._packed()
+        kind, event, sensor, more = address.octets
+        own = self._ids.get((kind, number))
+        if own is None:
+            own = _ID + _octets_of(f"{kind}-{self.scan}-{self.index}-{number}")
+            self._ids[kind, number] = own
+        return len(own) + length + more, (own, event, before, sensor, behind)
+
+    def _packed(self) -> tuple[bytes, bytes, int]:
+        """The properties before and behind the sensor's, and how long these are."""
+        before = _TIME + _octets_of(iso_utc(self.end_ns))
+        behind = packed_pair("scan", str(self.scan)) + packed_pair("sector", str(self.index))
+        self._octets = before, behind, len(before) + len(behind)
         return self._octets
 
 
@@ -73,18 +85,7 @@ _TIME, _ID = (USER_PROPERTY + packed_text(name) for name in ("time", "id"))
 class Address:
     """Where messages of one sensor and kind go, and what all of them say of themselves."""
 
-    __slots__ = (
-        "_behind_id",
-        "_id",
-        "_length",
-        "_sensor",
-        "content_type",
-        "event",
-        "kind",
-        "qos",
-        "sensor",
-        "topic",
-    )
+    __slots__ = ("content_type", "event", "kind", "octets", "qos", "sensor", "topic")
 
     def __init__(self, source: str, sensor: str, kind: str, content_type: str, qos: int) -> None:
         """`source` is what comes before the kind in the topic."""
@@ -94,26 +95,11 @@ class Address:
         self.kind = dashed(kind)
         self.sensor = ("sensor", sensor)
         self.event = (("type", type_of(kind)), ("specversion", "1.0"), ("source", source))
-        self._id = f"{self.kind}-".encode()
-        self._behind_id = b"".join(packed_pair(*pair) for pair in self.event)
-        self._sensor = packed_pair(*self.sensor)
-        self._length = len(_ID) + 2 + len(self._behind_id) + len(self._sensor)
-
-    def octets(self, stamp: SectorStamp, number: int) -> Pieces:
-        """The properties of a message of a sector as packets have them."""
-        sector, time, place, length = stamp.octets()
-        name = b"%b%b%d" % (self._id, sector, number)
-        octets = len(name)
-        pieces = (
-            _ID,
-            octets.to_bytes(2, "big"),
-            name,
-            self._behind_id,
-            time,
-            self._sensor,
-            place,
+        event, whose = (
+            b"".join(packed_pair(*pair) for pair in self.event),
+            packed_pair(*self.sensor),
         )
-        return self._length + length + octets, pieces
+        self.octets = self.kind, event, whose, len(event) + len(whose)  # as packets have them
 
 
 class SectorProperties(Sequence[Pair]):
@@ -138,10 +124,6 @@ class SectorProperties(Sequence[Pair]):
             ("scan", str(stamp.scan)),
             ("sector", str(stamp.index)),
         )
-
-    def octets(self) -> Pieces:
-        """All of them as packets have them."""
-        return self.address.octets(self.stamp, self.number)
 
     def __len__(self) -> int:
         """How many there are."""
@@ -182,6 +164,6 @@ def packed(properties: Sequence[Pair]) -> bytes:
 def pieces_of(properties: Sequence[Pair]) -> Pieces:
     """Properties as packets have them: their octets, in pieces that are to be joined."""
     if isinstance(properties, SectorProperties):
-        return properties.octets()
+        return properties.stamp.octets(properties.address, properties.number)
     pieces = [packed_pair(name, value) for name, value in properties]
     return sum(map(len, pieces)), pieces

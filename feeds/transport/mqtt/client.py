@@ -186,9 +186,9 @@ class MqttTransport:
         """
         connection = self._connection
         if not (connection is None or self._ended or self._queues[0]) and connection.has_room(0):
-            takes = connection.takes
-            if all(not one.message.qos and takes(one.message) for one in outgoing):
-                return connection.send(outgoing)
+            messages = [one.message for one in outgoing]
+            if not any(message.qos for message in messages) and connection.takes(*messages):
+                return connection.send(outgoing, messages)
         for one in outgoing:
             self._publish(one)
         return False
@@ -277,7 +277,7 @@ class MqttTransport:
             connection.send_until_acknowledged(one)
         else:
             one.leave()
-            if connection.send([one]):
+            if connection.send([one], [one.message]):
                 one.settle(delivered=True)
 
     async def _watch(self, connection: MqttConnection) -> None:

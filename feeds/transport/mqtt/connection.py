@@ -181,25 +181,25 @@ class MqttConnection(asyncio.BufferedProtocol):
             and self._unacknowledged_octets < MAX_UNACKNOWLEDGED_OCTETS
         )
 
-    def takes(self, message: Message) -> bool:
-        """Whether it is not larger than what the broker says that it takes."""
-        return self._largest_payload is None or len(message.payload) <= self._largest_payload
+    def takes(self, *messages: Message) -> bool:
+        """Whether none is larger than what the broker says that it takes."""
+        most = self._largest_payload
+        return most is None or all(len(message.payload) <= most for message in messages)
 
-    def send(self, outgoing: Sequence[Outgoing]) -> bool:
-        """Hand messages of QoS 0, at least one, to the socket, where there is room.
+    def send(self, outgoing: Sequence[Outgoing], messages: Sequence[Message]) -> bool:
+        """Hand these messages of QoS 0, at least one, to the socket, where there is room.
 
         In one go, since a system call costs more than a message. True if it has taken all; else
         each is settled when it has left the socket's buffer.
         """
         version = self.version
         packets = [
-            one.message.packets.get(version) or publish_packet(one.message, version)
-            for one in outgoing
+            message.packets.get(version) or publish_packet(message, version) for message in messages
         ]
         octets = b"".join(packets)
         all_left = self._buffer.write(octets)
         if self._echo is not None and self._echo.wants:
-            self._echo.published([one.message for one in outgoing])
+            self._echo.published(messages)
         if all_left:
             return True
         left = len(octets)

@@ -142,24 +142,31 @@ def publish_packet(
 
     With `number` as its id it is of QoS 1, without of QoS 0.
     """
-    first = FIRST[number is not None, message.retain]
-    topic, payload = packed_text(message.topic), message.payload
+    payload, first = message.payload, PUBLISH | message.retain
+    octets, properties = pieces_of(message.properties) if version >= 5 else (0, ())
+    lasts_s = None if message.retain else expiry_s
+    front = _front(message.topic, message.content_type, lasts_s, octets, version)
     if number is not None:
-        topic += number.to_bytes(2, "big")  # they stand one behind the other
+        first |= 2
+        end = 2 + (front[0] << 8 | front[1])  # of the topic, which it stands behind
+        front = front[:end] + number.to_bytes(2, "big") + front[end:]
+    head = _head(first, len(front) + octets + len(payload))
+    return b"".join([head, front, *properties, payload])
+
+
+@lru_cache(maxsize=1 << 14)  # what all messages of a sensor and kind have alike
+def _front(topic: str, content_type: str, expiry_s: int | None, octets: int, version: int) -> bytes:
+    """The topic and, of 5.0, properties to which so many octets of others belong."""
     if version < 5:
-        return b"".join((first, varint(len(topic) + len(payload)), topic, payload))
-    content_type = _content_type(message.content_type)
-    octets, properties = pieces_of(message.properties)
-    expiry = b"" if message.retain else _expiry(expiry_s)
-    octets += len(content_type) + len(expiry)
-    length = varint(octets)
-    rest = varint(len(topic) + len(length) + octets + len(payload))
-    return b"".join((first, rest, topic, length, content_type, *properties, expiry, payload))
+        return packed_text(topic)
+    own = CONTENT_TYPE + packed_text(content_type)
+    own += b"" if expiry_s is None else EXPIRY + expiry_s.to_bytes(4, "big")
+    return packed_text(topic) + varint(len(own) + octets) + own
 
 
-FIRST = {
-    (qos, retain): bytes((PUBLISH | qos << 1 | retain,)) for qos in (0, 1) for retain in (0, 1)
-}
+@lru_cache(maxsize=4096)
+def _head(first: int, rest: int) -> bytes:
+    return bytes((first,)) + varint(rest)
 
 
 def _packet(first: int, *parts: bytes) -> bytes:
@@ -169,16 +176,6 @@ def _packet(first: int, *parts: bytes) -> bytes:
 
 def _numbered(number: int, version: int) -> bytes:
     return number.to_bytes(2, "big") + (varint(0) if version >= 5 else b"")
-
-
-@lru_cache(maxsize=256)
-def _content_type(text: str) -> bytes:
-    return CONTENT_TYPE + packed_text(text)
-
-
-@lru_cache(maxsize=256)
-def _expiry(expiry_s: int) -> bytes:
-    return EXPIRY + expiry_s.to_bytes(4, "big")
 
 
 @dataclass(frozen=True, slots=True)
