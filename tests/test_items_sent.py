@@ -11,9 +11,9 @@ from support import road
 from support.random_scenes import random_tree
 
 from plotfeed.feeds.scene.examples import summaries
+from plotfeed.feeds.scene.output_keys import WaysOut
 from plotfeed.feeds.scene.scene import Scene, example, from_tree, load
 from plotfeed.feeds.scene.sensors import SENSORS
-from plotfeed.feeds.scene.ways_out import WaysOut
 from plotfeed.proto.asterix.codec.decode import decode
 
 ROOT = Path(__file__).parents[1]

@@ -16,7 +16,6 @@ from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
 from plotfeed.feeds.scene.problems import Problem
 from plotfeed.feeds.scene.scene import Scene, SceneError, load
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import effects_named
 from plotfeed.feeds.sensing.drone_routes import signature_of, usual_signature
@@ -100,13 +99,13 @@ def _problems(error: PlotfeedError) -> list[dict[str, Any]]:
 
 def report(scene: Scene, rcs_m2: float | None = None) -> dict[str, Any]:
     """Tables and warnings of every sensor; raises `PlotfeedError` for a file without use."""
-    SeaLevel.of(scene)
+    scene.sea_level()
     trajectories = trajectories_of(scene)
     launch(scene, trajectories, 0)
     sensors = EmulatedSensors(scene, trajectories)  # what no session could encode is no scene
     target, site = scene_target(scene, rcs_m2), scene.scene.site
     outlook = Outlook(scene, sensors, trajectories)
-    undulation_m = SeaLevel.of(scene).undulation_m(site.latitude_deg, site.longitude_deg)
+    undulation_m = scene.sea_level().undulation_m(site.latitude_deg, site.longitude_deg)
     return {
         "scene": scene.scene.name,
         "site": {"height_m": site.height_m, "height_msl_m": site.height_m - float(undulation_m)},

@@ -21,7 +21,7 @@ from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing, publish
 from plotfeed.feeds.scene.problems import problems_of
-from plotfeed.feeds.scene.source_keys import TelemetrySource
+from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import WallClock

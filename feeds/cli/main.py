@@ -127,7 +127,7 @@ def inject(
     """
     from plotfeed.feeds.cli.inject import publish_flight
     from plotfeed.feeds.cli.inject_live import publish_source, settings_of_source
-    from plotfeed.feeds.scene.source_keys import looks_like_source
+    from plotfeed.feeds.scene.telemetry_keys import looks_like_source
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
     address = BrokerAddress.parse(settings.broker, **access.parsed())

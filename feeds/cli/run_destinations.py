@@ -15,16 +15,16 @@ from plotfeed.feeds.cli.run_settings import RunSettings
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.scene.fields import split_address
-from plotfeed.feeds.scene.problems import problems_of
-from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.track_output_keys import (
+from plotfeed.feeds.scene.output_keys import (
     TOKEN_VARIABLE,
     HttpDestination,
     TakServer,
     TrackDestination,
+    WaysOut,
 )
-from plotfeed.feeds.scene.ways_out import WaysOut
+from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.outputs import NO_BROKER
 from plotfeed.feeds.transport.mqtt.address import without_secrets
 from plotfeed.proto.errors import PlotfeedError

@@ -10,8 +10,15 @@ from typing import Any
 from plotfeed.feeds.cli.check import TestTarget, row_lines, sensor_report
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.scene.examples import summaries
-from plotfeed.feeds.scene.presets.preset import Preset, names, preset, system_names
-from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, short
+from plotfeed.feeds.scene.presets.preset import (
+    SITE,
+    Preset,
+    PresetTarget,
+    names,
+    preset,
+    short,
+    system_names,
+)
 from plotfeed.feeds.scene.presets.system import SystemPreset, system
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.console.printed import in_short
 from plotfeed.feeds.scene.changes import Command, ControlError, Layers, joined, with_change
-from plotfeed.feeds.scene.mission_keys import Resume
+from plotfeed.feeds.scene.drones import Resume
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.story_keys import Story, StoryChange, StoryState

@@ -20,7 +20,6 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at, geodetic, site_frame
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam import Sectors
@@ -54,7 +53,7 @@ class Status025:
             latitude_deg=[place.latitude_deg for place in places],
             longitude_deg=[place.longitude_deg for place in places],
             height_m=[place.height_m for place in places],
-            geoid_undulation_m=SeaLevel.of(scene).undulation_m(
+            geoid_undulation_m=scene.sea_level().undulation_m(
                 [place.latitude_deg for place in places],
                 [place.longitude_deg for place in places],
             ),
@@ -148,7 +147,7 @@ def _systems(scene: Scene, sensors: Sensors) -> list[tuple[Ints, SystemEncoder01
             SystemEncoder016(
                 [_system(scene, sensor) for sensor in some.values()],
                 period_s=SERVICE_PERIOD_NS // NS,
-                geoid_undulation_m=float(SeaLevel.of(scene).undulation_m(*at_site)),
+                geoid_undulation_m=float(scene.sea_level().undulation_m(*at_site)),
                 max_octets=limits_of(scene, some),
             ),
         )

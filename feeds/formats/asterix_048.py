@@ -18,7 +18,6 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.models.frames import LocalFrames, aer_to_enu, frames_at
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
@@ -41,7 +40,7 @@ class Asterix048(AsterixFormat):
             *sources_of(sensors),
             max_octets=limits_of(scene, sensors),
         )
-        self._sea_level = SeaLevel.of(scene)
+        self._sea_level = scene.sea_level()
         places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
         self._frames = LocalFrames.of(places)
         turning = {i: sensor for i, sensor in sensors.items() if sensor.scan.rotates}

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.user_properties import Address, SectorProperties, SectorStamp
+from plotfeed.feeds.messages.message import Address, Message, SectorProperties, SectorStamp
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Ints

@@ -13,8 +13,7 @@ from plotfeed.feeds.formats.message_format import (
 )
 from plotfeed.feeds.formats.sensor_tracks import tracks_keys_of
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.user_properties import SectorStamp
+from plotfeed.feeds.messages.message import Message, SectorStamp
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor

@@ -202,7 +202,7 @@ class AskedByTime:
         self._sensor, self._settings, self._start_utc_ns = sensor.id, settings, start_utc_ns
         self._site = scene.scene.site
         try:
-            self._sea_level: SeaLevel | None = SeaLevel.of(scene)
+            self._sea_level: SeaLevel | None = scene.sea_level()
         except PlotfeedError:
             self._sea_level = None
         self._chance = Chance(scene.scene.seed, sensor.id)

@@ -35,7 +35,6 @@ from plotfeed.feeds.lab.charted import (
 )
 from plotfeed.feeds.lab.precise import number
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.sensing.sensor_site import with_heights
 from plotfeed.models import detection, looks_chain, propagation
 from plotfeed.models.beam import Sector, Sectors, Timetable
@@ -1085,7 +1084,7 @@ def _read(case: Case, name: str, sent: Plots, read: MeasuredPlots) -> Floats | N
     if name == "elevation_deg" and np.isnan(found).all() and not np.isnan(read.altitude_m).all():
         there_enu_m = aer_to_enu(sent.azimuth_deg, sent.elevation_deg, sent.range_m)
         there = case.frame.to_geodetic(there_enu_m)[:2]
-        undulation_m = SeaLevel.of(case.scene).undulation_m(*there)
+        undulation_m = case.scene.sea_level().undulation_m(*there)
         higher_m = read.altitude_m + undulation_m - sent.height_m
         level_m = sent.range_m * np.cos(np.radians(sent.elevation_deg))
         return np.asarray(sent.elevation_deg + np.degrees(higher_m / level_m))

@@ -23,8 +23,8 @@ from plotfeed.feeds.lab.sweep import span_of
 from plotfeed.feeds.lab.track_reports import TrackTable, take_message
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.scene.fields import frame_at, site_frame
+from plotfeed.feeds.scene.output_keys import WaysOut
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.ways_out import WaysOut
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over

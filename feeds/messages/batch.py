@@ -9,8 +9,8 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from plotfeed.feeds.messages.message import SectorStamp
 from plotfeed.feeds.messages.outgoing import Outgoing
-from plotfeed.feeds.messages.user_properties import SectorStamp
 from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import FALSE_ALARM, Columns, Ints, Looks, Plots, TruthState

@@ -1,14 +1,172 @@
-"""A message: what goes out, whatever carries it, what came in, and filters of topics."""
+"""A message with its user properties: what goes out, what came in, and filters of topics."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import overload
 
-from plotfeed.feeds.messages.user_properties import Pair, dashed, type_of
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
+
+USER_PROPERTY = b"\x26"
+"""What announces one in a packet; MQTT 5.0, section 2.2.2."""
+
+Pair = tuple[str, str]
+Pieces = tuple[int, Sequence[bytes]]
+"""How many octets there are, and these, in pieces."""
+
+
+def dashed(kind: str) -> str:
+    """A kind of messages, such as `asterix/048`, as ids begin."""
+    return kind.replace("/", "-")
+
+
+def type_of(kind: str) -> str:
+    """A kind of messages as the type of their events."""
+    return f"plotfeed.{kind.replace('/', '.')}"
+
+
+@lru_cache(maxsize=1 << 14)
+def packed_pair(name: str, value: str) -> bytes:
+    """One user property as packets have it."""
+    return USER_PROPERTY + packed_text(name) + packed_text(value)
+
+
+@lru_cache(maxsize=1 << 14)
+def packed_text(text: str) -> bytes:
+    """A text as packets have it, behind the number of its octets."""
+    return _octets_of(text)
+
+
+def _octets_of(text: str) -> bytes:
+    octets = text.encode()
+    return len(octets).to_bytes(2, "big") + octets
+
+
+class SectorStamp:
+    """A sector as its messages tell of it: the numbers of scan and sector, and its end.
+
+    That is by the sensor's clock; messages are due when it truly is.
+    """
+
+    __slots__ = ("_ids", "_octets", "due_ns", "end_ns", "index", "scan")
+
+    def __init__(self, scan: int, index: int, end_ns: int, clock_ahead_ns: int = 0) -> None:
+        self.scan, self.index, self.end_ns = scan, index, end_ns
+        self.due_ns = end_ns - clock_ahead_ns
+        self._ids: dict[tuple[str, int], bytes] = {}
+        self._octets: tuple[bytes, bytes, int] | None = None
+
+    def octets(self, address: Address, number: int) -> Pieces:
+        """The properties of a message as packets have them; what many have alike is made once."""
+        before, behind, length = self._octets or self._packed()
+        kind, event, sensor, more = address.octets
+        own = self._ids.get((kind, number))
+        if own is None:
+            own = _ID + _octets_of(f"{kind}-{self.scan}-{self.index}-{number}")
+            self._ids[kind, number] = own
+        return len(own) + length + more, (own, event, before, sensor, behind)
+
+    def _packed(self) -> tuple[bytes, bytes, int]:
+        """The properties before and behind the sensor's, and how long these are."""
+        before = _TIME + _octets_of(iso_utc(self.end_ns))
+        behind = packed_pair("scan", str(self.scan)) + packed_pair("sector", str(self.index))
+        self._octets = before, behind, len(before) + len(behind)
+        return self._octets
+
+
+_TIME, _ID = (USER_PROPERTY + packed_text(name) for name in ("time", "id"))
+
+
+class Address:
+    """Where messages of one sensor and kind go, and what all of them say of themselves."""
+
+    __slots__ = ("content_type", "event", "kind", "octets", "qos", "sensor", "topic")
+
+    def __init__(self, source: str, sensor: str, kind: str, content_type: str, qos: int) -> None:
+        """`source` is what comes before the kind in the topic."""
+        self.topic = f"{source}/{kind}"
+        self.content_type = content_type
+        self.qos = qos
+        self.kind = dashed(kind)
+        self.sensor = ("sensor", sensor)
+        self.event = (("type", type_of(kind)), ("specversion", "1.0"), ("source", source))
+        event, whose = (
+            b"".join(packed_pair(*pair) for pair in self.event),
+            packed_pair(*self.sensor),
+        )
+        self.octets = self.kind, event, whose, len(event) + len(whose)  # as packets have them
+
+
+class SectorProperties(Sequence[Pair]):
+    """The properties of a message of a sector, as CloudEvents attributes, in their order.
+
+    `number` tells those of one kind and sector apart.
+    """
+
+    __slots__ = ("address", "number", "stamp")
+
+    def __init__(self, address: Address, stamp: SectorStamp, number: int) -> None:
+        self.address, self.stamp, self.number = address, stamp, number
+
+    def pairs(self) -> tuple[Pair, ...]:
+        """All of them."""
+        address, stamp = self.address, self.stamp
+        return (
+            ("id", f"{address.kind}-{stamp.scan}-{stamp.index}-{self.number}"),
+            *address.event,
+            ("time", iso_utc(stamp.end_ns)),
+            address.sensor,
+            ("scan", str(stamp.scan)),
+            ("sector", str(stamp.index)),
+        )
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return 8
+
+    @overload
+    def __getitem__(self, place: int) -> Pair: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Pair, ...]: ...
+
+    def __getitem__(self, place: int | slice) -> Pair | tuple[Pair, ...]:
+        """Pairs at a place."""
+        return self.pairs()[place]
+
+    def __iter__(self) -> Iterator[Pair]:
+        """One after the other."""
+        return iter(self.pairs())
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other has the same pairs, whatever holds them."""
+        if isinstance(other, SectorProperties | tuple):
+            return self.pairs() == tuple(other)
+        return NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.pairs())
+
+    def __repr__(self) -> str:
+        return repr(self.pairs())
+
+
+def packed(properties: Sequence[Pair]) -> bytes:
+    """Properties as packets have them."""
+    return b"".join(pieces_of(properties)[1])
+
+
+def pieces_of(properties: Sequence[Pair]) -> Pieces:
+    """Properties as packets have them: their octets, in pieces that are to be joined."""
+    if isinstance(properties, SectorProperties):
+        return properties.stamp.octets(properties.address, properties.number)
+    pieces = [packed_pair(name, value) for name, value in properties]
+    return sum(map(len, pieces)), pieces
+
 
 MESSAGE_EXPIRY_S = 60
 """So long a broker keeps a message that it cannot pass on."""

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.scene.examples import head_of
 from plotfeed.feeds.scene.fields import Site, enu_from, frame_at, site_frame
 from plotfeed.feeds.scene.output_keys import BasemapImage
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.scene_head import head_of
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.models.cueing import CuedState

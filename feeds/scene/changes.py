@@ -9,8 +9,8 @@ from typing import Any
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from plotfeed.feeds.scene.claim_keys import ClaimFault
+from plotfeed.feeds.scene.drones import Contingency
 from plotfeed.feeds.scene.fields import SceneTable
-from plotfeed.feeds.scene.mission_keys import Contingency
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of

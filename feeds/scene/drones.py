@@ -1,21 +1,23 @@
-"""The drones that a scene flies by itself: the keys of paths and flights, of one or of many."""
+"""The drones of a scene: missions and paths of those that it flies, and their properties."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE, ClaimFault, CooperativeKeys
 from plotfeed.feeds.scene.fields import (
+    Azimuth,
     Decibels,
     Enu,
     Frequency,
     Height,
     Location,
+    ModelTable,
     Name,
     NotNegative,
     Positive,
@@ -23,9 +25,327 @@ from plotfeed.feeds.scene.fields import (
     Size,
     Speed,
 )
-from plotfeed.feeds.scene.mission_keys import MissionKeys
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.state import DRONE, AltitudeReference, Floats
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.target_echoes import Aspect, TargetEcho, TargetEchoes
+
+if TYPE_CHECKING:
+    pass
+
+MAX_TURNS = 100.0
+
+
+class LimitKeys(ModelTable):
+    """What the drone can do on its legs and in contingencies; a Phantom 4's, but acceleration."""
+
+    makes = "flight_plan:FlightLimits"
+
+    speed_m_s: Speed = 20.0
+    """Greatest, over all."""
+    climb_m_s: Speed = 6.0
+    """Greatest, upwards."""
+    sink_m_s: Speed = 4.0
+    """Greatest, downwards."""
+    acceleration_m_s2: Annotated[float, Field(ge=0.1, le=100)] = 4.0
+    """Greatest, of any kind; 4 m/s² is a tilt of 22 degrees."""
+
+
+class TakeOffLeg(SceneTable):
+    """Straight up from where it stands."""
+
+    kind: Literal["take-off"]
+    """Which leg it is."""
+    height_m: Positive
+    """Above home."""
+
+
+class PlaceLeg(Location):
+    """Straight to a place, where it comes to rest."""
+
+    kind: Literal["to"]
+    """Which leg it is."""
+    speed_m_s: Speed | None = None
+    """On the way; without it, the limit."""
+
+
+class HoverLeg(SceneTable):
+    """Staying where it is."""
+
+    kind: Literal["hover"]
+    """Which leg it is."""
+    for_s: Positive
+    """How long."""
+
+
+class OrbitLeg(Location):
+    """Round a place, at that place's height, from the point of the circle that is nearest."""
+
+    kind: Literal["orbit"]
+    """Which leg it is."""
+    radius_m: Annotated[float, Field(ge=1, le=100_000)]
+    """Of the circle."""
+    turns: Annotated[float, Field(gt=0, le=MAX_TURNS)] = 1.0
+    """How often round."""
+    speed_m_s: Speed | None = None
+    """On the circle; without it, as fast as the limits allow there."""
+    clockwise: bool = True
+    """Seen from above."""
+
+
+class LandLeg(SceneTable):
+    """Straight down to the height of home; there the drone is gone."""
+
+    kind: Literal["land"]
+    """Which leg it is."""
+
+
+Leg = Annotated[TakeOffLeg | PlaceLeg | HoverLeg | OrbitLeg | LandLeg, Field(discriminator="kind")]
+
+
+class _Happening(SceneTable):
+    """What all contingencies have in common."""
+
+    at_s: NotNegative | None = None
+    """When, after the session has begun. On control it is left out: it happens at once."""
+
+
+class LostLink(_Happening):
+    """The control link is lost: it waits, climbs if it must, flies home straight, and lands."""
+
+    kind: Literal["lost-link"]
+    """What happens."""
+    hold_s: NotNegative = 10.0
+    """It hovers so long before it returns."""
+    return_height_m: Height | None = None
+    """Above home; it climbs to this before it returns. Without it, it returns as high as it is."""
+    speed_m_s: Speed | None = None
+    """On the way home; without it, the limit."""
+
+
+class FlyAway(_Happening):
+    """The drone flies off and obeys nothing, no geofence either, until its battery is empty."""
+
+    kind: Literal["fly-away"]
+    """What happens."""
+    course_deg: Azimuth | None = None
+    """Clockwise from true north; without it, where it is heading, or north."""
+    speed_m_s: Speed | None = None
+    """Over ground; without it, the limit."""
+    climb_m_s: Annotated[float, Field(ge=-100, le=100)] = 0.0
+    """Upwards; below 0 it sinks."""
+    for_s: Annotated[float, Field(gt=0, le=86_400)] = 600.0
+    """It is gone then."""
+
+
+class Stray(Location, _Happening):
+    """The drone leaves its way for a place, such as one beyond a geofence, and then goes on."""
+
+    kind: Literal["stray"]
+    """What happens."""
+    hold_s: NotNegative = 0.0
+    """It stays there so long."""
+    speed_m_s: Speed | None = None
+    """There and back; without it, the limit."""
+
+
+class LowBattery(_Happening):
+    """The drone lands where it is."""
+
+    kind: Literal["low-battery"]
+    """What happens."""
+
+
+class Hold(_Happening):
+    """The drone hovers until it is told to resume, or lands after a while."""
+
+    kind: Literal["hold"]
+    """What happens."""
+    for_s: Annotated[float, Field(gt=0, le=86_400)] = 600.0
+    """It lands after so long."""
+
+
+class Resume(_Happening):
+    """The drone goes on with what it left.
+
+    With the legs at the end of the one that it left, or anew with an orbit or a hover; with a path
+    at the next waypoint; with a recorded flight where it left.
+    """
+
+    kind: Literal["resume"]
+    """What happens."""
+
+
+Contingency = Annotated[
+    LostLink | FlyAway | Stray | LowBattery | Hold | Resume, Field(discriminator="kind")
+]
+
+
+class GeofenceKeys(SceneTable):
+    """A cylinder about home that the drone itself knows, and what it does when it has left it.
+
+    It acts while the drone obeys: not in a fly-away, nor a second time after it has acted. The
+    drone crosses by the way that it takes to brake.
+    """
+
+    radius_m: Annotated[float, Field(ge=1, le=1e6)]
+    """About home."""
+    above_home_m: Positive | None = None
+    """Its top; without it, there is none."""
+    does: Literal["hold", "return", "land"] = "return"
+    """What the drone does: hovers, flies home and lands, or lands there."""
+
+
+class MissionKeys(SceneTable):
+    """The part of a drone's keys that says what it does beside a path, and instead of one."""
+
+    home: Location | None = None
+    """Where it begins its legs, returns to and lands: at the height of the ground. Needed with leg;
+    otherwise it is beneath the first place of the path or flight, at the height of the site."""
+    leg: Annotated[tuple[Leg, ...], Field(strict=False)] = ()
+    """What it does, one after the other, within its limits and at rest in between; or else `path`
+    or `flight`."""
+    limits: LimitKeys = LimitKeys()
+    """What it can do, on its legs and in contingencies."""
+    geofence: GeofenceKeys | None = None
+    """What it knows of, and does not mean to leave."""
+    contingency: Annotated[tuple[Contingency, ...], Field(strict=False)] = ()
+    """What goes otherwise than planned, and when."""
+
+    @model_validator(mode="after")
+    def _can_be_flown(self) -> Self:
+        if self.leg and self.home is None:
+            raise ValueError("home: needed with leg")
+        for n, leg in enumerate(self.leg):
+            self._check_leg(n, leg)
+        before_s = -1.0
+        for n, happening in enumerate(self.contingency):
+            key = f"contingency[{n}].at_s"
+            if happening.at_s is None:
+                raise ValueError(f"{key}: missing")
+            if happening.at_s <= before_s:
+                raise ValueError(f"{key}: must be above that of the one before")
+            before_s = happening.at_s
+        return self
+
+    def _check_leg(self, n: int, leg: Leg) -> None:
+        limits = self.limits.model()
+        if leg.kind == "land" and n + 1 < len(self.leg):
+            raise ValueError(f"leg[{n}]: nothing comes after land")
+        if not isinstance(leg, PlaceLeg | OrbitLeg) or leg.speed_m_s is None:
+            return
+        most, why = limits.speed_m_s, "limits"
+        if isinstance(leg, OrbitLeg):
+            most = limits.orbit_speed_m_s(leg.radius_m)
+            why = f"limits, on a circle of {leg.radius_m:g} m"
+        if leg.speed_m_s > most:
+            raise ValueError(f"leg[{n}].speed_m_s: at most {most:.3g} m/s by its {why}")
+
+
+Swerling = Annotated[int, Field(ge=0, le=4)]
+
+
+class LobedAspectKeys(SceneTable):
+    """Four lobes, in dB by the cosine of four times the aspect; the mean power is kept."""
+
+    kind: Literal["lobes"]
+    """Which shape."""
+    depth_db: Annotated[float, Field(ge=0, le=30)]
+    """Of the lobes: half of what lies between the strongest and the weakest."""
+
+    def model(self) -> Aspect:
+        """Aspect for a model."""
+        from plotfeed.models.effects.target_echoes import LobedAspect
+
+        return LobedAspect(self.depth_db)
+
+
+class TableAspectKeys(SceneTable):
+    """Cross-sections as they were measured around a target."""
+
+    kind: Literal["table"]
+    """Which shape."""
+    angle_deg: Annotated[tuple[Azimuth, ...], Field(strict=False, min_length=2, max_length=10_000)]
+    """From the nose clockwise, seen from above, rising and less than a turn."""
+    gain_db: Annotated[tuple[Decibels, ...], Field(strict=False, min_length=2, max_length=10_000)]
+    """At those, beside the stated rcs_m2; linear in between, all around."""
+
+    @model_validator(mode="after")
+    def _is_a_table(self) -> Self:
+        if len(self.angle_deg) != len(self.gain_db):
+            raise ValueError("gain_db: as many as angle_deg are needed")
+        if (np.diff(self.angle_deg) <= 0).any() or self.angle_deg[-1] - self.angle_deg[0] >= 360:
+            raise ValueError("angle_deg: must rise, by less than 360 in all")
+        return self
+
+    def model(self) -> Aspect:
+        """Aspect for a model."""
+        from plotfeed.models.effects.target_echoes import AspectTable
+
+        return AspectTable(self.angle_deg, self.gain_db)
+
+
+class TargetKeys(SceneTable):
+    """A [[target]]: how radars see all drones of a class, scripted or from telemetry."""
+
+    target_class: Name = DRONE
+    """Of the drones that this is about; those that state none are drone."""
+    swerling: Swerling | None = None
+    """Fluctuation: 0 none, 1 and 3 from scan to scan, 2 and 4 from look to look; 3 and 4 are of
+    one strong part and weak ones. Without it, 1, and 2 for a radar of several transmitters."""
+    aspect: Annotated[LobedAspectKeys | TableAspectKeys, Field(discriminator="kind")] | None = None
+    """Cross-section by the side that is seen: a drone looks where it flies, and north while it
+    hovers. Statistics over all aspects are fluctuation already: swerling 3 goes well with it."""
+
+    def echo(self, swerling: int | None) -> TargetEcho:
+        """What is stated of such a drone, by its own case if it has one."""
+        from plotfeed.models.effects.target_echoes import TargetEcho
+
+        return TargetEcho(
+            swerling=self.swerling if swerling is None else swerling,
+            aspect=None if self.aspect is None else self.aspect.model(),
+        )
+
+
+def _of_distinct_classes(targets: tuple[TargetKeys, ...]) -> tuple[TargetKeys, ...]:
+    classes = [target.target_class for target in targets]
+    for name in classes:
+        if classes.count(name) > 1:
+            raise ValueError(f"target_class {name!r} is used twice")
+    return targets
+
+
+Targets = Annotated[
+    tuple[TargetKeys, ...], Field(strict=False), AfterValidator(_of_distinct_classes)
+]
+
+
+class EchoesByClass:
+    """Echoes of drones by their classes, as the [[target]] of a scene state them."""
+
+    def __init__(self, targets: Sequence[TargetKeys]) -> None:
+        self._numbers = {keys.target_class: n for n, keys in enumerate(targets)}
+        from plotfeed.models.effects.target_echoes import TargetEchoes
+
+        self._echoes = TargetEchoes.of([*(keys.echo(None) for keys in targets), None])
+
+    def of(self, classes: Sequence[str]) -> TargetEchoes:
+        """Echoes of drones of those classes, in their order; none of a class that none names."""
+        numbers = [self._numbers.get(name, -1) for name in classes]
+        return self._echoes.rows(np.array(numbers, np.int64))
+
+
+def echoes_of(
+    targets: Sequence[TargetKeys], target_class: str, swerling: int | None = None
+) -> TargetEchoes:
+    """The echo of one drone of a class, or of one with a case of its own; of nothing, none."""
+    found = [keys.echo(swerling) for keys in targets if keys.target_class == target_class]
+    from plotfeed.models.effects.target_echoes import TargetEcho, TargetEchoes
+
+    if not found and swerling is not None:
+        found = [TargetEcho(swerling=swerling)]
+    return TargetEchoes.of(found[:1] or [None])
 
 
 class Waypoint(Location):

@@ -1,11 +1,13 @@
-"""The keys of what messages leave by: MQTT and its queue, UDP, SAPIENT, the live page."""
+"""The keys of where messages go: MQTT, UDP, SAPIENT, tracks, the page, and all ways out."""
 
 from __future__ import annotations
 
 import contextlib
 import ipaddress
-from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal, Self, TypeVar
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
@@ -19,6 +21,8 @@ from plotfeed.feeds.scene.fields import (
     address_parts,
     split_address,
 )
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 
 USUAL_MESSAGES = (0, 10_000)
 """Of QoS 0, of which a late one is worth nothing, and of QoS 1."""
@@ -274,3 +278,265 @@ class UdpDestination(SceneTable):
     def format(self) -> str | None:
         """The format that goes there, as a sensor's `report` names it; None for all ASTERIX."""
         return None if self.carries == "asterix" else self.carries
+
+
+TOKEN_VARIABLE = "PLOTFEED_HTTP_TOKEN_"  # noqa: S105 - how its name begins  # nosec B105
+TAK_PORTS = {"tcp": 8087, "tls": 8089}
+
+
+def split_server(text: str) -> tuple[str, str, int]:
+    """Scheme, host and port of tcp://HOST[:PORT] or tls://HOST[:PORT]; raises `ValueError`."""
+    expected = ValueError(f"expected tcp://HOST:PORT, or tls://, not {text!r}")
+    try:
+        parts = urlsplit(text)
+        port = parts.port
+    except ValueError:
+        raise expected from None
+    rest = parts.path + parts.query + parts.fragment
+    if parts.scheme not in TAK_PORTS or not parts.hostname or rest or "@" in parts.netloc:
+        raise expected
+    return parts.scheme, parts.hostname, TAK_PORTS[parts.scheme] if port is None else port
+
+
+def _server(text: str) -> str:
+    split_server(text)
+    return text
+
+
+def _url(text: str) -> str:
+    try:
+        parts = urlsplit(text)
+        _ = parts.port
+    except ValueError:
+        parts = urlsplit("")
+    if "@" in parts.netloc:
+        raise ValueError("expected an address without a user or password: name a token instead")
+    plain = text.isascii() and text.isprintable() and " " not in text and not parts.fragment
+    if parts.scheme not in ("http", "https") or not parts.hostname or not plain:
+        raise ValueError("expected http://HOST:PORT/PATH, or https://")
+    return text
+
+
+class TrackDestination(SceneTable):
+    """What destinations of tracks have in common."""
+
+    sensors: Annotated[tuple[Name, ...], Field(strict=False)] = ()
+    """Whose messages go there; all sensors' if it is left out."""
+
+    def takes(self, sensor: str) -> bool:
+        """Whether that sensor's messages go there."""
+        return not self.sensors or sensor in self.sensors
+
+    @property
+    def format(self) -> str:
+        """The format that goes there, as a sensor's `report` names it."""
+        raise NotImplementedError
+
+    @property
+    def content_type(self) -> str:
+        """The content type of what goes there."""
+        return REPORT_FORMATS[self.format].content_type
+
+
+class QueuedDestination(TrackDestination):
+    """A server that may be away, slow, or refuse what it is sent."""
+
+    queue_messages: Annotated[int, Field(ge=1, le=100_000)] = 100
+    """That wait for it; of more the oldest are dropped."""
+    timeout_s: Annotated[float, Field(ge=0.1, le=60)] = 5.0
+    """A server that takes longer to connect, to read or to answer is given up, and tried anew."""
+    ca_file: str | None = None
+    """Of who vouches for it, where TLS is spoken; relative to the scene, as the files below."""
+
+
+class TakServer(QueuedDestination):
+    """A [[tak]] of the scene: a TAK server to which events of Cursor on Target go."""
+
+    server: Annotated[str, AfterValidator(_server)]
+    """tcp://HOST:PORT, or tls://HOST:PORT; without a port 8087, or 8089."""
+    client_certificate_file: str | None = None
+    """What the server asks of its clients, a PEM file."""
+    client_key_file: str | None = None
+    """Of that certificate, where it is a file of its own."""
+    server_name: str | None = None
+    """In the server's certificate, where that is not the host."""
+
+    @property
+    def format(self) -> str:
+        """Cursor on Target."""
+        return "cot"
+
+    @model_validator(mode="after")
+    def _certificates_need_tls(self) -> Self:
+        given = (self.ca_file, self.client_certificate_file, self.client_key_file, self.server_name)
+        if any(each is not None for each in given) and not self.server.startswith("tls://"):
+            raise ValueError("server: certificates and names of theirs need tls://")
+        return self
+
+
+class HttpDestination(QueuedDestination):
+    """A [[http]] of the scene: an address to which messages are posted, one after the other."""
+
+    url: Annotated[str, AfterValidator(_url)]
+    """http:// or https://, with path and query; {session} in it stands for a UUID of the run."""
+    carries: Literal["air-traffic", "f3411", "geojson"] = "air-traffic"
+    """Format of the messages, which the sensors must have in their `report`."""
+    token: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,64}$")] | None = None
+    """Which bearer token to send: NAME is that in the environment variable
+    PLOTFEED_HTTP_TOKEN_NAME; a scene itself never holds one."""
+    retries: Annotated[int, Field(ge=0, le=100)] = 3
+    """Of a message that found no server, or one that is busy or broken; one that the server refuses
+    is not sent again."""
+
+    @property
+    def format(self) -> str:
+        """Format that it carries."""
+        return self.carries
+
+
+class ListeningDestination(TrackDestination):
+    """A port of this machine at which others connect."""
+
+    host: Literal["127.0.0.1", "::1", "0.0.0.0", "::"] = "127.0.0.1"  # noqa: S104 - if asked for
+    """Address to listen on; the last two let in who can reach this machine."""
+    port: Annotated[int, Field(ge=1, le=65535)]
+    """To listen on."""
+
+
+class WebSocketKeys(ListeningDestination):
+    """A [[websocket]] of the scene: a server to which maps connect, and are told of tracks."""
+
+    carries: Literal["geojson", "air-traffic", "f3411", "foxglove-geojson"] = "geojson"
+    """Format of the messages, which the sensors must have in their `report`."""
+    origins: Annotated[tuple[Origin, ...], Field(strict=False)] = ()
+    """Web pages that may connect, each as its browser names it, such as http://localhost:5173;
+    programs that are no browsers always may."""
+    max_clients: Annotated[int, Field(ge=1, le=1000)] = 50
+    """At a time."""
+    queue_messages: Annotated[int, Field(ge=1, le=100_000)] = 100
+    """That wait for a client that is slow; of more the oldest are dropped."""
+
+    @property
+    def format(self) -> str:
+        """Format that it carries."""
+        return self.carries
+
+
+class RemoteIdService(ListeningDestination):
+    """A [[remote_id_service]] of the scene: where others ask for tracks as network Remote ID."""
+
+    token: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,64}$")] | None = None
+    """Which bearer token whoever asks must send: NAME is that in the environment variable
+    PLOTFEED_HTTP_TOKEN_NAME; without this key all who reach the port are answered."""
+
+    @property
+    def format(self) -> str:
+        """Flights of ASTM F3411."""
+        return "f3411"
+
+
+FILES = ("ca_file", "client_certificate_file", "client_key_file")
+Q = TypeVar("Q", bound=QueuedDestination)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WaysOut:
+    """Where a session sends, what opens the doors there, and whom it lets in and listens to."""
+
+    broker: str | None = None
+    """URL; None is the embedded broker."""
+    waits: bool = False
+    """Whether a broker that is not up yet is waited for."""
+    port: int | None = None
+    """Of the embedded broker, if it must be that one."""
+    embedded: EmbeddedBrokerKeys = field(default_factory=EmbeddedBrokerKeys)
+    """Whom it lets in, and what it bears."""
+    ca_file: Path | None = None
+    certificate_file: Path | None = None
+    key_file: Path | None = None
+    credentials_file: Path | None = None
+    udp: tuple[UdpDestination, ...] = ()
+    tak: tuple[TakServer, ...] = ()
+    http: tuple[HttpDestination, ...] = ()
+    websocket: tuple[WebSocketKeys, ...] = ()
+    remote_id_service: tuple[RemoteIdService, ...] = ()
+    middleware: str | None = None
+    """HOST:PORT of a SAPIENT middleware."""
+    sources: tuple[TelemetrySource, ...] = ()
+    """Live telemetry that is listened to."""
+
+    @property
+    def queued(self) -> tuple[TakServer | HttpDestination, ...]:
+        """The servers that may be away or slow."""
+        return *self.tak, *self.http
+
+
+class DestinationTables(SceneTable):
+    """The tables of a scene that name destinations beside MQTT."""
+
+    udp: Annotated[tuple[UdpDestination, ...], Field(strict=False)] = ()
+    tak: Annotated[tuple[TakServer, ...], Field(strict=False)] = ()
+    http: Annotated[tuple[HttpDestination, ...], Field(strict=False)] = ()
+    websocket: Annotated[tuple[WebSocketKeys, ...], Field(strict=False)] = ()
+    remote_id_service: Annotated[tuple[RemoteIdService, ...], Field(strict=False)] = ()
+
+    def check_senders(self, reports: Mapping[str, Sequence[str]]) -> None:
+        """Raise `ValueError` if a destination names no sensor, or one that has nothing for it.
+
+        `reports` are the formats of whoever sends, by name.
+        """
+        for kind in DestinationTables.model_fields:
+            for n, each in enumerate(getattr(self, kind)):
+                for name in each.sensors:
+                    if name not in reports:
+                        raise ValueError(f"{kind}[{n}].sensors: no sensor has the id {name!r}")
+                wanted = each.format
+                theirs = [formats for name, formats in reports.items() if each.takes(name)]
+                if wanted is not None and not any(wanted in formats for formats in theirs):
+                    raise ValueError(
+                        f"{kind}[{n}]: none of its sensors has {wanted!r} in its report, and "
+                        "nothing else goes there"
+                    )
+
+
+def outgoing_of(
+    mqtt: Mqtt,
+    sapient: SapientKeys,
+    destinations: DestinationTables,
+    sources: tuple[TelemetrySource, ...],
+    file: Callable[[str], Path],
+) -> WaysOut:
+    """What a scene's keys say; `file` finds the files that they name."""
+    names = (
+        mqtt.ca_file,
+        mqtt.client_certificate_file,
+        mqtt.client_key_file,
+        mqtt.credentials_file,
+    )
+    ca, certificate, key, credentials = (None if n is None else file(n) for n in names)
+    return WaysOut(
+        broker=mqtt.broker,
+        port=mqtt.port if "port" in mqtt.model_fields_set else None,
+        embedded=mqtt.embedded,
+        ca_file=ca,
+        certificate_file=certificate,
+        key_file=key,
+        credentials_file=credentials,
+        udp=destinations.udp,
+        tak=_found(destinations.tak, file),
+        http=_found(destinations.http, file),
+        websocket=destinations.websocket,
+        remote_id_service=destinations.remote_id_service,
+        middleware=sapient.middleware,
+        sources=sources,
+    )
+
+
+def _found(destinations: Iterable[Q], file: Callable[[str], Path]) -> tuple[Q, ...]:
+    """DestinationTables whose files are named by where they are."""
+    found = []
+    for each in destinations:
+        named = {name: getattr(each, name, None) for name in FILES}
+        paths = {name: str(file(value)) for name, value in named.items() if value is not None}
+        found.append(each.model_copy(update=paths))
+    return tuple(found)

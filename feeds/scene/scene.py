@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from codecs import BOM_UTF8
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.resources import as_file, files
 from itertools import islice
@@ -18,30 +18,129 @@ from pydantic_core import CoreSchema
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE, CooperativeKeys
-from plotfeed.feeds.scene.drones import Drone, Fleet, Swarm
+from plotfeed.feeds.scene.drones import Drone, Fleet, Swarm, Targets
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.fields import (
+    Azimuth,
+    Enu,
     Name,
     Positive,
     SceneTable,
     Site,
 )
-from plotfeed.feeds.scene.output_keys import Mqtt, PageKeys, SapientKeys
-from plotfeed.feeds.scene.presets.preset import names as preset_names
-from plotfeed.feeds.scene.presets.preset import with_presets
-from plotfeed.feeds.scene.presets.system import SystemKeys, renamed_key, with_systems
+from plotfeed.feeds.scene.output_keys import (
+    DestinationTables,
+    Mqtt,
+    PageKeys,
+    SapientKeys,
+    WaysOut,
+    outgoing_of,
+)
 from plotfeed.feeds.scene.problems import located, problems_of
-from plotfeed.feeds.scene.sea_heights import with_ellipsoidal_heights
-from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.sea_level import SeaLevel, with_ellipsoidal_heights
+from plotfeed.feeds.scene.sensors import SENSORS, Sensor, SensorKeys
 from plotfeed.feeds.scene.sensors.mount_keys import check_cues
-from plotfeed.feeds.scene.source_codes import check_sources, numbered, with_track_numbers
+from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys
 from plotfeed.feeds.scene.story_keys import Story, usual_stories
-from plotfeed.feeds.scene.target_keys import Targets
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
-from plotfeed.feeds.scene.ways_out import DestinationTables, WaysOut, outgoing_of
-from plotfeed.feeds.scene.weather_keys import with_spells
-from plotfeed.feeds.scene.world_keys import WorldKeys
+from plotfeed.feeds.scene.world_keys import WorldKeys, with_spells
+from plotfeed.models.track_lives import MAX_TRACKS
 from plotfeed.proto.errors import PlotfeedError
+
+LAST_CODE = 255
+FEWEST_NUMBERS = 1000
+"""That a sensor must have for its tracks; where there are too many sensors, none has its own."""
+Source = tuple[int, int]
+"""System area code and system identification code."""
+
+
+def numbered(sensors: Iterable[Any]) -> list[Any]:
+    """Tables of sensors, those without a `sic` with the first that is free of their `sac`.
+
+    Free are 1 to 255, but for those that any sensor states; a sensor that states no `sac` either
+    has 0, or the next that has room. What is no table, or states nonsense, is left as it is.
+    """
+    every = list(sensors)
+    taken = {source for sensor in every if (source := _stated(sensor)) is not None}
+    return [_numbered(sensor, taken) for sensor in every]
+
+
+def _stated(sensor: Any) -> Source | None:
+    if isinstance(sensor, SensorKeys):
+        return sensor.sac, sensor.sic
+    if not isinstance(sensor, dict) or not isinstance(sensor.get("sic"), int):
+        return None
+    sac = sensor.get("sac", 0)
+    return (sac, sensor["sic"]) if isinstance(sac, int) else None
+
+
+def _numbered(sensor: Any, taken: set[Source]) -> Any:
+    if not isinstance(sensor, dict) or "sic" in sensor:
+        return sensor
+    sac = sensor.get("sac")
+    sacs: Iterable[int] = range(LAST_CODE + 1)
+    if sac is not None:
+        sacs = [sac] if isinstance(sac, int) else []
+    codes = ((area, sic) for area in sacs for sic in range(1, LAST_CODE + 1))
+    found = next((each for each in codes if each not in taken), None)
+    if found is None:
+        return sensor
+    taken.add(found)
+    sac, sic = found
+    return {**sensor, **({"sac": sac} if sac else {}), "sic": sic}
+
+
+def check_sources(sensors: Sequence[SensorKeys]) -> None:
+    """Raise `ValueError` if two sensors that report in ASTERIX have one SAC and SIC.
+
+    All go to the same brokers and files, where nothing else in a record tells them apart.
+    """
+    known: dict[Source, str] = {}
+    for n, sensor in enumerate(sensors):
+        if not any(REPORT_FORMATS[name].categories for name in sensor.report):
+            continue
+        source = sensor.sac, sensor.sic
+        other = known.setdefault(source, sensor.id)
+        if other != sensor.id:
+            raise ValueError(
+                f"sensor[{n}].sic: {other!r} and {sensor.id!r} both have sac {sensor.sac} and sic "
+                f"{sensor.sic}, and both report in ASTERIX, which tells them apart by that alone; "
+                "leave out sic, and they are numbered"
+            )
+
+
+def with_track_numbers(sensors: Sequence[Any]) -> list[Any]:
+    """Tables of sensors, those that report tracks with an even share of their numbers each.
+
+    A sensor that states its own keeps them, one that is alone has all, and so has each where all
+    report in ASTERIX, whose records say of whom they are.
+    """
+    formats = [_track_formats(sensor) for sensor in sensors]
+    tracking = [n for n, names in enumerate(formats) if names]
+    share = MAX_TRACKS // max(len(tracking), 1)
+    is_asterix = all(REPORT_FORMATS[name].categories for names in formats for name in names)
+    found = list(sensors)
+    if is_asterix or len(tracking) < 2 or share < FEWEST_NUMBERS:
+        return found
+    for place, n in enumerate(tracking):
+        tracks = sensors[n].get("tracks", {})
+        if isinstance(tracks, dict):
+            numbers = (place * share + 1, (place + 1) * share)
+            found[n] = {**sensors[n], "tracks": {"numbers": numbers, **tracks}}
+    return found
+
+
+def _track_formats(sensor: Any) -> list[str]:
+    """The formats of tracks in which a table's sensor reports."""
+    if not isinstance(sensor, dict) or not isinstance(sensor.get("report"), list | tuple):
+        return []
+    kind = SENSORS.get(str(sensor.get("type")))
+    if kind is None or not issubclass(kind, TrackingSensorKeys):
+        return []
+    names = [name for name in sensor["report"] if isinstance(name, str) and name in REPORT_FORMATS]
+    return [name for name in names if REPORT_FORMATS[name].tells_tracks]
+
 
 MAX_SCENE_OCTETS = 4 << 20
 MAX_FALSE_ALARMS = 100_000
@@ -110,12 +209,41 @@ class Asterix(SceneTable):
     second, which reaches from -90 to 90 degrees; asterix-decoder and jASTERIX the first."""
 
 
+class SystemKeys(SceneTable):
+    """A [[system]] of the scene: a commercial one, whose sensors are named after it."""
+
+    id: Name
+    """Its sensors are `id-radar`, `id-rf`, `id-detector`, `id-audio` and `id-camera`."""
+    preset: str
+    """Which system: `plotfeed sensors` lists them."""
+    position_enu_m: Enu = (0.0, 0.0, 0.0)
+    """Of all its sensors that have none of their own: east, north and up of the site."""
+    facing_deg: Azimuth = 0.0
+    """By which its sensors that look one way look clockwise of where their presets do, north."""
+    without: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Sensors of the system that are not there: radar, rf, detector, audio or camera."""
+    every: dict[str, Any] = Field(default={})
+    """Keys that all its sensors have, such as link or report."""
+    radar: dict[str, Any] = Field(default={})
+    """Keys of the radar, in place of its preset's; another `preset` among them."""
+    rf: dict[str, Any] = Field(default={})
+    """Keys of the RF sensor, likewise."""
+    detector: dict[str, Any] = Field(default={})
+    """Keys of the RF sensor that finds no direction, likewise."""
+    audio: dict[str, Any] = Field(default={})
+    """Keys of the microphones, likewise."""
+    camera: dict[str, Any] = Field(default={})
+    """Keys of the camera, likewise."""
+
+
 def _or_of_a_preset(schema: dict[str, Any]) -> None:
     """Let the JSON schema pass a sensor whose keys its preset gives."""
+    from plotfeed.feeds.scene.presets.preset import names
+
     of_a_preset = {
         "type": "object",
         "required": ["id", "preset"],
-        "properties": {"preset": {"enum": preset_names()}},
+        "properties": {"preset": {"enum": names()}},
     }
     schema["items"] = {"anyOf": [of_a_preset, schema["items"]]}
 
@@ -246,6 +374,13 @@ class Scene(DestinationTables, WorldKeys):
             raise PlotfeedError(f"the recording names the file {name!r} and does not hold it")
         return self._files[name]
 
+    def sea_level(self, *, stated_m: float | None = None) -> SeaLevel:
+        """Mean sea level, unless another is stated; raises `PlotfeedError`."""
+        keys = self.telemetry
+        if stated_m is not None or keys.geoid_grid is None:
+            return SeaLevel(keys.geoid_undulation_m if stated_m is None else stated_m)
+        return SeaLevel(grid=self.file(keys.geoid_grid))
+
     @property
     def is_enclosed(self) -> bool:
         """Whether it is data, of whose files there are only those that it brings along."""
@@ -330,8 +465,15 @@ def from_tree(tree: dict[str, Any], path: Path, text: str = "") -> Scene:
     `text` is what TOML was given, if it was a file; raises `SceneError`.
     """
     written = tree
-    tree, of_systems, whose = with_systems(tree)
-    tree, problems = with_presets(tree)
+    of_systems: list[tuple[str, str]] = []
+    problems: list[tuple[str, str]] = []
+    whose: dict[str, str] = {}
+    if _names_presets(tree):
+        from plotfeed.feeds.scene.presets.preset import with_presets
+        from plotfeed.feeds.scene.presets.system import with_systems
+
+        tree, of_systems, whose = with_systems(tree)
+        tree, problems = with_presets(tree)
     misused = {key.partition(".")[0] for key, _ in problems}
     try:
         scene = Scene.model_validate(tree)
@@ -339,8 +481,21 @@ def from_tree(tree: dict[str, Any], path: Path, text: str = "") -> Scene:
         # A sensor without its preset lacks keys that nobody wanted to write.
         others = (p for p in problems_of(error, tree) if p[0].partition(".")[0] not in misused)
         problems += islice(others, MAX_PROBLEMS)
-    problems = of_systems + [(renamed_key(key, whose), what) for key, what in problems]
+    problems = of_systems + [(_renamed(key, whose), what) for key, what in problems]
     if problems:
         raise SceneError(path, problems, written, text)
     scene._path, scene._text = path, text
     return scene
+
+
+def _names_presets(tree: dict[str, Any]) -> bool:
+    sensors = tree.get("sensor")
+    return "system" in tree or (
+        isinstance(sensors, list) and any(isinstance(s, dict) and "preset" in s for s in sensors)
+    )
+
+
+def _renamed(key: str, whose: Mapping[str, str]) -> str:
+    """The key of a problem as the scene has it: of a system, if it is of one of its sensors."""
+    sensor, dot, rest = key.partition(".")
+    return f"{whose[sensor]}{dot}{rest}" if sensor in whose else key

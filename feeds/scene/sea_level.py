@@ -1,16 +1,15 @@
-"""What a scene takes for mean sea level, from which telemetry and some ASTERIX count heights."""
+"""What a scene takes for mean sea level, and heights above it made heights above the ellipsoid."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.feeds.console.extras import need_extra
-from plotfeed.feeds.scene.scene import Scene
+from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import Floats
 from plotfeed.proto.errors import PlotfeedError
 
@@ -25,14 +24,6 @@ class SeaLevel:
         """Raises `PlotfeedError` if there is no such grid, or nothing to read it with."""
         self._stated_m = stated_m
         self._of_grid = None if grid is None else _of_proj(grid)
-
-    @classmethod
-    def of(cls, scene: Scene, *, stated_m: float | None = None) -> Self:
-        """The sea level of a scene, unless another is stated; raises `PlotfeedError`."""
-        keys = scene.telemetry
-        if stated_m is not None or keys.geoid_grid is None:
-            return cls(keys.geoid_undulation_m if stated_m is None else stated_m)
-        return cls(grid=scene.file(keys.geoid_grid))
 
     def undulation_m(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Floats:
         """Height of sea level above the WGS-84 ellipsoid, metres, at places; (...)."""
@@ -55,6 +46,8 @@ class SeaLevel:
 
 
 def _of_proj(grid: Path) -> Undulation:
+    from plotfeed.feeds.console.extras import need_extra
+
     need_extra("pyproj", "telemetry.geoid_grid", "geoid")
     import pyproj
 
@@ -78,3 +71,85 @@ def _of_proj(grid: Path) -> Undulation:
         return np.asarray(found_m, np.float64)
 
     return undulation_m
+
+
+ABOVE_SEA, ABOVE_ELLIPSOID = "height_msl_m", "height_m"
+PLACE = ("latitude_deg", "longitude_deg")
+STEPS = 3
+"""Of the fixed point for how high over the site's horizontal a sensor stands: 1 um at 1000 km."""
+LARGEST = 1e6
+"""Of the numbers that a place can have."""
+UndulationAt = Callable[[float, float], float]
+
+
+def with_ellipsoidal_heights(tree: dict[str, Any]) -> dict[str, Any]:
+    """A scene's tree in which places have `height_m`, and sensors all of `position_enu_m`.
+
+    Sea level is where the scene states it, else by the package's geoid. What is no place is left
+    for whoever checks the tables; raises `ValueError` for a height that is given twice.
+    """
+    telemetry = tree.get("telemetry")
+    keys = telemetry if isinstance(telemetry, dict) else {}
+    stated_m = _numbers(keys.get("geoid_undulation_m"))
+
+    def undulation_m(latitude_deg: float, longitude_deg: float) -> float:
+        if stated_m:
+            return stated_m[0]
+        from plotfeed.models.geoid import geoid_undulation_m
+
+        return float(geoid_undulation_m(latitude_deg, longitude_deg))
+
+    def converted(part: Any, key: str) -> Any:
+        if isinstance(part, list | tuple):
+            return [converted(each, f"{key}[{n}]") for n, each in enumerate(part)]
+        if not isinstance(part, dict):
+            return part
+        part = {name: converted(each, f"{key}.{name}".lstrip(".")) for name, each in part.items()}
+        if ABOVE_SEA not in part:
+            return part
+        if ABOVE_ELLIPSOID in part:
+            raise ValueError(f"{key}.{ABOVE_SEA}: either it or {ABOVE_ELLIPSOID}")
+        if keys.get("geoid_grid") is not None:
+            raise ValueError(
+                f"{key}.{ABOVE_SEA}: counts from the package's geoid or telemetry."
+                "geoid_undulation_m; beside geoid_grid, write heights above the ellipsoid"
+            )
+        if place := _numbers(part[ABOVE_SEA], *map(part.get, PLACE)):
+            del part[ABOVE_SEA]
+            part[ABOVE_ELLIPSOID] = place[0] + undulation_m(*place[1:])
+        return part
+
+    tree = converted(tree, "")
+    general = tree.get("scene")
+    site = general.get("site") if isinstance(general, dict) else None
+    if isinstance(site, dict) and (place := _numbers(*map(site.get, (*PLACE, ABOVE_ELLIPSOID)))):
+        frame = LocalFrame(*place)
+        tree["sensor"] = [
+            _put(sensor, f"sensor[{n}]", frame, undulation_m)
+            for n, sensor in enumerate(tree["sensor"])
+        ]
+    return tree
+
+
+def _put(sensor: Any, key: str, site: LocalFrame, undulation_m: UndulationAt) -> Any:
+    """A sensor whose height above the sea is the third of its `position_enu_m`."""
+    above_sea_m = _numbers(sensor.get(ABOVE_SEA)) if isinstance(sensor, dict) else []
+    if not above_sea_m:
+        return sensor
+    position = sensor.get("position_enu_m", [0.0, 0.0, 0.0])
+    place_m = np.array(_numbers(*position) if isinstance(position, list) else [])
+    if len(place_m) != 3:
+        return sensor
+    if place_m[2]:
+        raise ValueError(f"{key}.{ABOVE_SEA}: gives the third of position_enu_m, which is 0 then")
+    for _ in range(STEPS):
+        latitude_deg, longitude_deg, height_m = (float(x) for x in site.to_geodetic(place_m))
+        place_m[2] += above_sea_m[0] + undulation_m(latitude_deg, longitude_deg) - height_m
+    others = {name: value for name, value in sensor.items() if name != ABOVE_SEA}
+    return others | {"position_enu_m": place_m.tolist()}
+
+
+def _numbers(*values: Any) -> list[float]:
+    """The values, if all are numbers that a place can have; else none."""
+    kinds = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    return [float(v) for v in values] if kinds and all(abs(v) <= LARGEST for v in values) else []

@@ -10,9 +10,8 @@ from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.claim_keys import ClaimFault
-from plotfeed.feeds.scene.drones import EmitterKeys, Swarm, SwarmArea, Waypoint
+from plotfeed.feeds.scene.drones import Contingency, EmitterKeys, Swarm, SwarmArea, Waypoint
 from plotfeed.feeds.scene.fields import Enu, Name, SceneTable
-from plotfeed.feeds.scene.mission_keys import Contingency
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 

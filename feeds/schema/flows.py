@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from plotfeed.feeds.formats import FORMATS
-from plotfeed.feeds.messages.user_properties import type_of
+from plotfeed.feeds.messages.message import type_of
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE
 from plotfeed.feeds.scene.report_formats import CUE_TOPIC

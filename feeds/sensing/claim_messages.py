@@ -10,7 +10,6 @@ import numpy as np
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE, CooperativeKeys
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.state import AltitudeReference, Floats
@@ -50,7 +49,7 @@ class ClaimMessages:
         """Encode as [cooperative] says; raises `PlotfeedError` where sea level is not known."""
         self._formats = settings.report
         self._accuracy_m = settings.accuracy_m
-        self._sea_level = SeaLevel.of(scene)
+        self._sea_level = scene.sea_level()
         self._encoder = TargetEncoder129(settings.sac, settings.sic, country=settings.country)
         self._prefix, self._qos = scene.mqtt.prefix, scene.mqtt.qos
         self._source = f"{self._prefix}/{COOPERATIVE}"

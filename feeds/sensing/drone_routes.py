@@ -9,12 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plotfeed.feeds.scene.drones import Drone, FlightFile
+from plotfeed.feeds.scene.drones import (
+    Drone,
+    FlightFile,
+    HoverLeg,
+    LandLeg,
+    OrbitLeg,
+    PlaceLeg,
+    TakeOffLeg,
+    echoes_of,
+)
 from plotfeed.feeds.scene.fields import Enu, Location, Site, geodetic, site_frame
-from plotfeed.feeds.scene.mission_keys import HoverLeg, LandLeg, OrbitLeg, PlaceLeg, TakeOffLeg
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
-from plotfeed.feeds.scene.target_keys import echoes_of
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.known_track import KnownTrack
@@ -200,7 +206,7 @@ def _recorded_reports(
     takeoff_height_m = recorded.takeoff_height_m
     if takeoff_height_m is None:
         takeoff_height_m = scene.telemetry.takeoff_height_m
-    sea_level = SeaLevel.of(scene, stated_m=recorded.geoid_undulation_m)
+    sea_level = scene.sea_level(stated_m=recorded.geoid_undulation_m)
     datum = AltitudeDatum(takeoff_height_m, sea_level)
     references = [report.altitude_reference for report in flight.reports]
     for reference in dict.fromkeys(references):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from plotfeed.feeds.scene.fields import Location, Site, geodetic
-from plotfeed.feeds.scene.mover_keys import BirdsKeys, RoadKeys, TurbineKeys
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.world_keys import BirdsKeys, RoadKeys, TurbineKeys
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.known_track import KnownTrack

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plotfeed.feeds.scene.drones import Drone
-from plotfeed.feeds.scene.mission_keys import (
+from plotfeed.feeds.scene.drones import (
     Contingency,
+    Drone,
     FlyAway,
     GeofenceKeys,
     Hold,

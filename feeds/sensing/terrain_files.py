@@ -13,7 +13,6 @@ import numpy as np
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.models.state import Floats
 from plotfeed.models.terrain import ElevationTile, Ground, Walls
 from plotfeed.proto.errors import PlotfeedError
@@ -33,7 +32,7 @@ def ground_of(scene: Scene) -> Ground | None:
     above_sea = keys.elevation_above == "sea-level"
     return Ground(
         [_tile(scene.file(name), name) for name in keys.elevation],
-        SeaLevel.of(scene).undulation_m if above_sea else None,
+        scene.sea_level().undulation_m if above_sea else None,
     )
 
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plotfeed.feeds.scene.fields import enu_from, frame_at, geodetic, site_frame
-from plotfeed.feeds.scene.mover_keys import ClutterKeys
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.world_keys import ClutterKeys
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
 from plotfeed.models.frames import Axes, LocalFrame, geodetic_to_ecef
@@ -162,7 +161,7 @@ class World:
     def _doubts(self, what: str, here: LocalFrame, highest_m: float) -> list[str]:
         """What a height is, read as it is and as one above the sea; nothing of a likely one."""
         place = np.array([here.latitude_deg]), np.array([here.longitude_deg])
-        undulation_m = float(SeaLevel.of(self._scene).undulation_m(*place)[0])
+        undulation_m = float(self._scene.sea_level().undulation_m(*place)[0])
         ground_m = float(self.ground_m(*place)[0])
         if not np.isnan(ground_m):
             above_m, instead_m = here.height_m - ground_m, here.height_m + undulation_m - ground_m

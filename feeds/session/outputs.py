@@ -15,11 +15,9 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import KeptUp, Outgoing, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.loaded_on_use import LoadedOnUse
-from plotfeed.feeds.scene.output_keys import USUAL_PORT
+from plotfeed.feeds.scene.output_keys import USUAL_PORT, TrackDestination, WaysOut
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.track_output_keys import TrackDestination
-from plotfeed.feeds.scene.ways_out import WaysOut
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_description import status_of
 from plotfeed.feeds.session.sensor_task import status_message

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from plotfeed.feeds.scene.fields import frame_at, geodetic
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.feeds.sensing.visibility import limits_of
@@ -38,7 +37,7 @@ class SensorDescriber:
     def __init__(self, scene: Scene) -> None:
         """Raises `PlotfeedError` if the scene's geoid cannot be read."""
         self._site, self._prefix = scene.scene.site, scene.mqtt.prefix
-        self._sea_level = SeaLevel.of(scene)
+        self._sea_level = scene.sea_level()
 
     def description(self, sensor: Sensor) -> pb.SensorDescription:
         """What and where a sensor is, what it covers and how it reports; without a time."""

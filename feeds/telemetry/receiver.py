@@ -11,9 +11,8 @@ import numpy as np
 from google.protobuf import json_format
 
 from plotfeed.feeds.messages.message import Message, attributes
+from plotfeed.feeds.scene.drones import EchoesByClass
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sea_level import SeaLevel
-from plotfeed.feeds.scene.target_keys import EchoesByClass
 from plotfeed.feeds.telemetry.admission import Admission
 from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused, ReportRow
@@ -81,7 +80,7 @@ class TelemetryReceiver:
             max_speed_m_s=settings.max_speed_m_s,
         )
         self._prefix = scene.mqtt.prefix
-        self._datum = AltitudeDatum(settings.takeoff_height_m, SeaLevel.of(scene))
+        self._datum = AltitudeDatum(settings.takeoff_height_m, scene.sea_level())
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
         self._size_m = settings.size_m
         self._scripted = frozenset((*scene.fleet.names, *scene.fleet.waiting_names))

@@ -7,7 +7,7 @@ import logging
 import os
 from urllib.parse import quote
 
-from plotfeed.feeds.scene.source_keys import SourceAddress
+from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.http_client import HttpClient, HttpError
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess
 from plotfeed.feeds.transport.octet_sources import OctetsTaker, SourceError

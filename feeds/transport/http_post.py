@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from uuid import uuid4
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.track_output_keys import TOKEN_VARIABLE, HttpDestination
+from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
 from plotfeed.feeds.transport.http_client import HttpClient, HttpError
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
 from plotfeed.feeds.transport.queued_transport import QueuedTransport, SendError

@@ -10,7 +10,7 @@ from contextlib import AbstractAsyncContextManager
 from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
-from plotfeed.feeds.scene.track_output_keys import ListeningDestination
+from plotfeed.feeds.scene.output_keys import ListeningDestination
 from plotfeed.proto.errors import PlotfeedError
 
 

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Protocol
 
 from plotfeed.feeds.console.posix import watched
-from plotfeed.feeds.scene.source_keys import SourceAddress
+from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.multicast_groups import interface_number, join_group
 from plotfeed.proto.errors import PlotfeedError
 

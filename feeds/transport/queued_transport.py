@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Client, Outgoing
-from plotfeed.feeds.scene.track_output_keys import QueuedDestination
+from plotfeed.feeds.scene.output_keys import QueuedDestination
 from plotfeed.feeds.transport.patience import backoff_s, wait_while
 from plotfeed.proto.errors import PlotfeedError
 

@@ -12,7 +12,7 @@ from io import FileIO
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import HAS_POSIX, watched
-from plotfeed.feeds.scene.source_keys import SourceAddress
+from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.octet_sources import OctetsTaker, SourceError
 
 log = logging.getLogger(__name__)

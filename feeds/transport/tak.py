@@ -8,7 +8,7 @@ import ssl
 from pathlib import Path
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.track_output_keys import TakServer, split_server
+from plotfeed.feeds.scene.output_keys import TakServer, split_server
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess
 from plotfeed.feeds.transport.queued_transport import QueuedTransport, SendError
 

@@ -12,10 +12,9 @@ from plotfeed.feeds.lab.track_reports import tracks_in
 from plotfeed.feeds.page.updates import ControlRequest, request_in
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.changes import changed, command_of, parsed
-from plotfeed.feeds.scene.mapping_keys import TelemetryMapping
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
-from plotfeed.feeds.scene.source_keys import KINDS, TelemetrySource
+from plotfeed.feeds.scene.telemetry_keys import KINDS, TelemetryMapping, TelemetrySource
 from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions, Reader
 from plotfeed.feeds.telemetry.flights.flight import Log

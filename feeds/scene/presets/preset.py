@@ -1,21 +1,291 @@
-"""Commercial sensors as presets: the keys of each, and where every one of them comes from."""
+"""Commercial sensors as presets: the keys of each, where they come from, and by which rules."""
 
 from __future__ import annotations
 
 import difflib
+import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.resources import files
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
 
-from plotfeed.feeds.scene.presets.rules import CatalogueTable, PresetRule, PresetTarget, derive
+from plotfeed.feeds.scene.fields import Frequency, NotNegative, Positive, SceneTable, Site
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
+from plotfeed.models.propagation import C_M_S, beam_gain_dbi
+from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.errors import PlotfeedError
+
+SITE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
+"""What a sensor predicts of a target does not depend on where on Earth both are."""
+MARGIN = 1e-9
+"""By how much a goal is overshot, so that rounding does not leave the model below it."""
+BRACKETS = {
+    "_w": (1e-9, 1e9),
+    "_db": (-200.0, 200.0),
+    "_deg": (0.0, 90.0),
+    "_m": (0.0, 1e4),
+    "_cycles": (0.01, 1000.0),
+    "_contrast": (1e-4, 1.0),
+}
+"""Where the value of a key of that unit is looked for."""
+
+
+def short(value: float) -> str:
+    """A number to five digits, such as 2.4e9."""
+    return f"{value:.5g}".replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
+
+
+class CatalogueTable(BaseModel):
+    """A table of a preset's file: as strict as a scene's, but nothing that a scene may say."""
+
+    model_config = SceneTable.model_config
+
+
+class PresetEmitter(CatalogueTable):
+    """What a target radiates."""
+
+    frequency_hz: Frequency
+    bandwidth_hz: NotNegative
+    eirp_dbm: float
+    kind: str = ""
+
+
+class PresetTarget(CatalogueTable):
+    """The target that a published range is for."""
+
+    range_m: Positive
+    """Slant."""
+    above_sensor_m: NotNegative = 50.0
+    rcs_m2: Positive | None = None
+    sound_power_db: float | None = None
+    emitter: PresetEmitter | None = None
+    size_m: Positive | None = None
+    when: dict[str, Any] = Field(default_factory=dict)
+    """Keys that the sensor has meanwhile, such as night."""
+    note: str
+    """Where the range stands, and what is assumed of the target."""
+
+    @property
+    def signature(self) -> Signature:
+        """What there is of it to sense."""
+        return Signature(
+            rcs_m2=np.nan if self.rcs_m2 is None else self.rcs_m2,
+            sound_power_db=np.nan if self.sound_power_db is None else self.sound_power_db,
+            emitters=(Emitter(**self.emitter.model_dump()),) if self.emitter else (),
+            size_m=np.nan if self.size_m is None else self.size_m,
+        )
+
+    def __str__(self) -> str:
+        if self.rcs_m2 is not None:
+            return f"{self.rcs_m2:g} m2"
+        if self.sound_power_db is not None:
+            return f"{self.sound_power_db:g} dB of sound power"
+        if self.size_m is not None:
+            return ", ".join([f"{self.size_m:g} m across", *self.when])
+        return f"{self.emitter.eirp_dbm:g} dBm EIRP" if self.emitter else "no target"
+
+
+def targets(target: PresetTarget) -> Targets:
+    """The one target, north of the sensor."""
+    up_m = min(target.above_sensor_m, target.range_m)
+    enu_m = np.array([[0.0, (target.range_m**2 - up_m**2) ** 0.5, up_m]])
+    return Targets.of_one(target.signature, enu_m)
+
+
+class Goal(CatalogueTable):
+    """What the sensor's own prediction of the preset's target is to come to."""
+
+    pd: Annotated[float, Field(gt=0, lt=1)] | None = None
+    sigma_range_m: Positive | None = None
+    sigma_azimuth_deg: Positive | None = None
+    sigma_elevation_deg: Positive | None = None
+    other_target: Annotated[int, Field(ge=0)] | None = None
+    """Of the preset's other targets, the one meant: 0 is the first of them."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if len(self._given()) != 1:
+            raise ValueError("a rule solves for one thing")
+        return self
+
+    @property
+    def quantity(self) -> str:
+        """The name in `Prediction` of what is solved for."""
+        return next(iter(self._given()))
+
+    def _given(self) -> dict[str, float]:
+        return self.model_dump(exclude_none=True, exclude={"other_target"})
+
+    @property
+    def wanted(self) -> float:
+        """The value that the quantity is to have."""
+        return float(getattr(self, self.quantity))
+
+
+Pair = Annotated[tuple[float, float], Field(strict=False)]
+
+
+class PresetRule(CatalogueTable):
+    """How the value of a key comes about, by one of `METHODS`, and why so."""
+
+    note: str
+    middle_of: Pair | None = None
+    product_of: Pair | None = None
+    cell_of_bandwidth_hz: Positive | None = None
+    gain_of_beam_deg: Pair | None = None
+    turning_deg_s: Positive | None = None
+    updating_hz: Positive | None = None
+    share_of: str | None = None
+    share: Positive | None = None
+    share_of_time_on_target: Annotated[float, Field(gt=0, le=1)] | None = None
+    solve: Goal | None = None
+
+    @model_validator(mode="after")
+    def _one_method(self) -> Self:
+        if sum(getattr(self, name) is not None for name in METHODS) != 1:
+            raise ValueError(f"a rule has one of {', '.join(METHODS)}")
+        if (self.share is None) != (self.share_of is None):
+            raise ValueError("share_of and share belong together")
+        return self
+
+    @property
+    def method(self) -> str:
+        """The one method that is given, a key of `METHODS`."""
+        return next(name for name in METHODS if getattr(self, name) is not None)
+
+    def value(self, keys: Mapping[str, Any]) -> Any:
+        """The key's value, from others that are known so far; a `solve` takes a whole sensor."""
+        return METHODS[self.method][0](self, keys)
+
+    def __str__(self) -> str:
+        return METHODS[self.method][1](self)
+
+
+def _unsolved(_rule: Any, _keys: Mapping[str, Any]) -> Any:
+    raise LookupError("what is solved for takes the sensor's model")
+
+
+def _on_target_s(rule: Any, keys: Mapping[str, Any]) -> float:
+    """A share of the time for which a beam is on a target in one turn."""
+    beam_deg = keys["azimuth_beamwidth_deg"] * keys.get("receive_beams", 1)
+    on_target_s = keys["scan"]["period_s"] * beam_deg / 360
+    return float(rule.share_of_time_on_target * on_target_s)
+
+
+def _on_target_text(rule: Any) -> str:
+    share = rule.share_of_time_on_target
+    return f"{f'{share:g} of ' if share < 1 else ''}the time that the beam is on a target"
+
+
+METHODS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[Any], str]]] = {
+    "middle_of": (
+        lambda rule, _: sum(rule.middle_of) / 2,
+        lambda rule: f"middle of {short(rule.middle_of[0])} and {short(rule.middle_of[1])}",
+    ),
+    "product_of": (
+        lambda rule, _: rule.product_of[0] * rule.product_of[1],
+        lambda rule: f"{rule.product_of[0]:g} times {rule.product_of[1]:g}",
+    ),
+    "cell_of_bandwidth_hz": (
+        lambda rule, _: C_M_S / (2 * rule.cell_of_bandwidth_hz),
+        lambda rule: f"c/(2B) for B of {rule.cell_of_bandwidth_hz / 1e6:g} MHz",
+    ),
+    "gain_of_beam_deg": (
+        lambda rule, _: float(beam_gain_dbi(*rule.gain_of_beam_deg)),
+        lambda rule: "gain of a beam of {:g} x {:g} deg".format(*rule.gain_of_beam_deg),
+    ),
+    "turning_deg_s": (
+        lambda rule, _: {"kind": "rotating", "period_s": 360 / rule.turning_deg_s},
+        lambda rule: f"360 deg at {rule.turning_deg_s:g} deg/s",
+    ),
+    "updating_hz": (
+        lambda rule, _: {"kind": "staring", "period_s": 1 / rule.updating_hz},
+        lambda rule: f"all cover at {rule.updating_hz:g} Hz",
+    ),
+    "share_of": (
+        lambda rule, keys: float(rule.share * keys[rule.share_of]),
+        lambda rule: f"{rule.share:g} of {rule.share_of}",
+    ),
+    "share_of_time_on_target": (_on_target_s, _on_target_text),
+    "solve": (
+        _unsolved,
+        lambda rule: (
+            f"such that {rule.solve.quantity} = {rule.solve.wanted:g} at "
+            f"{'the quoted range' if rule.solve.other_target is None else 'another quoted range'}"
+        ),
+    ),
+}
+"""Methods by their keys in a rule: the value of a rule, and how people read it."""
+
+
+def derive(
+    kind: str,
+    given: Mapping[str, Any],
+    rules: Mapping[str, PresetRule],
+    target: PresetTarget,
+    others: Sequence[PresetTarget] = (),
+) -> dict[str, Any]:
+    """The values of the rules' keys, for a sensor of that type.
+
+    Plain rules go first, in their order, because solving takes a whole sensor; then what is solved
+    for, in its order, so that an error floor is found at the power that was found before it.
+    """
+    derived: dict[str, Any] = {}
+    for key, rule in rules.items():
+        if rule.solve is None:
+            derived[key] = rule.value({**given, **derived})
+    solves = {key: rule.solve for key, rule in rules.items() if rule.solve is not None}
+    if not solves:
+        return derived
+    # Something that a scene may say, until it is found.
+    start = {key: max(_bracket(key)[0], 0.0) for key in solves}
+    sensor = sensor_of({**given, **derived, **start, "type": kind, "id": "preset"})
+    for key, goal in solves.items():
+        meant = target if goal.other_target is None else others[goal.other_target]
+        derived[key] = _solved(sensor, key, goal, meant)
+        sensor = sensor.model_copy(update={key: derived[key]})
+    return derived
+
+
+def predicted(sensor: Sensor, target: PresetTarget, quantity: str) -> float:
+    """One quantity of what the sensor's model predicts of the target."""
+    then = sensor.model_copy(update=target.when)
+    prediction = then.model(SITE).predict(targets(target))
+    return float(getattr(prediction, quantity)[0])
+
+
+def _solved(sensor: Sensor, key: str, goal: Goal, target: PresetTarget) -> float:
+    """The key's value by Brent's method; of powers, over their logarithm."""
+    from scipy.optimize import brentq
+
+    ends = _bracket(key)
+    in_decades = ends[0] > 0
+
+    def value_at(x: float) -> float:
+        return float(10**x) if in_decades else x
+
+    def surplus(x: float) -> float:
+        trial = sensor.model_copy(update={key: value_at(x)})
+        return predicted(trial, target, goal.quantity) - goal.wanted - MARGIN
+
+    low, high = (math.log10(end) if in_decades else end for end in ends)
+    try:
+        return value_at(brentq(surplus, low, high, xtol=1e-12, rtol=1e-14))
+    except ValueError:
+        text = f"{key}: no value gives {goal.quantity} {goal.wanted:g}"
+        raise PlotfeedError(text) from None
+
+
+def _bracket(key: str) -> tuple[float, float]:
+    return BRACKETS[f"_{key.rpartition('_')[2]}"]
+
 
 SCENE_ONLY = {*SensorKeys.model_fields, "type", "report"}
 """Keys that say what a scene makes of a sensor, not what the sensor is."""

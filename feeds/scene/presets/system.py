@@ -10,9 +10,14 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from plotfeed.feeds.scene.fields import Azimuth, Enu, Name, SceneTable
-from plotfeed.feeds.scene.presets.preset import MAX_SHOWN, closest, names, preset, system_names
-from plotfeed.feeds.scene.presets.rules import CatalogueTable
+from plotfeed.feeds.scene.presets.preset import (
+    MAX_SHOWN,
+    CatalogueTable,
+    closest,
+    names,
+    preset,
+    system_names,
+)
 from plotfeed.models.frames import wrap_180
 
 MEMBERS = ("radar", "rf", "detector", "audio", "camera")
@@ -20,34 +25,6 @@ MEMBERS = ("radar", "rf", "detector", "audio", "camera")
 OF_SYSTEM = frozenset({"id", "type"})
 """Keys of its sensors that the system itself has."""
 Problems = list[tuple[str, str]]
-MemberKeys = dict[str, Any]
-
-
-class SystemKeys(SceneTable):
-    """A [[system]] of the scene: a commercial one, whose sensors are named after it."""
-
-    id: Name
-    """Its sensors are `id-radar`, `id-rf`, `id-detector`, `id-audio` and `id-camera`."""
-    preset: str
-    """Which system: `plotfeed sensors` lists them."""
-    position_enu_m: Enu = (0.0, 0.0, 0.0)
-    """Of all its sensors that have none of their own: east, north and up of the site."""
-    facing_deg: Azimuth = 0.0
-    """By which its sensors that look one way look clockwise of where their presets do, north."""
-    without: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    """Sensors of the system that are not there: radar, rf, detector, audio or camera."""
-    every: MemberKeys = Field(default={})
-    """Keys that all its sensors have, such as link or report."""
-    radar: MemberKeys = Field(default={})
-    """Keys of the radar, in place of its preset's; another `preset` among them."""
-    rf: MemberKeys = Field(default={})
-    """Keys of the RF sensor, likewise."""
-    detector: MemberKeys = Field(default={})
-    """Keys of the RF sensor that finds no direction, likewise."""
-    audio: MemberKeys = Field(default={})
-    """Keys of the microphones, likewise."""
-    camera: MemberKeys = Field(default={})
-    """Keys of the camera, likewise."""
 
 
 class Member(CatalogueTable):
@@ -111,12 +88,6 @@ def with_systems(tree: dict[str, Any]) -> tuple[dict[str, Any], Problems, dict[s
             whose[f"sensor[{len(every)}]"] = f"system[{i}].{name}"
             every.append(keys)
     return {**tree, "sensor": every} if every else tree, problems, whose
-
-
-def renamed_key(key: str, whose: Mapping[str, str]) -> str:
-    """The key of a problem as the scene has it: of a system, if it is of one of its sensors."""
-    sensor, dot, rest = key.partition(".")
-    return f"{whose[sensor]}{dot}{rest}" if sensor in whose else key
 
 
 def _problems(table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

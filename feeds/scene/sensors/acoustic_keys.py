@@ -18,11 +18,14 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Site,
 )
-from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
-from plotfeed.feeds.scene.sensors.effect_keys import refuse_bias
+from plotfeed.feeds.scene.sensors.effect_keys import (
+    SOUND_BEARING_DEG,
+    ClassifierKeys,
+    odd_floor,
+    refuse_bias,
+)
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
-from plotfeed.feeds.scene.sensors.usual_accuracy import SOUND_BEARING_DEG, odd_floor
 from plotfeed.models.effects.microphone_layout import MicrophoneLayout
 from plotfeed.models.effects.weather import wind_noise_db
 from plotfeed.models.frames import wrap_360

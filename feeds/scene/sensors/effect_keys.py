@@ -1,32 +1,85 @@
-"""The keys of what a sensor models only if its scene names it. What is not named costs nothing."""
+"""The keys of what a sensor models only if its scene names it: errors, classes, Doppler, merging.
+
+What is not named costs nothing. Error floors that a scene does not state are those of real sensors:
+calibration, the ground, wind and the shape of beams leave errors that no signal removes. Of radars
+they are the shares of a cell and of a beam that MathWorks' `radarDataGenerator` takes for lower
+bounds of accuracy unless told otherwise (its properties RangeBiasFraction, AzimuthBiasFraction,
+ElevationBiasFraction and RangeRateBiasFraction).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
     Beamwidth,
     ModelTable,
+    Name,
     NotNegative,
     Offset,
     Positive,
     Resolution,
     SceneTable,
 )
-from plotfeed.feeds.scene.sensors.usual_accuracy import RATE_SHARE, odd_floor, stated_or
 from plotfeed.models.chance import Chance
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
+    from plotfeed.models.effects.classification import Confusion
     from plotfeed.models.effects.doppler import Doppler
     from plotfeed.models.effects.merging import Merging
     from plotfeed.models.effects.readings import Readings
+
+RANGE_SHARE = 0.05
+"""Of a range cell, and of a cell of bistatic range."""
+ANGLE_SHARE = 0.1
+"""Of a beam between its 3 dB points."""
+RATE_SHARE = 0.05
+"""Of a Doppler cell."""
+SOUND_BEARING_DEG = 2.0
+"""Of microphone arrays outdoors. Arrays of 1 to 8 m followed a vehicle within 2 to 5 degrees; small
+ones in wind within 6 (X. Zhang and others, Sensors 14, 4384, 2014). The best of these is taken."""
+RF_BEARING_DEG = 2.0
+"""Of radio bearings: what class A promises, the best of the Radio Regulations of 1947, app. 15."""
+
+BEYOND_BELIEF = 10.0
+"""A floor that many times smaller or larger than usual is no sensor's."""
+RADAR_BANDS_HZ = 3e6, 300e9
+"""From the HF to the millimetre band of IEEE Std 521, letter designations of radar bands."""
+
+
+def stated_or(floor: float | None, usual: float) -> float:
+    """The error floor that a scene states, 0 among them, or else the usual one."""
+    return usual if floor is None else floor
+
+
+def odd_floor(key: str, floor: float | None, usual: float) -> list[str]:
+    """A warning of a stated floor that is no sensor's."""
+    if floor is None or usual / BEYOND_BELIEF <= floor <= usual * BEYOND_BELIEF:
+        return []
+    unit = {"deg": "degrees", "m": "m", "s": "m/s"}[key.rpartition("_")[2]]
+    sense = "accurate" if floor < usual else "inaccurate"
+    return [
+        f"{key} is {floor:g} {unit}, more {sense} than such sensors are: some {usual:.2g} {unit} "
+        "of error stay in theirs, however strong the signal"
+    ]
+
+
+def odd_frequency(key: str, frequency_hz: float) -> list[str]:
+    """A warning of a carrier that no radar or radio sensor has: Hz for GHz, most often."""
+    low_hz, high_hz = RADAR_BANDS_HZ
+    if low_hz <= frequency_hz <= high_hz:
+        return []
+    return [
+        f"{key} is {frequency_hz:g}: such sensors work from {low_hz:g} to {high_hz:g} Hz; "
+        "is it in another unit?"
+    ]
 
 
 class BiasKeys(SceneTable):
@@ -219,3 +272,53 @@ def effects_named(keys: SceneTable) -> dict[str, dict[str, Any]]:
     return {
         name: part for name, part in told.items() if isinstance(part, dict) and getattr(keys, name)
     }
+
+
+ROUNDING = 1e-6
+"""By which a row may miss one."""
+Share = Annotated[float, Field(ge=0, le=1)]
+Row = Annotated[tuple[Share, ...], Field(strict=False, min_length=1, max_length=64)]
+
+
+class ClassifierKeys(ModelTable):
+    """What the sensor calls what it finds, by a confusion matrix."""
+
+    claims: Annotated[tuple[Name, ...], Field(strict=False, min_length=1, max_length=64)]
+    """What it may say; SAPIENT's Registration declares them."""
+    confusion: Annotated[dict[str, Row], Field(min_length=1, max_length=64)]
+    """By true class, the probability of each claim, in their order; a row adds up to one."""
+    otherwise: Row | None = None
+    """The same of any other class, and of false alarms; without it, they are called nothing."""
+    held_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    """For which a claim of a drone stays as it was drawn, and with it its mistake, in all plots of
+    the sensor; 0 for each plot by itself. Drones change theirs at times of their own."""
+    codes: dict[str, Annotated[int, Field(ge=1, le=511)]] | None = None
+    """By claim, the class in I015/300, which is as receiver and sensor agree; without it, category
+    015 says none. What is called nothing has 0."""
+
+    @model_validator(mode="after")
+    def _adds_up(self) -> Self:
+        if len(set(self.claims)) < len(self.claims):
+            raise ValueError("claims: one is there twice")
+        rows = {f"confusion.{name}": row for name, row in self.confusion.items()}
+        if self.otherwise is not None:
+            rows["otherwise"] = self.otherwise
+        for name, row in rows.items():
+            if len(row) != len(self.claims):
+                raise ValueError(f"{name}: {len(row)} numbers for {len(self.claims)} claims")
+            if abs(sum(row) - 1) > ROUNDING:
+                raise ValueError(f"{name}: must add up to 1, not {sum(row):.7g}")
+        if self.codes is not None and set(self.codes) != set(self.claims):
+            raise ValueError("codes: one for each claim")
+        return self
+
+    def model(self) -> Confusion:
+        """The matrix for a model."""
+        from plotfeed.models.effects.classification import Confusion
+
+        return self.made(
+            Confusion,
+            true_classes=tuple(self.confusion),
+            rows=tuple(self.confusion.values()),
+            held_ns=round(self.held_s * NS),
+        )

@@ -19,9 +19,14 @@ from plotfeed.feeds.scene.fields import (
 from plotfeed.feeds.scene.report_formats import TRACK_FORMATS
 from plotfeed.feeds.scene.sensors.echo_radar_keys import EchoRadarKeys
 from plotfeed.feeds.scene.sensors.effect_keys import (
+    ANGLE_SHARE,
+    RANGE_SHARE,
     DopplerKeys,
     MergingKeys,
     MultipathKeys,
+    odd_floor,
+    odd_frequency,
+    stated_or,
 )
 from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
@@ -29,13 +34,6 @@ from plotfeed.feeds.scene.sensors.sensor_keys import (
     Reports,
     SensorGeometry,
     long_integration,
-)
-from plotfeed.feeds.scene.sensors.usual_accuracy import (
-    ANGLE_SHARE,
-    RANGE_SHARE,
-    odd_floor,
-    odd_frequency,
-    stated_or,
 )
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S

@@ -20,16 +20,16 @@ from plotfeed.feeds.scene.fields import (
     Site,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
-from plotfeed.feeds.scene.sensors.classifier_keys import ClassifierKeys
-from plotfeed.feeds.scene.sensors.effect_keys import MultipathKeys
-from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
-from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
-from plotfeed.feeds.scene.sensors.usual_accuracy import (
+from plotfeed.feeds.scene.sensors.effect_keys import (
     RF_BEARING_DEG,
+    ClassifierKeys,
+    MultipathKeys,
     odd_floor,
     odd_frequency,
 )
-from plotfeed.feeds.scene.weather_keys import JammerKeys
+from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
+from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
+from plotfeed.feeds.scene.world_keys import JammerKeys
 from plotfeed.models.effects.city import CITIES
 from plotfeed.models.effects.jamming import BandNoise, jamming_over_noise
 from plotfeed.models.false_alarms import cells_across

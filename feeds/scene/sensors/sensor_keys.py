@@ -33,7 +33,7 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys, DriftKeys
 from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, Event
-from plotfeed.feeds.scene.weather_keys import JammerKeys, WeatherKeys
+from plotfeed.feeds.scene.world_keys import JammerKeys, WeatherKeys
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import SensorModel

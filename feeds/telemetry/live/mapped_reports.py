@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from plotfeed.feeds.scene.mapping_keys import PLACE, TelemetryMapping
+from plotfeed.feeds.scene.telemetry_keys import PLACE, TelemetryMapping
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.proto.units import FOOT_M, KNOT_M_S, MILE_H_M_S

@@ -10,8 +10,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S, Message
-from plotfeed.feeds.messages.user_properties import packed, packed_text, pieces_of
+from plotfeed.feeds.messages.message import (
+    MESSAGE_EXPIRY_S,
+    Message,
+    packed,
+    packed_text,
+    pieces_of,
+)
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.varint import varint
 

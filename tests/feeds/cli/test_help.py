@@ -18,7 +18,7 @@ from support.vehicles import sending_vehicle
 from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.recording.recording_settings import FileKind
-from plotfeed.feeds.scene.source_keys import KINDS
+from plotfeed.feeds.scene.telemetry_keys import KINDS
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX
 
 ROOT = Path(__file__).parents[3]

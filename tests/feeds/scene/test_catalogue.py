@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from plotfeed.feeds.cli.show_sensors import reach_m
-from plotfeed.feeds.scene.presets.preset import SCENE_ONLY, Preset, names, preset, system_names
-from plotfeed.feeds.scene.presets.rules import SITE, PresetTarget, predicted
+from plotfeed.feeds.scene.presets.preset import (
+    SCENE_ONLY,
+    SITE,
+    Preset,
+    PresetTarget,
+    names,
+    predicted,
+    preset,
+    system_names,
+)
 from plotfeed.feeds.scene.presets.system import system
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.propagation import C_M_S

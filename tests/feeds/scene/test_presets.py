@@ -11,8 +11,15 @@ import pytest
 from click.testing import CliRunner
 
 from plotfeed.feeds.cli.main import cli
-from plotfeed.feeds.scene.presets.preset import UnknownPresetError, names, preset, system_names
-from plotfeed.feeds.scene.presets.rules import PresetRule, PresetTarget, derive
+from plotfeed.feeds.scene.presets.preset import (
+    PresetRule,
+    PresetTarget,
+    UnknownPresetError,
+    derive,
+    names,
+    preset,
+    system_names,
+)
 from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree
 from plotfeed.feeds.schema import text_of
 from plotfeed.proto.errors import PlotfeedError

@@ -1,8 +1,7 @@
 from __future__ import annotations
 
-from plotfeed.feeds.scene.examples import summaries
+from plotfeed.feeds.scene.examples import MAX_LISTED, MAX_WORDS, head_of, summaries
 from plotfeed.feeds.scene.scene import example
-from plotfeed.feeds.scene.scene_head import MAX_LISTED, MAX_WORDS, head_of
 
 HEAD = """#:schema scene.schema.json
 # A coast at night: two radars,

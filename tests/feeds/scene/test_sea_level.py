@@ -10,7 +10,6 @@ from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import Scene, SceneError, load
-from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.models.geoid import geoid_undulation_m
 from plotfeed.proto.errors import PlotfeedError
 
@@ -28,17 +27,17 @@ def gtx(path: Path) -> None:
 
 
 def test_a_scene_that_says_nothing_has_the_packages_geoid(tmp_path: Path) -> None:
-    level = SeaLevel.of(written(tmp_path, ""))
+    level = written(tmp_path, "").sea_level()
     assert level.level_m is None
     assert level.undulation_m(40.45, -3.73) == geoid_undulation_m(40.45, -3.73)
 
 
 def test_what_a_scene_states_stands_above_it(tmp_path: Path) -> None:
     scene = written(tmp_path, "geoid_undulation_m = 50.0")
-    level = SeaLevel.of(scene)
+    level = scene.sea_level()
     assert level.level_m == 50.0
     assert level.undulation_m([0.0, 90.0], 7.0).tolist() == [50.0, 50.0]
-    assert SeaLevel.of(scene, stated_m=0.0).level_m == 0.0
+    assert scene.sea_level(stated_m=0.0).level_m == 0.0
 
 
 def test_a_grid_of_proj_stands_in_its_place_as_far_as_it_reaches(tmp_path: Path) -> None:
@@ -46,7 +45,7 @@ def test_a_grid_of_proj_stands_in_its_place_as_far_as_it_reaches(tmp_path: Path)
     folder = tmp_path / "two words"
     folder.mkdir()
     gtx(folder / "here.gtx")
-    level = SeaLevel.of(written(folder, 'geoid_grid = "here.gtx"'))
+    level = written(folder, 'geoid_grid = "here.gtx"').sea_level()
     found = level.undulation_m(np.array([20.0, -20.0, 70.0]), np.array([30.0, -30.0, 0.0]))
     np.testing.assert_allclose(found, [35.0, -35.0, geoid_undulation_m(70.0, 0.0)], atol=1e-6)
     assert level.undulation_m(20.0, 30.0) == pytest.approx(35.0, abs=1e-6)
@@ -57,7 +56,7 @@ def test_a_grid_that_is_none_is_refused_by_its_path(tmp_path: Path) -> None:
     for name in ("absent.gtx", "scene.toml"):
         scene = written(tmp_path, f'geoid_grid = "{name}"')
         with pytest.raises(PlotfeedError, match=rf"{name}: telemetry\.geoid_grid: expected"):
-            SeaLevel.of(scene)
+            scene.sea_level()
         with pytest.raises(PlotfeedError, match=name):
             report(scene)
 
@@ -67,7 +66,7 @@ def test_without_pyproj_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
     scene = written(tmp_path, 'geoid_grid = "here.gtx"')
     monkeypatch.setitem(sys.modules, "pyproj", None)
     with pytest.raises(PlotfeedError, match=r"plotfeed\[geoid\]"):
-        SeaLevel.of(scene)
+        scene.sea_level()
 
 
 def test_one_key_says_where_sea_level_is(tmp_path: Path) -> None:

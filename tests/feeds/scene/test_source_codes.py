@@ -9,8 +9,7 @@ from support.road import fly, held, radar, rotating, scene
 
 from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.presets.preset import names
-from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.feeds.scene.source_codes import numbered
+from plotfeed.feeds.scene.scene import SceneError, numbered
 from plotfeed.proto.asterix.codec.decode import decode
 
 CODES = st.none() | st.integers(0, 3)

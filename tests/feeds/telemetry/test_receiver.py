@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from support.scene_files import DRONE, scene_file, scene_text
 
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.drones import EchoesByClass, TargetKeys
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.scene.target_keys import EchoesByClass, TargetKeys
 from plotfeed.feeds.telemetry.position_report import Reason
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S, TelemetryReceiver
 from plotfeed.models.frames import ecef_to_geodetic

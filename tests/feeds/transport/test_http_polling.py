@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.scene.source_keys import TelemetrySource
+from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.transport import http_polling
 from plotfeed.feeds.transport.http_client import HttpClient

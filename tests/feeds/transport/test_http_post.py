@@ -14,7 +14,7 @@ from support.http_receiver import BABBLE, HANG_UP, SAY_NOTHING, Answer, HttpRece
 from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.track_output_keys import HttpDestination
+from plotfeed.feeds.scene.output_keys import HttpDestination
 from plotfeed.feeds.transport import patience
 from plotfeed.feeds.transport.http_post import HttpTransport
 from plotfeed.feeds.transport.mqtt.address import AccessError

@@ -17,7 +17,7 @@ from support.brokers import free_port, has_ipv6
 from support.udp_receiver import interface_of
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.scene.source_keys import SourceAddress, TelemetrySource
+from plotfeed.feeds.scene.telemetry_keys import SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import octet_sources, serial_port
 from plotfeed.feeds.transport.live_source import LiveSource, octets_of

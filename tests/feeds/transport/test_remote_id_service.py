@@ -15,9 +15,9 @@ from support.road import START_NS, flown, radar, scene, waypoint
 from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.output_keys import RemoteIdService
 from plotfeed.feeds.scene.scene import Scene, SceneError
-from plotfeed.feeds.scene.source_keys import TelemetrySource
-from plotfeed.feeds.scene.track_output_keys import RemoteIdService
+from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import WallClock

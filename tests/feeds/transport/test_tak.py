@@ -16,7 +16,7 @@ from support.deliveries import FollowedDelivery
 from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.track_output_keys import TakServer
+from plotfeed.feeds.scene.output_keys import TakServer
 from plotfeed.feeds.transport import patience
 from plotfeed.feeds.transport.mqtt.address import AccessError
 from plotfeed.feeds.transport.tak import TakTransport

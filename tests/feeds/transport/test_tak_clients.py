@@ -15,7 +15,7 @@ from support.told_tracks import RADAR, T_NS, told_tracks
 from support.waiting import PATIENCE_S, kept_up, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.track_output_keys import TakServer
+from plotfeed.feeds.scene.output_keys import TakServer
 from plotfeed.feeds.transport.tak import TakTransport
 from plotfeed.proto.content_types import COT
 from plotfeed.proto.tracks.encode_tracks import cot_events

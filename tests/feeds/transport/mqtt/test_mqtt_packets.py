@@ -13,8 +13,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.user_properties import Address, SectorProperties, SectorStamp
+from plotfeed.feeds.messages.message import Address, Message, SectorProperties, SectorStamp
 from plotfeed.feeds.transport.mqtt.packets import (
     CONNACK,
     DISCONNECT,
