@@ -19,7 +19,6 @@ from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE, CooperativeKeys
 from plotfeed.feeds.scene.drones import Drone, Fleet, Swarm, Targets
-from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.fields import (
     Azimuth,
     Enu,
@@ -453,6 +452,8 @@ def parsed(data: bytes, path: Path) -> Scene:
 
 def example(name: str) -> Scene:
     """One of the scenes that come with plotfeed; raises `PlotfeedError` for no name of one."""
+    from plotfeed.feeds.scene.examples import summaries
+
     if name not in summaries():
         raise PlotfeedError(f"no shipped scene {name!r}: expected one of {', '.join(summaries())}")
     with as_file(files("plotfeed.feeds.scene.examples") / f"{name}.toml") as path:
