@@ -388,7 +388,10 @@ class PartLink(MqttTransport):
         self._client_id, self._hold = hold.client_id, hold
 
     async def _connect(self) -> MqttConnection:
+        before, topic = self.last_error, self._hold.source
+        self.last_error = f"nothing comes back from {topic}: does its access list let a part write and read there?"
         await self._hold.renewed()
+        self.last_error = before
         return await super()._connect()
 
     def _send_by(self, connection: MqttConnection | None) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, mosquitto
 from support.cut_proxy import Proxy, proxied
 from support.fleet_oracle import Verdict, judged, reference
 from support.fleet_scenes import by_topic, stateless
@@ -26,6 +26,7 @@ from plotfeed.feeds.scene.scene import Scene, example
 from plotfeed.feeds.session.session import run_part
 from plotfeed.feeds.session.session_part import NOT_HELD, PartTakenError, SessionPart
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
+from plotfeed.feeds.transport.mqtt.connection import MqttError
 from plotfeed.proto.utc import NS, whole_second_ns
 
 
@@ -68,6 +69,21 @@ async def test_the_parts_of_a_shipped_scene_send_what_one_process_does(tmp_path:
     assert messages > 1000
     assert heard == whole
     assert not any(topic.endswith("/gaps") for topic in said)
+
+
+@pytest.mark.asyncio
+async def test_a_part_that_may_not_read_its_own_status_says_so(tmp_path: Path) -> None:
+    scene, port = example("valley"), free_port()
+    rights = tmp_path / "rights"
+    rights.write_text("topic write plotfeed/#\n")
+    rights.chmod(0o700)
+    settings = f"listener {port} 127.0.0.1\nallow_anonymous true\nacl_file {rights}\n"
+    part = SessionPart(sensors=tuple(s.id for s in scene.sensor), began_utc_ns=START_NS)
+    with (
+        mosquitto(tmp_path, port, settings),
+        pytest.raises(MqttError, match="nothing comes back from plotfeed/fleet/1: does its access"),
+    ):
+        await run_part(part, scene=scene, clock=WallClock(), broker=f"mqtt://127.0.0.1:{port}")
 
 
 @dataclass
