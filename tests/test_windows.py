@@ -30,7 +30,7 @@ GUARDED = {
     "feeds/page/page_access.py": {"socket.TCP_USER_TIMEOUT"},  # where the system has it
     "feeds/timing/timers.py": {"os.O_NONBLOCK", "os.O_CLOEXEC", "time.CLOCK_MONOTONIC"},  # Linux's
     "feeds/transport/broker_process.py": {"os.sysconf"},  # for a file that Linux has
-    "feeds/transport/sapient_wire.py": {"socket.TCP_USER_TIMEOUT"},  # where the system has it
+    "feeds/transport/sapient.py": {"socket.TCP_USER_TIMEOUT"},  # where the system has it
 }
 
 

@@ -24,8 +24,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     without_secrets,
 )
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.multicast_groups import interface_number, join_group
-from plotfeed.feeds.transport.udp import UdpError
+from plotfeed.feeds.transport.udp import UdpError, interface_number, join_group
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.asterix_blocks import content_type
 from plotfeed.replay.pcap.captures import SOURCE

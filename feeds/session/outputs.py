@@ -26,7 +26,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
     from plotfeed.feeds.session.session_part import HeldTransport, PartHold
-    from plotfeed.feeds.transport.http_post import HttpTransport
+    from plotfeed.feeds.transport.http import HttpTransport
     from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
     from plotfeed.feeds.transport.tak import TakTransport
     from plotfeed.feeds.transport.udp import UdpTransport
@@ -36,9 +36,7 @@ if TYPE_CHECKING:
     from plotfeed.feeds.transport.mqtt.client import MqttTransport
     from plotfeed.feeds.transport.mqtt.connection import OnMessage
     from plotfeed.feeds.transport.mqtt.last_wills import LastWills
-    from plotfeed.feeds.transport.sapient_intake import SapientIntake
-    from plotfeed.feeds.transport.sapient_news import SapientNews
-    from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport
+    from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews, SapientTcpTransport
 
 NO_BROKER = "none"
 SESSION = "session"
@@ -95,7 +93,7 @@ def broker_address(scene: Scene, url: str) -> BrokerAddress:
 TRACK_TRANSPORTS: LoadedOnUse[Callable[..., TrackTransport]] = LoadedOnUse(
     {
         "tak": "plotfeed.feeds.transport.tak:TakTransport",
-        "http": "plotfeed.feeds.transport.http_post:HttpTransport",
+        "http": "plotfeed.feeds.transport.http:HttpTransport",
         "websocket": "plotfeed.feeds.transport.websocket_server:WebSocketTransport",
         "remote_id_service": "plotfeed.feeds.transport.remote_id_service:RemoteIdTransport",
     }
@@ -236,13 +234,12 @@ class Outputs:
         self, middleware: str, sensor: Sensor, announcer: Announcer, node: SapientCounters
     ) -> SapientTcpTransport:
         """A sensor's own connection; all of them share a limit of what is heard, and who tells."""
-        from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport  # needs an extra
+        from plotfeed.feeds.transport.sapient import SapientTcpTransport  # needs an extra
 
         settings = self._scene.sapient.model_copy(update={"middleware": middleware})
         if self._middleware is None:
             limits = settings.max_messages_per_s, settings.max_octets_per_s
-            from plotfeed.feeds.transport.sapient_intake import SapientIntake
-            from plotfeed.feeds.transport.sapient_news import SapientNews
+            from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews
 
             self._middleware = SapientIntake(*limits), SapientNews()
         intake, news = self._middleware

@@ -389,7 +389,9 @@ class PartLink(MqttTransport):
 
     async def _connect(self) -> MqttConnection:
         before, topic = self.last_error, self._hold.source
-        self.last_error = f"nothing comes back from {topic}: does its access list let a part write and read there?"
+        self.last_error = (
+            f"nothing comes back from {topic}: does its access list let it write and read there?"
+        )
         await self._hold.renewed()
         self.last_error = before
         return await super()._connect()

@@ -9,15 +9,19 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
 
-from plotfeed.feeds.scene.telemetry_keys import KINDS, SourceAddress, TelemetrySource
-from plotfeed.feeds.telemetry.live.aircraft_reports import AircraftReports
+from plotfeed.feeds.scene.source_keys import KINDS, SourceAddress, TelemetrySource
+from plotfeed.feeds.telemetry.live.aircraft import AircraftReports
 from plotfeed.feeds.telemetry.live.heard import Listener
-from plotfeed.feeds.telemetry.live.network_remote_id import NetworkRemoteIdReports
-from plotfeed.feeds.telemetry.live.remote_id_reports import RemoteIdReports
+from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports, RemoteIdReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
-from plotfeed.feeds.transport.http_polling import PolledOctets
-from plotfeed.feeds.transport.octet_sources import OctetsTaker, TcpOctets, UdpOctets
-from plotfeed.feeds.transport.serial_port import PipedOctets, SerialOctets
+from plotfeed.feeds.transport.http import PolledOctets
+from plotfeed.feeds.transport.octet_sources import (
+    OctetsTaker,
+    PipedOctets,
+    SerialOctets,
+    TcpOctets,
+    UdpOctets,
+)
 
 log = logging.getLogger(__name__)
 
@@ -111,7 +115,7 @@ class LiveSource:
 
     async def _ask(self) -> None:
         """Say every second that somebody listens, and from time to time what is wanted."""
-        from plotfeed.feeds.telemetry.live.mavlink_requests import heartbeat, requests
+        from plotfeed.feeds.telemetry.live.mavlink import heartbeat, requests
 
         every_us = None if self._settings.ask_hz is None else round(1e6 / self._settings.ask_hz)
         beats = 0
@@ -128,7 +132,7 @@ class LiveSource:
 def listener_of(settings: TelemetrySource) -> Listener:
     """Whoever understands a source; raises `PlotfeedError` where a library is missing."""
     if settings.address.kind == "mavlink":
-        from plotfeed.feeds.telemetry.live.mavlink_reports import MavlinkReports
+        from plotfeed.feeds.telemetry.live.mavlink import MavlinkReports
 
         return MavlinkReports(settings.template, settings.altitude)
     if KINDS[settings.address.kind].is_traffic:

@@ -1,6 +1,6 @@
-"""ASTERIX over UDP, unicast and multicast: one data block a datagram, as trackers take it.
+"""UDP: multicast groups, and messages that leave, unicast and multicast, each a datagram.
 
-Events of Cursor on Target go alike, one a datagram, as TAK takes them.
+Those are data blocks of ASTERIX, as trackers take them, or events of Cursor on Target, as TAK does.
 """
 
 from __future__ import annotations
@@ -16,6 +16,38 @@ from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
 from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
 from plotfeed.proto.content_types import ASTERIX, COT
 from plotfeed.proto.errors import PlotfeedError
+
+Group = ipaddress.IPv4Address | ipaddress.IPv6Address
+
+
+def join_group(receiver: socket.socket, group: Group, interface: str | None) -> None:
+    """Have a socket receive what is sent to a group; raises `OSError`.
+
+    The interface is the name of one, or its IPv4 address.
+    """
+    if group.version == 4:
+        member = group.packed + struct.pack("@4si", *_interface_4(interface))
+        receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+    else:
+        member = group.packed + struct.pack("@I", interface_number(group, interface))
+        receiver.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
+
+
+def interface_number(group: Group, interface: str | None) -> int:
+    """The number of the interface for a group of IPv6; 0 is the system's own choice."""
+    name = interface or getattr(group, "scope_id", None)
+    return socket.if_nametoindex(name) if name else 0
+
+
+def _interface_4(interface: str | None) -> tuple[bytes, int]:
+    """The address of an interface, or the number of its name; neither is that of the route."""
+    if interface is None:
+        return bytes(4), 0
+    try:
+        return ipaddress.IPv4Address(interface).packed, 0
+    except ValueError:
+        return bytes(4), socket.if_nametoindex(interface)
+
 
 log = logging.getLogger(__name__)
 
@@ -109,7 +141,9 @@ class UdpTransport(ImmediateTransport):
             return
         try:
             if is_4:
-                opened.setsockopt(level, socket.IP_MULTICAST_IF, _interface_4(interface))
+                address, index = _interface_4(interface)
+                one = struct.pack("@4s4si", b"", address, index) if index else address
+                opened.setsockopt(level, socket.IP_MULTICAST_IF, one)
             else:
                 index = socket.if_nametoindex(interface)
                 opened.setsockopt(level, socket.IPV6_MULTICAST_IF, index)
@@ -117,14 +151,6 @@ class UdpTransport(ImmediateTransport):
             self.close()
             what = f"{self._key}.interface: {interface!a}"
             raise UdpError(f"{what}: {_why(error)}") from None
-
-
-def _interface_4(interface: str) -> bytes:
-    """An address, or a name as its number in a struct ip_mreqn."""
-    try:
-        return ipaddress.IPv4Address(interface).packed
-    except ValueError:
-        return struct.pack("@4s4si", b"", b"", socket.if_nametoindex(interface))
 
 
 def _why(error: OSError) -> str:

@@ -29,7 +29,7 @@ from plotfeed.feeds.scene.scene import Scene, parsed  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf  # noqa: E402
-from plotfeed.feeds.telemetry.live.mavlink_reports import MavlinkReports  # noqa: E402
+from plotfeed.feeds.telemetry.live.mavlink import MavlinkReports  # noqa: E402
 from plotfeed.feeds.telemetry.position_report import PositionReport  # noqa: E402
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
 

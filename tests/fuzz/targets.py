@@ -19,7 +19,7 @@ from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, FlightOptions, Reader
 from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
-from plotfeed.feeds.telemetry.live.network_remote_id import NetworkRemoteIdReports
+from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports
 from plotfeed.feeds.telemetry.position_report import ReportRow
 from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.models.frames import LocalFrame

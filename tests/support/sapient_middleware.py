@@ -21,9 +21,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport.sapient_intake import SapientIntake
-from plotfeed.feeds.transport.sapient_news import SapientNews
-from plotfeed.feeds.transport.sapient_tcp import SapientTcpTransport
+from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews, SapientTcpTransport
 
 SCENE = scene([radar(report=["sapient"])], seed=1)
 ANNOUNCER = SapientAnnouncer(SCENE, SCENE.sensor[0])

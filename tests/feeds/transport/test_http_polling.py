@@ -14,8 +14,8 @@ from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
-from plotfeed.feeds.transport import http_polling
-from plotfeed.feeds.transport.http_client import HttpClient
+from plotfeed.feeds.transport import http
+from plotfeed.feeds.transport.http import HttpClient
 from plotfeed.feeds.transport.live_source import LiveSource
 from plotfeed.models.state import AltitudeReference
 
@@ -136,7 +136,7 @@ async def test_a_token_goes_to_nobody_else(
 async def test_a_service_that_fails_is_asked_again(
     provider: Provider, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(http_polling, "SLOWEST_S", 0.2)
+    monkeypatch.setattr(http, "SLOWEST_S", 0.2)
     provider.status = 401
 
     def mended(heard: list[object]) -> bool:

@@ -16,7 +16,7 @@ from support.waiting import kept_up, until
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import HttpDestination
 from plotfeed.feeds.transport import patience
-from plotfeed.feeds.transport.http_post import HttpTransport
+from plotfeed.feeds.transport.http import HttpTransport
 from plotfeed.feeds.transport.mqtt.address import AccessError
 
 BY_TOKEN = {"token": "UTM"}

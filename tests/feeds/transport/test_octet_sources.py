@@ -19,7 +19,7 @@ from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.feeds.transport import octet_sources, serial_port
+from plotfeed.feeds.transport import octet_sources
 from plotfeed.feeds.transport.live_source import LiveSource, octets_of
 from plotfeed.feeds.transport.octet_sources import SourceError, TcpOctets, UdpOctets
 from plotfeed.proto.errors import PlotfeedError
@@ -235,7 +235,7 @@ def watch_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> None:
         raise NotImplementedError
 
-    monkeypatch.setattr(serial_port, "HAS_POSIX", False)
+    monkeypatch.setattr(octet_sources, "HAS_POSIX", False)
     monkeypatch.setattr(asyncio.get_running_loop(), "add_reader", refused)
 
 
@@ -248,7 +248,7 @@ async def test_a_serial_port_that_is_unplugged_is_opened_again(
     *,
     is_watched: bool,
 ) -> None:
-    monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
+    monkeypatch.setattr(octet_sources, "REOPEN_S", 0.01)
     if not is_watched:
         watch_nothing(monkeypatch)
     port = tmp_path / "tty"

@@ -27,9 +27,8 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.transport import patience, sapient_news, sapient_tcp, sapient_wire
-from plotfeed.feeds.transport.sapient_intake import AT_ONCE_S, SapientIntake
-from plotfeed.feeds.transport.sapient_news import SapientNews
+from plotfeed.feeds.transport import patience, sapient
+from plotfeed.feeds.transport.sapient import AT_ONCE_S, SapientIntake, SapientNews
 from plotfeed.proto import plotfeed_pb2 as pb
 
 ERROR = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] * 1000})
@@ -37,7 +36,7 @@ ERROR = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] *
 
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    monkeypatch.setattr(sapient_tcp, "ACK_TIMEOUT_S", PATIENCE_S)
+    monkeypatch.setattr(sapient, "ACK_TIMEOUT_S", PATIENCE_S)
     monkeypatch.setattr(patience, "BACKOFF_S", (0.01, 0.05))
     caplog.set_level(logging.INFO)
 
@@ -53,7 +52,7 @@ def told(caplog: pytest.LogCaptureFixture) -> list[str]:
 async def test_a_node_reports_whatever_else_is_said_to_its_registration(
     says: bytes, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sapient_tcp, "ACK_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(sapient, "ACK_TIMEOUT_S", 0.2)
 
     async def rude(peer: Peer) -> None:
         await peer.next()
@@ -75,7 +74,7 @@ async def test_a_node_reports_whatever_else_is_said_to_its_registration(
 async def test_a_node_that_is_refused_reports_nothing_and_says_so_once(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sapient_tcp, "REGISTER_AGAIN_S", 0.02)
+    monkeypatch.setattr(sapient, "REGISTER_AGAIN_S", 0.02)
 
     async def refusing(peer: Peer) -> None:
         for _ in range(5):
@@ -154,7 +153,7 @@ async def test_a_restart_of_the_middleware_is_told_when_it_is_over(
 async def test_who_no_longer_reads_is_given_up_after_the_time_that_the_scene_says(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sapient_wire, "MAX_STALL_S", 0.1)
+    monkeypatch.setattr(sapient, "MAX_STALL_S", 0.1)
 
     async def deaf(peer: Peer) -> None:
         await peer.next()
@@ -286,7 +285,7 @@ async def test_a_middleware_that_never_stops_talking_is_made_to_wait(says: str) 
 async def test_what_happens_to_all_sensors_at_once_is_few_lines(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sapient_news, "GATHER_S", 0.05)
+    monkeypatch.setattr(sapient, "GATHER_S", 0.05)
     news = SapientNews()
     for i in range(200):
         news.tell(f"sapient-{i}", "lost it")

@@ -29,12 +29,12 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport import patience, sapient_wire
-from plotfeed.feeds.transport.sapient_tcp import SapientError
-from plotfeed.feeds.transport.sapient_wire import (
+from plotfeed.feeds.transport import patience, sapient
+from plotfeed.feeds.transport.sapient import (
     MAX_MESSAGE_OCTETS,
     MAX_UNSENT_OCTETS,
     Deframer,
+    SapientError,
     framed,
 )
 from plotfeed.proto.errors import DecodeError
@@ -127,7 +127,7 @@ async def test_whoever_hangs_up_at_once_is_not_hurried(monkeypatch: pytest.Monke
 async def test_a_middleware_that_reads_nothing_costs_no_memory_and_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sapient_wire, "MAX_STALL_S", 0.1)
+    monkeypatch.setattr(sapient, "MAX_STALL_S", 0.1)
 
     async def deaf(peer: Peer) -> None:
         await peer.next()

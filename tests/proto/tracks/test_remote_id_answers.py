@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.telemetry.live.network_remote_id import report_of_flight
+from plotfeed.feeds.telemetry.live.remote_id import report_of_flight
 from plotfeed.proto.tracks.remote_id_answers import (
     MAX_DETAILED_DIAGONAL_M,
     DisplayArea,

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.telemetry.live.aircraft_kinds import (
+from plotfeed.feeds.telemetry.live.aircraft import (
     GLIDER,
     HEAVY,
     LIGHT,
     OF_EMITTER_MAVLINK,
     ROTORCRAFT,
+    AircraftReports,
 )
-from plotfeed.feeds.telemetry.live.aircraft_reports import AircraftReports
 from plotfeed.feeds.telemetry.live.heard import HeardReport
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.live.heard import HeardReport
-from plotfeed.feeds.telemetry.live.mavlink_reports import MAX_PEERS, MavlinkReports
+from plotfeed.feeds.telemetry.live.mavlink import MAX_PEERS, MavlinkReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
 

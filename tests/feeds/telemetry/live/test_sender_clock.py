@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.telemetry.live.sender_clock import SenderClock
+from plotfeed.feeds.telemetry.live.mavlink import SenderClock
 
 S = 1_000_000_000
 NOW = 1_767_225_600 * S

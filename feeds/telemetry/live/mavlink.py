@@ -1,17 +1,21 @@
-"""Reports of drones from MAVLink, versions 1 and 2, as autopilots and simulators send it."""
+"""Drones from MAVLink 1 and 2, as autopilots and simulators send it, and what these are asked.
+
+Aircraft that an autopilot has heard are those of ADSB_VEHICLE: common message 246 and the
+enumerations ADSB_FLAGS, ADSB_ALTITUDE_TYPE, ADSB_EMITTER_TYPE.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Literal
 
 from plotfeed.feeds.telemetry.flights.autopilot_logs import mavlink_decoder
+from plotfeed.feeds.telemetry.live.aircraft import OF_EMITTER_MAVLINK, SMALL, as_reported
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
-from plotfeed.feeds.telemetry.live.mavlink_traffic import ADSB_VEHICLE, aircraft_in
-from plotfeed.feeds.telemetry.live.remote_id_reports import RemoteIdReports
-from plotfeed.feeds.telemetry.live.sender_clock import SenderClock
+from plotfeed.feeds.telemetry.live.remote_id import RemoteIdReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.mavlink_frames import FrameSplitter
@@ -32,6 +36,109 @@ from plotfeed.proto.open_drone_id import (
     known,
 )
 from plotfeed.proto.utc import NS
+
+TRUSTED_WITHIN_NS = NS  # A sender's UTC that is further from ours than this, is off
+LOOK_BACK_NS = 5 * NS
+# A clock that goes back by more than this has begun anew; by less, messages passed each other.
+RESTART_NS = NS
+
+
+class SenderClock:
+    """The clock of a sender beside ours, by when its messages come.
+
+    No message comes before it is sent: the one that took least of late shows how far the clocks
+    are apart, to that least delay. Where the sender says its UTC and is not off, that is taken.
+    """
+
+    def __init__(self, declared_ns: int | None = None) -> None:
+        """`declared_ns` is the sender's UTC less what its messages count; 0 if they count UTC."""
+        self.declared_ns = declared_ns
+        self.is_off = False  # Whether the sender says a UTC that is not taken
+        self._apart_ns: int | None = None
+        self._recent_ns: int | None = None
+        self._until_ns = 0
+        self._last_ns: int | None = None
+
+    def declare(self, declared_ns: int, count_ns: int) -> None:
+        """Take what the sender said its UTC less its count is, at that count."""
+        self._begin_anew_before(count_ns)
+        self.declared_ns = declared_ns
+
+    @property
+    def off_s(self) -> float:
+        """How far the sender's UTC is behind ours, seconds; 0 where it says none."""
+        if self.declared_ns is None or self._apart_ns is None:
+            return 0.0
+        return (self._apart_ns - self.declared_ns) / NS
+
+    def utc_ns(self, count_ns: int, now_utc_ns: int) -> int:
+        """The UTC of a message that bears this count of the sender's clock and has come now."""
+        self._begin_anew_before(count_ns)
+        self._last_ns = count_ns
+        apart_ns = now_utc_ns - count_ns
+        left_ns = self._until_ns - now_utc_ns
+        # Nothing was heard for long, or our own clock has jumped: what was known is worth nothing.
+        jumped = not -LOOK_BACK_NS <= left_ns <= LOOK_BACK_NS
+        if self._apart_ns is None or self._recent_ns is None or jumped:
+            self._apart_ns = self._recent_ns = apart_ns
+            self._until_ns = now_utc_ns + LOOK_BACK_NS
+        elif left_ns < 0:
+            # The least of the last stretch and of this one: so clocks may drift.
+            self._apart_ns, self._recent_ns = self._recent_ns, apart_ns
+            self._until_ns = now_utc_ns + LOOK_BACK_NS
+        self._recent_ns = min(self._recent_ns, apart_ns)
+        self._apart_ns = min(self._apart_ns, apart_ns)
+        if self.declared_ns is None:
+            return count_ns + self._apart_ns
+        self.is_off = abs(self.declared_ns - self._apart_ns) > TRUSTED_WITHIN_NS
+        return count_ns + (self._apart_ns if self.is_off else self.declared_ns)
+
+    def _begin_anew_before(self, count_ns: int) -> None:
+        """Forget everything if the clock has begun anew; its UTC, unless it counts that."""
+        if self._last_ns is not None and count_ns < self._last_ns - RESTART_NS:
+            self._apart_ns = self._recent_ns = self._last_ns = None
+            if self.declared_ns != 0:
+                self.declared_ns = None
+
+
+ADSB_VEHICLE = 246
+HAS_PLACE, HAS_ALTITUDE, HAS_COURSE, HAS_SPEED, HAS_CLIMB = 1, 2, 4, 8, 128
+HAS_ALL_OF_PLACE = HAS_PLACE | HAS_ALTITUDE
+HAS_VELOCITY = HAS_COURSE | HAS_SPEED
+# By altitude type: of pressure with the QNH of the autopilot, and of GNSS.
+REFERENCES = {0: AltitudeReference.MEAN_SEA_LEVEL, 1: AltitudeReference.ELLIPSOID}
+OLD_S = 5  # What was heard that long ago says no more where an aircraft is
+
+
+def aircraft_in(message: Any, now_utc_ns: int) -> Iterator[HeardReport]:
+    """The report of an ADSB_VEHICLE; none where it has no place, no altitude, or is old.
+
+    The aircraft is called by its ICAO address, as other sources of ADS-B have it.
+    """
+    reference = REFERENCES.get(message.altitude_type)
+    has_place = message.flags & HAS_ALL_OF_PLACE == HAS_ALL_OF_PLACE
+    if not has_place or reference is None or message.tslc > OLD_S:
+        return
+    report = PositionReport(
+        t_utc_ns=now_utc_ns - message.tslc * NS,
+        latitude_deg=message.lat * 1e-7,
+        longitude_deg=message.lon * 1e-7,
+        altitude_m=message.altitude * 1e-3,
+        altitude_reference=reference,
+        velocity_enu_m_s=_velocity(message),
+        **as_reported(OF_EMITTER_MAVLINK.get(message.emitter_type, SMALL)),
+    )
+    yield HeardReport.checked(f"{message.ICAO_address:06x}", report)
+
+
+def _velocity(message: Any) -> tuple[float, float, float] | None:
+    """East, north and up; None without a speed over ground."""
+    if message.flags & HAS_VELOCITY != HAS_VELOCITY:
+        return None
+    speed_m_s, course = message.hor_velocity * 0.01, math.radians(message.heading * 0.01)
+    climb_m_s = message.ver_velocity * 0.01 if message.flags & HAS_CLIMB else math.nan
+    return speed_m_s * math.sin(course), speed_m_s * math.cos(course), climb_m_s
+
 
 SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION = 2, 24, 33, 242
 ODID_BASIC_ID, ODID_LOCATION, ODID_PACK = 12900, 12901, 12915
@@ -288,3 +395,44 @@ def _odid_location(message: Any) -> OdidLocation:
         speed_accuracy_m_s=accuracy(SPEED_M_S, message.speed_accuracy, EDGE_95),
         past_hour_s=message.timestamp if 0 <= message.timestamp <= 3600 else math.nan,
     )
+
+
+GROUND_STATION, ITS_COMPONENT = 255, 190
+SLOW_US = 1_000_000  # Between two of what hardly changes
+ALL_SYSTEMS, AUTOPILOT = 0, 1
+
+
+@cache
+def _station() -> tuple[Any, Any]:
+    from pymavlink.dialects.v20 import common
+
+    return common, common.MAVLink(None, srcSystem=GROUND_STATION, srcComponent=ITS_COMPONENT)
+
+
+def heartbeat() -> bytes:
+    """The sign that a ground station is there: some autopilots send to nobody else."""
+    common, station = _station()
+    message = station.heartbeat_encode(
+        common.MAV_TYPE_GCS, common.MAV_AUTOPILOT_INVALID, 0, 0, common.MAV_STATE_ACTIVE
+    )
+    return bytes(message.pack(station))
+
+
+def requests(every_us: int) -> Iterator[bytes]:
+    """SET_MESSAGE_INTERVAL, command 511, for each message that is wanted, to all autopilots."""
+    common, station = _station()
+    intervals = {
+        GLOBAL_POSITION_INT: every_us,
+        GPS_RAW_INT: every_us,
+        SYSTEM_TIME: SLOW_US,
+        HOME_POSITION: SLOW_US,
+    }
+    for number, interval_us in intervals.items():
+        message = station.command_long_encode(
+            ALL_SYSTEMS,
+            AUTOPILOT,
+            common.MAV_CMD_SET_MESSAGE_INTERVAL,
+            0,
+            *(number, interval_us, 0, 0, 0, 0, 0),
+        )
+        yield bytes(message.pack(station))

@@ -1,18 +1,15 @@
-"""Reports of aircraft from ADS-B, as receivers hand it on: SBS-1, Beast, and ASTERIX 021."""
+"""Aircraft from ADS-B, as receivers hand it on: SBS-1, Beast, and ASTERIX 021; and what they are.
+
+The sets A and B of their categories are those of DO-260B, 2.2.3.2.5.2; MAVLink counts through both.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
-from plotfeed.feeds.telemetry.live.aircraft_kinds import (
-    OF_CATEGORY,
-    OF_EMITTER_021,
-    SMALL,
-    AircraftKind,
-    as_reported,
-)
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
@@ -32,6 +29,64 @@ from plotfeed.proto.mode_s import (
 )
 from plotfeed.proto.units import FOOT_M, KNOT_M_S
 from plotfeed.proto.utc import NS, nearest_utc_ns
+
+AIRCRAFT = "aircraft"  # The class of what is no drone
+
+
+class AircraftKind(NamedTuple):
+    """Radar cross-section and size across of a kind of aircraft."""
+
+    rcs_m2: float
+    size_m: float
+
+
+LIGHT = AircraftKind(1.0, 11.0)
+SMALL = AircraftKind(2.0, 14.6)
+LARGE = AircraftKind(20.0, 35.8)
+HEAVY = AircraftKind(100.0, 60.9)
+FAST = AircraftKind(6.0, 13.1)
+ROTORCRAFT = AircraftKind(3.0, 13.6)
+GLIDER = AircraftKind(0.5, 15.0)
+# Cross-sections: Skolnik, Introduction to Radar Systems, 3rd edition, table 2.2; that of a glider
+# is assumed. Sizes: spans of a Cessna 172, Learjet 45, Boeing 737-800, 777-200ER and F-15, the
+# length of an H145 with its rotor, and the span of the standard class.
+UNMANNED = None
+
+OF_CATEGORY: Mapping[str, AircraftKind | None] = {
+    "A1": LIGHT,
+    "A2": SMALL,
+    "A3": LARGE,
+    "A4": LARGE,
+    "A5": HEAVY,
+    "A6": FAST,
+    "A7": ROTORCRAFT,
+    "B1": GLIDER,
+    "B4": GLIDER,
+    "B6": UNMANNED,
+}
+OF_EMITTER_021: Mapping[int, AircraftKind | None] = {
+    1: LIGHT,
+    2: SMALL,
+    3: LARGE,
+    4: LARGE,
+    5: HEAVY,
+    6: FAST,
+    10: ROTORCRAFT,
+    11: GLIDER,
+    13: UNMANNED,
+    16: GLIDER,
+}
+OF_EMITTER_MAVLINK: Mapping[int, AircraftKind | None] = {
+    int(name[1]) + (8 if name[0] == "B" else 0): kind for name, kind in OF_CATEGORY.items()
+}
+
+
+def as_reported(kind: AircraftKind | None) -> dict[str, Any]:
+    """The fields of a report of one; what is unmanned is a drone as the scene has it."""
+    if kind is None:
+        return {}
+    return {"rcs_m2": kind.rcs_m2, "size_m": kind.size_m, "target_class": AIRCRAFT}
+
 
 FOOT_MIN_M_S = FOOT_M / 60
 # For how long halves make a pair, a place helps to find the next, and a velocity holds.

@@ -1,12 +1,18 @@
-"""A node's own connection to a SAPIENT middleware: registered first, kept up, its answers heard."""
+"""A node's own connection to a SAPIENT middleware: registered first, kept up, its answers heard.
+
+Messages are framed by their lengths. What a middleware says beyond what may be taken in is not
+read, so that TCP lets it wait, and no deadline does.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import logging
+import socket
+from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol, cast
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.formats import Announcer
@@ -19,11 +25,259 @@ from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.patience import backoff_s, wait_while
-from plotfeed.feeds.transport.sapient_intake import SapientIntake
-from plotfeed.feeds.transport.sapient_news import SapientNews
-from plotfeed.feeds.transport.sapient_wire import SapientWire
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.sapient.decode_sapient import Heard, decode_heard
+
+log = logging.getLogger(__name__)
+
+GATHER_S = 1.0  # Who has the same to tell within this time is one of a number
+
+
+class SapientNews:
+    """Tells of the first sensor to which something happens at once, and then how many more."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._more: dict[str, int] = {}  # By what was told a moment ago
+
+    def tell(self, name: str, what: str, level: int = logging.WARNING) -> None:
+        """Say of that connection what happened to it, unless others have just said the same."""
+        if what in self._more:
+            self._more[what] += 1
+            return
+        log.log(level, "%s: %s", name, what)
+        self._more[what] = 0
+        self._loop.call_later(GATHER_S, self._tell_more, what, level)
+
+    def _tell_more(self, what: str, level: int) -> None:
+        more = self._more.pop(what)
+        if more:
+            log.log(level, "sapient: %s, and so %d more sensors", what, more)
+
+
+SERVE_EVERY_S = 0.02  # While anything waits, some of it is taken in so often
+AT_ONCE_S = 0.05  # After a silence, what may be said in this time is taken in at once
+
+
+class Speaker(Protocol):
+    """A connection over which messages have come that are not taken in yet."""
+
+    def hear_one(self) -> int:
+        """Take in one of them, and say how many octets it had."""
+
+    @property
+    def has_more(self) -> bool:
+        """Whether another one is there."""
+
+
+class SapientIntake:
+    """Lets connections speak in turn, a message each, as often as messages and octets may come."""
+
+    def __init__(self, max_messages_per_s: float, max_octets_per_s: float) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._max_messages_per_s, self._max_octets_per_s = max_messages_per_s, max_octets_per_s
+        # That may be taken in now; octets are owed after a long message.
+        self._messages, self._octets = 0.0, 0.0
+        self._filled_s = self._loop.time() - AT_ONCE_S
+        self._waiting: deque[Speaker] = deque()
+        self._timer: asyncio.TimerHandle | None = None
+
+    def serve(self, speaker: Speaker) -> None:
+        """Let that one speak when it is its turn, which may be now; it has something to say."""
+        self._waiting.append(speaker)
+        if self._timer is None:
+            self._serve()
+
+    def forget(self, speaker: Speaker) -> None:
+        """Take in no more of what that one has said."""
+        self._waiting = deque(other for other in self._waiting if other is not speaker)
+
+    def _serve(self) -> None:
+        self._timer = None
+        self._fill()
+        while self._waiting and self._messages >= 1 and self._octets > 0:
+            speaker = self._waiting.popleft()
+            self._messages -= 1
+            self._octets -= speaker.hear_one()
+            if speaker.has_more:
+                self._waiting.append(speaker)
+        if self._waiting:
+            self._timer = self._loop.call_later(SERVE_EVERY_S, self._serve)
+
+    def _fill(self) -> None:
+        now_s = self._loop.time()
+        for_s, self._filled_s = now_s - self._filled_s, now_s
+        least = 1.0  # of however few a second, one at a time must be possible
+        self._messages = min(
+            self._messages + for_s * self._max_messages_per_s,
+            max(AT_ONCE_S * self._max_messages_per_s, least),
+        )
+        self._octets = min(
+            self._octets + for_s * self._max_octets_per_s, AT_ONCE_S * self._max_octets_per_s
+        )
+
+
+LENGTH_OCTETS = 4
+# Of what is taken from a peer; the answers to a sensor are some hundred octets.
+MAX_MESSAGE_OCTETS = 1 << 16
+MAX_UNSENT_OCTETS = 8 << 20
+# While the socket has taken nothing for so long, nothing more is taken; it would come too late.
+MAX_STALL_S = 0.5
+# That the system takes before it lets us wait: the less, the sooner it shows that nobody reads.
+SOCKET_OCTETS = 128 << 10
+
+
+def framed(payload: bytes) -> bytes:
+    """A message as it goes over TCP."""
+    return len(payload).to_bytes(LENGTH_OCTETS, "little") + payload
+
+
+class Deframer:
+    """Puts messages together from octets as they come."""
+
+    def __init__(self) -> None:
+        self._octets = bytearray()
+
+    def feed(self, octets: bytes) -> None:
+        """Take some more octets."""
+        self._octets += octets
+
+    @property
+    def has_next(self) -> bool:
+        """Whether a message is whole, or has a length that is none."""
+        length = self._length()
+        return length is not None and (
+            length > MAX_MESSAGE_OCTETS or len(self._octets) >= LENGTH_OCTETS + length
+        )
+
+    def next(self) -> bytes:
+        """The message that is whole; raises `DecodeError` at a length that is none."""
+        length = self._length() or 0
+        if length > MAX_MESSAGE_OCTETS:
+            self._octets.clear()
+            raise DecodeError(f"a length of {length}; at most {MAX_MESSAGE_OCTETS} is taken")
+        end = LENGTH_OCTETS + length
+        message = bytes(self._octets[LENGTH_OCTETS:end])
+        del self._octets[:end]
+        return message
+
+    def _length(self) -> int | None:
+        if len(self._octets) < LENGTH_OCTETS:
+            return None
+        return int.from_bytes(self._octets[:LENGTH_OCTETS], "little")
+
+
+class SapientWire(asyncio.Protocol):
+    """One connection. While what came waits for its turn, no more is read."""
+
+    def __init__(
+        self, intake: SapientIntake, on_message: Callable[[bytes], object], give_up_after_s: float
+    ) -> None:
+        """A peer that has read nothing for `give_up_after_s` is left."""
+        self._loop = asyncio.get_running_loop()
+        self.lost: asyncio.Future[None] = self._loop.create_future()
+        self.reason = ""  # Why it is lost, if that is known
+        self.was_stalled = False  # Whether it was given up because the other end did not read
+        self._intake, self._on_message = intake, on_message
+        self._give_up_after_s = give_up_after_s
+        self._deframer = Deframer()
+        self._transport: asyncio.Transport | None = None
+        self._stalled_since_s: float | None = None
+        self._giving_up: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The connection stands."""
+        self._transport = cast("asyncio.Transport", transport)
+        self._transport.set_write_buffer_limits(high=0)  # to be told as soon as anything waits
+        own = transport.get_extra_info("socket")
+        own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_OCTETS)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # sees also a host that is gone without a word
+            own.setsockopt(
+                socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(self._give_up_after_s * 1000)
+            )
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection is gone, and with it what waited."""
+        self._transport = None
+        self._intake.forget(self)
+        self.resume_writing()
+        if isinstance(exc, TimeoutError) and not self.reason:
+            self._note_stall()
+        elif exc is not None and not self.reason:
+            self.reason = (exc.strerror if isinstance(exc, OSError) else None) or str(exc)
+        if not self.lost.done():
+            self.lost.set_result(None)
+
+    def pause_writing(self) -> None:
+        """The socket takes no more for now."""
+        self._stalled_since_s = self._loop.time()
+        self._giving_up = self._loop.call_later(self._give_up_after_s, self._give_up)
+
+    def resume_writing(self) -> None:
+        """The socket takes more again, or is gone."""
+        self._stalled_since_s = None
+        if self._giving_up is not None:
+            self._giving_up.cancel()
+
+    def data_received(self, data: bytes) -> None:
+        """Octets have come; no more are read until the messages in them were taken in."""
+        self._deframer.feed(data)
+        if self._deframer.has_next and self._transport is not None:
+            self._transport.pause_reading()
+            self._intake.serve(self)
+
+    def hear_one(self) -> int:
+        """Take in a message, and say how many octets it had."""
+        try:
+            message = self._deframer.next()
+        except DecodeError as error:  # from here on there is no telling where a message begins
+            self.reason = f"it sent {error}"
+            self.abort()
+            return 0
+        self._on_message(message)
+        if not self._deframer.has_next and self._transport is not None:
+            self._transport.resume_reading()
+        return LENGTH_OCTETS + len(message)
+
+    @property
+    def has_more(self) -> bool:
+        """Whether another message has come, of a connection that is still there."""
+        return self._deframer.has_next and self._transport is not None
+
+    @property
+    def unsent_octets(self) -> int:
+        """What the socket has not taken yet."""
+        return self._transport.get_write_buffer_size() if self._transport else 0
+
+    def send(self, payload: bytes) -> bool:
+        """Hand a message to the socket; False if it is gone or has stalled."""
+        if self._transport is None or self._transport.is_closing():
+            return False
+        if self._stalled_since_s is not None:
+            stall_s = self._loop.time() - self._stalled_since_s
+            if stall_s > MAX_STALL_S or self.unsent_octets + len(payload) > MAX_UNSENT_OCTETS:
+                return False
+        self._transport.write(framed(payload))
+        return True
+
+    def close(self) -> None:
+        """Close when all is sent."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def abort(self) -> None:
+        """Close at once."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def _give_up(self) -> None:
+        self._note_stall()
+        self.abort()
+
+    def _note_stall(self) -> None:
+        self.was_stalled = True
+        self.reason = f"it has read nothing for {self._give_up_after_s:g} s"
+
 
 CONNECT_TIMEOUT_S = 2.0
 ACK_TIMEOUT_S = 2.0
