@@ -30,7 +30,7 @@ from plotfeed.proto.measured_plots import ABSENT, NOT_TOLD, MeasuredPlots
 from plotfeed.proto.message_kinds import kind_of
 from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.asterix_blocks import is_asterix
+from plotfeed.replay.asterix_files import is_asterix
 from plotfeed.replay.recorded import PLOT_TABLES, Recorded, RecordingWriter, TableName
 
 TIME, TOPIC, DOPPLER = "time_utc", "topic", "doppler_m_s"

@@ -20,7 +20,7 @@ from support.mqtt_client import Heard, listening
 from support.tools import NODE_MODULES, needed, node_module
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.page.shown_tracks import tracks_to_show
+from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 

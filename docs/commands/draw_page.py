@@ -21,7 +21,7 @@ from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.run_with_page import PageObserver, alongside
 from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
-from plotfeed.feeds.page.shown_tracks import tracks_to_show
+from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import example

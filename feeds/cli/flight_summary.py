@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from plotfeed.feeds.telemetry.flights.flight import Flight
-from plotfeed.feeds.telemetry.flights.table_columns import REFERENCE_WORDS
+from plotfeed.feeds.telemetry.flights.table import REFERENCE_WORDS
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import Floats

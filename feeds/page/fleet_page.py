@@ -12,7 +12,6 @@ from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.fleet.fleet_watch import FleetWatch, gap_words
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab.evidence import plot_topics
-from plotfeed.feeds.page.connections import connections
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.recorded_sectors import nobody_s
 from plotfeed.feeds.page.run_with_page import (
@@ -21,10 +20,10 @@ from plotfeed.feeds.page.run_with_page import (
     alongside,
     tracks_of,
 )
+from plotfeed.feeds.page.scene_outline import connections
 from plotfeed.feeds.page.server import PageServer, serving
-from plotfeed.feeds.page.shown_settings import tell_settings
 from plotfeed.feeds.page.updates import NoControls
-from plotfeed.feeds.page.view import View
+from plotfeed.feeds.page.view import View, tell_settings
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.errors import DecodeError
 

@@ -18,9 +18,8 @@ from plotfeed.feeds.page.recorded_sectors import (
     SeenDrones,
 )
 from plotfeed.feeds.page.scene_outline import Basemap
-from plotfeed.feeds.page.shown_settings import model_differs, tell_settings
 from plotfeed.feeds.page.updates import refused
-from plotfeed.feeds.page.view import View
+from plotfeed.feeds.page.view import View, model_differs, tell_settings
 from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps

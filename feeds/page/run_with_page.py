@@ -5,24 +5,23 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from plotfeed.feeds.engine.change_control import told
 from plotfeed.feeds.lab.live import LiveScore, is_scored, scoring
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.page.connections import connections
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.recorded_sectors import RecordedSession
-from plotfeed.feeds.page.scene_outline import Basemap, load_basemap, pointing_of
+from plotfeed.feeds.page.scene_outline import Basemap, connections, load_basemap, pointing_of
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
-from plotfeed.feeds.page.shown_settings import model_differs, tell_settings
-from plotfeed.feeds.page.shown_tracks import tracks_to_show
-from plotfeed.feeds.page.time_marks import TimeMarks
+from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.page.updates import Controls, NoControls
-from plotfeed.feeds.page.view import View
+from plotfeed.feeds.page.view import View, model_differs, tell_settings
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -35,6 +34,77 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+
+MAX_MARKS = 100  # The newest are kept
+
+
+class TimeMarks:
+    """Follows the changes of one session after the other, and tells a view of them."""
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+        self._marks: deque[dict[str, Any]] = deque(maxlen=MAX_MARKS)
+        # Sensors that are otherwise, and since when, of which no command has told yet.
+        self._unexplained: dict[str, int] = {}
+        self._would_undo = ""
+
+    def begin(self, session: RunningSession) -> None:
+        """Another session has begun."""
+        self._marks.clear()
+        self._unexplained.clear()
+        self._tell_stories(session)
+
+    def settings(self, sensor: str, at_utc_ns: int) -> None:
+        """A sensor is otherwise since then."""
+        self._unexplained[sensor] = at_utc_ns
+
+    def obeyed(self, session: RunningSession, command: Command, at_utc_ns: int) -> None:
+        """A command has changed something then."""
+        if command.clock is not None:
+            return
+        kind = "change" if command.story is None else "story"
+        self._mark(kind, self._words(session, command), at_utc_ns)
+        self._unexplained.clear()
+        self._tell_stories(session)
+
+    def look_at(self, session: RunningSession) -> None:
+        """Mark what has changed by the scene's script, or by a task of SAPIENT."""
+        for sensor, at_utc_ns in self._unexplained.items():
+            self._mark("script", f"{sensor}: by its script", at_utc_ns)
+        if self._unexplained:
+            self._unexplained.clear()
+            self._tell_stories(session)
+
+    def _mark(self, kind: str, words: str, at_utc_ns: int) -> None:
+        self._marks.append({"t_utc_ms": at_utc_ns / 1e6, "kind": kind, "words": words})
+        self._view.marks(list(self._marks))
+
+    def _words(self, session: RunningSession, command: Command) -> str:
+        if command.undo:
+            return f"Undone: {self._would_undo}"
+        if command.story is not None:
+            titles = {story.id: story.title for story, _ in session.changes.stories}
+            words = titles.get(command.story) or command.story
+            return f"{words}, taken back" if command.reset else words
+        if command.drone is not None:
+            happens = command.contingency.kind if command.contingency else "claim"
+            return f"{command.drone}: {'as in the scene' if command.reset else happens}"
+        return f"{command.sensor}: {told(command.set) if command.set else 'as in the scene'}"
+
+    def _tell_stories(self, session: RunningSession) -> None:
+        self._would_undo = session.changes.undoes
+        stories = [
+            {
+                "id": story.id,
+                "title": story.title or story.id,
+                "text": story.text,
+                "sensors": list(story.sets),
+                "since_utc_ms": None if since_ns is None else since_ns / 1e6,
+            }
+            for story, since_ns in session.changes.stories
+        ]
+        self._view.stories(stories, self._would_undo)
+
 
 TRUTH_EVERY_S = 0.1
 # Commands that the session itself takes.

@@ -1,10 +1,10 @@
-"""What a page has to know of a scene before anything happens: sensors, cover, and its basemap."""
+"""What a page has to know of a scene before anything happens: sensors, cover, basemap, ways out."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ import numpy as np
 
 from plotfeed.feeds.scene.examples import head_of
 from plotfeed.feeds.scene.fields import Site, enu_from, frame_at, site_frame
-from plotfeed.feeds.scene.output_keys import BasemapImage
+from plotfeed.feeds.scene.output_keys import BasemapImage, UdpDestination
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
+from plotfeed.feeds.session.sensor_description import outputs_of
 from plotfeed.models.cueing import CuedState
 from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef
@@ -298,3 +300,48 @@ def _list(tree: dict[str, Any], key: str) -> list[Any]:
     if not isinstance(found, list) or (key == "coordinates" and not found):
         raise ValueError(f"{key}: expected a list")
     return found
+
+
+def connections(scene: Scene, urls: Mapping[str, str], *, sends_udp: bool = True) -> dict[str, Any]:
+    """Brokers, and of each sensor its topics and what of it goes by UDP, as JSON.
+
+    `urls` are addresses of the session's brokers by protocol, whatever is said after them. There is
+    no word of the ledger, of control and of telemetry: they are not for a tracker.
+    """
+    access = scene.outgoing.credentials_file is not None
+    return {
+        "brokers": [
+            {"protocol": protocol, "url": url.split()[0], "needs_password": access}
+            for protocol, url in urls.items()
+        ],
+        "sensors": {
+            sensor.id: {
+                "topics": [
+                    {"topic": o.topic, "format": o.format, "content_type": o.content_type}
+                    for o in outputs_of(scene.mqtt.prefix, sensor)
+                ],
+                "udp": [_udp(to) for to in scene.outgoing.udp if _goes(to, sensor)]
+                if sends_udp
+                else [],
+            }
+            for sensor in scene.sensor
+        },
+    }
+
+
+def _goes(to: UdpDestination, sensor: Sensor) -> bool:
+    """Whether anything of that sensor goes there."""
+    has = any(
+        to.format == name or (to.format is None and REPORT_FORMATS[name].categories)
+        for name in sensor.report
+    )
+    return to.takes(sensor.id) and has
+
+
+def _udp(to: UdpDestination) -> dict[str, Any]:
+    return {
+        "destination": to.destination,
+        "is_multicast": to.is_multicast,
+        "interface": to.interface,
+        "carries": to.carries,
+    }

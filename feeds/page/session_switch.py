@@ -22,7 +22,7 @@ from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.replay.mcap.mcap_contents import library_of
+from plotfeed.replay.mcap.mcap_reader import library_of
 
 TELL_EVERY_S = 0.5
 

@@ -18,13 +18,13 @@ from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.losses import LossChain
+from plotfeed.feeds.link.delays import DelayLaw
+from plotfeed.feeds.link.losses import LossChain, chain_of
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.audience import CONCEALS, without_truth
 from plotfeed.feeds.page.recorded_sectors import RecordedSector
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, cover_of, outline
-from plotfeed.feeds.page.shown import Drones, PlotStore
-from plotfeed.feeds.page.shown_tracks import ShownTracks
+from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
 from plotfeed.feeds.page.strips import LinkRecord, Loss, Rates, looks_summary, new_looks
 from plotfeed.feeds.page.updates import (
     LAYOUTS,
@@ -36,6 +36,7 @@ from plotfeed.feeds.page.updates import (
     news,
 )
 from plotfeed.feeds.scene.fields import Site
+from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Plots, Texts, TruthState
@@ -343,3 +344,27 @@ def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> byte
     except ValueError:
         text = json.dumps(finite(told), separators=(",", ":"), default=str)
     return news(text.encode(), kind)
+
+
+PROBABILITIES = np.linspace(0, 1, 1001)
+
+
+def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: bool) -> None:
+    """Show a sensor as it is since then, and the delays that its link is to make."""
+    link = sensor.link or LinkSettings()
+    law = DelayLaw.of(link)
+    view.cover(sensor)
+    view.settings(
+        sensor.id,
+        sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
+        asked_latency_ms=law.quantile_ms(PROBABILITIES),
+        asked_loss=None if link.on_loss == "stall" else chain_of(link.loss),
+        since_utc_ns=since_utc_ns,
+        new_model=new_model,
+    )
+
+
+def model_differs(before: Sensor, now: Sensor) -> bool:
+    """Tell whether anything but the link is different."""
+    link = {"link", "event"}
+    return before.model_dump(exclude=link) != now.model_dump(exclude=link)

@@ -33,7 +33,7 @@ from plotfeed.replay.mcap.channels import (
     properties_to_json,
     schema_of,
 )
-from plotfeed.replay.mcap.mcap_contents import (
+from plotfeed.replay.mcap.mcap_reader import (
     MAGIC,
     MAX_RECORD_OCTETS,
     MESSAGE,

@@ -176,7 +176,7 @@ def recorded(folder: Path, seconds: float) -> list[Any]:
 
 def pcap(path: Path, messages: Sequence[Any]) -> Path:
     """A file of them, and beside it one for the player in C."""
-    from plotfeed.replay.pcap.captures import PcapWriter
+    from plotfeed.replay.pcap import PcapWriter
 
     with path.open("wb") as file:
         writer = PcapWriter(file)

@@ -11,8 +11,16 @@ from hypothesis import strategies as st
 from support.recordings import plots, written
 
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.files import FileFormat, format_of, open_recording, open_repeatable, writer_to
-from plotfeed.replay.gzip_file import MOST_UNPACKED, SPARE_OCTETS, UnpackedFile
+from plotfeed.replay.files import (
+    MOST_UNPACKED,
+    SPARE_OCTETS,
+    FileFormat,
+    UnpackedFile,
+    format_of,
+    open_recording,
+    open_repeatable,
+    writer_to,
+)
 from plotfeed.replay.recorded import Recorded
 
 

@@ -13,7 +13,7 @@ from support.recordings import START_NS, is_read_whatever_it_is, message, plots,
 from plotfeed.replay import json_lines
 from plotfeed.replay.asterix_files import FinalReader, FinalWriter
 from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
-from plotfeed.replay.pcap.captures import PcapReader
+from plotfeed.replay.pcap import PcapReader
 from plotfeed.replay.recorded import LATEST_NS, Recorded, Stage
 
 TIMES = st.integers(0, LATEST_NS)

@@ -11,7 +11,7 @@ from support.given_recordings import EVERY_CAPTURE, RadarCapture
 from support.recordings import MS, START_NS, block, message, plots, read, written
 
 from plotfeed.replay.files import FileFormat, writer_to
-from plotfeed.replay.pcap.captures import PcapReader
+from plotfeed.replay.pcap import PcapReader
 from plotfeed.replay.recorded import Recorded
 
 

@@ -25,9 +25,8 @@ from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.layout import is_time_of_day
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 from plotfeed.proto.utc import DAY_NS, NS
-from plotfeed.replay.asterix_blocks import time_of_day_ns
-from plotfeed.replay.asterix_files import RawReader, RawWriter
-from plotfeed.replay.pcap.captures import PcapReader, PcapWriter
+from plotfeed.replay.asterix_files import RawReader, RawWriter, time_of_day_ns
+from plotfeed.replay.pcap import PcapReader, PcapWriter
 
 DAY = START_NS // DAY_NS * DAY_NS
 

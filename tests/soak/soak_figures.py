@@ -15,8 +15,7 @@ from scipy import stats
 
 from plotfeed.feeds.link.lateness import LATENESS_KEPT
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.mcap_contents import FOOTER
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_reader import FOOTER, McapReader
 from plotfeed.replay.recorded import Stage
 
 NS = 1_000_000_000

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from support.mqtt_client import Client, Heard
 
-from plotfeed.feeds.page.shown_tracks import tracks_to_show
+from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.page.updates import TrackFlag
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene

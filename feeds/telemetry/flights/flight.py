@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from plotfeed.feeds.telemetry.motion_gate import (
+from plotfeed.feeds.telemetry.admission import (
     CONFIRM_NS,
     CONFIRM_REPORTS,
     MAX_SPEED_M_S,

@@ -8,7 +8,7 @@ from typing import Any
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log, utc_ns
-from plotfeed.feeds.telemetry.flights.table_columns import REFERENCE_WORDS
+from plotfeed.feeds.telemetry.flights.table import REFERENCE_WORDS
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 

@@ -9,7 +9,7 @@ from datetime import datetime
 
 from plotfeed.feeds.telemetry.flights.file_times import finer_times
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, GpsOrder, Log, utc_ns
-from plotfeed.feeds.telemetry.flights.table_columns import REFERENCE_WORDS
+from plotfeed.feeds.telemetry.flights.table import REFERENCE_WORDS
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 

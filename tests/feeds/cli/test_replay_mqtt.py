@@ -21,7 +21,7 @@ from support.waiting import PATIENCE_S, wait_until
 from plotfeed.feeds.telemetry.decode_reports import decode, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.state import AltitudeReference
-from plotfeed.replay.pcap.captures import PcapWriter
+from plotfeed.replay.pcap import PcapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
 

@@ -33,7 +33,7 @@ from plotfeed.proto.content_types import (
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.tracks.encode_tracks import feature_collection, track_batch
 from plotfeed.replay.asterix_files import RawWriter
-from plotfeed.replay.pcap.captures import PcapWriter
+from plotfeed.replay.pcap import PcapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
 TRACKS = told_tracks(5, np.random.default_rng(1))

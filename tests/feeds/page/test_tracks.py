@@ -13,7 +13,7 @@ from support.asterix_input import tracks
 from support.page_updates import Frame, read_frame
 
 from plotfeed.feeds.lab.track_reports import MAX_OCTETS, ToldTrack
-from plotfeed.feeds.page.shown_tracks import MAX_TRACKS, ShownTracks, tracks_to_show
+from plotfeed.feeds.page.shown import MAX_TRACKS, ShownTracks, tracks_to_show
 from plotfeed.feeds.page.updates import SectionKind, TrackFlag
 from plotfeed.feeds.page.view import View
 from plotfeed.proto import plotfeed_pb2 as pb

@@ -18,9 +18,9 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
-from plotfeed.feeds.recording.record import CaptureSource
-from plotfeed.feeds.recording.record_sources import (
+from plotfeed.feeds.recording.record import (
     BrokerSource,
+    CaptureSource,
     UdpSource,
     rfc_3339_ns,
 )
@@ -182,7 +182,7 @@ async def test_at_first_no_datagram_is_older_than_the_one_before(
 @on_linux
 @pytest.mark.asyncio
 async def test_what_the_socket_had_no_room_for_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("plotfeed.feeds.recording.record_sources.BUFFER_OCTETS", 100_000)
+    monkeypatch.setattr("plotfeed.feeds.recording.record.BUFFER_OCTETS", 100_000)
 
     port = free_port()
     source = UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))

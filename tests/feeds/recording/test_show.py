@@ -17,14 +17,13 @@ from support.recordings import MS, START_NS, block, block_048, message, plots, w
 from plotfeed.feeds.console import status_line
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.recording.recording_settings import ShowSettings
-from plotfeed.feeds.recording.show import show_file
+from plotfeed.feeds.recording.show import MAX_SERIES, OTHERS, Lateness, Summary, show_file
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.content_types import protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.recorded import Recorded, Stage
-from plotfeed.replay.summary import MAX_SERIES, OTHERS, Lateness, Summary
 
 Capture = pytest.CaptureFixture[str]
 

@@ -24,9 +24,8 @@ from support.replays import (
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.replaying.control import ReplayControl
-from plotfeed.feeds.replaying.read_ahead import AHEAD, BATCH
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Selection
-from plotfeed.feeds.replaying.replayer import READY_NS, RushClock, replay
+from plotfeed.feeds.replaying.replayer import AHEAD, BATCH, READY_NS, RushClock, replay
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.replay.recorded import Recorded, Stage
 

@@ -16,7 +16,7 @@ from support.tshark import tshark_layers
 
 from plotfeed.proto.asterix.codec.decode import Record, Value, blocks, records_in
 from plotfeed.replay.files import open_recording
-from plotfeed.replay.pcap.captures import PcapWriter
+from plotfeed.replay.pcap import PcapWriter
 
 LEVELS = 1 << 12
 """Of flight levels in 14 bits of a quarter each: tshark takes one below 0 for one above."""

@@ -12,7 +12,7 @@ from support.recordings import block
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.recording.record_text import categories_of
 from plotfeed.proto.asterix import standard
-from plotfeed.replay.asterix_blocks import record_counts
+from plotfeed.replay.asterix_files import record_counts
 
 NAMED = {1, 2, 19, 20, 21, 23, 65, 240, 247}
 REPORT_021 = block(21, "800520", "190d", "0c8000", "018e", "04d2")

@@ -22,9 +22,17 @@ from support.recordings import (
 from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.codec.decode import decode
-from plotfeed.replay.pcap import link_layers
-from plotfeed.replay.pcap.captures import SOURCE, PcapReader, PcapWriter
-from plotfeed.replay.pcap.link_layers import COOKED, COOKED_2, ETHERNET, NULL, RAW
+from plotfeed.replay import pcap as captures
+from plotfeed.replay.pcap import (
+    COOKED,
+    COOKED_2,
+    ETHERNET,
+    NULL,
+    RAW,
+    SOURCE,
+    PcapReader,
+    PcapWriter,
+)
 from plotfeed.replay.recorded import Damage, Recorded
 
 PLOT = block_048(43_200)
@@ -37,7 +45,7 @@ IP = 14
 def frame(payload: bytes = PLOT, *, six: bool = False) -> bytes:
     """From 10.0.0.1 port 4000 to the group 239.1.2.3 port 8600, or the same by IPv6."""
     here, there = (HERE_6, THERE_6) if six else (HERE, THERE)
-    return link_layers.frame(ETHERNET, (4000, 8600), here, there, payload)
+    return captures.frame(ETHERNET, (4000, 8600), here, there, payload)
 
 
 def pcap(*packets: bytes, link_type: int = ETHERNET, order: str = "<", ns: bool = False) -> bytes:

@@ -13,25 +13,23 @@ from hypothesis import strategies as st
 from support.recordings import START_NS, block_048, message, read, written
 from support.tshark import tshark_fields
 
-from plotfeed.replay.pcap.captures import (
-    FILE,
-    HEAD,
-    LENGTH,
-    PAYLOAD_CRC,
-    SOURCE,
-    TAIL,
-    PcapReader,
-    PcapWriter,
-)
-from plotfeed.replay.pcap.link_layers import (
+from plotfeed.replay.pcap import (
     COOKED,
     COOKED_2,
     ETHERNET,
+    FILE,
+    HEAD,
+    LENGTH,
     LINK_TYPES,
     NULL,
     ONLY_IPV4,
     ONLY_IPV6,
+    PAYLOAD_CRC,
     RAW,
+    SOURCE,
+    TAIL,
+    PcapReader,
+    PcapWriter,
     frame,
 )
 from plotfeed.replay.recorded import Recorded

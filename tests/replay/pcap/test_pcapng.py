@@ -19,8 +19,7 @@ from support.recordings import (
 )
 from support.tools import needed
 
-from plotfeed.replay.pcap.captures import FILE, PcapngReader, PcapReader, PcapWriter
-from plotfeed.replay.pcap.link_layers import ETHERNET, frame
+from plotfeed.replay.pcap import ETHERNET, FILE, PcapngReader, PcapReader, PcapWriter, frame
 from plotfeed.replay.recorded import Recorded
 
 PLOT = block_048(43_200)

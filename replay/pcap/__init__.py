@@ -1,1 +1,0 @@
-"""Packet captures: pcap and pcapng, and the link layers that hold UDP datagrams."""
