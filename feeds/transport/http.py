@@ -13,8 +13,8 @@ from urllib.parse import quote, urlsplit
 from uuid import uuid4
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.source_keys import SourceAddress
-from plotfeed.feeds.scene.track_output_keys import TOKEN_VARIABLE, HttpDestination
+from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
+from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
 from plotfeed.feeds.transport.octet_sources import OctetsTaker, SourceError
 from plotfeed.feeds.transport.queued_transport import QueuedTransport, SendError

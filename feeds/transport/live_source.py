@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
 
-from plotfeed.feeds.scene.source_keys import KINDS, SourceAddress, TelemetrySource
+from plotfeed.feeds.scene.telemetry_keys import KINDS, SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.live.aircraft import AircraftReports
 from plotfeed.feeds.telemetry.live.heard import Listener
 from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports, RemoteIdReports

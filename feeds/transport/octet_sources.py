@@ -19,7 +19,7 @@ from typing import Protocol
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import HAS_POSIX, watched
-from plotfeed.feeds.scene.source_keys import SourceAddress
+from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.udp import interface_number, join_group
 from plotfeed.proto.errors import PlotfeedError
 

@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.track_output_keys import RemoteIdService
+from plotfeed.feeds.scene.output_keys import RemoteIdService
 from plotfeed.feeds.transport.http import token_of
 from plotfeed.feeds.transport.listening_transport import ListeningTransport
 from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
