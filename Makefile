@@ -19,7 +19,7 @@ has = $(shell command -v $(1))
 TOOLS := $(if $(call has,c++),.venv-asterix-decoder/.ready) $(if $(and $(call has,npm),$(call has,node)),.node/.ready)
 # What reads, computes, encodes and sends by means of others' packages.
 LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/feeds/formats \
-  tests/feeds/lab/test_chart.py tests/feeds/sensing/test_sensors_together.py
+  tests/feeds/lab/test_chart.py tests/feeds/engine/test_sensors_together.py
 
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE

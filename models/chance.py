@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plotfeed.models.known_rows import renamed
-from plotfeed.models.state import Floats, Ints
+from plotfeed.models.state import Floats, Ints, renamed
 
 Generator = np.random.Generator
 Draw = Callable[[Generator, tuple[int, ...]], Floats]

@@ -9,8 +9,7 @@ from typing import Any, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models.known_rows import with_room
-from plotfeed.models.state import Columns, Emitter, Floats, Ints, Texts
+from plotfeed.models.state import Columns, Emitter, Floats, Ints, Texts, with_room
 
 
 @dataclass(frozen=True, kw_only=True)

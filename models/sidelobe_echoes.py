@@ -16,8 +16,7 @@ from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.false_alarms import cells_across, whole_cells
 from plotfeed.models.frames import enu_to_aer, wrap_180, wrap_360
-from plotfeed.models.sensors.echo_radar import mean_over_signals
-from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets
 from plotfeed.models.state import Floats, Ints, Plots
 

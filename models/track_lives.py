@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plotfeed.models.known_rows import trimmed, with_room
-from plotfeed.models.state import Bools, Columns, Ints
+from plotfeed.models.state import Bools, Columns, Ints, trimmed, with_room
 
 MAX_TRACKS = 65535
 """Numbers are 1 to this: what 16 bits hold but 0."""

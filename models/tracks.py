@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.known_rows import trimmed, with_room
 from plotfeed.models.numerics import as_floats
-from plotfeed.models.state import NS, Bools, Columns, Floats, Ints
+from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, trimmed, with_room
 from plotfeed.models.track_lives import TrackLives, TrackRule
 
 

@@ -7,35 +7,659 @@ that one flight can be seen from any number of sites.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from heapq import heapify, heappop
-from typing import TypeVar
+from itertools import pairwise
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plotfeed.models.emitters import EmitterTable
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
-from plotfeed.models.known_signatures import KnownSignatures
-from plotfeed.models.known_track import KnownTrack, Segment, TrackChain
-from plotfeed.models.live_samples import (
-    MAX_FIT_SAMPLES,
-    LiveSamples,
-    Stretches,
-    fit_velocity,
-    within_speed,
-)
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import (
+    DRONE,
     NS,
     OTHER,
+    Bools,
     Floats,
     Ints,
     PlaceState,
     Signature,
     Signatures,
+    Texts,
     TruthState,
+    trimmed,
+    with_room,
 )
-from plotfeed.models.stretches_at_hand import StretchesAtHand, place, slope
+
+if TYPE_CHECKING:
+    from plotfeed.models.effects.target_echoes import TargetEcho, TargetEchoes
+
+
+COLUMNS = ("_rcs_m2", "_sound_power_db", "_size_m", "_target_class", "_model")
+
+
+class KnownSignatures:
+    """Columns with room for more rows than there are; what is put last of a row counts."""
+
+    def __init__(self, *, tells_echoes: bool = False) -> None:
+        """`tells_echoes` where echoes of some drone may be stated."""
+        self._echoes: list[TargetEcho | None] | None = [] if tells_echoes else None
+        self._echo_columns: TargetEchoes | None = None
+        self._rcs_m2: Floats = np.zeros(0)
+        self._sound_power_db: Floats = np.zeros(0)
+        self._size_m: Floats = np.zeros(0)
+        self._target_class: Texts = np.zeros(0, np.object_)
+        self._model: Texts = np.zeros(0, np.object_)
+        self._emitters = EmitterTable()
+
+    def add_row(self) -> None:
+        """Know one more drone, of which nothing is known yet."""
+        self._emitters.append(())
+        if self._echoes is not None:
+            self._echoes.append(None)
+
+    def make_room(self, rows: int) -> None:
+        """Have columns for at least so many rows."""
+        for name in COLUMNS:
+            setattr(self, name, with_room(getattr(self, name), rows))
+
+    def forget(self, row: int) -> None:
+        """Let a drone radiate no more: it is gone."""
+        self._emitters[row] = ()
+
+    def cut(self, rows: int) -> None:
+        """Keep so many rows, the first ones, and not much room for more."""
+        self._emitters.cut(rows)
+        if self._echoes is not None:
+            del self._echoes[rows:]
+            self._echo_columns = None
+        for name in COLUMNS:
+            setattr(self, name, trimmed(getattr(self, name), rows))
+
+    def put(self, rows: Ints, signatures: Signatures) -> None:
+        """Put those of drones in their rows; (m,) each."""
+        self._rcs_m2[rows] = signatures.rcs_m2
+        self._sound_power_db[rows] = signatures.sound_power_db
+        self._size_m[rows] = np.nan if signatures.size_m is None else signatures.size_m
+        target_class, model = signatures.target_class, signatures.model
+        self._target_class[rows] = DRONE if target_class is None else target_class
+        self._model[rows] = "" if model is None else model
+        if self._echoes is not None:
+            self._put_echoes(self._echoes, rows, signatures.echoes)
+        for row, emitters in zip(rows.tolist(), signatures.emitters, strict=True):
+            self._emitters[row] = emitters
+
+    def _put_echoes(
+        self, known: list[TargetEcho | None], rows: Ints, echoes: TargetEchoes | None
+    ) -> None:
+        for i, row in enumerate(rows.tolist()):
+            from plotfeed.models.effects.target_echoes import NOT_STATED
+
+            number = NOT_STATED if echoes is None else int(echoes.kind[i])
+            echo = None if echoes is None or number == NOT_STATED else echoes.kinds[number]
+            if known[row] != echo:
+                known[row], self._echo_columns = echo, None
+
+    def _told_echoes(self) -> TargetEchoes | None:
+        if self._echoes is None:
+            return None
+        if self._echo_columns is None or len(self._echo_columns.kind) != len(self._echoes):
+            from plotfeed.models.effects.target_echoes import TargetEchoes
+
+            self._echo_columns = TargetEchoes.of(self._echoes)
+        return self._echo_columns
+
+    @property
+    def all(self) -> Signatures:
+        """Signatures of every row."""
+        return Signatures(
+            rcs_m2=self._rcs_m2,
+            sound_power_db=self._sound_power_db,
+            emitters=self._emitters,
+            size_m=self._size_m,
+            target_class=self._target_class,
+            model=self._model,
+            echoes=self._told_echoes(),
+        )
+
+
+# Samples of drones that are heard of live, all in one log, and the stretches of path they make.
+#
+# Each sample knows the one before it of its drone, so that any number of drones is added to,
+# looked up and forgotten in a few operations on whole columns.
+FOREVER_NS = (1 << 63) - 1
+NONE = -1
+"""The number of no sample."""
+
+SIGMA_VELOCITY_M_S = 1.0
+"""An unknown velocity is fitted over as many samples as it takes to know it this well."""
+MAX_FIT_SAMPLES = 20
+MAX_FIT_S = 6.0
+"""Longer than this a drone does not fly straight."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stretches:
+    """Stretches of time in which positions are one cubic in the time since its start; (m,)."""
+
+    start_ns: Ints
+    end_ns: Ints
+    alive: Bools
+    coefficients: Floats
+    """(4, 3, m): metres, m/s, m/s2, m/s3."""
+
+    @classmethod
+    def none(cls, m: int) -> Self:
+        """Stretches that are yet to be filled in."""
+        return cls(
+            start_ns=np.zeros(m, np.int64),
+            end_ns=np.zeros(m, np.int64),
+            alive=np.zeros(m, np.bool_),
+            coefficients=np.zeros((4, 3, m)),
+        )
+
+    def put(self, which: Ints, found: Stretches) -> None:
+        """Fill in those."""
+        self.start_ns[which], self.end_ns[which] = found.start_ns, found.end_ns
+        self.alive[which] = found.alive
+        self.coefficients[:, :, which] = found.coefficients
+
+
+class LiveSamples:
+    """A log of samples, by the rows of their drones; what is too old for anybody is forgotten."""
+
+    def __init__(
+        self, *, stale_after_ns: int, history_ns: int, max_speed_m_s: float = np.inf
+    ) -> None:
+        """A drone is gone so long after its last sample; so long a time before it is asked for.
+
+        No velocity is fitted that is faster than `max_speed_m_s`.
+        """
+        self._max_speed_m_s = max_speed_m_s
+        self._stale_after_ns = stale_after_ns
+        self._history_ns = history_ns
+        self._number = 0
+        self._drone: Ints = np.zeros(0, np.int64)
+        self._t_utc_ns: Ints = np.zeros(0, np.int64)
+        self._position_ecef_m: Floats = np.zeros((0, 3))
+        self._velocity_ecef_m_s: Floats = np.zeros((0, 3))
+        self._before: Ints = np.zeros(0, np.int64)
+        self._starts: Bools = np.zeros(0, np.bool_)
+        """Samples to which no path leads from the one before."""
+        self._any_starts = False
+        self._latest: Ints = np.zeros(0, np.int64)
+        """Number of the latest sample of each drone, and one more: 0 for none."""
+
+    def __len__(self) -> int:
+        """How many samples are kept."""
+        return self._number
+
+    def span_ns(self, drone: int) -> tuple[int, int]:
+        """The times of the first sample that is kept of a drone, and of its latest."""
+        last = first = int(self._latest[drone]) - 1
+        while self._before[first] >= 0:
+            first = int(self._before[first])
+        return int(self._t_utc_ns[first]), int(self._t_utc_ns[last])
+
+    def add(
+        self,
+        drones: Ints,
+        t_utc_ns: Ints,
+        position_ecef_m: Floats,
+        starts: Sequence[int] = (),
+    ) -> Ints:
+        """Add samples of drones, of each in the order of time; their numbers, (n,).
+
+        They have no velocities yet. To those at indices `starts` no path leads from before.
+        """
+        n = len(drones)
+        if self._number + n > len(self._t_utc_ns):
+            self._forget()
+        self._latest = with_room(self._latest, int(drones.max()) + 1)
+        for name in _COLUMNS:
+            setattr(self, name, with_room(getattr(self, name), self._number + n))
+        numbers: Ints = np.arange(self._number, self._number + n)
+        new = slice(self._number, self._number + n)
+        self._drone[new], self._t_utc_ns[new] = drones, t_utc_ns
+        self._position_ecef_m[new] = position_ecef_m
+        order = np.argsort(drones, kind="stable")
+        sorted_drones = drones[order]
+        again = np.flatnonzero(sorted_drones[1:] == sorted_drones[:-1])
+        before = self._latest[drones] - 1
+        before[order[again + 1]] = numbers[order[again]]
+        self._before[new] = before
+        self._starts[new] = False
+        if len(starts):
+            self._starts[numbers[list(starts)]] = self._any_starts = True
+        last = np.ones(n, np.bool_)
+        last[again] = False
+        self._latest[sorted_drones[last]] = numbers[order[last]] + 1
+        self._number += n
+        return numbers
+
+    def fly(self, numbers: Ints, velocity_ecef_m_s: Floats) -> None:
+        """Give samples their velocities; (n, 3)."""
+        self._velocity_ecef_m_s[numbers] = velocity_ecef_m_s
+
+    def fitted_velocity(self, numbers: Ints, sigma_m: Floats) -> Floats:
+        """Velocities of samples by `fit_velocity` over them and those before; (n, 3), ECEF."""
+        if not len(numbers):
+            return np.zeros((0, 3))
+        chain = np.full((len(numbers), MAX_FIT_SAMPLES), NONE)
+        chain[:, -1] = numbers
+        for i in range(MAX_FIT_SAMPLES - 1, 0, -1):
+            before = np.where(chain[:, i] >= 0, self._before[chain[:, i]], NONE)
+            if self._any_starts:
+                before[self._starts[chain[:, i]]] = NONE
+            if (before < 0).all():
+                break
+            chain[:, i - 1] = before
+        counts = (chain >= 0).sum(axis=1)
+        t_s = (self._t_utc_ns[chain] - self._t_utc_ns[numbers][:, None]) / NS
+        fitted = fit_velocities(t_s, self._position_ecef_m[chain], counts, sigma_m)
+        return within_speed(fitted, self._max_speed_m_s)
+
+    def stretches_at(self, drones: Ints, t_utc_ns: Ints) -> Stretches:
+        """The stretches of drones (m,), each with a sample at least, that hold times (m,)."""
+        at, after = self._latest[drones] - 1, np.full(len(drones), NONE)
+        later = np.flatnonzero(t_utc_ns < self._t_utc_ns[at])
+        while len(later):
+            after[later] = at[later]
+            at[later] = self._before[at[later]]
+            later = later[at[later] >= 0]
+            later = later[t_utc_ns[later] < self._t_utc_ns[at[later]]]
+        known = at >= 0
+        start_ns = self._t_utc_ns[at]
+        next_ns = np.where(after >= 0, self._t_utc_ns[after], FOREVER_NS)
+        bridged = known & (after >= 0) & (next_ns - start_ns <= self._stale_after_ns)
+        if self._any_starts:
+            bridged &= ~self._starts[after]
+        tail_ns = np.minimum(FOREVER_NS - start_ns, self._stale_after_ns)
+        gone_ns = np.minimum(start_ns + tail_ns, next_ns)
+        alive = known & (bridged | (t_utc_ns < gone_ns))
+        coefficients = np.zeros((4, 3, len(drones)))
+        coefficients[0] = np.where(alive, self._position_ecef_m[at].T, 0.0)
+        coefficients[1] = np.where(alive, self._velocity_ecef_m_s[at].T, 0.0)
+        if bridged.any():
+            which = np.flatnonzero(bridged)
+            coefficients[2:, :, which] = self._bends(at[which], after[which])
+        return Stretches(
+            start_ns=np.where(alive, start_ns, np.where(known, gone_ns, -FOREVER_NS)),
+            end_ns=np.where(alive & ~bridged, gone_ns, next_ns),
+            alive=alive,
+            coefficients=coefficients,
+        )
+
+    def _bends(self, first: Ints, second: Ints) -> Floats:
+        """The higher coefficients of the cubics through samples (m,) and later ones; (2, 3, m)."""
+        duration_s = (self._t_utc_ns[second] - self._t_utc_ns[first]) / NS
+        p0, p1 = self._position_ecef_m[first].T, self._position_ecef_m[second].T
+        v0, v1 = self._velocity_ecef_m_s[first].T, self._velocity_ecef_m_s[second].T
+        mean_velocity = (p1 - p0) / duration_s
+        c2 = (3 * mean_velocity - 2 * v0 - v1) / duration_s
+        # By Python's own power, as for a track alone: NumPy's square differs in the last bit.
+        c3 = (v0 + v1 - 2 * mean_velocity) / np.array([s**2 for s in duration_s.tolist()])
+        return np.stack([c2, c3])
+
+    def forget(self, drones: Ints, rows: int) -> None:
+        """Forget all samples of those drones; of others there are none beyond so many rows."""
+        self._latest[drones] = 0
+        self._latest = trimmed(self._latest, rows)
+        self._forget()
+        for name in _COLUMNS:
+            setattr(self, name, trimmed(getattr(self, name), self._number))
+
+    def _forget(self) -> None:
+        """Drop samples that no state within the history of their drones needs."""
+        n = self._number
+        before, drone = self._before[:n], self._drone[:n]
+        known = drone < len(self._latest)
+        latest = np.where(known, self._latest[np.where(known, drone, 0)], 0) - 1
+        needed_from_ns = self._t_utc_ns[latest] - self._history_ns
+        needed_from_ns[latest < 0] = FOREVER_NS
+        keep = np.arange(n) == latest
+        follows = np.flatnonzero(before >= 0)
+        needed = self._t_utc_ns[follows] > needed_from_ns[follows]
+        keep[before[follows[needed]]] = True
+        keep[follows[needed]] = True
+        kept = np.flatnonzero(keep)
+        if len(kept) > n - n // 4:
+            return
+        renumbered = np.append(np.where(keep, np.cumsum(keep) - 1, NONE), NONE)
+        has_any = self._latest > 0
+        self._latest[has_any] = renumbered[self._latest[has_any] - 1] + 1
+        self._number = len(kept)
+        self._before[: len(kept)] = renumbered[before[kept]]
+        for name in _COLUMNS:
+            if name != "_before":
+                column = getattr(self, name)
+                column[: len(kept)] = column[kept]
+        self._any_starts = bool(self._starts[: len(kept)].any())
+
+
+_COLUMNS = (
+    "_drone", "_t_utc_ns", "_position_ecef_m", "_velocity_ecef_m_s", "_before", "_starts"
+)  # fmt: skip
+
+
+def within_speed(velocity_m_s: Floats, max_speed_m_s: float) -> Floats:
+    """Velocities (n, 3), those that are faster than that slowed down to it."""
+    speed_m_s = np.linalg.norm(velocity_m_s, axis=1)
+    if not (speed_m_s > max_speed_m_s).any():
+        return velocity_m_s
+    share = max_speed_m_s / np.maximum(speed_m_s, max_speed_m_s)
+    slowed: Floats = velocity_m_s * share[:, None]
+    return slowed
+
+
+def fit_velocity(
+    t_utc_ns: Sequence[int] | Ints, position_m: Sequence[Floats] | Floats, sigma_m: float
+) -> Floats:
+    """Slope of the straight line through the latest positions, m/s; zero for a single one.
+
+    It reaches back over as many samples as bring its standard deviation, sigma/sqrt(sum (t - mean
+    t)^2), under `SIGMA_VELOCITY_M_S`: two where positions are fine, many where they are coarse, so
+    that the steps of a quantised position are not taken for speed.
+    """
+    t_s = (np.asarray(t_utc_ns, dtype=np.int64) - t_utc_ns[-1]) / NS
+    positions, counts = np.asarray(position_m), np.array([len(t_s)])
+    fitted: Floats = fit_velocities(t_s[None], positions[None], counts, np.array([sigma_m]))[0]
+    return fitted
+
+
+def fit_velocities(t_s: Floats, position_m: Floats, counts: Ints, sigma_m: Floats) -> Floats:
+    """Slopes as `fit_velocity` finds them, by times (m, k) and positions (m, k, 3); (m, 3), m/s.
+
+    Times are relative to the last of each; the last `counts` of each are known.
+    """
+    slopes = np.zeros((len(t_s), position_m.shape[-1]))
+    open_ = np.flatnonzero(counts >= 2)
+    for n in range(2, t_s.shape[1] + 1):
+        if n > 2:
+            open_ = open_[(counts[open_] >= n) & (t_s[open_, -n] >= -MAX_FIT_S)]
+        if not len(open_):
+            break
+        latest_s = t_s[open_, -n:]
+        t = latest_s - latest_s.mean(axis=1)[:, None]
+        spread_s2 = np.matmul(t[:, None], t[:, :, None])[:, 0, 0]
+        slopes[open_] = np.matmul(t[:, None], position_m[open_, -n:])[:, 0] / spread_s2[:, None]
+        open_ = open_[sigma_m[open_] > SIGMA_VELOCITY_M_S * spread_s2**0.5]
+    return slopes
+
+
+# Paths that are known to their end: scripted ones, recorded flights, and one after another.
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A stretch of time in which a drone's position is one cubic in the time since its start."""
+
+    start_ns: int
+    end_ns: int
+    alive: bool
+    coefficients: Floats  # (4, 3): metres, m/s, m/s2, m/s3
+
+    def position_m(self, t_utc_ns: ArrayLike) -> Floats:
+        """Where the drone is at times within; (..., 3)."""
+        tau_s = (np.asarray(t_utc_ns, np.int64) - self.start_ns)[..., None] / NS
+        c0, c1, c2, c3 = self.coefficients
+        position_m: Floats = ((c3 * tau_s + c2) * tau_s + c1) * tau_s + c0
+        return position_m
+
+    def between(self, start_ns: int, end_ns: int) -> Segment:
+        """The part of it that lies between those times."""
+        end_ns = min(end_ns, self.end_ns)
+        if start_ns <= self.start_ns or not self.alive:
+            return replace(self, start_ns=max(start_ns, self.start_ns), end_ns=end_ns)
+        tau_s = (start_ns - self.start_ns) / NS
+        _, c1, c2, c3 = self.coefficients
+        moved = [self.position_m(start_ns), (3 * c3 * tau_s + 2 * c2) * tau_s + c1]
+        return Segment(start_ns, end_ns, True, np.stack([*moved, 3 * c3 * tau_s + c2, c3]))
+
+
+MAX_TRACKS = 256
+"""One after another of a drone that are kept: who diverts it more often loses what was first."""
+_NOWHERE = np.zeros((4, 3))
+
+
+@dataclass(slots=True)
+class KnownTrack:
+    """Samples of a drone, in the order of time."""
+
+    max_gap_ns: int
+    """A longer gap between samples is not bridged: the drone was gone meanwhile."""
+    tail_ns: int
+    """How long the drone lives on past its last sample."""
+    period_ns: int = 0
+    """The path starts again after this; 0 for never."""
+    t_utc_ns: list[int] = field(default_factory=list)
+    position_ecef_m: list[Floats] = field(default_factory=list)
+    velocity_ecef_m_s: list[Floats] = field(default_factory=list)
+    starts: frozenset[int] = frozenset()
+    """Indices of samples to which no path leads from the one before."""
+
+    @classmethod
+    def straight(
+        cls, t_utc_ns: Sequence[int], position_ecef_m: Floats, *, repeat: bool = False
+    ) -> Self:
+        """A path of constant velocity between knots (k, 3), gone after the last one."""
+        track = cls(FOREVER_NS, 0)
+        for (t0, p0), (t1, p1) in pairwise(zip(t_utc_ns, position_ecef_m, strict=True)):
+            velocity = (p1 - p0) / ((t1 - t0) / NS)
+            track.append(t0, p0, velocity)
+            track.append(t1, p1, velocity)
+        track.period_ns = t_utc_ns[-1] - t_utc_ns[0] if repeat else 0
+        return track
+
+    @classmethod
+    def smooth(
+        cls,
+        t_utc_ns: Sequence[int],
+        position_ecef_m: Floats,
+        velocity_ecef_m_s: Floats,
+        *,
+        repeat: bool = False,
+    ) -> Self:
+        """A path by the cubics through knots with velocities (k, 3), gone after the last one."""
+        track = cls(FOREVER_NS, 0)
+        track.t_utc_ns = [*t_utc_ns]
+        track.position_ecef_m, track.velocity_ecef_m_s = [*position_ecef_m], [*velocity_ecef_m_s]
+        track.period_ns = t_utc_ns[-1] - t_utc_ns[0] if repeat else 0
+        return track
+
+    def later(self, by_ns: int) -> KnownTrack:
+        """A path that is the same, so much later."""
+        return replace(self, t_utc_ns=[t_utc_ns + by_ns for t_utc_ns in self.t_utc_ns])
+
+    def append(self, t_utc_ns: int, position_ecef_m: Floats, velocity_ecef_m_s: Floats) -> None:
+        """Add a sample, later than all others."""
+        self.t_utc_ns.append(t_utc_ns)
+        self.position_ecef_m.append(position_ecef_m)
+        self.velocity_ecef_m_s.append(velocity_ecef_m_s)
+
+    def span_ns(self, _drone: int) -> tuple[int, int]:
+        """The times of the first and the last sample."""
+        return self.t_utc_ns[0], self.t_utc_ns[-1]
+
+    def segment_at(self, t_utc_ns: int) -> Segment:
+        """The stretch that holds a time."""
+        times = self.t_utc_ns
+        shift_ns = 0
+        if self.period_ns and t_utc_ns >= times[0]:
+            shift_ns = (t_utc_ns - times[0]) // self.period_ns * self.period_ns
+        k = bisect_right(times, t_utc_ns - shift_ns) - 1
+        if k < 0:
+            return Segment(-FOREVER_NS, times[0], False, _NOWHERE)
+        start_ns, last = times[k], k == len(times) - 1
+        goes_on = not last and k + 1 not in self.starts
+        if goes_on and times[k + 1] - start_ns <= self.max_gap_ns:
+            return Segment(start_ns + shift_ns, times[k + 1] + shift_ns, True, self._hermite(k))
+        next_ns = FOREVER_NS if last else times[k + 1]
+        gone_ns = min(start_ns + self.tail_ns, next_ns)
+        if t_utc_ns >= gone_ns:
+            return Segment(gone_ns, next_ns, False, _NOWHERE)
+        straight = np.stack([self.position_ecef_m[k], self.velocity_ecef_m_s[k], *_NOWHERE[:2]])
+        return Segment(start_ns, gone_ns, True, straight)
+
+    def _hermite(self, k: int) -> Floats:
+        """The cubic through samples k and k+1, in the time since k; (4, 3)."""
+        duration_s = (self.t_utc_ns[k + 1] - self.t_utc_ns[k]) / NS
+        p0, p1 = self.position_ecef_m[k : k + 2]
+        v0, v1 = self.velocity_ecef_m_s[k : k + 2]
+        mean_velocity = (p1 - p0) / duration_s
+        c2 = (3 * mean_velocity - 2 * v0 - v1) / duration_s
+        c3 = (v0 + v1 - 2 * mean_velocity) / duration_s**2
+        return np.stack([p0, v0, c2, c3])
+
+
+class TrackChain:
+    """Tracks of one drone, each followed from a time on in place of the one before."""
+
+    def __init__(self, first: KnownTrack) -> None:
+        """Follow that one, until there is another."""
+        self._from_ns = [-FOREVER_NS]
+        self._tracks = [first]
+
+    def then(self, from_ns: int, track: KnownTrack) -> None:
+        """Follow that one from then on; what was to follow from later on is followed no more."""
+        while self._from_ns[-1] >= from_ns:
+            del self._from_ns[-1], self._tracks[-1]
+        if len(self._tracks) == MAX_TRACKS:
+            del self._from_ns[1], self._tracks[0]
+        self._from_ns.append(from_ns)
+        self._tracks.append(track)
+
+    def put_off(self, by_ns: int) -> None:
+        """Have all of it so much later."""
+        self._from_ns[1:] = [from_ns + by_ns for from_ns in self._from_ns[1:]]
+        self._tracks = [track.later(by_ns) for track in self._tracks]
+
+    def span_ns(self, drone: int) -> tuple[int, int]:
+        """The times of the first sample and the last."""
+        return self._tracks[0].span_ns(drone)[0], self._tracks[-1].span_ns(drone)[1]
+
+    def segment_at(self, t_utc_ns: int) -> Segment:
+        """The stretch that holds a time."""
+        k = bisect_right(self._from_ns, t_utc_ns) - 1
+        segment = self._tracks[k].segment_at(t_utc_ns)
+        if len(self._tracks) == 1:
+            return segment
+        until_ns = self._from_ns[k + 1] if k + 1 < len(self._tracks) else FOREVER_NS
+        return segment.between(self._from_ns[k], until_ns)
+
+
+# The stretch of each drone's path that was asked for last, so that most lookups are arithmetic.
+
+
+class StretchesAtHand:
+    """One stretch a drone, by its row; what lies outside is looked up, and is then at hand."""
+
+    def __init__(self, looked_up: Callable[[Ints, Ints], Stretches]) -> None:
+        """`looked_up` finds the stretches that hold times (m,), of rows (m,)."""
+        self._looked_up = looked_up
+        self._start_ns: Ints = np.zeros(0, np.int64)
+        self._end_ns: Ints = np.zeros(0, np.int64)
+        self._alive: Bools = np.zeros(0, np.bool_)
+        self._coefficients: Floats = np.zeros((4, 3, 0))
+
+    def make_room(self, rows: int) -> None:
+        """Have so many rows at least."""
+        if rows <= len(self._start_ns):
+            return
+        for name in ("_start_ns", "_end_ns", "_alive"):
+            setattr(self, name, with_room(getattr(self, name), rows))
+        more = len(self._start_ns) - self._coefficients.shape[2]
+        self._coefficients = np.pad(self._coefficients, ((0, 0), (0, 0), (0, more)))
+
+    def forget(self, rows: Ints, n: int) -> None:
+        """Have nobody in those rows, and not much more room than for the first n."""
+        self._start_ns[rows], self._end_ns[rows] = -FOREVER_NS, FOREVER_NS
+        self._alive[rows] = False
+        self._coefficients[:, :, rows] = 0.0
+        for name in ("_start_ns", "_end_ns", "_alive"):
+            setattr(self, name, trimmed(getattr(self, name), n))
+        if len(self._start_ns) < self._coefficients.shape[2]:
+            self._coefficients = self._coefficients[:, :, : len(self._start_ns)].copy()
+
+    def drop(self, rows: Ints) -> None:
+        """Look those up when they are next asked for: they are others now."""
+        self._end_ns[rows] = self._start_ns[rows]
+
+    def at(
+        self, t_utc_ns: Ints, rows: Ints, *, everybody: bool = False
+    ) -> tuple[Bools, Floats, Floats]:
+        """Who of rows (m,) is there at times (m,), how long after the start of which cubic, s.
+
+        (m,), (m,) and coefficients (4, 3, m). With `everybody`, rows are all from 0 on.
+        """
+        which: Ints | slice = slice(len(rows)) if everybody else rows
+        start_ns, there = self._start_ns[which], self._alive[which]
+        coefficients = self._coefficients[:, :, which]
+        outside = np.flatnonzero((t_utc_ns < start_ns) | (t_utc_ns >= self._end_ns[which]))
+        if len(outside):
+            found = self._looked_up(t_utc_ns[outside], rows[outside])
+            start_ns, there, coefficients = start_ns.copy(), there.copy(), coefficients.copy()
+            start_ns[outside], there[outside] = found.start_ns, found.alive
+            coefficients[:, :, outside] = found.coefficients
+            # Of a drone asked for at several times, one stretch stays at hand, whole.
+            kept, first = np.unique(rows[outside], return_index=True)
+            self._start_ns[kept], self._end_ns[kept] = found.start_ns[first], found.end_ns[first]
+            self._alive[kept] = found.alive[first]
+            self._coefficients[:, :, kept] = found.coefficients[:, :, first]
+        return there, (t_utc_ns - start_ns) / NS, coefficients
+
+    def position_at(self, t_utc_ns: Ints, rows: Ints) -> Floats:
+        """ECEF positions of rows (m,) at times (m,), metres; (m, 3), NaN for one not there."""
+        there, tau_s, coefficients = self.at(t_utc_ns, rows)
+        position_m = place(coefficients, tau_s).T
+        position_m[~there] = np.nan
+        return position_m
+
+    def positions_at(self, t_utc_ns: Ints, n: int) -> Floats:
+        """ECEF positions of the first n rows at times (k,), metres; (k, n, 3), NaN as above."""
+        rows = np.arange(n)
+        if len(t_utc_ns) == 1:
+            return self.position_at(np.full(rows.shape, t_utc_ns[0]), rows)[None]
+        self.at(np.broadcast_to(t_utc_ns[0], rows.shape), rows)
+        one_piece = (t_utc_ns[0] >= self._start_ns[rows]) & (t_utc_ns[-1] < self._end_ns[rows])
+        alive, coefficients = self._alive[:n], self._coefficients[:, :, :n]
+        if not alive.all():
+            coefficients = np.where(alive, coefficients, np.nan)
+        tau_s = (t_utc_ns[:, None] - self._start_ns[:n]) / NS
+        positions_m: Floats = np.moveaxis(place(coefficients[:, :, None], tau_s), 0, -1)
+        others = np.flatnonzero(~one_piece)
+        if len(others):
+            times_ns, each = np.tile(t_utc_ns, len(others)), np.repeat(others, len(t_utc_ns))
+            positions = self.position_at(times_ns, each).reshape(len(others), -1, 3)
+            positions_m[:, others] = positions.swapaxes(0, 1)
+        return positions_m
+
+
+def place(coefficients: Floats, tau_s: Floats) -> Floats:
+    """Positions by (4, 3, ...) coefficients, after (...) times; (3, ...), a row a component."""
+    c0, c1, c2, c3 = coefficients
+    position_m: Floats = c3 * tau_s
+    for lower in (c2, c1):
+        position_m += lower
+        position_m *= tau_s
+    position_m += c0
+    return position_m
+
+
+def slope(coefficients: Floats, tau_s: Floats) -> Floats:
+    """Velocities by (4, 3, ...) coefficients, after (...) times; (3, ...)."""
+    _, c1, c2, c3 = coefficients
+    velocity_m_s: Floats = c3 * (1.5 * tau_s)
+    velocity_m_s += c2
+    velocity_m_s *= 2 * tau_s
+    velocity_m_s += c1
+    return velocity_m_s
+
 
 S = TypeVar("S", bound=PlaceState)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plotfeed.models.geoid import COLUMNS, GRID_FILE, ROWS, geoid_undulation_m, packed
+from plotfeed.models.frames import COLUMNS, GRID_FILE, ROWS, geoid_undulation_m, packed
 from plotfeed.models.state import Floats
 
 OUT = Path(__file__).parents[2] / "models" / GRID_FILE

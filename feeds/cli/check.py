@@ -13,16 +13,20 @@ from plotfeed.feeds.cli.check_visibility import visibility, visibility_lines
 from plotfeed.feeds.console.extras import check_picture, save_figure
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import refuse_if_there
+from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.engine.scene_drones import (
+    launch,
+    signature_of,
+    trajectories_of,
+    usual_signature,
+)
+from plotfeed.feeds.engine.visibility import EMITS_NOTHING, Outlook, not_emitted
+from plotfeed.feeds.engine.world import World
 from plotfeed.feeds.scene.fields import Site, geodetic, site_frame
 from plotfeed.feeds.scene.problems import Problem
 from plotfeed.feeds.scene.scene import Scene, SceneError, load
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import effects_named
-from plotfeed.feeds.sensing.drone_routes import signature_of, usual_signature
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
-from plotfeed.feeds.sensing.visibility import EMITS_NOTHING, Outlook, not_emitted
-from plotfeed.feeds.sensing.world import World
 from plotfeed.models.frames import enu_to_aer, geodetic_to_ecef
 from plotfeed.models.sensors.sensor_model import Prediction, SensorModel, Targets
 from plotfeed.models.state import Floats, Signature, Signatures

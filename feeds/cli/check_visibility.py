@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from itertools import groupby
 from typing import Any
 
+from plotfeed.feeds.engine.visibility import SEEN_PD, Outlook
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
-from plotfeed.feeds.sensing.visibility import SEEN_PD, Outlook
 
 MOST_DRONES = 12
 """Told one by one, those first that nobody sees."""

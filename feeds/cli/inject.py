@@ -14,9 +14,9 @@ from plotfeed.feeds.cli.inject_settings import InjectSettings
 from plotfeed.feeds.cli.session_answers import SessionAnswers
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import say
+from plotfeed.feeds.engine.visibility import shown_m
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing, publish
-from plotfeed.feeds.sensing.cover import shown_m
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions

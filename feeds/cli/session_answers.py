@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.sensing.cover import HINDRANCES, LIMITS, Hindrance, cover_of, outside
+from plotfeed.feeds.engine.visibility import HINDRANCES, LIMITS, Hindrance, cover_of, outside
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.frames import LocalFrame, distance_m, geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference, Floats

@@ -11,17 +11,17 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.console.printed import in_short
+from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.engine.scene_drones import SceneDrones
 from plotfeed.feeds.scene.changes import Command, ControlError, Layers, joined, with_change
 from plotfeed.feeds.scene.drones import Resume
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.story_keys import Story, StoryChange, StoryState
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import SceneDrones
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
+    from plotfeed.feeds.engine.cooperative_drones import CooperativeDrones
 
 MAX_UNDONE = 100
 """Changes that are remembered to be undone; the oldest are forgotten."""

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.engine.change_control import ChangeControl
+from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
 from plotfeed.feeds.formats import in_time
 from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.uplink import Uplink
@@ -29,15 +31,13 @@ from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.report_formats import CUE_TOPIC
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.scene.sensors.mount_keys import CueError, cue_of, mount_of
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.beam import Sector
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
+    from plotfeed.feeds.engine.cooperative_drones import CooperativeDrones
 
 
 class Engine:
@@ -75,7 +75,7 @@ class Engine:
         self.cooperative: CooperativeDrones | None = None
         if claims and scene.cooperative is not None:
             keys = scene.cooperative
-            from plotfeed.feeds.sensing.cooperative_drones import CooperativeDrones
+            from plotfeed.feeds.engine.cooperative_drones import CooperativeDrones
 
             self.cooperative = CooperativeDrones(scene, keys, self.trajectories, self.drones)
         self.telemetry = TelemetryReceiver(scene, self.trajectories)
@@ -126,7 +126,7 @@ class Engine:
 
     def foreseen(self, duration_s: float | None) -> tuple[dict[str, str], list[str]]:
         """Drones that no sensor will see until then, and why; and what looks wrong of heights."""
-        from plotfeed.feeds.sensing.visibility import Outlook
+        from plotfeed.feeds.engine.visibility import Outlook
 
         outlook = Outlook(self.scene, self.sensors, self.trajectories, self.start_utc_ns)
         return outlook.foreseen(duration_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plotfeed.feeds.formats.message_format import (
+from plotfeed.feeds.formats import (
     SERVICE_PERIOD_NS,
     AsterixFormat,
     Blocks,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plotfeed.feeds.formats.message_format import (
+from plotfeed.feeds.formats import (
     AsterixFormat,
     Blocks,
     Format,
@@ -21,7 +21,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import LocalFrames, aer_to_enu, frames_at
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
-from plotfeed.proto.asterix.codec.reports import Parts
+from plotfeed.proto.asterix.codec.encode import Parts
 
 ALL = slice(None)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from plotfeed.feeds.formats.message_format import (
+from plotfeed.feeds.formats import (
     SERVICE_PERIOD_NS,
     AsterixFormat,
     Blocks,
@@ -20,7 +20,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.asterix.cat063 import StatusEncoder063
-from plotfeed.proto.asterix.codec.reports import Parts
+from plotfeed.proto.asterix.codec.encode import Parts
 
 
 class Asterix062(AsterixFormat):

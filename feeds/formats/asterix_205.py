@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.asterix_015 import Status025
-from plotfeed.feeds.formats.message_format import (
+from plotfeed.feeds.formats import (
     AsterixFormat,
     Blocks,
     Format,
@@ -12,6 +11,7 @@ from plotfeed.feeds.formats.message_format import (
     plots_in_asterix,
     sources_of,
 )
+from plotfeed.feeds.formats.asterix_015 import Status025
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS

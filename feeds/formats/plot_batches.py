@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats.message_format import (
+from plotfeed.feeds.formats import (
     Format,
     Sensors,
     Topics,

@@ -20,8 +20,7 @@ from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, TracksK
 from plotfeed.models.accuracy import stated_covariance_m2
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, aer_to_enu
-from plotfeed.models.known_rows import renamed
-from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
+from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, renamed
 from plotfeed.models.track_lives import TrackRule
 from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
 from plotfeed.proto.tracks.told_tracks import ToldTracks

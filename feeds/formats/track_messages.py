@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from plotfeed.feeds.formats.message_format import (
+from plotfeed.feeds.formats import (
     Format,
     Sensors,
     Topics,

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Site, frame_at
 from plotfeed.feeds.scene.scene import Scene
@@ -19,7 +20,6 @@ from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
 from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
+from plotfeed.feeds.engine.visibility import each_its_own, looked_at
 from plotfeed.feeds.lab import precise
 from plotfeed.feeds.scene.fields import enu_from, frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
-from plotfeed.feeds.sensing.visibility import each_its_own, looked_at
 from plotfeed.models import detection
 from plotfeed.models.effects.degradation import Degradation
 from plotfeed.models.effects.multipath import Multipath
@@ -31,7 +31,6 @@ from plotfeed.models.frames import (
     wrap_180,
 )
 from plotfeed.models.joined_sets import OUTSIDE, JoinedSets
-from plotfeed.models.live_samples import FOREVER_NS
 from plotfeed.models.multilateration import Sightings, range_sums_m, solved
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.acoustic import MicrophoneArray
@@ -42,6 +41,7 @@ from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, JointSensor, SensorModel, Targets
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots, Signatures, TruthState
+from plotfeed.models.truth import FOREVER_NS
 
 PD = "pd"
 FALSE_ALARMS = "false_alarms"

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.engine.simulation import SimulatedLooks, SimulatedPlots, SimulatedSensor
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.lab.feed_checks import FALSE_RATE, feed_checks, simulated_feed
@@ -25,7 +26,6 @@ from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over

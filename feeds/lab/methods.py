@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc, expit, gammaincc, gammainccinv
 
 from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.engine.emulated_sensors import with_heights
 from plotfeed.feeds.formats import FORMATS, Batch, Format, MessageFormat
 from plotfeed.feeds.formats.sapient.sapient_node import Groups
 from plotfeed.feeds.lab import precise
@@ -35,10 +36,8 @@ from plotfeed.feeds.lab.charted import (
 )
 from plotfeed.feeds.lab.precise import number
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.sensing.sensor_site import with_heights
-from plotfeed.models import detection, looks_chain, propagation
-from plotfeed.models.beam import Sector, Sectors, Timetable
-from plotfeed.models.beam_meetings import Borders, meetings
+from plotfeed.models import detection, propagation
+from plotfeed.models.beam import Borders, Sector, Sectors, Timetable, meetings
 from plotfeed.models.detection import draw_hits
 from plotfeed.models.effects.multipath import Multipath
 from plotfeed.models.frames import (
@@ -85,7 +84,7 @@ def single_cfar_swerling1(snr: Singles, pfa: float, n_reference: int) -> Singles
 def single_sum_cfar(snrs: Singles, pfa: float, n_reference_total: int) -> Singles:
     """The chain of looks and samples in float32."""
     ratio = detection.threshold_noncoherent_cfar(pfa, snrs.shape[-1], n_reference_total)
-    chain: Any = looks_chain.outlasting
+    chain: Any = detection.outlasting
     return np.asarray(chain(snrs, np.float32(ratio), n_reference_total))
 
 

@@ -115,7 +115,7 @@ def _angle_deg(y: Number, x: Number) -> Number:
 
 
 def _outlasting(snrs: Sequence[Number], ratio: Number, n_samples: int) -> Number:
-    """The chain of `plotfeed.models.looks_chain`, sample by sample."""
+    """The chain of `plotfeed.models.detection`, sample by sample."""
     ends = [ratio / (ratio + 1 + snr) for snr in snrs]
     chance = [MP.mpf(1)] * len(snrs)
     for _ in range(n_samples):

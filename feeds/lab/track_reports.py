@@ -18,8 +18,7 @@ from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.frames import LocalFrame
-from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.frames import LocalFrame, geoid_undulation_m
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.track_metrics import (
     GROUND,

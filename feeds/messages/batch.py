@@ -14,7 +14,7 @@ from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import FALSE_ALARM, Columns, Ints, Looks, Plots, TruthState
-from plotfeed.proto.asterix.codec.reports import Parts
+from plotfeed.proto.asterix.codec.encode import Parts
 from plotfeed.proto.tracks.told_tracks import NO_TRACKS, ToldTracks
 
 C = TypeVar("C", bound=Columns)

@@ -35,8 +35,8 @@ from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.frames import aer_to_enu
-from plotfeed.models.live_samples import fit_velocity
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, TruthState
+from plotfeed.models.truth import fit_velocity
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots

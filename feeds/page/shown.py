@@ -24,8 +24,7 @@ from plotfeed.feeds.page.updates import (
 )
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
-from plotfeed.models.known_rows import renamed
-from plotfeed.models.state import DRONE, Floats, Ints, Plots, Texts, TruthState
+from plotfeed.models.state import DRONE, Floats, Ints, Plots, Texts, TruthState, renamed
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.units import decibels
 

@@ -29,7 +29,7 @@ class SeaLevel:
         """Height of sea level above the WGS-84 ellipsoid, metres, at places; (...)."""
         if self._stated_m is not None:
             return np.full(np.broadcast(latitude_deg, longitude_deg).shape, self._stated_m)
-        from plotfeed.models.geoid import geoid_undulation_m
+        from plotfeed.models.frames import geoid_undulation_m
 
         if self._of_grid is None:
             return geoid_undulation_m(latitude_deg, longitude_deg)
@@ -95,7 +95,7 @@ def with_ellipsoidal_heights(tree: dict[str, Any]) -> dict[str, Any]:
     def undulation_m(latitude_deg: float, longitude_deg: float) -> float:
         if stated_m:
             return stated_m[0]
-        from plotfeed.models.geoid import geoid_undulation_m
+        from plotfeed.models.frames import geoid_undulation_m
 
         return float(geoid_undulation_m(latitude_deg, longitude_deg))
 

@@ -13,10 +13,10 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
+from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import NS_IN_MS, iso_utc
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from plotfeed.feeds.engine.visibility import limits_of
 from plotfeed.feeds.scene.fields import frame_at, geodetic
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.feeds.sensing.visibility import limits_of
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import asterix_content_type

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.link.lateness import lateness_us
@@ -17,7 +18,6 @@ from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.changes import Layers, instants_ns, joined
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.session.observer import SessionContext
 from plotfeed.feeds.session.sensor_description import mount_status, status_of
 from plotfeed.feeds.telemetry.receiver import to_json

@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import itemgetter
 
+from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.link.outbox import Departure, Outbox, prepare_all, send_all
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.outgoing import Outgoing
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.session.inputs import SessionInputs
 from plotfeed.feeds.session.observer import SessionContext, cares
 from plotfeed.feeds.session.sensor_task import SensorTask

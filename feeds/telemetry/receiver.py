@@ -16,9 +16,8 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.admission import Admission
 from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused, ReportRow
-from plotfeed.models.live_samples import MAX_FIT_SAMPLES
 from plotfeed.models.state import DRONE, Signatures
-from plotfeed.models.truth import Trajectories
+from plotfeed.models.truth import MAX_FIT_SAMPLES, Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.utc import NS

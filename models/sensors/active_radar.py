@@ -21,10 +21,13 @@ from plotfeed.models import detection, propagation
 from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
-from plotfeed.models.sensors.echo_radar import mean_over_signals
-from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.sensors.sensor_model import Prediction, Targets, mean_prediction
-from plotfeed.models.sensors.stacking import sensor_property
+from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
+from plotfeed.models.sensors.sensor_model import (
+    Prediction,
+    Targets,
+    mean_prediction,
+    sensor_property,
+)
 from plotfeed.models.state import Floats
 
 

@@ -16,8 +16,13 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, optics
 from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import enu_to_aer, wrap_180
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets
-from plotfeed.models.sensors.stacking import sensor_property
+from plotfeed.models.sensors.sensor_model import (
+    NO_PLOTS,
+    CellSensor,
+    Prediction,
+    Targets,
+    sensor_property,
+)
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Texts
 
 UNRECOGNISED = "object"

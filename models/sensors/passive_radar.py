@@ -25,8 +25,7 @@ from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.bistatic_places import FlatSolution, HeightPrior, flat_solution
 from plotfeed.models.sensors.passive_signals import PassiveSignals
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, Targets
-from plotfeed.models.sensors.stacking import EVERY_ROW
+from plotfeed.models.sensors.sensor_model import EVERY_ROW, NO_PLOTS, Prediction, Targets
 from plotfeed.models.state import Floats, Ints, Looks, Plots
 
 

@@ -19,8 +19,8 @@ from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import aer_to_enu, distance_m
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
-from plotfeed.models.sensors.echo_radar import EchoRadar
-from plotfeed.models.sensors.stacking import sensor_property
+from plotfeed.models.sensors.polar_radar import EchoRadar
+from plotfeed.models.sensors.sensor_model import sensor_property
 from plotfeed.models.state import Floats
 
 _AZIMUTHS = 3600

@@ -27,8 +27,8 @@ from plotfeed.models.sensors.sensor_model import (
     Prediction,
     RadioSensor,
     Targets,
+    sensor_property,
 )
-from plotfeed.models.sensors.stacking import sensor_property
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Texts, endless
 
 if TYPE_CHECKING:

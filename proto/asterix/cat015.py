@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat016 import CAT016
 from plotfeed.proto.asterix.cat025 import CAT025, STATUS
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Parts, Reports, looked_up, measured
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Parts, Reports, looked_up, measured
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import TIME_LSB_NS, decibels

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Parts, Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.units import TIME_LSB_NS

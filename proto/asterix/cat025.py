@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from plotfeed.proto.asterix.codec.encode import Parts, Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import Category, category
-from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import SentCategory
 from plotfeed.proto.units import TIME_LSB_NS

@@ -13,9 +13,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Constant, Encoder, blocks_of_one
+from plotfeed.proto.asterix.codec.encode import (
+    UDP_OCTETS,
+    Constant,
+    Encoder,
+    Parts,
+    Reports,
+    blocks_of_one,
+    checked_position,
+    measured,
+)
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position, measured
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import FOOT_M, NM_M, TIME_LSB_NS

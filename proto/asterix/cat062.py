@@ -11,9 +11,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat063 import CAT063
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS
+from plotfeed.proto.asterix.codec.encode import (
+    UDP_OCTETS,
+    Parts,
+    Reports,
+    checked_position,
+    measured,
+)
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Parts, Reports, checked_position, measured
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import FOOT_M, TIME_LSB_NS
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import Constant
+from plotfeed.proto.asterix.codec.encode import Constant, Parts, Reports
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Parts, Reports
 from plotfeed.proto.units import TIME_LSB_NS
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from plotfeed.proto.asterix.codec.encode import Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Reports, checked_position
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.units import TIME_LSB_NS

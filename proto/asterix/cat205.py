@@ -14,13 +14,13 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat025 import CAT025, STATUS
-from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import (
+from plotfeed.proto.asterix.codec.encode import (
     Parts,
     Reports,
     checked_position,
     measured,
 )
+from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
+from plotfeed.proto.asterix.codec.decode import BROKEN, FURTHER, reader_of
 from plotfeed.proto.asterix.codec.layout import (
     ASCII,
     CALLSIGN,
@@ -33,7 +34,6 @@ from plotfeed.proto.asterix.codec.layout import (
     Spare,
     Undecoded,
 )
-from plotfeed.proto.asterix.codec.readers import BROKEN, FURTHER, reader_of
 from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
 
 _ALPHABETS = {"StringAscii": ASCII, "StringICAO": CALLSIGN, "StringOctal": OCTAL}

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[1] / "feeds" / "sensing"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "feeds" / "engine"))
 
 from aims import ratios, spread
 from section_4_crowd import START_NS, scene_of
@@ -28,8 +28,8 @@ from support.station import Station
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 
 from plotfeed.feeds.console.process import keep_freed
+from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 

@@ -27,8 +27,8 @@ from section_4_crowd import START_NS, scene_of
 from support.station import Station
 
 from plotfeed.feeds.console.process import keep_freed
-from plotfeed.feeds.sensing.scene_drones import launch
-from plotfeed.feeds.sensing.sensor_group import SensorGroup
+from plotfeed.feeds.engine.emulated_sensors import SensorGroup
+from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.models.beam import Sectors
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import Axes

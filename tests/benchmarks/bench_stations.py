@@ -22,7 +22,7 @@ from support.road import START_NS, held, radar, scene, staring
 from support.station import Station
 
 from plotfeed.feeds.console.process import keep_freed
-from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 

@@ -12,7 +12,7 @@ from types import FrameType
 EVERY_S = 0.002
 """Linux may make it 4 ms."""
 ROOMS = {
-    "feeds/sensing": "sensing",
+    "feeds/engine": "sensing",
     "feeds/formats": "formats",
     "feeds/link": "link",
     "feeds/transport": "transport",

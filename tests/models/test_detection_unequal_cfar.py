@@ -18,7 +18,7 @@ from scipy.special import exp1, gammaincc
 from support import mimo_equations
 from support.significance import assert_chance, assert_mean, assert_sum
 
-from plotfeed.models import detection, looks_chain
+from plotfeed.models import detection
 from plotfeed.models.numerics import unit_interval
 
 snr_dbs = st.floats(-100, 100)
@@ -137,7 +137,7 @@ def test_detected_powers_follow_the_raw_process(snrs_db, pfa, n, trials, seed):
 def test_draws_of_many_targets_are_each_their_own():
     """Targets of different ratios in one call, over several blocks of the tables."""
     snrs = np.tile(linear([[20.0, 3.0], [-100.0, 12.0]]), (40_000, 1))
-    assert snrs.size * (32 + 1) > looks_chain.BLOCK_ELEMENTS
+    assert snrs.size * (32 + 1) > detection.BLOCK_ELEMENTS
     rng = np.random.default_rng(21)
     power, _ = detection.draw_detected_power_noncoherent(snrs, 1e-4, 32, rng)
     for kind in (0, 1):
@@ -182,7 +182,7 @@ def test_mean_inverse_power_needs_no_more_points(monkeypatch):
         ]
 
     coarse = values()
-    monkeypatch.setattr(looks_chain, "unit_interval", lambda: unit_interval(400))
+    monkeypatch.setattr(detection, "unit_interval", lambda: unit_interval(400))
     np.testing.assert_allclose(coarse, values(), rtol=1e-8)
 
 
@@ -262,6 +262,6 @@ def test_draws_do_not_depend_on_what_is_worked_out_at_once(monkeypatch, kept, at
         return detection.draw_detected_power_noncoherent(snrs, 1e-4, 24, rng)
 
     expected = drawn()
-    monkeypatch.setattr(looks_chain, "KEPT_ELEMENTS", kept)
-    monkeypatch.setattr(looks_chain, "BLOCK_ELEMENTS", at_once)
+    monkeypatch.setattr(detection, "KEPT_ELEMENTS", kept)
+    monkeypatch.setattr(detection, "BLOCK_ELEMENTS", at_once)
     np.testing.assert_array_equal(drawn(), expected)

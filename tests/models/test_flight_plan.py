@@ -17,8 +17,8 @@ from plotfeed.models.flight_plan import (
     to_ecef,
 )
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic
-from plotfeed.models.known_track import KnownTrack, TrackChain
 from plotfeed.models.state import NS, Floats
+from plotfeed.models.truth import KnownTrack, TrackChain
 
 LIMITS = FlightLimits(speed_m_s=18.0, climb_m_s=5.0, sink_m_s=3.0, acceleration_m_s2=2.5)
 HOME = LocalFrame(40.45, -3.73, 650.0)

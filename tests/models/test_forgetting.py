@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 from support.held_sizes import held
 from support.one_sample import add_sample
 
-from plotfeed.models.beam_meetings import Borders
+from plotfeed.models.beam import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
-from plotfeed.models.known_rows import renamed
-from plotfeed.models.state import NS, Emitter, Signature
+from plotfeed.models.state import NS, Emitter, Signature, renamed
 from plotfeed.models.track_lives import TrackLives, TrackRule
 from plotfeed.models.truth import Trajectories
 

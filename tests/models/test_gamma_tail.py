@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import gammainc, gammaincc, gammainccinv, gammaincinv
 
-from plotfeed.models.gamma_tail import gamma_exceeded_with
+from plotfeed.models.detection import gamma_exceeded_with
 
 RNG = np.random.default_rng(61)
 PROBABILITIES = np.concatenate(

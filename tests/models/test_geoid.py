@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models.geoid import COLUMNS, GRID_FILE, ROWS, geoid_undulation_m, packed, unpacked
+from plotfeed.models.frames import COLUMNS, GRID_FILE, ROWS, geoid_undulation_m, packed, unpacked
 
 LONGITUDES = st.floats(-180, 180)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.given_files import places
 
-from plotfeed.models.geoid import GRID_FILE, unpacked
+from plotfeed.models.frames import GRID_FILE, unpacked
 
 SCRIPT = Path(__file__).resolve().parents[2] / "docs/commands/write_geoid.py"
 (EGM96,) = places("geoid/egm96-15.pgm")

@@ -7,8 +7,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from plotfeed.models.beam import Sector, Timetable, beam_times_ns, time_after_share_ns
-from plotfeed.models.beam_meetings import ahead_of_beam_deg, beam_is_late_by, passes_between
+from plotfeed.models.beam import (
+    Sector,
+    Timetable,
+    ahead_of_beam_deg,
+    beam_is_late_by,
+    beam_times_ns,
+    passes_between,
+    time_after_share_ns,
+)
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Bools, Floats
 

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from support.one_sample import add_sample
 
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
-from plotfeed.models.live_samples import fit_velocity
 from plotfeed.models.state import Floats, Signature, Signatures, TruthState
-from plotfeed.models.truth import Trajectories
+from plotfeed.models.truth import Trajectories, fit_velocity
 from plotfeed.proto.utc import NS
 
 T0 = 1_700_000_000 * NS

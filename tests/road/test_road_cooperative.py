@@ -12,8 +12,8 @@ import pytest
 from support.road import NS, SITE, START_NS, Road, flown, fly, held, radar, scene, waypoint
 from support.significance import assert_standard_normal, assert_uncorrelated
 
+from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.feeds.scene.scene import Scene, SceneError
-from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats

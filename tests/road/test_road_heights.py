@@ -10,8 +10,7 @@ from support.road import Road, fly, held, radar, rotating, scene
 
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.frames import aer_to_enu
-from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.frames import aer_to_enu, geoid_undulation_m
 from plotfeed.proto.asterix.codec.decode import decode
 
 FOOT_M = 0.3048

@@ -16,10 +16,10 @@ from support.road import NS, START_NS, fly, held, radar, scene
 from support.significance import assert_standard_normal, assert_sum
 
 from plotfeed.feeds.engine import simulation
+from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import Scene, SceneError
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.sensors.electronic_radar import (

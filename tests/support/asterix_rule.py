@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from plotfeed.proto.asterix.codec.decode import ItemPlaces, Value
+from plotfeed.proto.asterix.codec.decode import FURTHER, ItemPlaces, Value
 from plotfeed.proto.asterix.codec.layout import (
     Category,
     Characters,
@@ -19,7 +19,6 @@ from plotfeed.proto.asterix.codec.layout import (
     Repetitive,
     Undecoded,
 )
-from plotfeed.proto.asterix.codec.readers import FURTHER
 
 
 def record_by_rule(category: Category, body: bytes) -> tuple[dict[str, Value], int]:

@@ -14,6 +14,7 @@ import numpy as np
 from support import road
 from support.station import Station
 
+from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
@@ -23,7 +24,6 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.changes import ControlError, changed
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb

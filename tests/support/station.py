@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
 from plotfeed.models.beam import Sector, Timetable
 from plotfeed.models.chance import Chance
 from plotfeed.models.truth import Trajectories

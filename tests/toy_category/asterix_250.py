@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats import Batch, Format, SectorFormat
-from plotfeed.feeds.formats.message_format import max_block_octets
+from plotfeed.feeds.formats import Batch, Format, SectorFormat, max_block_octets
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.proto.asterix.codec.encode import Reports, measured
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.asterix.codec.reports import Reports, measured
 from plotfeed.proto.asterix.decode_plots import plots_in_asterix
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import TIME_LSB_NS

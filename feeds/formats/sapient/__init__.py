@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from google.protobuf.runtime_version import VersionError
 
-from plotfeed.feeds.formats.message_format import Announcer, Format, MessageFormat, Sensors
+from plotfeed.feeds.formats import Announcer, Format, MessageFormat, Sensors
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from plotfeed.feeds.formats.message_format import AnnouncerReply
+from plotfeed.feeds.formats import AnnouncerReply
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, node_of
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import PFA_FACTOR, ChangeError, changed, in_force

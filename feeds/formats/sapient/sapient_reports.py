@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from plotfeed.feeds.formats.message_format import SectorFormat, message_to
+from plotfeed.feeds.formats import SectorFormat, message_to
 from plotfeed.feeds.formats.sapient.sapient_node import (
     CONTENT_TYPE,
     detection_confidence_of,

@@ -21,7 +21,7 @@ from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar
-from plotfeed.models.sensors.echo_radar import EchoRadar
+from plotfeed.models.sensors.polar_radar import EchoRadar
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.antenna import Antenna, BeamCut, Pattern

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from plotfeed.proto.asterix.cat062 import CAT062
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import Block, ItemPlaces, whole_blocks
+from plotfeed.proto.asterix.codec.decode import BROKEN, Block, ItemPlaces, Plans, whole_blocks
 from plotfeed.proto.asterix.codec.layout import (
     DAY_LSB,
     Category,
@@ -16,7 +16,6 @@ from plotfeed.proto.asterix.codec.layout import (
     Repetitive,
     is_time_of_day,
 )
-from plotfeed.proto.asterix.codec.readers import BROKEN, Plans
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import NS
 

@@ -18,7 +18,7 @@ from plotfeed.feeds.session.observer import Tap
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.beam_meetings import CULLED_FROM
+from plotfeed.models.beam import CULLED_FROM
 
 DURATION_S = 6.0
 

@@ -25,7 +25,7 @@ from support.live_page import (
 from support.mqtt_client import Heard
 from support.significance import assert_chance, assert_law, assert_sum
 
-from plotfeed.feeds.sensing.emulated_sensors import AHEAD_NS
+from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:

@@ -19,6 +19,7 @@ from support.command import plotfeed
 from support.page_updates import Frame, read_frame
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
+from plotfeed.feeds.engine.scene_drones import knots
 from plotfeed.feeds.page.page_replay import RecordedView
 from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE, RecordedSession
 from plotfeed.feeds.page.session_switch import MAX_LISTED, recordings_in
@@ -26,7 +27,6 @@ from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.scene.fields import site_frame
-from plotfeed.feeds.sensing.drone_routes import knots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader

@@ -10,7 +10,7 @@ from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import Scene, SceneError, load
-from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.frames import geoid_undulation_m
 from plotfeed.proto.errors import PlotfeedError
 
 

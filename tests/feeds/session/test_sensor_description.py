@@ -23,8 +23,7 @@ from plotfeed.feeds.scene.fields import frame_at, geodetic
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
 from plotfeed.proto import plotfeed_pb2 as pb
 
 DOCS = Path(__file__).parents[3] / "docs"

@@ -5,7 +5,7 @@ import pytest
 
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused
-from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.frames import geoid_undulation_m
 from plotfeed.models.state import AltitudeReference
 
 REFERENCES = list(AltitudeReference)

@@ -10,8 +10,8 @@ import pytest
 from support.held_sizes import held
 from support.scene_files import radar, scene_file, scene_text
 
+from plotfeed.feeds.engine.scene_drones import trajectories_of
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.sensing.scene_drones import trajectories_of
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import FairQueue
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason

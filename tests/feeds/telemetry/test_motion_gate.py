@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.scene_files import scene_file, scene_text
 
+from plotfeed.feeds.engine.scene_drones import trajectories_of
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.sensing.scene_drones import trajectories_of
 from plotfeed.feeds.telemetry.admission import CONFIRM_NS, GRACE_M, reach_m
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason

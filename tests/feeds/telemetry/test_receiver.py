@@ -16,8 +16,7 @@ from plotfeed.feeds.scene.drones import EchoesByClass, TargetKeys
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.telemetry.position_report import Reason
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S, TelemetryReceiver
-from plotfeed.models.frames import ecef_to_geodetic
-from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.frames import ecef_to_geodetic, geoid_undulation_m
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 

@@ -20,8 +20,7 @@ from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.passive_signals import Illuminator
 from plotfeed.models.sensors.range_gate import RangeGate
 from plotfeed.models.sensors.rf import RfDirectionFinder
-from plotfeed.models.sensors.sensor_model import SensorModel, Targets
-from plotfeed.models.sensors.stacking import grouping_key, stacked
+from plotfeed.models.sensors.sensor_model import SensorModel, Targets, grouping_key, stacked
 from plotfeed.models.state import Columns, Emitter, Floats, Ints, Signatures
 
 SENSORS = 4

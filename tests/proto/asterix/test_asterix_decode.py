@@ -11,7 +11,7 @@ from support.asterix_input import flags_of
 from support.asterix_rule import record_by_rule
 
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec import readers
+from plotfeed.proto.asterix.codec import decode as readers
 from plotfeed.proto.asterix.codec.decode import (
     Block,
     Value,

@@ -17,9 +17,8 @@ from support.asterix_rule import record_by_rule
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat062 import CAT062, CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import Block, Value, decode, records_in
+from plotfeed.proto.asterix.codec.decode import FURTHER, OFTEN, Block, Value, decode, records_in
 from plotfeed.proto.asterix.codec.layout import Category
-from plotfeed.proto.asterix.codec.readers import FURTHER, OFTEN
 from plotfeed.proto.errors import DecodeError
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "items.json").read_text())

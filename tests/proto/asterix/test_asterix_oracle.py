@@ -19,10 +19,9 @@ from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.cat063 import CAT063
 from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import Record, Value, blocks, decode
+from plotfeed.proto.asterix.codec.decode import FURTHER, Record, Value, blocks, decode
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
-from plotfeed.proto.asterix.codec.readers import FURTHER
 from plotfeed.proto.units import FOOT_M, NM_M
 from plotfeed.replay.files import open_recording
 

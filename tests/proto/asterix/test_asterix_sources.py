@@ -13,9 +13,8 @@ from support.asterix_input import every_path, text_constants
 
 from plotfeed.proto.asterix.cat048 import CAT048, ServiceEncoder034
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.encode import Encoder, profile
+from plotfeed.proto.asterix.codec.encode import Encoder, Parts, Reports, profile
 from plotfeed.proto.asterix.codec.layout import Category, Raw
-from plotfeed.proto.asterix.codec.reports import Parts, Reports
 from plotfeed.proto.errors import EncodeError
 
 RECORDS = st.sampled_from([1, 2, 7, 80])

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from support.road import START_NS, radar, rotating, scene, staring, waypoint
 
+from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 
 S = 1_000_000_000

@@ -9,8 +9,8 @@ import pytest
 from support.road import START_NS, Road, flown, fly, held, radar, rotating, scene, staring, waypoint
 
 from plotfeed import simulate
-from plotfeed.feeds.sensing import sensor_group
-from plotfeed.models import beam_meetings
+from plotfeed.feeds.engine import emulated_sensors
+from plotfeed.models import beam
 from plotfeed.models.frames import Axes, LocalFrame, aer_to_enu
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.sensor_model import Targets
@@ -62,7 +62,7 @@ def test_what_leaves_is_the_same_with_and_without_those_out_of_reach(
 ) -> None:
     made = scene([SENSORS[kind]], fleet, seed=101)
     with_culling = fly(made, 12)
-    for module in (sensor_group, beam_meetings):
+    for module in (emulated_sensors, beam):
         monkeypatch.setattr(module, "CULLED_FROM", 1 << 40)
     assert left(fly(made, 12)) == left(with_culling)
     assert any(look.drone.startswith("c") for e in with_culling.ledgers for look in e.looks)

@@ -21,7 +21,7 @@ from support.instructions import Place, instructions_of, text_of
 from support.road import START_NS, held, radar, rotating, scene, staring
 from support.station import Station
 
-from plotfeed.feeds.sensing.scene_drones import launch
+from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 
 QUESTIONS = re.compile(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support.road import NS, SITE, START_NS, radar, scene
 
+from plotfeed.feeds.engine.scene_drones import SceneDrones, launch
 from plotfeed.feeds.scene.drones import Hold, Resume, Stray
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.feeds.sensing.scene_drones import SceneDrones, launch
 from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories

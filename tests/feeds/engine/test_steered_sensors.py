@@ -10,11 +10,11 @@ from scipy import stats
 from support.road import NS, START_NS, flown, held, radar, rotating, scene, staring, waypoint
 from support.significance import assert_law, assert_standard_normal, assert_sum
 
+from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
 from plotfeed.models.frames import wrap_180
 
 MOUNT = {"cued_by": "radar", "fov_min_deg": 4.0, "fov_max_deg": 40.0, "zoom_s": 1.0}

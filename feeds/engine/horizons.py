@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
+from plotfeed.feeds.engine.terrain_files import ground_of, walls_of
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.world_keys import HORIZONS, TerrainKeys
-from plotfeed.feeds.sensing.terrain_files import ground_of, walls_of
 from plotfeed.models.effects.line_of_sight import (
     Horizon,
     HorizonSettings,

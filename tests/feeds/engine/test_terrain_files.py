@@ -15,11 +15,11 @@ from support.road import SITE, START_NS, held, radar, scene
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 
+from plotfeed.feeds.engine.horizons import Horizons, horizons_of
 from plotfeed.feeds.engine.simulation import simulate
+from plotfeed.feeds.engine.terrain_files import ground_of, walls_of
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.sensing.horizons import Horizons, horizons_of
-from plotfeed.feeds.sensing.terrain_files import ground_of, walls_of
-from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.frames import geoid_undulation_m
 from plotfeed.proto.errors import PlotfeedError
 
 HERE = np.array([SITE.latitude_deg]), np.array([SITE.longitude_deg])

@@ -11,10 +11,9 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.world_keys import BirdsKeys, RoadKeys, TurbineKeys
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
-from plotfeed.models.known_track import KnownTrack
 from plotfeed.models.movers import Wander, airspeed_m_s, cars_on, other_name, rotor_knots
 from plotfeed.models.state import Floats, Signature
-from plotfeed.models.truth import Trajectories
+from plotfeed.models.truth import KnownTrack, Trajectories
 from plotfeed.proto.utc import NS
 
 STEPS_A_MEMORY = 5

@@ -63,7 +63,7 @@ class World:
         self._scene, self._site = scene, scene.scene.site
         self._horizons = None
         if scene.terrain is not None:
-            from plotfeed.feeds.sensing.horizons import Horizons
+            from plotfeed.feeds.engine.horizons import Horizons
 
             self._horizons = Horizons(scene, scene.terrain)
 

@@ -14,11 +14,11 @@ from support.hills import write_ridge
 from support.random_scenes import random_tree
 from support.scene_files import radar, scene_file, scene_text, toml_of
 
+from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
+from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
 from plotfeed.feeds.engine.simulation import simulate
+from plotfeed.feeds.engine.visibility import SEEN_PD, Outlook, Sightline
 from plotfeed.feeds.scene.scene import Scene, from_tree, load
-from plotfeed.feeds.sensing.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.sensing.scene_drones import launch, trajectories_of
-from plotfeed.feeds.sensing.visibility import SEEN_PD, Outlook, Sightline
 from plotfeed.models.truth import Trajectories
 
 START_NS = 1_767_268_800_000_000_000
