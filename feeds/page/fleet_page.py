@@ -14,12 +14,7 @@ from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab.evidence import plot_topics
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.recorded_sectors import nobody_s
-from plotfeed.feeds.page.run_with_page import (
-    CLOCK_CONTROLS,
-    REAL_TIME,
-    alongside,
-    tracks_of,
-)
+from plotfeed.feeds.page.run_with_page import CLOCK_CONTROLS, REAL_TIME, alongside, tracks_of
 from plotfeed.feeds.page.scene_outline import connections
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.updates import NoControls

@@ -57,10 +57,7 @@ class PageAccess:
         self._address = address
         self.tokens = Tokens()
         if not address.is_loopback or any(fixed):
-            self.tokens = Tokens(
-                fixed.presenter or drawn_token(),
-                fixed.audience or drawn_token(),
-            )
+            self.tokens = Tokens(fixed.presenter or drawn_token(), fixed.audience or drawn_token())
 
     def cookie(self, role: Role) -> str:
         """The name of the cookie that keeps that role's token."""

@@ -163,10 +163,7 @@ class PageReplay:
         self._leaps = 0
 
     async def run(
-        self,
-        addresses: Sequence[BrokerAddress],
-        basemap: Basemap | None,
-        ending: asyncio.Event,
+        self, addresses: Sequence[BrokerAddress], basemap: Basemap | None, ending: asyncio.Event
     ) -> None:
         """Replay it until told to end; raises `PlotfeedError` and `OSError`."""
         self._view.scene(self.recording.scene, basemap)

@@ -73,10 +73,7 @@ def record_line(record: Record, categories: Categories = CATEGORIES) -> str:
 
 def record_json(record: Record) -> dict[str, Any]:
     """Category and items, and the octets of what is not decoded."""
-    found: dict[str, Any] = {
-        "category": record.category,
-        "items": _plain(_expanded(record)),
-    }
+    found: dict[str, Any] = {"category": record.category, "items": _plain(_expanded(record))}
     if not record.items:
         found["octets"] = record.octets.hex()
     return found

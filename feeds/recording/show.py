@@ -16,12 +16,7 @@ from typing import Any
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import aligned, printable, say, say_damage
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
-from plotfeed.feeds.recording.record_text import (
-    EXTRA,
-    record_json,
-    record_line,
-    record_tree,
-)
+from plotfeed.feeds.recording.record_text import EXTRA, record_json, record_line, record_tree
 from plotfeed.feeds.recording.recording_settings import ShowSettings
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Block, Record, records_in

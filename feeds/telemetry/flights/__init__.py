@@ -14,13 +14,7 @@ from plotfeed.feeds.telemetry.flights.autopilot_logs import (
     read_dataflash,
     read_tlog,
 )
-from plotfeed.feeds.telemetry.flights.flight import (
-    MAX_OCTETS,
-    Flight,
-    FlightOptions,
-    GpsOrder,
-    Log,
-)
+from plotfeed.feeds.telemetry.flights.flight import MAX_OCTETS, Flight, FlightOptions, GpsOrder, Log
 from plotfeed.feeds.telemetry.flights.markup import read_gpx, read_kml
 from plotfeed.feeds.telemetry.flights.nmea import LOOKS_LIKE, read_nmea
 from plotfeed.feeds.telemetry.flights.smoothed import smoothed

@@ -13,12 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from plotfeed.feeds.telemetry.admission import (
-    CONFIRM_NS,
-    CONFIRM_REPORTS,
-    MAX_SPEED_M_S,
-    reach_m,
-)
+from plotfeed.feeds.telemetry.admission import CONFIRM_NS, CONFIRM_REPORTS, MAX_SPEED_M_S, reach_m
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused, check
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference

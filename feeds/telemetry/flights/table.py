@@ -445,11 +445,7 @@ def _values(
 
 
 def _take(
-    where: str,
-    t_utc_ns: int,
-    values: Mapping[str, float],
-    reference: AltitudeReference,
-    log: Log,
+    where: str, t_utc_ns: int, values: Mapping[str, float], reference: AltitudeReference, log: Log
 ) -> None:
     for quantity in REQUIRED:
         if math.isnan(values[quantity]):

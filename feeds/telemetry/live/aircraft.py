@@ -13,10 +13,7 @@ from typing import Any, NamedTuple
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
-from plotfeed.proto.asterix.decode_cooperative import (
-    AircraftReport,
-    read_021,
-)
+from plotfeed.proto.asterix.decode_cooperative import AircraftReport, read_021
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.mode_s import (
     BeastSplitter,

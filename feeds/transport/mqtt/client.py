@@ -14,12 +14,7 @@ from plotfeed.feeds.messages.message import Message, OnReceived
 from plotfeed.feeds.messages.outgoing import Client, Outgoing
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.connection import (
-    MqttConnection,
-    MqttError,
-    OnMessage,
-    no_answer,
-)
+from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
 from plotfeed.feeds.transport.patience import backoff_s, wait_while
