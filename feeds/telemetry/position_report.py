@@ -163,6 +163,16 @@ class PositionReport:
         return message
 
 
+Velocity = tuple[float, float, float]
+
+
+def over_ground(speed_m_s: float, course_deg: float, up_m_s: float = math.nan) -> Velocity | None:
+    """East, north and up of a speed over ground and a course; None where nothing is known of it."""
+    course = math.radians(course_deg if speed_m_s else 0.0)  # who stands has none
+    velocity = speed_m_s * math.sin(course), speed_m_s * math.cos(course), up_m_s
+    return None if all(map(math.isnan, velocity)) else velocity
+
+
 def emitters_in(message: pb.Telemetry) -> tuple[Emitter, ...]:
     """What a drone says that it emits, not yet checked."""
     values = [{name: getattr(e, name) for name in EMITTER_FIELDS} for e in message.emitters]

@@ -20,6 +20,7 @@ from typing import Any
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
+from plotfeed.feeds.telemetry.position_report import over_ground
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.mavlink_frames import (
     FRAME_START,
@@ -88,7 +89,9 @@ def read_dataflash(data: bytes, options: FlightOptions, log: Log) -> None:
             longitude_deg=record["Lng"],
             altitude_m=record["Alt"],
             altitude_reference=reference,
-            velocity_enu_m_s=_velocity_enu_m_s(record),
+            velocity_enu_m_s=over_ground(record["Spd"], record["GCrs"], -record.get("VZ", math.nan))
+            if {"Spd", "GCrs"} <= record.keys()
+            else None,
         )
 
 
@@ -113,15 +116,6 @@ def _unusable(record: Record) -> str | None:
         f"HDOP {hdop:g}; expected {MAX_HDOP:g} or less": not hdop <= MAX_HDOP,
     }
     return next((why for why, holds in complaints.items() if holds), None)
-
-
-def _velocity_enu_m_s(record: Record) -> tuple[float, float, float] | None:
-    """Velocity of a record's ground speed, course over ground and velocity down."""
-    if "Spd" not in record or "GCrs" not in record:
-        return None
-    course = math.radians(record["GCrs"])
-    up_m_s = -record.get("VZ", math.nan)
-    return record["Spd"] * math.sin(course), record["Spd"] * math.cos(course), up_m_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from plotfeed.feeds.telemetry.live.heard import HeardReport, named
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named
+from plotfeed.feeds.telemetry.position_report import (
+    PositionReport,
+    Reason,
+    Refused,
+    Velocity,
+    over_ground,
+)
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.decode_cooperative import AircraftReport, read_021
 from plotfeed.proto.errors import DecodeError
@@ -104,7 +110,7 @@ class _Aircraft:
     halves: dict[bool, tuple[int, CprPosition]] = field(default_factory=dict)
     place: tuple[float, float] | None = None
     place_ns: int = 0
-    velocity: tuple[float, float, float] = (math.nan,) * 3
+    velocity: Velocity | None = None
     velocity_ns: int = 0
     geometric_less_pressure_m: float = math.nan
 
@@ -121,7 +127,7 @@ class _Heights:
         return pressure_m + self._over_sea_m, AltitudeReference.MEAN_SEA_LEVEL
 
 
-class AircraftReports:
+class AircraftReports(Listener):
     """Hears one of three protocols, of several receivers; an aircraft is one, whoever heard it."""
 
     def __init__(self, kind: str, template: str, qnh_hpa: float | None = None) -> None:
@@ -147,10 +153,6 @@ class AircraftReports:
         """Drop the beginning of a line, frame or block."""
         self._lines.pop(peer, None)
         self._frames.pop(peer, None)
-
-    def notes(self) -> list[str]:
-        """Nothing."""
-        return []
 
     def _of(self, icao: str) -> _Aircraft:
         found = self._aircraft.pop(icao, None) or _Aircraft()
@@ -182,11 +184,7 @@ class AircraftReports:
         aircraft.callsign = cells[10].strip() or aircraft.callsign
         speed, track, climb = (_number(cells[n]) for n in (12, 13, 16))
         if not math.isnan(speed) and not math.isnan(track):
-            course, speed_m_s = math.radians(track), speed * KNOT_M_S
-            aircraft.velocity = (
-                *(speed_m_s * math.sin(course), speed_m_s * math.cos(course)),
-                climb * FOOT_MIN_M_S,
-            )
+            aircraft.velocity = over_ground(speed * KNOT_M_S, track, climb * FOOT_MIN_M_S)
             aircraft.velocity_ns = now_utc_ns
         place = _number(cells[14]), _number(cells[15])
         if not any(map(math.isnan, place)):

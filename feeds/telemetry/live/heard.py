@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused, check
 
@@ -31,17 +31,19 @@ class HeardReport:
         return cls(drone, report)
 
 
-class Listener(Protocol):
+class Listener(ABC):
     """Makes reports of what comes, each peer's octets by themselves."""
 
+    @abstractmethod
     def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
         """What a peer has said with these octets, which came now. Raises nothing."""
 
-    def forget(self, peer: str) -> None:
+    def forget(self, peer: str) -> None:  # noqa: B027 - of most nothing waits
         """Drop what waits of a peer that has gone: what comes next from it begins anew."""
 
     def notes(self) -> list[str]:
         """What was found out since this was last asked, a line each: for whoever runs it."""
+        return []
 
 
 def named(template: str, values: Mapping[str, object]) -> str:

@@ -9,7 +9,13 @@ from typing import Any
 
 from plotfeed.feeds.scene.telemetry_keys import PLACE, TelemetryMapping
 from plotfeed.feeds.telemetry.live.heard import HeardReport, named
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.telemetry.position_report import (
+    PositionReport,
+    Reason,
+    Refused,
+    Velocity,
+    over_ground,
+)
 from plotfeed.proto.units import FOOT_M, KNOT_M_S, MILE_H_M_S
 from plotfeed.proto.utc import utc_ns
 
@@ -131,18 +137,14 @@ def _time_ns(mapping: TelemetryMapping, tree: Any, now_utc_ns: int) -> int:
     return round(_number(tree, mapping.time) * TIMES_NS[mapping.time_format])
 
 
-def _velocity(mapping: TelemetryMapping, tree: Any) -> tuple[float, float, float] | None:
+def _velocity(mapping: TelemetryMapping, tree: Any) -> Velocity | None:
     unit_m_s = SPEEDS_M_S[mapping.speed_unit]
 
     def of(path: str | None) -> float:
         return math.nan if path is None else _number(tree, path) * unit_m_s
 
-    east, north, up = (
-        of(path) for path in (mapping.velocity_east, mapping.velocity_north, mapping.velocity_up)
-    )
-    if mapping.velocity_down is not None:
-        up = -of(mapping.velocity_down)
+    up = of(mapping.velocity_up) if mapping.velocity_down is None else -of(mapping.velocity_down)
     if mapping.speed is not None and mapping.course is not None:
-        course = math.radians(_number(tree, mapping.course))
-        east, north = of(mapping.speed) * math.sin(course), of(mapping.speed) * math.cos(course)
-    return None if all(map(math.isnan, (east, north, up))) else (east, north, up)
+        return over_ground(of(mapping.speed), _number(tree, mapping.course), up)
+    velocity = of(mapping.velocity_east), of(mapping.velocity_north), up
+    return None if all(map(math.isnan, velocity)) else velocity

@@ -14,9 +14,9 @@ from typing import Any, Literal
 
 from plotfeed.feeds.telemetry.flights.autopilot_logs import mavlink_decoder
 from plotfeed.feeds.telemetry.live.aircraft import OF_EMITTER_MAVLINK, SMALL, as_reported
-from plotfeed.feeds.telemetry.live.heard import HeardReport, named
+from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named
 from plotfeed.feeds.telemetry.live.remote_id import RemoteIdReports
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, over_ground
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.mavlink_frames import FrameSplitter
 from plotfeed.proto.open_drone_id import (
@@ -119,25 +119,18 @@ def aircraft_in(message: Any, now_utc_ns: int) -> Iterator[HeardReport]:
     has_place = message.flags & HAS_ALL_OF_PLACE == HAS_ALL_OF_PLACE
     if not has_place or reference is None or message.tslc > OLD_S:
         return
+    climb_m_s = message.ver_velocity * 0.01 if message.flags & HAS_CLIMB else math.nan
+    velocity = over_ground(message.hor_velocity * 0.01, message.heading * 0.01, climb_m_s)
     report = PositionReport(
         t_utc_ns=now_utc_ns - message.tslc * NS,
         latitude_deg=message.lat * 1e-7,
         longitude_deg=message.lon * 1e-7,
         altitude_m=message.altitude * 1e-3,
         altitude_reference=reference,
-        velocity_enu_m_s=_velocity(message),
+        velocity_enu_m_s=velocity if message.flags & HAS_VELOCITY == HAS_VELOCITY else None,
         **as_reported(OF_EMITTER_MAVLINK.get(message.emitter_type, SMALL)),
     )
     yield HeardReport.checked(f"{message.ICAO_address:06x}", report)
-
-
-def _velocity(message: Any) -> tuple[float, float, float] | None:
-    """East, north and up; None without a speed over ground."""
-    if message.flags & HAS_VELOCITY != HAS_VELOCITY:
-        return None
-    speed_m_s, course = message.hor_velocity * 0.01, math.radians(message.heading * 0.01)
-    climb_m_s = message.ver_velocity * 0.01 if message.flags & HAS_CLIMB else math.nan
-    return speed_m_s * math.sin(course), speed_m_s * math.cos(course), climb_m_s
 
 
 SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION = 2, 24, 33, 242
@@ -170,7 +163,7 @@ class _System:
     best_until_ns: int = 0
 
 
-class MavlinkReports:
+class MavlinkReports(Listener):
     """Hears MAVLink from several peers, of each several systems, each a drone.
 
     A drone is followed by GLOBAL_POSITION_INT, what its autopilot estimates; where it sends none,
@@ -190,11 +183,8 @@ class MavlinkReports:
         self._others = RemoteIdReports("{id}")
         self._notes: list[str] = []
         self._take: dict[int, Callable[[str, _System, Any, int], Iterator[HeardReport]]] = {
-            SYSTEM_TIME: self._system_time,
-            HOME_POSITION: self._home_position,
             GLOBAL_POSITION_INT: self._global_position,
             GPS_RAW_INT: self._gps_raw,
-            ODID_BASIC_ID: self._basic_id,
             ODID_LOCATION: self._location,
             ODID_PACK: self._pack,
             ADSB_VEHICLE: lambda _peer, _system, message, now: aircraft_in(message, now),
@@ -210,7 +200,10 @@ class MavlinkReports:
         damaged = splitter.damaged
         for message in splitter.split(data):
             system = self._system(peer, message.get_srcSystem(), now_utc_ns)
-            yield from self._take[message.get_msgId()](peer, system, message, now_utc_ns)
+            if (take := self._take.get(message.get_msgId())) is not None:
+                yield from take(peer, system, message, now_utc_ns)
+            else:
+                self._note(system, message)
         if splitter.damaged > damaged:
             detail = f"{splitter.damaged - damaged} octets that are no MAVLink frame"
             yield HeardReport("", Refused(Reason.UNDECODABLE, detail))
@@ -238,21 +231,18 @@ class MavlinkReports:
         values = {"system": message.get_srcSystem(), "component": message.get_srcComponent()}
         return named(self._template, {**values, "host": host, "port": port})
 
-    def _system_time(
-        self, peer: str, system: _System, message: Any, now_utc_ns: int
-    ) -> Iterator[HeardReport]:
-        del peer, now_utc_ns
-        if message.time_unix_usec >= EPOCH_LEAST_US:  # 0 before there is GPS time
+    def _note(self, system: _System, message: Any) -> None:
+        """Keep what is no position by itself: a clock, where home is, whose a transmitter is."""
+        kind = message.get_msgId()
+        if kind == HOME_POSITION:
+            system.home_msl_m = message.altitude * 1e-3
+        elif kind == ODID_BASIC_ID:
+            if whose := _whose(message):
+                identity = identity_text(bytes(message.uas_id))
+                self._others.identify(whose, OdidIdentity(message.id_type, identity))
+        elif message.time_unix_usec >= EPOCH_LEAST_US:  # of SYSTEM_TIME; 0 before there is GPS time
             boot_ns = message.time_boot_ms * MS_NS
             system.boot.declare(message.time_unix_usec * US_NS - boot_ns, boot_ns)
-        yield from ()
-
-    def _home_position(
-        self, peer: str, system: _System, message: Any, now_utc_ns: int
-    ) -> Iterator[HeardReport]:
-        del peer, now_utc_ns
-        system.home_msl_m = message.altitude * 1e-3
-        yield from ()
 
     def _is_best(self, system: _System, rank: int, now_utc_ns: int) -> bool:
         """Whether the system is followed by messages of that rank, the least of late."""
@@ -308,7 +298,9 @@ class MavlinkReports:
             longitude_deg=message.lon * 1e-7,
             altitude_m=altitude_m,
             altitude_reference=AltitudeReference(self._altitude),
-            velocity_enu_m_s=_over_ground(message),
+            velocity_enu_m_s=None
+            if UNKNOWN_U16 in (message.vel, message.cog)
+            else over_ground(message.vel * 0.01, message.cog * 0.01),
             # Absent in version 1, and read as 0 then.
             horizontal_accuracy_m=message.h_acc * 1e-3 or None,
             vertical_accuracy_m=message.v_acc * 1e-3 or None,
@@ -323,16 +315,6 @@ class MavlinkReports:
             off = f"{abs(clock.off_s):.3f} s {'behind' if clock.off_s > 0 else 'ahead'}"
             self._notes.append(f"{name}: its clock is {off}: positions are of when they come")
         return t_utc_ns
-
-    def _basic_id(
-        self, peer: str, system: _System, message: Any, now_utc_ns: int
-    ) -> Iterator[HeardReport]:
-        del peer, system, now_utc_ns
-        whose = _whose(message)
-        if whose:
-            identity = identity_text(bytes(message.uas_id))
-            self._others.identify(whose, OdidIdentity(message.id_type, identity))
-        yield from ()
 
     def _location(
         self, peer: str, system: _System, message: Any, now_utc_ns: int
@@ -366,14 +348,6 @@ def _no_position(name: str) -> HeardReport:
     return HeardReport(
         name, Refused(Reason.NO_POSITION, "it has no position yet: no 3-D fix, or 0, 0")
     )
-
-
-def _over_ground(message: Any) -> tuple[float, float, float] | None:
-    """Velocity of ground speed, cm/s, and course over ground, 0.01 degrees; up is not known."""
-    if UNKNOWN_U16 in (message.vel, message.cog):
-        return None
-    speed_m_s, course = message.vel * 0.01, math.radians(message.cog * 0.01)
-    return speed_m_s * math.sin(course), speed_m_s * math.cos(course), math.nan
 
 
 def _odid_location(message: Any) -> OdidLocation:

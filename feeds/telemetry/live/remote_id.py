@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from plotfeed.feeds.telemetry.live.heard import HeardReport, named
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, over_ground
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.open_drone_id import (
@@ -43,18 +43,13 @@ def report_of(location: OdidLocation, now_utc_ns: int) -> PositionReport:
         if math.isnan(altitude_m) or location.is_over_ground:
             detail = "no height above the ellipsoid, and none above take-off"
             raise Refused(Reason.ALTITUDE, detail)
-    course = math.radians(location.course_deg)
-    east, north = location.speed_m_s * math.sin(course), location.speed_m_s * math.cos(course)
-    if location.speed_m_s == 0:
-        east = north = 0.0
-    velocity = (east, north, location.climb_m_s)
     return PositionReport(
         t_utc_ns=past_hour_ns(location.past_hour_s, now_utc_ns),
         latitude_deg=location.latitude_deg,
         longitude_deg=location.longitude_deg,
         altitude_m=altitude_m,
         altitude_reference=reference,
-        velocity_enu_m_s=None if all(map(math.isnan, velocity)) else velocity,
+        velocity_enu_m_s=over_ground(location.speed_m_s, location.course_deg, location.climb_m_s),
         horizontal_accuracy_m=_or_none(location.horizontal_accuracy_m),
         vertical_accuracy_m=_or_none(location.vertical_accuracy_m),
         velocity_accuracy_m_s=_or_none(location.speed_accuracy_m_s),
@@ -74,7 +69,7 @@ def _or_none(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-class RemoteIdReports:
+class RemoteIdReports(Listener):
     """Hears Open Drone ID messages and packs; each peer is a transmitter."""
 
     def __init__(self, template: str) -> None:
@@ -85,13 +80,6 @@ class RemoteIdReports:
     def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
         """The reports in a datagram."""
         yield from self.said(peer, data, now_utc_ns)
-
-    def forget(self, peer: str) -> None:
-        """Nothing: a datagram is whole."""
-
-    def notes(self) -> list[str]:
-        """Nothing."""
-        return []
 
     def said(self, transmitter: str, octets: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
         """The reports in a message or pack of a transmitter; an identity in it counts first."""
@@ -131,7 +119,7 @@ MAX_FLIGHTS = 10_000
 BOUNDS = HORIZONTAL_CLASSES_M | VERTICAL_CLASSES_M | SPEED_CLASSES_M_S
 
 
-class NetworkRemoteIdReports:
+class NetworkRemoteIdReports(Listener):
     """Hears answers to GET /uss/flights, each whole; of a flight what is new."""
 
     def __init__(self, template: str) -> None:
@@ -163,13 +151,6 @@ class NetworkRemoteIdReports:
             if before.get(name) != report.t_utc_ns:  # it says the same until something new comes
                 yield HeardReport.checked(name, report)
 
-    def forget(self, peer: str) -> None:
-        """Nothing waits."""
-
-    def notes(self) -> list[str]:
-        """Nothing."""
-        return []
-
 
 def report_of_flight(flight: Any) -> PositionReport:
     """The report that a flight's current_state is; raises `Refused` that names the key."""
@@ -188,20 +169,16 @@ def report_of_flight(flight: Any) -> PositionReport:
         raise Refused(Reason.ALTITUDE, "position.alt is missing or unknown")
     speed, track = _number(state, "speed"), _number(state, "track")
     climb = _number(state, "vertical_speed")
-    is_known = speed != UNKNOWN_SPEED_M_S and track != UNKNOWN_DIRECTION_DEG
-    course = math.radians(track)
-    velocity = (
-        speed * math.sin(course) if is_known else math.nan,
-        speed * math.cos(course) if is_known else math.nan,
-        climb if climb != UNKNOWN_CLIMB_M_S else math.nan,
-    )
+    if speed == UNKNOWN_SPEED_M_S or track == UNKNOWN_DIRECTION_DEG:
+        speed = math.nan
+    climb = math.nan if climb == UNKNOWN_CLIMB_M_S else climb
     return PositionReport(
         t_utc_ns=t_utc_ns,
         latitude_deg=latitude_deg,
         longitude_deg=longitude_deg,
         altitude_m=altitude_m,
         altitude_reference=AltitudeReference.ELLIPSOID,
-        velocity_enu_m_s=None if all(map(math.isnan, velocity)) else velocity,
+        velocity_enu_m_s=over_ground(speed, track, climb),
         horizontal_accuracy_m=_accuracy(position, "accuracy_h", RADIUS_95),
         vertical_accuracy_m=_accuracy(position, "accuracy_v", EDGE_95),
         velocity_accuracy_m_s=_accuracy(state, "speed_accuracy", EDGE_95),
