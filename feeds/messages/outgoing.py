@@ -210,7 +210,26 @@ def publish(transports: Iterable[Transport], outgoing: Sequence[Outgoing]) -> No
 
 
 class ImmediateTransport:
-    """A transport with which nothing waits, for those to inherit that keep nothing back."""
+    """A transport that keeps nothing back: it takes each message at once, or does not."""
+
+    to: str  # What the ledger calls the place that does not get what is not taken
+
+    def carries(self, message: Message) -> bool:
+        """Whether such a message is for its destination."""
+        raise NotImplementedError
+
+    def give(self, message: Message) -> bool | None:
+        """Hand a message on; whether it was taken, None where that is for others."""
+        raise NotImplementedError
+
+    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
+        """Hand on what it carries, and settle at once what was taken."""
+        for one in outgoing:
+            delivered = self.give(one.message) if self.carries(one.message) else None
+            if delivered:
+                one.leave()
+            one.settle(delivered=delivered, to=self.to)
+        return False
 
     def waiting_of(self, _client: Client) -> int:
         """Nothing waits."""

@@ -33,7 +33,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     without_secrets,
 )
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.udp import UdpError, interface_number, join_group
+from plotfeed.feeds.transport.udp import UdpError, receiver_at
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.asterix_files import content_type
@@ -91,15 +91,11 @@ class UdpSource:
 
     async def open(self, receive: Callable[[Recorded], None]) -> None:
         """Call `receive` with each datagram from now on; raises `UdpError`."""
-        family = socket.AF_INET if self._endpoint.address.version == 4 else socket.AF_INET6
+        host, port = str(self._endpoint.address), self._endpoint.port
         self._receive = receive
-        opened = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            self._prepare(opened)
-            if self._endpoint.address.is_multicast:
-                join_group(opened, self._endpoint.address, self._interface)
+            opened = receiver_at(host, port, self._interface, BUFFER_OCTETS, self._prepare)
         except OSError as error:
-            opened.close()
             raise UdpError(f"{self.shown}: {error.strerror or error}") from None
         self._socket = opened
         self._settled_s = time.monotonic() + SETTLING_S
@@ -155,29 +151,18 @@ class UdpSource:
         return topic, at_ns or time.time_ns()
 
     def _prepare(self, receiver: socket.socket) -> None:
-        address = self._endpoint.address
-        receiver.setblocking(False)
-        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_OCTETS)
-        if IS_LINUX:
-            with contextlib.suppress(OSError):  # beyond everybody's limit, which needs a right
-                receiver.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, BUFFER_OCTETS)
-            with contextlib.suppress(OSError):
-                receiver.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-                self.has_kernel_times = True
-        if address.is_multicast:  # others on this machine may receive the group too
-            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if self._is_any and IS_LINUX:  # where a datagram went is not known otherwise
-            if address.version == 4:
-                receiver.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
-            else:
-                receiver.setsockopt(socket.IPPROTO_IPV6, IPV6_RECVPKTINFO, 1)
-        found = socket.getaddrinfo(
-            str(address), self._endpoint.port, receiver.family, socket.SOCK_DGRAM
-        )
-        place = found[0][4]
-        if address.is_multicast and address.version == 6:  # whose scope may need its interface
-            place = (*place[:3], interface_number(address, self._interface))
-        receiver.bind(place)
+        """Have the kernel tell when and where datagrams came, and keep as many as it may."""
+        if not IS_LINUX:
+            return
+        with contextlib.suppress(OSError):  # beyond everybody's limit, which needs a right
+            receiver.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, BUFFER_OCTETS)
+        with contextlib.suppress(OSError):
+            receiver.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+            self.has_kernel_times = True
+        if self._is_any and receiver.family == socket.AF_INET:  # where it went is not known else
+            receiver.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
+        elif self._is_any:
+            receiver.setsockopt(socket.IPPROTO_IPV6, IPV6_RECVPKTINFO, 1)
 
     def _topic_of(self, level: int, kind: int, data: bytes) -> str:
         """The topic of a struct in_pktinfo or in6_pktinfo; empty if it is none."""

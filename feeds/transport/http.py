@@ -16,7 +16,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
-from plotfeed.feeds.transport.octet_sources import OctetsTaker, SourceError
+from plotfeed.feeds.transport.octet_sources import OctetSource, OctetsTaker, SourceError
 from plotfeed.feeds.transport.queued_transport import QueuedTransport, SendError
 from plotfeed.proto.errors import PlotfeedError
 
@@ -214,11 +214,8 @@ WHY = {
 }
 
 
-class PolledOctets:
+class PolledOctets(OctetSource):
     """GET {base}/uss/flights?view=..., each answer whole to the taker."""
-
-    bound_port = 0
-    correspondents: tuple[str, ...] = ()
 
     def __init__(
         self, address: SourceAddress, taker: OctetsTaker, view: str, every_s: float
@@ -254,9 +251,6 @@ class PolledOctets:
 
     def close(self) -> None:
         """Nothing is open between questions."""
-
-    def send(self, peer: str, data: bytes) -> None:
-        """Nobody is told anything."""
 
     async def _get(self) -> bytes:
         fields = ["Accept: application/json", "Connection: close"]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
 
 from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
+from plotfeed.feeds.messages.outgoing import ImmediateTransport
 from plotfeed.feeds.scene.output_keys import ListeningDestination
 from plotfeed.proto.errors import PlotfeedError
 
@@ -21,7 +20,12 @@ class PortError(PlotfeedError):
 
 
 class ListeningTransport(ImmediateTransport):
-    """Listens on a port while `run` runs, and tells who connects what goes there."""
+    """Listens on a port while `run` runs, and tells who connects what goes there.
+
+    What finds nobody is left to others.
+    """
+
+    to = ""
 
     def __init__(self, settings: ListeningDestination, key: str, scheme: str) -> None:
         """`key` is the destination's place in the scene, `scheme` that of its address."""
@@ -35,23 +39,9 @@ class ListeningTransport(ImmediateTransport):
         """The port, open meanwhile; entering raises `OSError`."""
         raise NotImplementedError
 
-    def tell(self, message: Message) -> bool:
-        """Let those know it who are there, or will ask; whether there is anybody."""
-        raise NotImplementedError
-
     def carries(self, message: Message) -> bool:
         """Whether it is of the format that goes there."""
         return message.content_type == self._carried
-
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
-        """Tell what goes there; what does not, or finds nobody, is left to others."""
-        for one in outgoing:
-            delivered = None
-            if self.carries(one.message) and self.tell(one.message):
-                one.leave()
-                delivered = True
-            one.settle(delivered=delivered)
-        return False
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Return once it listens; raises `PortError` if it cannot."""

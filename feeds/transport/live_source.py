@@ -7,7 +7,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 from plotfeed.feeds.scene.telemetry_keys import KINDS, SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.live.aircraft import AircraftReports
@@ -16,6 +16,7 @@ from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports, Remo
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.transport.http import PolledOctets
 from plotfeed.feeds.transport.octet_sources import (
+    OctetSource,
     OctetsTaker,
     PipedOctets,
     SerialOctets,
@@ -31,19 +32,6 @@ ASK_EVERY_S = 10.0
 Take = Callable[[str, PositionReport], object]  # Told of the reports of a drone
 # Told of what was not taken, and of which drone; "" if that is not known.
 Refuse = Callable[[str, Refused], object]
-
-
-class _Octets(Protocol):
-    """A way in for octets."""
-
-    @property
-    def bound_port(self) -> int: ...
-    @property
-    def correspondents(self) -> object: ...
-    async def open(self) -> None: ...
-    async def run(self) -> None: ...
-    def close(self) -> None: ...
-    def send(self, peer: str, data: bytes) -> None: ...
 
 
 class LiveSource:
@@ -65,7 +53,7 @@ class LiveSource:
         self._stated: dict[str, Any] = {k: v for k, v in stated.items() if v is not None}
         self._now_utc_ns, self._take, self._refuse = now_utc_ns, take, refuse
         self._listener = listener_of(settings)
-        self._octets: _Octets
+        self._octets: OctetSource
         if settings.view is None:
             self._octets = octets_of(self.address, self, settings.interface)
         else:
@@ -120,7 +108,7 @@ class LiveSource:
         every_us = None if self._settings.ask_hz is None else round(1e6 / self._settings.ask_hz)
         beats = 0
         while True:
-            for peer in list(self._octets.correspondents):  # type: ignore[call-overload]
+            for peer in list(self._octets.correspondents):
                 self._octets.send(peer, heartbeat())
                 if every_us is not None and beats % math.ceil(ASK_EVERY_S / HEARTBEAT_S) == 1:
                     for request in requests(every_us):
@@ -142,7 +130,9 @@ def listener_of(settings: TelemetrySource) -> Listener:
     return RemoteIdReports(settings.template)
 
 
-def octets_of(address: SourceAddress, taker: OctetsTaker, interface: str | None = None) -> _Octets:
+def octets_of(
+    address: SourceAddress, taker: OctetsTaker, interface: str | None = None
+) -> OctetSource:
     """The way in to a source's octets."""
     if address.transport in ("udpin", "udpout"):
         return UdpOctets(address, taker, interface)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import logging
 import os
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator
 from functools import partial
 from io import FileIO
 from typing import Protocol
@@ -20,7 +20,7 @@ from typing import Protocol
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import HAS_POSIX, watched
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
-from plotfeed.feeds.transport.udp import interface_number, join_group
+from plotfeed.feeds.transport.udp import receiver_at
 from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
@@ -50,10 +50,32 @@ class OctetsTaker(Protocol):
         """A peer's connection has ended."""
 
 
-Send = Callable[[str, bytes], None]
+class OctetSource(ABC):
+    """A way in for octets, by who sends them."""
+
+    bound_port = 0  # At which it listens, if it does
+
+    @property
+    def correspondents(self) -> Collection[str]:
+        """Who can be sent something."""
+        return ()
+
+    async def open(self) -> None:  # noqa: B027 - of some there is nothing to open
+        """Take what comes from now on; raises `SourceError`."""
+
+    @abstractmethod
+    async def run(self) -> None:
+        """Take what comes, until its end."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Take no more."""
+
+    def send(self, peer: str, data: bytes) -> None:  # noqa: B027 - most are only heard
+        """Send somebody something who has sent something, or was named."""
 
 
-class UdpOctets:
+class UdpOctets(OctetSource):
     """A socket that is bound to a port, or sends to one, and takes what comes."""
 
     def __init__(
@@ -64,31 +86,22 @@ class UdpOctets:
         self._socket: socket.socket | None = None
         self._senders: dict[str, tuple[object, ...]] = {}
 
-    @property
-    def bound_port(self) -> int:
-        """The port that the socket has; 0 before it is open."""
-        return 0 if self._socket is None else int(self._socket.getsockname()[1])
-
     async def open(self) -> None:
         """Take what comes from now on; raises `SourceError`."""
         address = self._address
-        family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
-        opened = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            opened.setblocking(False)
-            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_OCTETS)
             if address.transport == "udpout":
+                family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+                opened = socket.socket(family, socket.SOCK_DGRAM)
+                opened.setblocking(False)
                 opened.connect((address.host, address.port))
                 self._senders[f"{address.host}:{address.port}"] = ()
-            elif address.is_multicast:
-                self._join(opened)
             else:
-                opened.bind((address.host, address.port))
+                opened = receiver_at(address.host, address.port, self._interface, BUFFER_OCTETS)
         except OSError as error:
-            opened.close()
             at = f" at {self._interface}" if self._interface else ""
             raise SourceError(f"{address}{at}: {error.strerror or error}") from None
-        self._socket = opened
+        self._socket, self.bound_port = opened, int(opened.getsockname()[1])
         self._unwatch = watched(opened, partial(self._take, opened))
 
     async def run(self) -> None:
@@ -100,7 +113,7 @@ class UdpOctets:
         if self._socket is not None:
             self._unwatch()
             self._socket.close()
-            self._socket = None
+            self._socket, self.bound_port = None, 0
 
     def send(self, peer: str, data: bytes) -> None:
         """Answer somebody who has sent something, or whoever was named."""
@@ -114,20 +127,9 @@ class UdpOctets:
                 self._socket.send(data)
 
     @property
-    def correspondents(self) -> list[str]:
+    def correspondents(self) -> Collection[str]:
         """Who can be sent something."""
         return list(self._senders)
-
-    def _join(self, opened: socket.socket) -> None:
-        host, port = self._address.host.partition("%")[0], self._address.port
-        group = ipaddress.ip_address(self._address.host)
-        # Others on this machine may receive the group too.
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if group.version == 4:
-            opened.bind((host, port))
-        else:  # whose scope may need its interface
-            opened.bind((host, port, 0, interface_number(group, self._interface)))
-        join_group(opened, group, self._interface)
 
     def _take(self, opened: socket.socket) -> None:
         for _ in range(AT_ONCE):
@@ -143,18 +145,13 @@ class UdpOctets:
             self._taker.octets(peer, data)
 
 
-class TcpOctets:
+class TcpOctets(OctetSource):
     """A connection to somebody, made again whenever it ends, or connections that others make."""
 
     def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
         self._address, self._taker = address, taker
         self._writers: dict[str, asyncio.StreamWriter] = {}
         self._server: asyncio.Server | None = None
-
-    @property
-    def bound_port(self) -> int:
-        """The port that is listened at; 0 where none is."""
-        return 0 if self._server is None else int(self._server.sockets[0].getsockname()[1])
 
     async def open(self) -> None:
         """Listen, where others connect; raises `SourceError`."""
@@ -163,6 +160,7 @@ class TcpOctets:
             return
         try:
             self._server = await asyncio.start_server(self._accepted, address.host, address.port)
+            self.bound_port = int(self._server.sockets[0].getsockname()[1])
         except OSError as error:
             raise SourceError(f"{address}: {error.strerror or error}") from None
 
@@ -194,7 +192,7 @@ class TcpOctets:
         """Take no more."""
         if self._server is not None:
             self._server.close()
-            self._server = None
+            self._server, self.bound_port = None, 0
         for writer in self._writers.values():
             writer.close()
         self._writers.clear()
@@ -207,7 +205,7 @@ class TcpOctets:
             writer.write(data)
 
     @property
-    def correspondents(self) -> list[str]:
+    def correspondents(self) -> Collection[str]:
         """Who is connected."""
         return list(self._writers)
 
@@ -249,16 +247,13 @@ READ_OCTETS = 1 << 16
 REOPEN_S = 1.0  # Between attempts to open a port
 
 
-class SerialOctets:
+class SerialOctets(OctetSource):
     """A serial port, raw, 8 bits, no parity, 1 stop bit; opened again when it comes back."""
-
-    bound_port = 0
 
     def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
         """Raises `PlotfeedError` without pyserial."""
         need_extra("serial", "a serial port", "serial")
         self._address, self._taker = address, taker
-        self.correspondents = (address.path,)
         self._opened = contextlib.ExitStack()
         self._ended = asyncio.Event()
 
@@ -297,6 +292,11 @@ class SerialOctets:
         """Take no more."""
         self._opened.close()
 
+    @property
+    def correspondents(self) -> Collection[str]:
+        """Whoever is at the other end."""
+        return (self._address.path,)
+
     def send(self, peer: str, data: bytes) -> None:
         """Write to the port what it takes at once."""
         del peer
@@ -316,7 +316,7 @@ class SerialOctets:
             self._taker.octets(self._address.path, data)
 
 
-class PipedOctets:
+class PipedOctets(OctetSource):
     """A file, a named pipe or standard input, read to its end by a thread of its own.
 
     Nothing else waits for what blocks, such as a pipe to which nobody writes.
@@ -327,9 +327,6 @@ class PipedOctets:
         self._peer = address.path or "-"
         self._is_taken = threading.Event()
         self._is_closed = False
-
-    bound_port = 0
-    correspondents: tuple[str, ...] = ()
 
     async def open(self) -> None:
         """See whether there is such a file; raises `SourceError`."""
@@ -366,9 +363,6 @@ class PipedOctets:
         """Take no more."""
         self._is_closed = True
         self._is_taken.set()
-
-    def send(self, peer: str, data: bytes) -> None:
-        """Nobody is there to be told anything."""
 
     def _pieces(self) -> Iterator[bytes]:
         is_stdin = self._address.transport == "stdin"

@@ -63,7 +63,7 @@ class RemoteIdTransport(ListeningTransport):
         finally:
             server.close()
 
-    def tell(self, message: Message) -> bool:
+    def give(self, message: Message) -> bool | None:
         """Know what it tells, for whoever will ask."""
         # A link may have flipped a bit of it: what is no JSON any more tells nothing.
         with contextlib.suppress(ValueError, TypeError, KeyError):

@@ -11,7 +11,7 @@ import contextlib
 import logging
 import socket
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Protocol, cast
 
 from plotfeed.feeds.console.printed import printable
@@ -20,7 +20,7 @@ from plotfeed.feeds.formats.sapient.sapient_announcer import is_answer, is_regis
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.link.counters import SapientCounters
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
+from plotfeed.feeds.messages.outgoing import ImmediateTransport
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock
@@ -296,6 +296,8 @@ class SapientError(PlotfeedError):
 class SapientTcpTransport(ImmediateTransport):
     """One sensor's connection: kept up while `run` runs, publishing unless it is refused."""
 
+    to = "SAPIENT"
+
     def __init__(
         self,
         sensor: str,
@@ -363,15 +365,6 @@ class SapientTcpTransport(ImmediateTransport):
         """Whether it is SAPIENT."""
         return message.content_type == CONTENT_TYPE
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
-        """Send what is SAPIENT, and settle at once whether the connection, if any, took it."""
-        for one in outgoing:
-            delivered = None
-            if self.carries(one.message):
-                delivered = self._sent(one)
-            one.settle(delivered=delivered, to="SAPIENT")
-        return False
-
     async def drain(self, timeout_s: float = 1.0) -> None:
         """Wait until the socket has taken what was published, or the time is up."""
         await wait_while(
@@ -379,20 +372,18 @@ class SapientTcpTransport(ImmediateTransport):
             timeout_s,
         )
 
-    def _sent(self, one: Outgoing) -> bool:
-        registers = is_registration(one.message)
+    def give(self, message: Message) -> bool:
+        """Send it; whether the connection, if any, took it."""
+        registers = is_registration(message)
         if registers and not self._has_opened:
             self._has_opened = True  # what a session begins with, the connection has begun with
             return True
         wire = self._wire if self._up.is_set() else None
         if wire is None:
             return False
-        if self._is_refused and not registers and not is_answer(one.message):
+        if self._is_refused and not registers and not is_answer(message):
             return False
-        if not wire.send(one.message.payload):
-            return False
-        one.leave()
-        return True
+        return wire.send(message.payload)
 
     async def _stay_connected(self) -> None:
         """One connection, from its beginning to its end; raises `SapientError` if there is none."""

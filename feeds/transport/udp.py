@@ -9,33 +9,55 @@ import ipaddress
 import logging
 import socket
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing
+from plotfeed.feeds.messages.outgoing import ImmediateTransport
 from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
 from plotfeed.proto.content_types import ASTERIX, COT
 from plotfeed.proto.errors import PlotfeedError
 
-Group = ipaddress.IPv4Address | ipaddress.IPv6Address
 
+def receiver_at(
+    host: str,
+    port: int,
+    interface: str | None,
+    buffer_octets: int,
+    prepare: Callable[[socket.socket], object] = lambda _: None,
+) -> socket.socket:
+    """A socket that never waits and receives what comes to a host or a group; raises `OSError`.
 
-def join_group(receiver: socket.socket, group: Group, interface: str | None) -> None:
-    """Have a socket receive what is sent to a group; raises `OSError`.
-
-    The interface is the name of one, or its IPv4 address.
+    A group is joined at the interface of that name, or of that IPv4 address. `prepare` is called
+    with the socket before anything may come.
     """
-    if group.version == 4:
-        member = group.packed + struct.pack("@4si", *_interface_4(interface))
-        receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-    else:
-        member = group.packed + struct.pack("@I", interface_number(group, interface))
-        receiver.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    place = socket.getaddrinfo(host, port, family, socket.SOCK_DGRAM)[0][4]
+    opened = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        opened.setblocking(False)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_octets)
+        group = ipaddress.ip_address(str(place[0]))
+        if group.is_multicast:  # others on this machine may receive the group too
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if group.version == 6:  # whose scope may need its interface
+                place = (*place[:3], _interface_6(host, interface))
+        prepare(opened)
+        opened.bind(place)
+        if group.is_multicast and group.version == 4:
+            member = group.packed + struct.pack("@4si", *_interface_4(interface))
+            opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+        elif group.is_multicast:
+            member = group.packed + struct.pack("@I", _interface_6(host, interface))
+            opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, member)
+    except BaseException:
+        opened.close()
+        raise
+    return opened
 
 
-def interface_number(group: Group, interface: str | None) -> int:
+def _interface_6(host: str, interface: str | None) -> int:
     """The number of the interface for a group of IPv6; 0 is the system's own choice."""
-    name = interface or getattr(group, "scope_id", None)
+    name = interface or host.partition("%")[2]
     return socket.if_nametoindex(name) if name else 0
 
 
@@ -64,7 +86,7 @@ class UdpTransport(ImmediateTransport):
     def __init__(self, settings: UdpDestination, key: str = "udp") -> None:
         """`key` is the destination's place in the scene."""
         self.settings = settings
-        self.name = f"{key} {settings.destination}"
+        self.to = self.name = f"{key} {settings.destination}"
         self._key = key
         self._carried = ASTERIX if settings.carries == "asterix" else COT
         self._fails = False
@@ -92,20 +114,13 @@ class UdpTransport(ImmediateTransport):
             what = f"{self._key}.destination: {self.settings.destination}"
             raise UdpError(f"{what}: {_why(error)}") from None
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
-        """Send what it carries, and settle at once whether the system took it."""
-        for one in outgoing:
-            delivered = None
-            if self.carries(one.message):
-                delivered = self.send(one.message.payload)
-                if delivered:
-                    one.leave()
-            one.settle(delivered=delivered, to=self.name)
-        return False
-
     def carries(self, message: Message) -> bool:
         """Whether it is of the kind that goes there."""
         return message.content_type.startswith(self._carried)
+
+    def give(self, message: Message) -> bool:
+        """Send it; False if the system does not take it."""
+        return self.send(message.payload)
 
     def close(self) -> None:
         """Close the socket."""

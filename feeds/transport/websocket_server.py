@@ -56,13 +56,13 @@ class WebSocketTransport(ListeningTransport):
             logger=quiet,
         )
 
-    def tell(self, message: Message) -> bool:
-        """Give each client the message; whether there is any."""
+    def give(self, message: Message) -> bool | None:
+        """Give each client the message; None where there is none."""
         for queue in self._clients:
             if queue.full():
                 queue.get_nowait()
             queue.put_nowait(message.payload)
-        return bool(self._clients)
+        return bool(self._clients) or None
 
     def _refusal(self, connection: ServerConnection, request: Request) -> Response | None:
         """Why a request is not let in: by another name than this host's, or one too many."""
