@@ -7,16 +7,15 @@ Systems, section 6.4), tracks that begin with M plots in N looks and end with mi
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
-from scipy.special import gammaincinv
 
 from plotfeed.models.constant_velocity import AXES, distances2, predicted, updated
+from plotfeed.models.numerics import root
 from plotfeed.models.state import FALSE_ALARM, NS, Bools, Columns, Floats, Ints
 from plotfeed.models.track_lives import TrackNumbers, TrackRule
 from plotfeed.models.tracks import TrackStates
@@ -74,7 +73,7 @@ class PlainTracker:
         """`turns` says that a target is in one of several sectors, and not in each."""
         self._rule, self._motion, self._turns = rule, motion, turns
         self._numbers = TrackNumbers(rule.first_number, rule.last_number)
-        self._gates = {n: 2 * float(gammaincinv(n / 2, motion.gate_probability)) for n in (2, 3)}
+        self._gates = {n: _chi_square_quantile(n, motion.gate_probability) for n in (2, 3)}
         self._end_ns: int | None = None
         self._tracks = self._begun(_NO_PLOTS, 0)
 
@@ -148,10 +147,16 @@ class PlainTracker:
         widest_m2 = np.maximum(*(_trace(each) for each in (spread, later_spread))) + errors_m2
         moved_m = np.linalg.norm(later[:, :AXES] - states[:, :AXES], axis=1)
         reach_m = np.sqrt(self._gates[3] * widest_m2) + moved_m
-        found = cKDTree(plots.position_enu_m).query_ball_point(states[:, :AXES], reach_m)
-        counts = np.array([len(each) for each in found])
+        at_m = states[:, :AXES]
+        if len(among) * len(plots) <= FEW_PAIRS:
+            apart_m = np.linalg.norm(at_m[:, None] - plots.position_enu_m, axis=2)
+            track, plot = np.nonzero(apart_m <= reach_m[:, None])
+            return among[track], plot
+        from scipy.spatial import cKDTree  # as long to load as NumPy
+
+        found = cKDTree(plots.position_enu_m).query_ball_point(at_m, reach_m)
         flat = [plot for each in found for plot in sorted(each)]
-        return np.repeat(among, counts), np.array(flat, np.int64)
+        return np.repeat(among, [len(each) for each in found]), np.array(flat, np.int64)
 
     def _at(self, row: Ints, after_ns: Ints) -> tuple[Floats, Floats]:
         """Tracks so long after their last plots."""
@@ -251,32 +256,62 @@ class PlainTracker:
 def least_sum(row: Ints, column: Ints, cost: Floats) -> Ints:
     """Pairs of the least sum of costs, all below 0, no row or column twice; indices, (k,).
 
-    Pairs are (n,), each once. What hangs together by no pair is worked out apart.
+    Pairs are (n,), each once; rows and columns are numbers from 0 on. One row after the other has
+    the shortest augmenting path (Crouse, On implementing 2D rectangular assignment algorithms,
+    2016) among the pairs that there are; a row may be left without, at no cost.
     """
-    if not len(row):
-        return _NONE
-    rows, r = np.unique(row, return_inverse=True)
-    columns, c = np.unique(column, return_inverse=True)
-    n = len(rows) + len(columns)
-    graph = coo_array((np.ones(len(r)), (r, len(rows) + c)), shape=(n, n))
-    _, labels = connected_components(graph, directed=False)
-    of_pair = labels[r]
-    order = np.argsort(of_pair, kind="stable")
-    parts = np.split(order, np.flatnonzero(np.diff(of_pair[order])) + 1)
-    chosen = [int(part[0]) for part in parts if len(part) == 1]
-    for part in parts:
-        if len(part) > 1:
-            chosen.extend(_least_sum_of_part(r[part], c[part], cost[part], part))
-    return np.array(sorted(chosen), np.int64)
+    pairs: dict[int, list[tuple[int, float, int]]] = {}
+    for i, (r, c, each) in enumerate(
+        zip(row.tolist(), column.tolist(), cost.tolist(), strict=True)
+    ):
+        pairs.setdefault(r, [(-1 - r, 0.0, -1)]).append((c, each, i))
+    owner: dict[int, tuple[int, int]] = {}  # of a column: its row, and the pair
+    has: dict[int, int] = {}  # a row's column
+    of_row: dict[int, float] = defaultdict(float)  # dual variables
+    of_column: dict[int, float] = defaultdict(float)
+    for first in pairs:
+        at, far = first, 0.0
+        came: dict[int, tuple[float, int, int]] = {}  # to a column: how far, by which row and pair
+        waiting: list[tuple[float, int]] = []
+        reached: dict[int, float] = {}
+        while True:
+            for c, each, i in pairs[at]:
+                there = far + each - of_row[at] - of_column[c]
+                if c not in reached and (c not in came or there < came[c][0]):
+                    came[c] = there, at, i
+                    heappush(waiting, (there, c))
+            while (end := waiting[0][1]) in reached:
+                heappop(waiting)
+            far = reached[end] = waiting[0][0]
+            if end not in owner:
+                break
+            at = owner[end][0]
+        of_row[first] += far
+        for c, there in reached.items():
+            of_column[c] -= far - there
+            if c in owner:
+                of_row[owner[c][0]] += far - there
+        at = -1
+        while at != first:
+            _, at, i = came[end]
+            owner[end] = at, i
+            has[at], end = end, has.get(at, end)
+    return np.array(sorted(i for _, i in owner.values() if i >= 0), np.int64)
 
 
-def _least_sum_of_part(row: Ints, column: Ints, cost: Floats, part: Ints) -> list[int]:
-    rows, r = np.unique(row, return_inverse=True)
-    columns, c = np.unique(column, return_inverse=True)
-    costs, pair = np.zeros((len(rows), len(columns))), np.full((len(rows), len(columns)), -1)
-    costs[r, c], pair[r, c] = cost, part
-    found = pair[linear_sum_assignment(costs)]
-    return [int(each) for each in found if each >= 0]
+def _chi_square_quantile(freedoms: int, probability: float) -> float:
+    """The square below which two or three standard normal variables lie with a probability."""
+    if freedoms == 2:
+        return -2 * math.log1p(-probability)
+    return root(
+        lambda x2: (
+            math.erf(math.sqrt(x2 / 2))
+            - math.sqrt(2 * x2 / math.pi) * math.exp(-x2 / 2)
+            - probability
+        ),
+        0.0,
+        1000.0,
+    )
 
 
 def _trace(covariances: Floats) -> Floats:
@@ -284,6 +319,8 @@ def _trace(covariances: Floats) -> Floats:
     return found
 
 
+# Tracks times plots up to which all pairs are looked at.
+FEW_PAIRS = 1 << 16
 _NONE: Ints = np.zeros(0, np.int64)
 _NO_PLOTS = LocatedPlots(
     t_utc_ns=_NONE,

@@ -8,11 +8,9 @@ from operator import itemgetter
 from typing import NamedTuple, Self
 
 import numpy as np
+
+# SciPy takes three times as long to load as NumPy: functions that need it load it.
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment, linprog
-from scipy.sparse import coo_array, vstack
-from scipy.spatial.distance import cdist
-from scipy.special import gammaincinv
 
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints
@@ -433,6 +431,8 @@ def set_score(distances_m: Floats, cutoff_m: float, order: float = 2.0) -> SetSc
         ospa_m = cutoff_m if m or n else 0.0
         return SetScore(0.0, limit / 2 * m, limit / 2 * n, ospa_m, _NONE, _NONE)
     costs = np.fmin(distances_m, cutoff_m) ** order
+    from scipy.optimize import linear_sum_assignment
+
     rows, columns = linear_sum_assignment(costs)
     paired = costs[rows, columns]
     near = paired < limit
@@ -542,6 +542,9 @@ def _alone(saved: Floats, change: float) -> Floats:
 
 def _together(saved: Floats, rows: Ints, columns: Ints, change: float) -> Floats:
     """Weights of pairs, (w, k), that share flights or tracks: least cost, each used once."""
+    from scipy.optimize import linprog
+    from scipy.sparse import coo_array, vstack
+
     steps, pairs = saved.shape
     size, moves = steps * pairs, (steps - 1) * pairs
     cells = np.arange(size).reshape(steps, pairs)
@@ -641,6 +644,8 @@ def walk(truth: Floats, there: Bools, rows: GridRows, tracks: int, how: WalkSett
 
     `rows` has tracks of numbers below `tracks`.
     """
+    from scipy.spatial.distance import cdist
+
     steps, drones = there.shape
     by = np.searchsorted(rows.step, np.arange(steps + 1)).tolist()
     holder = TrackHolder(
@@ -781,6 +786,8 @@ def nees_interval(samples: float, dimensions: int, share: float = 0.95) -> tuple
     if not samples > 0:
         return float("nan"), float("nan")
     beyond = (1 - share) / 2
+    from scipy.special import gammaincinv
+
     bounds = 2 * gammaincinv(samples * dimensions / 2, [beyond, 1 - beyond]) / samples
     return float(bounds[0]), float(bounds[1])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import sys
@@ -24,6 +25,10 @@ from plotfeed.feeds.console.printed import STANDARD_OUTPUT, PrintableFormatter, 
 from plotfeed.proto.errors import PlotfeedError
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
+
+
+# Objects more than before at which the garbage collector looks at what commands load and check.
+GARBAGE_OF_START = 100_000
 
 
 class Commands(click.Group):
@@ -257,6 +262,7 @@ def main() -> None:
 
 
 def _run() -> int:
+    gc.set_threshold(GARBAGE_OF_START)
     handler = logging.StreamHandler()
     handler.setFormatter(PrintableFormatter("plotfeed: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])

@@ -76,7 +76,7 @@ def undisturbed(garbage: int = GARBAGE_OF_REPLAY) -> Iterator[None]:
     of sensors consist of would hold everything up.
     """
     switch_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
-    leave_alone_what_is_there()
+    gc.freeze()
     gc.set_threshold(garbage, 10, 10)
     sys.setswitchinterval(SWITCH_S)
     try:

@@ -8,7 +8,8 @@ import json
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.engine.simulation import SimulatedLooks, SimulatedPlots, SimulatedSensor
 from plotfeed.feeds.formats import carries_plots
-from plotfeed.feeds.lab.feed_checks import FALSE_RATE, feed_checks, simulated_feed
 from plotfeed.feeds.lab.scoring import ScoreSettings
 from plotfeed.feeds.lab.track_reports import ToldTrack, tracks_in
 from plotfeed.feeds.link.counters import SessionCounters
@@ -32,13 +32,16 @@ from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.residuals import ResidualCheck, always_valid
 from plotfeed.models.state import Floats, Looks, Plots
-from plotfeed.models.track_metrics import set_score
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
+
+if TYPE_CHECKING:
+    from plotfeed.models.residuals import ResidualCheck
+
+# What judges is loaded a second after a session has begun, which does not wait for it.
 
 WINDOW_S = 60
 """Over which means are told; a score is worked out every second."""
@@ -162,6 +165,8 @@ class LiveScore(Observer):
 
     def score(self, now_utc_ns: int) -> dict[str, Any] | None:
         """The score as of now; None where nothing runs. To be asked once a second."""
+        from plotfeed.feeds.lab.feed_checks import FALSE_RATE
+
         session = self._session
         if session is None:
             return None
@@ -202,6 +207,8 @@ class LiveScore(Observer):
         ]
         tracks_m = np.array(places, np.float64).reshape(-1, 2)
         far_m = np.linalg.norm(truth_m[:, None] - tracks_m[None], axis=2)
+        from plotfeed.models.track_metrics import set_score
+
         found = set_score(far_m, settings.cutoff_m, settings.order)
         paired, m, n = len(found.rows), len(truth_m), len(tracks_m)
         errors_m = far_m[found.rows, found.columns]
@@ -224,6 +231,8 @@ class LiveScore(Observer):
 
     def _check_feeds(self, session: RunningSession, now_ns: int) -> None:
         """Check those of which there is news."""
+        from plotfeed.feeds.lab.feed_checks import feed_checks, simulated_feed
+
         for name, feed in self._feeds.items():
             if feed.began_ns is not None and now_ns - feed.began_ns > BLOCK_NS:
                 self._feeds[name] = _FeedSoFar(since_ns=0)
@@ -232,6 +241,9 @@ class LiveScore(Observer):
                 self._checked[name] = feed_checks(simulated_feed(session.scene, seen, feed.sectors))
 
     def _told_feeds(self) -> Any:
+        from plotfeed.feeds.lab.feed_checks import FALSE_RATE
+        from plotfeed.models.residuals import always_valid
+
         count = sum(len(checks) for checks in self._checked.values())
         for sensor, checks in self._checked.items():
             for check in checks:
@@ -305,9 +317,10 @@ TOPIC = "score"
 OnScore = Callable[[dict[str, Any]], None]
 
 
-def is_scored(scene: Scene) -> bool:
-    """Whether the scene says where a tracker under test publishes."""
-    return scene.page.tracks_topic is not None
+def load_judges() -> None:
+    """Load what scores need, which takes longer than a session may be held up."""
+    for name in ("plotfeed.feeds.lab.feed_checks", "scipy.optimize"):
+        import_module(name)
 
 
 @contextlib.asynccontextmanager
@@ -320,12 +333,12 @@ async def scoring(
     clock: Clock,
     on_score: OnScore | None = None,
 ) -> AsyncIterator[None]:
-    """Score a session meanwhile, if its scene has a tracker under test.
+    """Score a session meanwhile, if it has a broker that a tracker under test may publish at.
 
     The score is published with the truth, and where that is not, only `on_score` is told.
     """
     addresses, _ = brokers
-    if not is_scored(scene) or not addresses:
+    if not addresses:
         yield
         return
     links = [MqttTransport(each, "plotfeed-score") for each in addresses if scene.mqtt.truth]
@@ -333,6 +346,8 @@ async def scoring(
 
     async def tell() -> None:
         number = 0
+        await asyncio.sleep(EVERY_S)
+        await asyncio.to_thread(load_judges)
         while True:
             await asyncio.sleep(EVERY_S)
             now_ns = now_utc_ns()

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.engine.change_control import told
-from plotfeed.feeds.lab.live import LiveScore, is_scored, scoring
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
@@ -294,23 +293,18 @@ async def run_with_page(
                     await _replay(switch, recording, view, brokers)
                 else:
                     observer.scene(_basemap_of(switch.scene))
-                    live, now_utc_ns = LiveScore(), observer.now_utc_ns
-                    score = scoring(
-                        switch.scene, brokers, live, now_utc_ns, clock=clock, on_score=view.score
-                    )
-                    async with tracks_of(switch.scene, view, brokers, now_utc_ns), score:
+                    now_utc_ns = observer.now_utc_ns
+                    async with (
+                        tracks_of(switch.scene, view, brokers, now_utc_ns),
+                        _scored(switch.scene, view, brokers, now_utc_ns, clock) as scores,
+                    ):
                         totals = await run_over(
                             brokers,
                             switch.scene,
                             clock=clock,
                             duration_s=duration_s,
                             stop=switch.ending,
-                            observers=[
-                                *observers,
-                                *([live] if is_scored(switch.scene) else []),
-                                observer,
-                                switch,
-                            ],
+                            observers=[*observers, *scores, observer, switch],
                             on_ready=ready,
                         )
                 if stop.is_set() or not switch.goes_on:
@@ -349,6 +343,21 @@ def _basemap_of(scene: Scene) -> Basemap | None:
         return None
     name = settings if isinstance(settings, str) else settings.image
     return load_basemap(settings, scene.file(name), scene.scene.site)
+
+
+@contextlib.asynccontextmanager
+async def _scored(
+    scene: Scene, view: View, brokers: Brokers, now_utc_ns: Callable[[], int], clock: Clock
+) -> AsyncIterator[list[Observer]]:
+    """Score the tracker under test, if the scene says where one publishes; who follows for it."""
+    if scene.page.tracks_topic is None:
+        yield []
+        return
+    from plotfeed.feeds.lab.live import LiveScore, scoring
+
+    live = LiveScore()
+    async with scoring(scene, brokers, live, now_utc_ns, clock=clock, on_score=view.score):
+        yield [live]
 
 
 @contextlib.asynccontextmanager

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
-from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.numerics import nan_without_warnings, root
 
 ZERO = np.zeros(1)
 
@@ -40,3 +41,20 @@ def test_nothing_is_said_within_and_everything_outside_again() -> None:
 
 def test_it_keeps_its_name_and_words() -> None:
     assert inner.__name__ == "inner"
+
+
+@pytest.mark.parametrize("steep", [0.1, 1.0, 50.0])
+@pytest.mark.parametrize("at", [-4.0, 0.1, 9.0])
+def test_a_root_is_scipys_to_the_bit(at: float, steep: float) -> None:
+    for curve in (np.tanh, lambda x: np.exp(x / 50) - 1, lambda x: np.clip(x + 0.5, 0, 1) - 0.3):
+        found = root(lambda x, curve=curve: float(curve(steep * (x - at))), -10.0, 10.0)
+        args = (-10.0, 10.0)
+        assert found == brentq(
+            lambda x, curve=curve: curve(steep * (x - at)), *args, xtol=1e-12, rtol=1e-14
+        )
+
+
+@pytest.mark.parametrize("level", [1.0, -1.0, np.nan])
+def test_what_has_no_root_is_refused(level: float) -> None:
+    with pytest.raises(ValueError, match="sign"):
+        root(lambda _: level, 0.0, 1.0)

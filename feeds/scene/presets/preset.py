@@ -17,6 +17,7 @@ from pydantic import BaseModel, Field, model_validator
 from plotfeed.feeds.scene.fields import Frequency, NotNegative, Positive, SceneTable, Site
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
+from plotfeed.models.numerics import root
 from plotfeed.models.propagation import C_M_S, beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Emitter, Signature
@@ -263,8 +264,6 @@ def predicted(sensor: Sensor, target: PresetTarget, quantity: str) -> float:
 
 def _solved(sensor: Sensor, key: str, goal: Goal, target: PresetTarget) -> float:
     """The key's value by Brent's method; of powers, over their logarithm."""
-    from scipy.optimize import brentq
-
     ends = _bracket(key)
     in_decades = ends[0] > 0
 
@@ -277,7 +276,7 @@ def _solved(sensor: Sensor, key: str, goal: Goal, target: PresetTarget) -> float
 
     low, high = (math.log10(end) if in_decades else end for end in ends)
     try:
-        return value_at(brentq(surplus, low, high, xtol=1e-12, rtol=1e-14))
+        return value_at(root(surplus, low, high))
     except ValueError:
         text = f"{key}: no value gives {goal.quantity} {goal.wanted:g}"
         raise PlotfeedError(text) from None

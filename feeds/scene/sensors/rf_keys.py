@@ -30,7 +30,6 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 from plotfeed.feeds.scene.world_keys import JammerKeys
-from plotfeed.models.effects.city import CITIES
 from plotfeed.models.effects.jamming import BandNoise, jamming_over_noise
 from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import distance_m
@@ -206,6 +205,8 @@ class RfKeys(AzimuthCoverKeys):
         """What is received at once, the beams of its cover, and the path's loss."""
         path_loss, city = self.path_loss, None
         if isinstance(path_loss, CityLoss):
+            from plotfeed.models.effects.city import CITIES
+
             city = replace(CITIES[path_loss.environment], shadowing_db=path_loss.shadowing_db)
         if not isinstance(path_loss, LogDistance):  # free space is log-distance with exponent 2
             path_loss = LogDistance(kind="log-distance", exponent=2.0)
