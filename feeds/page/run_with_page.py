@@ -8,13 +8,12 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.engine.change_control import told
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
-from plotfeed.feeds.page.recorded_sectors import RecordedSession
 from plotfeed.feeds.page.scene_outline import Basemap, connections, load_basemap, pointing_of
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
@@ -33,6 +32,9 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.page.recorded_sectors import RecordedSession
 
 MAX_MARKS = 100  # The newest are kept
 

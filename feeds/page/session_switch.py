@@ -8,22 +8,26 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.page_replay import EXPECTED, REFUSES, REPLAY_CONTROLS, PageReplay
-from plotfeed.feeds.page.recorded_sectors import RecordedSession
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recording.recorder import SUFFIX, Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.replay.mcap.mcap_reader import library_of
 
+if TYPE_CHECKING:
+    from plotfeed.feeds.page.page_replay import PageReplay
+    from plotfeed.feeds.page.recorded_sectors import RecordedSession
+    from plotfeed.feeds.recording.recorder import SessionRecorder
+
+# Recordings and replays are loaded once there is one.
+
+SUFFIX = ".mcap"  # Of recordings
 TELL_EVERY_S = 0.5
 
 
@@ -59,6 +63,8 @@ class SessionSwitch(Observer):
         basemap: Basemap | None,
     ) -> None:
         """Replay it until something else is wanted; if it fails, a session is."""
+        from plotfeed.feeds.page.page_replay import PageReplay
+
         self.replaying = PageReplay(recording, self._view)
         self._tell_choice()
         try:
@@ -140,6 +146,8 @@ class SessionSwitch(Observer):
         if isinstance(asked, dict) and "load" in asked:
             return await self._load(asked["load"])
         if self.replaying is None:
+            from plotfeed.feeds.page.page_replay import EXPECTED, REPLAY_CONTROLS
+
             known = isinstance(asked, dict) and not asked.keys().isdisjoint(
                 {*REPLAY_CONTROLS, "stop"}
             )
@@ -153,6 +161,8 @@ class SessionSwitch(Observer):
         recordings = self._tell_choice()
         if not isinstance(name, str) or name not in recordings:
             return refused(f"replay.load: there is no recording {str(name)[:80]!r}")
+        from plotfeed.feeds.page.recorded_sectors import RecordedSession
+
         try:
             recording = await asyncio.to_thread(RecordedSession.open, recordings[name])
         except PlotfeedError as error:
@@ -162,6 +172,8 @@ class SessionSwitch(Observer):
 
     def _in_replay(self, replay: PageReplay, command: dict[str, Any]) -> Mapping[str, Any]:
         """What is meant for a session: its clock is that of the replay."""
+        from plotfeed.feeds.page.page_replay import REFUSES
+
         subject = next(
             key for key in ("sensor", "story", "undo", "clock", "record") if key in command
         )
@@ -193,6 +205,8 @@ class SessionSwitch(Observer):
             return await self._stop_recording()
         if self._session is None or self._recorder is not None:
             return refused("record: it runs already" if self._session else "no session runs")
+        from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
+
         path = new_path(self._folder, self.scene.scene.name, datetime.now(UTC))
         try:
             recorder = Recorder(
@@ -291,6 +305,8 @@ def _newest_first(folder: Path) -> list[Path]:
 
 
 def _is_ours(path: Path) -> bool:
+    from plotfeed.replay.mcap.mcap_reader import library_of
+
     try:
         return library_of(path).startswith(LIBRARY)
     except (DecodeError, OSError):

@@ -9,20 +9,18 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from heapq import heappop, heappush
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.formats import carries_plots
-from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.feeds.link.losses import LossChain, chain_of
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.audience import CONCEALS, without_truth
-from plotfeed.feeds.page.recorded_sectors import RecordedSector
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, cover_of, outline
 from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
 from plotfeed.feeds.page.strips import LinkRecord, Loss, Rates, looks_summary, new_looks
@@ -42,7 +40,13 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.state import Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
-Reported = Batch | RecordedSector  # A sector: its sensor, what that looked at, and what it measured
+if TYPE_CHECKING:
+    from plotfeed.feeds.lab.track_reports import ToldTrack
+    from plotfeed.feeds.page.recorded_sectors import RecordedSector
+
+Reported: TypeAlias = (
+    "Batch | RecordedSector"  # A sector: its sensor, what that looked at, and what it measured
+)
 MAX_REASON = 300
 LAYOUTS_BY_KIND = {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 _NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from support.scene_files import scene_file, scene_text
 
-MOST = 153
+MOST = 132
 """Modules of ours that a session of one radar and one drone loads."""
 OTHERS = frozenset(
     {
