@@ -19,7 +19,7 @@ has = $(shell command -v $(1))
 TOOLS := $(if $(call has,c++),.venv-asterix-decoder/.ready) $(if $(and $(call has,npm),$(call has,node)),.node/.ready)
 # What reads, computes, encodes and sends by means of others' packages.
 LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/feeds/formats \
-  tests/feeds/lab/test_chart.py tests/feeds/engine/test_sensors_together.py
+  tests/feeds/lab/test_needs.py tests/feeds/engine/test_sensors_together.py
 
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -132,7 +132,7 @@ pictures: pages
 	$(BIN)/python docs/commands/draw_section_4.py
 	$(BIN)/plotfeed check feeds/scene/examples/section-4.toml --chart docs/section-4-check.png --force
 	$(BIN)/python docs/commands/write_section_4.py
-	$(BIN)/python docs/commands/draw_speed_accuracy.py
+	$(BIN)/python docs/commands/write_needs.py
 	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/commands/draw_page.py; fi
 	$(BIN)/python docs/commands/draw_report.py
 	$(BIN)/python docs/commands/draw_sweep.py

@@ -115,7 +115,8 @@ def test_commands_that_need_no_network_do_as_ever(poorer: dict[str, str], tmp_pa
     quick = ("--broker", "none", "--speed", "max", "--duration", 20)
     commands: list[tuple[object, ...]] = [
         ("check", SCENE, "--chart", here / "check.png"),
-        ("chart", SCENE, "--quick", "--out", here / "charts"),
+        ("chart", SCENE, "--runs", "2", "--duration", "2", "--chart", here / "chart.png"),
+        ("needs", SCENE, "--runs", "2", "--duration", "2", "--lean", here / "lean.toml"),
         ("run", SCENE, *quick, "--record", here / "a.mcap", "--write", here / "a.ast"),
         ("run", here / "a.mcap", *quick, "--record", here / "again.mcap"),
         ("demo", *quick, "--json"),

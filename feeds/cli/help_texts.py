@@ -68,9 +68,16 @@ SUMMARIES_AND_EXAMPLES = {
             "fleet here.toml --broker mqtt://broker:1883 --kubernetes",
         ),
     ),
+    "needs": (
+        "Say what a scene needs, and what it can leave out.",
+        (
+            "needs here.toml --matters 5% --runs 4 --duration 10",
+            "needs here.toml --runs 4 --duration 10 --lean lean.toml",
+        ),
+    ),
     "chart": (
-        "Chart speed against accuracy of a scene's stages.",
-        ("chart here.toml --quick --out figures",),
+        "Chart speed against accuracy of a scene's choices.",
+        ("chart here.toml --runs 4 --duration 10 --chart choices.png",),
     ),
     "sweep": (
         "Make many runs of scenes, with keys varied.",

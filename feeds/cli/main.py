@@ -22,6 +22,7 @@ from plotfeed.feeds.cli.score_commands import score
 from plotfeed.feeds.cli.sweep_commands import sweep
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import STANDARD_OUTPUT, PrintableFormatter, naming, say
+from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings
 from plotfeed.proto.errors import PlotfeedError
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
@@ -177,38 +178,33 @@ def check(scene: Path, **options: Any) -> int:
 
 @cli.command()
 @click.argument("scene", type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="Draw figures to this folder too: one a stage, one of batch sizes, one of whole "
-    "configurations.",
-)
-@click.option(
-    "--picture",
-    type=click.Choice(["png", "svg"]),
-    default="png",
-    show_default=True,
-    help="Draw figures in this format.",
-)
-@click.option(
-    "--targets",
-    type=click.IntRange(1, 100_000),
-    default=1000,
-    show_default=True,
-    help="Let so many targets be seen at once.",
-)
-@click.option(
-    "--quick", is_flag=True, help="Measure roughly, in seconds, with 200 targets at most."
-)
-@force_option("Replace figures that are in DIR already.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as one JSON object.")
-def chart(scene: Path, **options: Any) -> int:
-    """Chart speed against accuracy: every stage of SCENE, a TOML file, by other methods."""
-    from plotfeed.feeds.lab.chart_command import print_chart
+@options_of(NeedsSettings)
+def needs(settings: NeedsSettings, *, scene: Path) -> int:
+    """Say what SCENE, a TOML file, needs, what it can leave out, and what it lacks.
+
+    Each effect that the scene names is switched off, and each that it could name is switched on,
+    through the engine itself and with the same random numbers.
+    """
+    from plotfeed.feeds.lab.needs_text import print_needs
     from plotfeed.feeds.scene.scene import load
 
-    print_chart(load(scene), **options)
+    print_needs(load(scene), settings)
+    return 0
+
+
+@cli.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@options_of(ChartSettings)
+def chart(settings: ChartSettings, *, scene: Path) -> int:
+    """Chart speed against accuracy: the choices that SCENE, a TOML file, has.
+
+    These are formats, sectors, periods, tracks on board, and each effect left out, all compared
+    with the scene as it is.
+    """
+    from plotfeed.feeds.lab.needs_text import print_chart
+    from plotfeed.feeds.scene.scene import load
+
+    print_chart(load(scene), settings)
     return 0
 
 

@@ -50,7 +50,7 @@ class SceneTracks:
         for i, sensor in enumerate(scene.sensor):
             if any(REPORT_FORMATS[name].tells_tracks for name in sensor.report):
                 is_plain = tracks_keys_of(sensor).kind == "plain"
-                kind = _PlainTracks if is_plain else _SmoothedTruth
+                kind = PlainTracks if is_plain else _SmoothedTruth
                 self._trackers[i] = kind(scene, sensor, self._site)
 
     def tracked(self, batch: Batch) -> Batch:
@@ -161,10 +161,13 @@ class _SmoothedTruth:
         )
 
 
-class _PlainTracks:
+class PlainTracks:
     """What a plain tracker makes of the plots of one sensor, which it is given before its link."""
 
-    def __init__(self, scene: Scene, sensor: Sensor, site: LocalFrame) -> None:
+    def __init__(
+        self, scene: Scene, sensor: Sensor, site: LocalFrame, *, by_sector: bool = True
+    ) -> None:
+        """Its plots come sector by sector, or whole scans at once."""
         # A tenth of the time that a session takes to begin, which other scenes do not pay.
         from plotfeed.models.plain_tracker import PlainMotion, PlainTracker
 
@@ -177,13 +180,16 @@ class _PlainTracks:
             initial_speed_m_s=keys.initial_speed_m_s,
             gate_probability=keys.gate_probability,
         )
-        turns = sensor.scan.sectors > 1
+        turns = by_sector and sensor.scan.sectors > 1
         self._tracker = PlainTracker(_rule_of(sensor), motion, turns=turns)
 
     def take(self, batch: Batch) -> TrackStates:
         """The tracks at the end of a sector."""
-        start_ns, end_ns = batch.sector.start_ns, batch.sector.end_ns
-        return self._tracker.take(self._located(batch.plots), start_ns=start_ns, end_ns=end_ns)
+        return self.take_plots(batch.plots, batch.sector.start_ns, batch.sector.end_ns)
+
+    def take_plots(self, plots: Plots, start_ns: int, end_ns: int) -> TrackStates:
+        """The tracks at the end of a stretch of time that has those plots."""
+        return self._tracker.take(self._located(plots), start_ns=start_ns, end_ns=end_ns)
 
     def _located(self, plots: Plots) -> LocatedPlots:
         """Plots as places about the site; without an elevation, on the sensor's horizontal."""

@@ -262,3 +262,50 @@ class SweepSettings(RunsAsked):
         if self.chart is None and not self.is_one_table and find_spec("matplotlib"):
             return self.out / "sweep.png"
         return self.chart
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChartSettings:
+    """What `chart` is asked."""
+
+    runs: int = option(
+        8,
+        "Run each variant with so many seeds at most; fewer where it is decided before.",
+        low=2,
+        high=10_000,
+    )
+    duration: float = option(
+        30.0, "Let each run last so many seconds of the scene.", over=0, metavar="SECONDS"
+    )
+    chart: Path | None = option(
+        None,
+        "Draw a picture to this file too, .png, .svg or .pdf: what changes against what it costs.",
+        path="file",
+        metavar="FILE",
+    )
+    force: bool = option(False, "Replace files that are there already.")
+    as_json: bool = option(False, "Print the figures as one JSON object.", name="--json")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NeedsSettings(ChartSettings):
+    """What `needs` is asked."""
+
+    matters: str = option(
+        "2%",
+        "Take a change for one that matters from this share on, such as 0.5% or 0.02.",
+        metavar="SHARE",
+        tells_default=True,
+    )
+    lean: Path | None = option(
+        None,
+        "Write the scene without what can go to this file, with comments that say what changes.",
+        path="file",
+        metavar="FILE",
+    )
+    full: Path | None = option(
+        None,
+        "Write the scene with what is missing to this file.",
+        path="file",
+        metavar="FILE",
+    )

@@ -36,12 +36,24 @@ OF_FEEDS = (
 SUFFIXES = ("jsonl", "pcap", "ff", "ast", "mcap")
 TABLES = ("plots", "truths", "looks", "tracks", "messages", "fates")
 COMMANDS = (
-    *("demo", "run", "inject", "check", "chart", "show", "replay", "convert", "record", "report"),
+    *(
+        "demo",
+        "run",
+        "inject",
+        "check",
+        "needs",
+        "chart",
+        "show",
+        "replay",
+        "convert",
+        "record",
+        "report",
+    ),
     *("sensors", "schema", "score", "sweep", "fleet", "merge", "scenes"),
 )
 CHARTED = ("section-4", "radars", "listeners")
 # Times, and what is chosen by times, do not repeat; nor does the machine.
-OF_CHARTS = json_without("ns", "machine", "on_front", "front", "cheapest", "batches")
+OF_CHARTS = json_without("machine", "processor", "processor_s_per_s")
 OF_REPLAYS = json_without("duration_s")
 START = "start_utc = 2026-01-01T12:00:00Z\nduration_s = 20.0"
 START_NS = 1_767_268_800 * 10**9
@@ -218,7 +230,9 @@ def _over_mqtt(bench: Bench, name: str, *words: str, change: Change | None = Non
 
 
 def _chart(bench: Bench, *, name: str) -> None:
-    bench.run(name, "chart", f"{name}.toml", "--quick", "--json", change=OF_CHARTS)
+    short = ("--runs", "2", "--duration", "5", "--json")
+    for command in ("chart", "needs"):
+        bench.run(name, command, f"{name}.toml", *short, change=OF_CHARTS)
 
 
 def _foreign(bench: Bench, *, path: Path) -> None:

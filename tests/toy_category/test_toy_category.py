@@ -13,12 +13,12 @@ from support.road import Road, fly
 from toy_category.asterix_250 import FORMAT
 
 from plotfeed.feeds.formats import FORMATS, carries_plots, register
-from plotfeed.feeds.lab.chart import charted
-from plotfeed.feeds.lab.charted import Effort
+from plotfeed.feeds.lab.needs import METRICS, choices_of, run_of
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.schema import text_of
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.utc import NS
 from plotfeed.replay.plots_csv import PlotsCsvWriter
 from plotfeed.replay.recorded import Recorded
 
@@ -82,11 +82,12 @@ def test_schemas_tell_of_it() -> None:
 
 
 def test_the_chart_compares_it(radar_scene: Scene) -> None:
-    effort = replace(Effort.quick(200), references=20)
-    (found,) = charted(radar_scene, effort).sensors
-    (encoding,) = [stage for stage in found.stages if stage.name == "encoding"]
-    (ours,) = [m for m in encoding.methods if m.method.name == "asterix-250"]
-    assert 0 < ours.method.errors["range_m"] <= 0.5  # half a step
+    (ours,) = [each for each in choices_of(radar_scene) if each.read_back == "asterix-250"]
+    plain, read = (
+        run_of(each, 1, 1_767_268_800 * NS, 20.0).figures[0, list(METRICS).index("range_m")]
+        for each in (replace(ours, read_back=""), ours)
+    )
+    assert 0 < abs(read - plain) <= 0.5  # half a step
 
 
 def test_a_scene_is_warned_of_its_steps(radar_scene: Scene) -> None:

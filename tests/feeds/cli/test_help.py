@@ -47,6 +47,7 @@ SPOKEN = {
     "report": ["MCAP", ".png", ".svg", ".pdf", "JSON"],
     "score": ["MCAP", "pcap", ".ast", "CSV", "GeoJSON", "ASTERIX 062", "SAPIENT", "TOML", "JUnit"],
     "fleet": ["TOML", "MQTT", "MCAP", "Kubernetes", "JSON"],
+    "needs": ["TOML", "png", "svg", "JSON"],
     "chart": ["TOML", "png", "svg", "JSON"],
     "sweep": ["TOML", ".png", ".svg", ".pdf", "Parquet", ".csv", "JSON"],
     "scenes": ["JSON"],

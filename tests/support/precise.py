@@ -1,4 +1,4 @@
-"""Physics in 50 digits, by mpmath: what the methods of a chart are judged by."""
+"""Physics in 50 digits, by mpmath: what models are judged by."""
 
 from __future__ import annotations
 

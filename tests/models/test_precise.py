@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support import precise
 from support.given_files import reference_rows
-
-from plotfeed.feeds.lab import precise
-from plotfeed.feeds.lab.precise import number
+from support.precise import number
 
 
 def linear(decibels: str) -> Any:

@@ -1,0 +1,611 @@
+"""What a scene needs: each effect off, alone and together, or on, through the engine itself.
+
+Every variant of a scene runs with the seeds of the scene as it is, so that both draw the same
+random numbers: their difference is that of the effect. Differences are given with intervals by
+Student's t over seeds, which hold all figures of a variant, however often it is looked at, in 95 of
+100 such experiments (Bonferroni). More seeds are run until all is decided, or as many as may be.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.formats import FORMATS
+from plotfeed.feeds.formats.sensor_tracks import PlainTracks
+from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.scene.changes import ChangeError, changed
+from plotfeed.feeds.scene.fields import frame_at, site_frame
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
+from plotfeed.models.state import Floats, Ints, Plots
+from plotfeed.models.track_metrics import set_score
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.measured_plots import MeasuredPlots
+from plotfeed.proto.utc import NS
+
+# Looked at after so many runs, after twice as many, and so on.
+FIRST_RUNS = 4
+# Share of experiments in which an interval of a variant does not hold what it should.
+RISK = 0.05
+CUTOFF_M = 100.0
+# Fewer plots give no errors that can be compared.
+FEWEST_PLOTS = 10
+STRETCH_NS = NS
+
+# What is told of each sensor, the unit in which it is compared, and what that is a share of: of
+# itself in the scene as it is, of all chances, of the plots of a scan, or of the scan's period.
+METRICS: Mapping[str, str] = {
+    "pd": "chances",
+    "alarms": "plots",
+    "range_m": "itself",
+    "azimuth_deg": "itself",
+    "elevation_deg": "itself",
+    "gospa_m": "itself",
+    "completeness": "chances",
+    "delay_s": "period",
+    "lost": "chances",
+}
+
+
+class Effect(NamedTuple):
+    """A key of a scene or of its sensors that models something: how it is off, and usually on."""
+
+    name: str
+    off: Any = None
+    # An ordinary value; None where there is none, such as of a terrain, which a file has.
+    on: Any = None
+    of_sensors: bool = True
+
+
+# Of sensors. What a kind of sensor has not is no effect of it; what refuses a value has none there.
+SENSOR_EFFECTS = (
+    Effect("multipath", on={"antenna_height_m": 3.0}),
+    Effect("antenna", on={"receive": {"elevation": {"kind": "gaussian"}}}),
+    Effect("straddling", on={"range": "triangle"}),
+    Effect("decorrelation_s", on=2.0),
+    Effect("doppler", on={"notch_m_s": 2.0}),
+    Effect("pulses"),
+    Effect("merging", on={}),
+    Effect("layout"),
+    Effect("path_loss", on={"kind": "log-distance", "exponent": 2.7}),
+    Effect("day_contrast", on=0.3),
+    Effect("visibility_m", on=20_000.0),
+    Effect("weather", on={"rain_mm_h": 5.0, "wind_m_s": 4.0}),
+    Effect("jamming"),
+    Effect("bias", on={"azimuth_offset_deg": 0.3}),
+    Effect("drift", on={"time_constant_s": 60.0, "sigma_azimuth_deg": 0.2}),
+    Effect("degradation"),
+    Effect("classifier"),
+    Effect("link", on={"latency_ms": 100.0, "jitter_ms": 20.0}),
+    Effect("event", off=()),
+)
+# Of the whole scene.
+SCENE_EFFECTS = tuple(
+    Effect(name, off=off, of_sensors=False)
+    for name, off in (
+        ("terrain", None),
+        ("weather", ()),
+        ("jammer", ()),
+        ("birds", ()),
+        ("road", ()),
+        ("turbine", ()),
+        ("clutter", ()),
+        ("target", ()),
+    )
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variant:
+    """A scene otherwise than it is: one effect off or on, or several."""
+
+    name: str
+    scene: Scene
+    # Sensors, by index, of which it tells.
+    sensors: frozenset[int]
+    # Whether it adds what the scene does not name.
+    adds: bool = False
+    effects: tuple[str, ...] = ()
+    # Formats of plots that are read back, by which errors are told; without, those of sensors.
+    read_back: str = ""
+
+
+class Change(NamedTuple):
+    """A figure of a sensor in a variant less that of the scene as it is, with its interval."""
+
+    sensor: str
+    metric: str
+    before: float
+    value: float
+    low: float
+    high: float
+    # The same as shares of what the metric is compared with.
+    share: float
+    share_low: float
+    share_high: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """What a variant changes: all figures, the largest, and its verdict."""
+
+    variant: Variant
+    changes: tuple[Change, ...]
+    # "needed", "can go", "missing", "no need" or "undecided".
+    verdict: str
+    # Processor time beside that of the scene as it is, with its interval; 1 is the same.
+    cost: tuple[float, float, float]
+
+    @property
+    def largest(self) -> Change | None:
+        """The change that a tracker would notice most, or where it is not known, might."""
+        if self.verdict == "undecided":
+            return max(self.changes, key=lambda c: max(-c.share_low, c.share_high), default=None)
+        return max(self.changes, key=lambda c: abs(c.share), default=None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Needs:
+    """What was found of a scene."""
+
+    scene: str
+    matters: float
+    duration_s: float
+    runs: int
+    # Seconds of processor a second of the scene.
+    cost_s: float
+    findings: tuple[Finding, ...]
+    # What is lost without a sensor: by its id, cover of drones by any sensor with it and without.
+    covers: Mapping[str, tuple[float, float]]
+    # Runs of that duration after which all would probably be decided.
+    runs_needed: int
+    as_it_is: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+def variants_of(scene: Scene) -> list[Variant]:
+    """Each effect that the scene names off, all of those off, and each that it could name on."""
+    every = range(len(scene.sensor))
+    found: list[Variant] = []
+    for effect in SENSOR_EFFECTS:
+        for on, value in ((False, effect.off), (True, effect.on)):
+            if on and value is None:
+                continue
+            others = {i: s for i in every if (s := _with(scene.sensor[i], effect, value, on=on))}
+            if others:
+                name = f"{'with' if on else 'without'} {effect.name}"
+                found.append(_variant(scene, name, others, adds=on, effects=(effect.name,)))
+    for effect in SCENE_EFFECTS:
+        if getattr(scene, effect.name) != effect.off:
+            name, keys = f"[{effect.name}]", {effect.name: effect.off}
+            found.append(_variant(scene, f"without {name}", {}, keys, effects=(name,)))
+    off = [each for each in found if not each.adds]
+    return [*found, together(scene, off, "without all of these")] if len(off) > 1 else found
+
+
+def _variant(
+    scene: Scene,
+    name: str,
+    sensors: Mapping[int, Sensor],
+    keys: Mapping[str, Any] | None = None,
+    **more: Any,
+) -> Variant:
+    """The scene with other sensors, by index, and other keys; of keys all sensors are told."""
+    own = tuple(sensors.get(i, sensor) for i, sensor in enumerate(scene.sensor))
+    return Variant(
+        name=name,
+        scene=scene.model_copy(update={"sensor": own, **(keys or {})}),
+        sensors=frozenset(range(len(own)) if keys else sensors),
+        **more,
+    )
+
+
+def _with(sensor: Sensor, effect: Effect, value: Any, *, on: bool) -> Sensor | None:
+    """A sensor with an effect off or on; None where it is so already, or cannot be."""
+    key = type(sensor).model_fields.get(effect.name)
+    if key is None:
+        return None
+    off = effect.off if effect.off is not None else key.default
+    if (getattr(sensor, effect.name) == off) != on:
+        return None
+    asked: list[Any] = [value if on else None]
+    if isinstance(value, Mapping):  # of which each kind of sensor takes what concerns it
+        asked += [{name: each} for name, each in value.items()]
+    for each in asked:
+        with contextlib.suppress(ChangeError):
+            return changed(sensor, {effect.name: each})
+    return None if on else sensor.model_copy(update={effect.name: off})
+
+
+def together(scene: Scene, variants: Sequence[Variant], name: str) -> Variant:
+    """All of those variants of a scene, each of one effect, at once."""
+    sensors, keys = dict(enumerate(scene.sensor)), dict[str, Any]()
+    for each in variants:
+        (effect,) = each.effects
+        if effect.startswith("["):
+            keys[effect[1:-1]] = getattr(each.scene, effect[1:-1])
+            continue
+        for i in each.sensors:
+            value = getattr(each.scene.sensor[i], effect)
+            sensors[i] = sensors[i].model_copy(update={effect: value})
+    effects = tuple(each.effects[0] for each in variants)
+    found = _variant(scene, name, sensors, keys, effects=effects)
+    return replace(found, sensors=frozenset().union(*(each.sensors for each in variants)))
+
+
+def choices_of(scene: Scene) -> list[Variant]:
+    """What a scene can choose besides effects: formats, sectors, periods, tracks on board."""
+    found = []
+    names = {name for sensor in scene.sensor for name in sensor.formats}
+    for name in sorted(names & FORMATS.keys()):
+        if FORMATS[name].facts.tells_tracks:
+            continue
+        has = {i: s for i, s in enumerate(scene.sensor) if name in s.formats}
+        others = {i: s.model_copy(update={"report": (name,)}) for i, s in has.items()}
+        found.append(_variant(scene, f"{name} alone", others, read_back=name))
+    for sectors in (8, 32, 128):
+        turning = {i: s for i, s in enumerate(scene.sensor) if s.scan.rotates}
+        others = {
+            i: s.model_copy(update={"scan": s.scan.model_copy(update={"sectors": sectors})})
+            for i, s in turning.items()
+            if s.scan.sectors != sectors
+        }
+        if others:
+            found.append(_variant(scene, f"{sectors} sectors", others))
+    staring = {i: s for i, s in enumerate(scene.sensor) if s.scan.kind == "staring"}
+    for factor in (0.5, 2.0):
+        others = {}
+        for i, s in staring.items():
+            scan = s.scan.model_copy(update={"period_s": max(s.scan.period_s * factor, 0.02)})
+            others[i] = s.model_copy(update={"scan": scan})
+        if others:
+            found.append(_variant(scene, f"staring periods times {factor:g}", others))
+    others = {
+        i: s.model_copy(update={"report": (*s.report, "tracks")})
+        for i, s in enumerate(scene.sensor)
+        if "tracks" in s.formats and "tracks" not in s.report
+    }
+    if others:
+        found.append(_variant(scene, "tracks on board", others))
+    return found
+
+
+class Run(NamedTuple):
+    """One run of a variant: figures by sensor, (sensors, metrics); processor seconds a second."""
+
+    figures: Floats
+    cost_s: float
+    # Of each sensor the (drone, stretch of 5 s) in which it plotted, and of all that there were.
+    seen: tuple[frozenset[tuple[int, int]], ...]
+    chances: frozenset[tuple[int, int]]
+
+
+COVER_NS = 5 * NS
+NOTHING_READ = MeasuredPlots.of(())
+
+
+def run_of(variant: Variant, seed: int, start_utc_ns: int, duration_s: float) -> Run:
+    """Run it through the engine; raises `PlotfeedError`."""
+    scene = variant.scene
+    general = scene.scene.model_copy(update={"seed": seed})
+    scene = scene.model_copy(update={"scene": general})
+    engine = Engine(scene, start_utc_ns)
+    batches: list[Batch] = []
+    spent_s, end_ns = 0.0, start_utc_ns + round(duration_s * NS)
+    for t_ns in (*range(start_utc_ns + STRETCH_NS, end_ns, STRETCH_NS), end_ns):
+        began_s = time.process_time()
+        batches += engine.until(t_ns)
+        spent_s += time.process_time() - began_s
+    names = frozenset(scene.fleet.names)
+    rows = np.array([i for i, name in enumerate(engine.trajectories.names) if name in names])
+    figures, seen = [], []
+    # At the middles of stretches, where drones are: by them it is known what there was to be seen.
+    stretches = np.arange(-(-(end_ns - start_utc_ns) // COVER_NS))
+    middles_ns = np.minimum(start_utc_ns + COVER_NS * stretches + COVER_NS // 2, end_ns)
+    there = np.isfinite(engine.trajectories.positions_at(middles_ns)[:, :, 0])
+    for i in range(len(scene.sensor)):
+        own = _Sensed.of(engine, batches, i, rows)
+        figures.append(own.figures(variant.read_back if i in variant.sensors else ""))
+        seen.append(frozenset(zip(own.drone.tolist(), own.stretch(COVER_NS), strict=True)))
+    chances = frozenset(
+        (int(d), int(k)) for k, d in zip(*np.nonzero(there), strict=True) if d in set(rows.tolist())
+    )
+    return Run(np.array(figures), spent_s / duration_s, tuple(seen), chances)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sensed:
+    """What one sensor did in a run."""
+
+    engine: Engine
+    index: int
+    drones: Ints
+    # Batches with their rows that are sectors of it.
+    sectors: Sequence[tuple[Batch, int]]
+    plots: Plots
+    # Of plots of drones: which drone, and when.
+    drone: Ints
+
+    @classmethod
+    def of(cls, engine: Engine, batches: Sequence[Batch], index: int, drones: Ints) -> _Sensed:
+        """All of it, in the order of time."""
+        rows = [
+            (batch, row)
+            for batch in batches
+            if batch.claims is None
+            for row in np.flatnonzero(batch.sectors.sensor == index).tolist()
+        ]
+        parts = [b.plots.between(b.of_plots[row], b.of_plots[row + 1]) for b, row in rows]
+        plots = Plots.joined(parts) if parts else batches[0].plots.rows(np.zeros(0, np.int64))
+        of_drones = plots.rows(np.isin(plots.drone, drones))
+        return cls(
+            engine=engine,
+            index=index,
+            drones=drones,
+            sectors=rows,
+            plots=plots,
+            drone=of_drones.drone,
+        )
+
+    def stretch(self, length_ns: int) -> list[int]:
+        """The stretch of time of each plot of a drone, from the start on."""
+        times = self.plots.t_utc_ns[np.isin(self.plots.drone, self.drones)]
+        found: list[int] = ((times - self.engine.start_utc_ns) // length_ns).tolist()
+        return found
+
+    def figures(self, read_back: str) -> list[float]:
+        """By `METRICS`; NaN for what the sensor has not."""
+        period_ns = self.sensor.scan.period_ns
+        scans = max(len({int(b.sectors.scan[row]) for b, row in self.sectors}), 1)
+        found = dict.fromkeys(METRICS, np.nan)
+        chances = self._chances(scans)
+        of_drones = self.plots.rows(np.isin(self.plots.drone, self.drones))
+        scan = (of_drones.t_utc_ns - self.engine.start_utc_ns) // period_ns
+        hits = len(set(zip(of_drones.drone.tolist(), scan.tolist(), strict=True)))
+        if chances:
+            found["pd"] = hits / chances
+        found["alarms"] = (len(self.plots) - len(of_drones)) / scans
+        read = self._read_back(read_back, of_drones) if read_back else of_drones
+        found |= self._errors(of_drones, read)
+        outgoing = [one for b, row in self.sectors for one in b.messages[row]]
+        ends = [int(b.sectors.end_ns[row]) for b, row in self.sectors for _ in b.messages[row]]
+        left = [
+            one.due_utc_ns - end for one, end in zip(outgoing, ends, strict=True) if not one.fate
+        ]
+        if outgoing:
+            found["lost"] = 1 - len(left) / len(outgoing)
+        if left:
+            found["delay_s"] = float(np.mean(left)) / NS
+        found |= self._tracks(period_ns)
+        return list(found.values())
+
+    @property
+    def sensor(self) -> Sensor:
+        """Its keys."""
+        return self.engine.scene.sensor[self.index]
+
+    @property
+    def here(self) -> LocalFrame:
+        """East, north and up of it."""
+        return frame_at(self.engine.scene.scene.site, self.sensor.position_enu_m)
+
+    def _chances(self, scans: int) -> int:
+        """How often a drone was within the sensor's range at the middle of a scan."""
+        period_ns = self.sensor.scan.period_ns
+        t_ns = self.engine.start_utc_ns + period_ns // 2 + period_ns * np.arange(scans)
+        there = self.engine.trajectories.positions_at(t_ns)[:, self.drones]
+        range_m = np.linalg.norm(self.here.from_ecef(there.reshape(-1, 3)), axis=-1)
+        return int(np.count_nonzero(range_m <= getattr(self.sensor, "range_max_m", np.inf)))
+
+    def _read_back(self, name: str, plots: Plots) -> Any:
+        """Plots of drones as whoever decodes the messages of a format has them."""
+        parts, plots_in = [], FORMATS[name].plots_in
+        if plots_in is None:
+            return plots
+        for batch, row in self.sectors:
+            end_ns = int(batch.sectors.end_ns[row])
+            read = [plots_in(one.handed.payload, end_ns) for one in batch.messages[row]]
+            found = MeasuredPlots.joined([each for each in read if len(each)] or [NOTHING_READ])
+            sent = batch.plots.between(batch.of_plots[row], batch.of_plots[row + 1])
+            if len(found) != len(sent):
+                return plots  # it leaves some out: whose is whose is not known
+            parts.append(found.rows(np.isin(sent.drone, self.drones)))
+        return MeasuredPlots.joined(parts or [NOTHING_READ])
+
+    def _errors(self, plots: Plots, read: Any) -> dict[str, float]:
+        """Of what is measured, rms over plots of drones, at the times that are read."""
+        if len(plots) < FEWEST_PLOTS:
+            return {}
+        there = self.engine.trajectories.position_at(read.t_utc_ns.astype(np.int64), plots.drone)
+        enu_m = self.here.from_ecef(there)
+        azimuth_deg, elevation_deg, range_m = enu_to_aer(enu_m)
+        found = {}
+        for name, true in (
+            ("range_m", range_m),
+            ("azimuth_deg", azimuth_deg),
+            ("elevation_deg", elevation_deg),
+        ):
+            difference = getattr(read, name) - true
+            if name == "azimuth_deg":
+                difference = wrap_180(difference)
+            difference = difference[np.isfinite(difference)]
+            if len(difference) >= FEWEST_PLOTS:
+                found[name] = float(np.sqrt(np.mean(difference**2)))
+        return found
+
+    def _tracks(self, period_ns: int) -> dict[str, float]:
+        """GOSPA and completeness of a plain tracker that is given the plots, scan by scan."""
+        if not np.isfinite(self.plots.range_m).any():
+            return {}
+        scene, start_ns = self.engine.scene, self.engine.start_utc_ns
+        site = site_frame(scene.scene.site)
+        tracker = PlainTracks(scene, self.sensor, site, by_sector=False)
+        range_max_m = getattr(self.sensor, "range_max_m", np.inf)
+        ends = [int(batch.sectors.end_ns[row]) for batch, row in self.sectors]
+        held: dict[int, tuple[int, Floats, Floats, bool]] = {}
+        gospa, followed, drones = [], 0, 0
+        for k in range((max(ends, default=start_ns) - start_ns) // period_ns):
+            begin_ns, end_ns = start_ns + k * period_ns, start_ns + (k + 1) * period_ns
+            in_scan = (self.plots.t_utc_ns >= begin_ns) & (self.plots.t_utc_ns < end_ns)
+            told = tracker.take_plots(self.plots.rows(in_scan), begin_ns, end_ns)
+            for j, track in enumerate(told.track.tolist()):
+                if told.last[j]:
+                    held.pop(track, None)
+                else:
+                    place = told.position_enu_m[j], told.velocity_enu_m_s[j]
+                    held[track] = (end_ns, *place, bool(told.has_height[j]))
+            ecef_m = self.engine.trajectories.positions_at(np.array([end_ns]))[0][self.drones]
+            near = np.linalg.norm(self.here.from_ecef(ecef_m), axis=-1) <= range_max_m
+            true_m = site.from_ecef(ecef_m[near])
+            places = [
+                place + velocity * ((end_ns - t_ns) / NS)
+                for t_ns, place, velocity, _ in held.values()
+            ]
+            flat = not all(has_height for *_, has_height in held.values())
+            tracks_m = np.array(places).reshape(-1, 3)
+            axes = 2 if flat else 3
+            apart = tracks_m[None, :, :axes] - true_m[:, None, :axes]
+            score = set_score(np.linalg.norm(apart, axis=-1), CUTOFF_M)
+            gospa.append(score.gospa_m())
+            followed, drones = followed + len(score.rows), drones + len(true_m)
+        found = {"gospa_m": float(np.mean(gospa))} if gospa else {}
+        return found | ({"completeness": followed / drones} if drones else {})
+
+
+def needs_of(
+    scene: Scene,
+    variants: Sequence[Variant],
+    *,
+    matters: float,
+    runs: int,
+    duration_s: float,
+    seed: int,
+    start_utc_ns: int,
+    progress: Callable[[int, int, int], object] = lambda *_: None,
+) -> Needs:
+    """Compare each variant with the scene as it is; raises `PlotfeedError`.
+
+    `matters` is the share from which a change does. There are at most so many `runs` of each, with
+    seeds from `seed` on; what is decided is not run again. `progress` is told the number of runs
+    that were done, how many there may be, and how many variants are undecided.
+    """
+    if not scene.fleet.names:
+        raise PlotfeedError("the scene flies no drones, of which there would be something to say")
+    every = frozenset(range(len(scene.sensor)))
+    base = Variant(name="as it is", scene=scene, sensors=every)
+    as_it_is: list[Run] = []
+    others: dict[str, list[Run]] = {each.name: [] for each in variants}
+    open_, findings = list(variants), dict[str, Finding]()
+    looks = {n for n in (FIRST_RUNS * 2**k for k in range(20)) if n < runs} | {runs}
+    for k in range(runs):
+        as_it_is.append(run_of(base, seed + k, start_utc_ns, duration_s))
+        for each in open_:
+            others[each.name].append(run_of(each, seed + k, start_utc_ns, duration_s))
+        progress(k + 1, runs, len(open_))
+        if k + 1 not in looks:
+            continue
+        for each in open_:
+            pairs = list(zip(as_it_is, others[each.name], strict=True))
+            findings[each.name] = _finding(
+                each, scene, pairs, matters=matters, risk=RISK / len(looks)
+            )
+        open_ = [each for each in open_ if findings[each.name].verdict == "undecided"]
+        if not open_:
+            break
+    covered = [[len(run.chances & seen) for seen in _unions(run)] for run in as_it_is]
+    of_all = sum(len(run.chances) for run in as_it_is) or 1
+    with_all, *without = np.sum(covered, axis=0) / of_all
+    figures = np.mean([run.figures for run in as_it_is], axis=0)
+    return Needs(
+        scene=scene.scene.name,
+        matters=matters,
+        duration_s=duration_s,
+        runs=len(as_it_is),
+        cost_s=float(np.median([run.cost_s for run in as_it_is])),
+        findings=tuple(findings[each.name] for each in variants),
+        covers={
+            sensor.id: (float(with_all), float(left))
+            for sensor, left in zip(scene.sensor, without, strict=True)
+        },
+        runs_needed=max(
+            (_runs_needed(f, len(others[name]), matters) for name, f in findings.items()), default=2
+        ),
+        as_it_is={
+            sensor.id: dict(zip(METRICS, figures[i].tolist(), strict=True))
+            for i, sensor in enumerate(scene.sensor)
+        },
+    )
+
+
+def _unions(run: Run) -> Iterator[frozenset[tuple[int, int]]]:
+    """What all sensors saw, and what all but each of them did."""
+    yield frozenset().union(*run.seen)
+    for i in range(len(run.seen)):
+        yield frozenset().union(*(seen for k, seen in enumerate(run.seen) if k != i))
+
+
+def _finding(
+    variant: Variant, scene: Scene, pairs: Sequence[tuple[Run, Run]], *, matters: float, risk: float
+) -> Finding:
+    """What a variant changes by pairs of runs of one seed, the scene as it is first."""
+    before = np.array([run.figures for run, _ in pairs])
+    after = np.array([run.figures for _, run in pairs])
+    sensors = sorted(variant.sensors)
+    told = [
+        (i, k, name)
+        for i in sensors
+        for k, name in enumerate(METRICS)
+        if np.isfinite(before[:, i, k] + after[:, i, k]).all()
+    ]
+    changes = []
+    for i, k, name in told:
+        sensor, one = scene.sensor[i], before[:, i, k]
+        wholes = {
+            "itself": abs(float(one.mean())),
+            "plots": float(np.nansum(before[:, i, :2].mean(axis=0))),
+            "period": sensor.scan.period_s,
+        }
+        interval = _interval(after[:, i, k] - one, risk / len(told))
+        shares = np.array(interval) / (wholes.get(METRICS[name], 1.0) or 1.0)
+        changes.append(Change(sensor.id, name, float(one.mean()), *interval, *shares.tolist()))
+    matter = [c for c in changes if c.share_low > matters or c.share_high < -matters]
+    is_clear = all(max(-c.share_low, c.share_high) < matters for c in changes)
+    words = ("missing", "no need") if variant.adds else ("needed", "can go")
+    ratios = [other.cost_s / run.cost_s for run, other in pairs]
+    return Finding(
+        variant=variant,
+        changes=tuple(changes),
+        verdict=words[0] if matter else words[1] if is_clear else "undecided",
+        cost=_interval(np.array(ratios), RISK),
+    )
+
+
+def _interval(values: Floats, risk: float) -> tuple[float, float, float]:
+    """The mean of independent values, and the interval that holds it but for that risk."""
+    n, mean = len(values), float(values.mean())
+    if not np.ptp(values):
+        return mean, mean, mean
+    half = float(stdtrit(n - 1, 1 - risk / 2) * values.std(ddof=1) / np.sqrt(n))
+    return mean, mean - half, mean + half
+
+
+def _runs_needed(found: Finding, runs: int, matters: float) -> int:
+    """Runs after which its widest interval would be as narrow as the share that matters."""
+    halves = [(c.share_high - c.share_low) / 2 for c in found.changes]
+    return max(FIRST_RUNS, math.ceil(runs * (max(halves, default=0.0) / matters) ** 2))
+
+
+def on_front(costs: Floats, sizes: Floats) -> Ints:
+    """Rows of those than which none is both cheaper and smaller, the cheapest first."""
+    order = np.lexsort((sizes, costs))
+    best_before = np.minimum.accumulate(np.concatenate([[np.inf], sizes[order]]))[:-1]
+    return order[sizes[order] < best_before]
