@@ -139,7 +139,7 @@ class SessionCollector(Observer):
         }
         for name, text in gauges.items():
             gauge = family(f"plotfeed_sensor_{name}", text, labels=["sensor"])
-            for sensor, task in session.sensor_tasks.items():
+            for sensor, task in session.sensors.items():
                 gauge.add_metric([sensor], float(getattr(task.status, name)))
             yield gauge
 

@@ -23,7 +23,7 @@ from plotfeed.feeds.fleet.part_asked import check_scene, start_of
 from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.page.page_access import PageAddress, fixed_tokens
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.session.outputs import NO_BROKER, broker_address
+from plotfeed.feeds.transport.brokers import NO_BROKER, broker_address
 from plotfeed.proto.errors import PlotfeedError
 
 CONNECT_S = 15.0

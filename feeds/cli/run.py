@@ -40,15 +40,15 @@ from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.lateness import lateness_us
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer
-from plotfeed.feeds.session.outputs import NO_BROKER
-from plotfeed.feeds.session.session import run, run_part
+from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.transport.brokers import NO_BROKER
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.session.session_part import SessionPart
+    from plotfeed.feeds.session.part import SessionPart
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 """Of the extra `page`; the page loads them once the session is under way."""
@@ -120,8 +120,12 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
             address = MetricsAddress.parse(settings.metrics)
             observers.append(files.enter_context(served(address)))
         runner = partial(_run_with_page, settings) if serves_page else _runner(scene, settings)
+        if part is not None:
+            from plotfeed.feeds.fleet.part_hold import run_part
+
+            runner = partial(run_part, part)
         run_session: RunSession = partial(
-            runner if part is None else partial(run_part, part),
+            runner,
             scene=scene,
             clock=clock,
             broker=settings.broker,

@@ -25,7 +25,7 @@ from plotfeed.feeds.scene.output_keys import (
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.outputs import NO_BROKER
+from plotfeed.feeds.transport.brokers import NO_BROKER
 from plotfeed.feeds.transport.mqtt.address import without_secrets
 from plotfeed.proto.errors import PlotfeedError
 

@@ -88,8 +88,6 @@ class ChangeControl:
 
         Raises `PlotfeedError`, and nothing has changed.
         """
-        if command.clock is not None:
-            raise ControlError("clock: whoever drives the engine gives it time")
         if command.drone is not None:
             return self._obey_of_drone(command, at_utc_ns)
         if command.story is not None:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.engine.change_control import ChangeControl
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
-from plotfeed.feeds.formats import in_time
+from plotfeed.feeds.formats import in_time, inboxes_of
 from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.batch import Batch
@@ -21,6 +21,8 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.changes import (
     ChangeError,
+    ClockCommand,
+    Command,
     ControlError,
     check_octets,
     instants_ns,
@@ -98,13 +100,18 @@ class Engine:
         self._link_script: dict[int, deque[int]] = {}
         """When scripts may change a sensor's link next, UTC, by index."""
         self._let_go: list[tuple[int, int, Outgoing]] = []
-        self._control_topic = f"{scene.mqtt.prefix}/control"
-        self.cue_topics = {
-            f"{scene.mqtt.prefix}/{sensor.id}/{CUE_TOPIC}": sensor.id
-            for sensor in own
-            if mount_of(sensor) is not None
-        }
-        """Topics on which mounts are told where to look, and the sensor of each."""
+        self.control_topic = f"{scene.mqtt.prefix}/control"
+        cued = [sensor.id for sensor in own if mount_of(sensor) is not None]
+        self._cues = {f"{scene.mqtt.prefix}/{name}/{CUE_TOPIC}": name for name in cued}
+        self._inboxes = inboxes_of(part)
+        after = len(scene.mqtt.prefix) + 1
+        ends = {topic[after:].partition("/")[2] for topic in (*self._cues, *self._inboxes)}
+        self._ends = tuple(f"/{end}" for end in sorted(ends))
+        """Of topics on which sensors are asked something, behind the sensor."""
+        self.control_clock: Callable[[ClockCommand], dict[str, Any]] = _not_ours
+        """Told what commands ask of the clock, which whoever drives the engine has."""
+        self.answer: Callable[[str, bytes, int], object] = _not_answered
+        """Told what sensors are asked in the words of a format, whose, and when: no plots are."""
         self._claim = 0
         """Number of the period at whose end cooperative drones speak next."""
         self.start(start_utc_ns)
@@ -144,29 +151,61 @@ class Engine:
         Commands come on {prefix}/control and, for mounts, on {prefix}/{sensor}/cue; the clock is
         whose the engine is. Anything else is telemetry, on {prefix}/telemetry/{drone}.
         """
+        if not self.is_command(topic):
+            why: list[Refused] = []
+            self.telemetry.take_together([(topic, [(payload, content_type)])], t_utc_ns, why)
+            return why[0] if why else None
         try:
-            if topic == self._control_topic:
-                self.changes.obey(parsed(payload), t_utc_ns)
-            elif topic in self.cue_topics:
-                self.cue(topic, payload, t_utc_ns)
-            else:
-                why: list[Refused] = []
-                self.telemetry.take_together([(topic, [(payload, content_type)])], t_utc_ns, why)
-                return why[0] if why else None
+            self.command(topic, payload, t_utc_ns)
         except (ControlError, ChangeError, CueError) as error:
             return Refused(Reason.CONTROL, str(error))
         return None
 
-    def cue(self, topic: str, payload: bytes, t_utc_ns: int) -> None:
-        """Have a mount look where a payload asks; raises `ControlError` or `CueError`."""
-        sensor = self.cue_topics.get(topic)
-        if sensor is None:
-            known = ", ".join(self.cue_topics.values())
-            raise ControlError(f"there is no sensor that a mount turns; expected one of {known}")
+    @property
+    def topics(self) -> list[str]:
+        """Filters of the topics that `receive` understands."""
+        prefix = self.scene.mqtt.prefix
+        return [self.telemetry.topic, self.control_topic, *(f"{prefix}/+{e}" for e in self._ends)]
+
+    def is_command(self, topic: str) -> bool:
+        """Whether a topic is for commands; all others are for telemetry."""
+        return topic == self.control_topic or topic.endswith(self._ends)
+
+    def asked_of(self, topic: str, payload: bytes) -> str:
+        """The sensor that a command is for, empty where it is for none; raises `ControlError`."""
+        if topic == self.control_topic:
+            return parsed(payload).sensor or ""
+        return topic.removeprefix(f"{self.scene.mqtt.prefix}/").partition("/")[0]
+
+    def command(self, topic: str, payload: bytes, t_utc_ns: int) -> Command | None:
+        """Do what a command asks; what it was, where it came on the control topic.
+
+        Raises `ControlError`, `ChangeError` or `CueError`, and nothing has changed.
+        """
+        if topic == self.control_topic:
+            command = parsed(payload)
+            self.obey(command, t_utc_ns)
+            return command
+        is_cue = topic.endswith(f"/{CUE_TOPIC}")
+        takers = self._cues if is_cue else self._inboxes
+        if topic not in takers:
+            what = "that a mount turns" if is_cue else "that takes this"
+            known = ", ".join(takers.values())
+            raise ControlError(f"there is no sensor {what}; expected one of {known}")
         check_octets(payload)
-        i = self._index[sensor]
+        if not is_cue:
+            self.answer(takers[topic], payload, t_utc_ns)
+            return None
+        i = self._index[takers[topic]]
         place_enu_m = self.sensors.sensors[i].position_enu_m
         self.sensors.cueing.cue(i, cue_of(payload), place_enu_m, t_utc_ns)
+        return None
+
+    def obey(self, command: Command, t_utc_ns: int) -> dict[str, Any]:
+        """Do what a command asks from then on, and say what is in force; raises `PlotfeedError`."""
+        if command.clock is not None:
+            return self.control_clock(command.clock)
+        return self.changes.obey(command, t_utc_ns)
 
     def until(self, t_utc_ns: int, *, messages: bool = True) -> Iterator[Batch]:
         """Batches of all sectors that end by then and were not given before.
@@ -249,3 +288,11 @@ def scene_of(scene: Scene | str | Path) -> Scene:
         return scene
     is_name = isinstance(scene, str) and re.fullmatch(r"[\w-]+", scene)
     return example(str(scene)) if is_name else load(scene)
+
+
+def _not_ours(_command: ClockCommand) -> dict[str, Any]:
+    raise ControlError("clock: whoever drives the engine gives it time")
+
+
+def _not_answered(sensor: str, _payload: bytes, _t_utc_ns: int) -> None:
+    raise ControlError(f"{sensor}: whoever drives the engine answers what sensors are asked")

@@ -8,14 +8,9 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from plotfeed.feeds.fleet.part_hold import ENDED, PATIENCE_S, part_status, told_gaps
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.session_part import (
-    ENDED,
-    FLEET,
-    PATIENCE_S,
-    part_status,
-    told_gaps,
-)
+from plotfeed.feeds.session.part import FLEET
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.utc import NS, utc_ns

@@ -7,9 +7,9 @@ import time
 
 from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.outputs import NO_BROKER
-from plotfeed.feeds.session.session_part import SessionPart
+from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
+from plotfeed.feeds.transport.brokers import NO_BROKER
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc, utc_ns, whole_second_ns
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed
 from plotfeed.feeds.fleet.part_asked import part_asked
+from plotfeed.feeds.fleet.part_hold import run_part
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.session import run_part
 from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)

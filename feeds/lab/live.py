@@ -27,9 +27,9 @@ from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer, RunningSession
-from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import Floats, Looks, Plots
@@ -101,7 +101,7 @@ class LiveScore(Observer):
     def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
         """Keep whom a sensor looked at, and of what was delivered the plots."""
         session = self._session
-        if session is None or batch.sensor not in session.sensor_tasks:
+        if session is None or batch.sensor not in session.sensors:
             return
         for drone in np.unique(batch.looks.drone).tolist():
             self._looked_ns[drone] = batch.due_utc_ns
@@ -237,7 +237,7 @@ class LiveScore(Observer):
             if feed.began_ns is not None and now_ns - feed.began_ns > BLOCK_NS:
                 self._feeds[name] = _FeedSoFar(since_ns=0)
             elif feed.is_news:
-                seen = feed.seen(session.sensor_tasks[name].sensor)
+                seen = feed.seen(session.sensors[name].sensor)
                 self._checked[name] = feed_checks(simulated_feed(session.scene, seen, feed.sectors))
 
     def _told_feeds(self) -> Any:

@@ -26,9 +26,9 @@ from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.output_keys import WaysOut
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer
-from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.recorded import Recorded

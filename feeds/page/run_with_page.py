@@ -25,9 +25,9 @@ from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer, RunningSession
-from plotfeed.feeds.session.outputs import Brokers, brokers_of
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import Clock, WallClock
+from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -141,7 +141,7 @@ class PageObserver(Observer):
         self._refusal = ""
         self._view.scene(session.scene, self._basemap)
         self._view.unseen(session.totals.unseen)
-        self._before = tuple(task.sensor for task in session.sensor_tasks.values())
+        self._before = tuple(task.sensor for task in session.sensors.values())
         for sensor in self._before:
             self._tell_settings(sensor, new_model=True)
         self._marks.begin(session)
@@ -203,7 +203,7 @@ class PageObserver(Observer):
         self._view.pointing(
             {
                 name: pointing_of(task.sensor, pointed)
-                for name, task in session.sensor_tasks.items()
+                for name, task in session.sensors.items()
                 if (pointed := task.pointed) is not None
             }
         )

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from plotfeed.feeds.engine.sensor_description import outputs_of
 from plotfeed.feeds.scene.examples import head_of
 from plotfeed.feeds.scene.fields import Site, enu_from, frame_at, site_frame
 from plotfeed.feeds.scene.output_keys import BasemapImage, UdpDestination
@@ -18,7 +19,6 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
-from plotfeed.feeds.session.sensor_description import outputs_of
 from plotfeed.models.cueing import CuedState
 from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef

@@ -216,7 +216,7 @@ class SessionSwitch(Observer):
             return refused(f"record: {error}")
         observer = SessionRecorder(recorder, ledger_is_sent=self.scene.mqtt.truth)
         observer.begun(self._session)
-        for task in self._session.sensor_tasks.values():
+        for task in self._session.sensors.values():
             for message in (task.settings, task.description):
                 observer.after_link(message, self._session.clock.now_ns())
         self._recorder = observer

@@ -1,9 +1,8 @@
-"""Whoever follows a session, as a recorder or a page does, and what its own parts share."""
+"""Whoever follows a session, as a recorder or a page does."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from plotfeed.feeds.link.counters import SessionCounters
@@ -13,83 +12,25 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.story_keys import StoryState
-from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.timing.clock import Clock
-from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
-    from plotfeed.models.cueing import CuedState
-    from plotfeed.models.dwell_agenda import PointedBeams
-
-Input = tuple[str, bytes, str | None]
-"""Topic, payload and content type of what came in."""
-
-
-class RunningSensor(Protocol):
-    """What observers may see of a sensor at work."""
-
-    @property
-    def sensor(self) -> Sensor:
-        """The sensor's keys as they are now."""
-
-    @property
-    def settings(self) -> Message:
-        """The sensor's keys as they are now, as whoever comes later is told."""
-
-    @property
-    def description(self) -> Message:
-        """What and where the sensor is and how it reports, as whoever comes later is told."""
-
-    @property
-    def status(self) -> pb.SensorStatus:
-        """The sensor's status as it is now, but for its lateness."""
-
-    @property
-    def pointed(self) -> CuedState | PointedBeams | None:
-        """Where its mount or beams pointed in the last scan; None where nothing turns."""
-
-
-class RunningChanges(Protocol):
-    """What observers may see of what was asked of a session."""
-
-    @property
-    def stories(self) -> Sequence[StoryState]:
-        """What can happen at a word, and what has."""
-
-    @property
-    def undoes(self) -> str:
-        """What would be undone next, in words; empty for nothing."""
+    from plotfeed.feeds.engine.change_control import ChangeControl
+    from plotfeed.feeds.engine.intake import Input
+    from plotfeed.feeds.session.running_sensor import RunningSensor
 
 
 class RunningSession(Protocol):
     """What observers may see of a session, and ask of it."""
 
-    @property
-    def scene(self) -> Scene:
-        """What runs."""
-
-    @property
-    def clock(self) -> Clock:
-        """The session's time."""
-
-    @property
-    def totals(self) -> SessionCounters:
-        """Counts, which grow."""
-
-    @property
-    def trajectories(self) -> Trajectories:
-        """Where its drones are."""
-
-    @property
-    def sensor_tasks(self) -> Mapping[str, RunningSensor]:
-        """Sensors by their names."""
-
-    @property
-    def changes(self) -> RunningChanges:
-        """What was asked of it."""
+    scene: Scene
+    clock: Clock
+    totals: SessionCounters
+    trajectories: Trajectories
+    sensors: Mapping[str, RunningSensor]
+    changes: ChangeControl
 
     @property
     def input_queue(self) -> QueueStatistics:
@@ -173,26 +114,12 @@ def cares(observer: Observer, method: str) -> bool:
     return getattr(type(observer), method) is not getattr(Observer, method)
 
 
-KeepLedger = Callable[[Batch, int], None]
-"""Given a batch and the row of a sector, when it is known what became of all its messages."""
+def who_care(observers: Sequence[Observer], method: str) -> list[Callable[..., Any]]:
+    """The bound methods of that name, of all observers that have it of their own."""
+    return [getattr(each, method) for each in observers if cares(each, method)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionContext:
-    """A session's scene, its time, its counts, and who follows it."""
-
-    scene: Scene
-    clock: Clock
-    schedule: Schedule
-    totals: SessionCounters
-    observers: Sequence[Observer]
-    describer: SensorDescriber
-    keep_ledger: KeepLedger | None
-    """None where nobody is to have it."""
-
-    @property
-    def tracker_topics(self) -> Sequence[str]:
-        """The topic of the tracker under test, a sensor's or a foreign one, if it is followed."""
-        topic = self.scene.page.tracks_topic
-        is_followed = any(cares(observer, "tracked") for observer in self.observers)
-        return (topic,) if topic and is_followed else ()
+def tracker_topics(scene: Scene, observers: Sequence[Observer]) -> list[str]:
+    """The topic of the tracker under test, a sensor's or a foreign one, if it is followed."""
+    topic = scene.page.tracks_topic
+    return [topic] if topic and who_care(observers, "tracked") else []

@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from plotfeed.feeds.engine.sensor_description import status_message
 from plotfeed.feeds.formats import Announcer, announcer_of
-from plotfeed.feeds.link.counters import SapientCounters
+from plotfeed.feeds.link.counters import SapientCounters, SessionCounters
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import KeptUp, Outgoing, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.loaded_on_use import LoadedOnUse
-from plotfeed.feeds.scene.output_keys import USUAL_PORT, TrackDestination, WaysOut
+from plotfeed.feeds.scene.output_keys import TrackDestination, WaysOut
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.observer import SessionContext, cares
-from plotfeed.feeds.session.sensor_description import status_of
-from plotfeed.feeds.session.sensor_task import status_message
-from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
+from plotfeed.feeds.session.observer import Observer, who_care
+from plotfeed.feeds.session.part import PartHold
+from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.session.session_part import HeldTransport, PartHold
     from plotfeed.feeds.transport.http import HttpTransport
     from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
     from plotfeed.feeds.transport.tak import TakTransport
@@ -38,56 +38,8 @@ if TYPE_CHECKING:
     from plotfeed.feeds.transport.mqtt.last_wills import LastWills
     from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews, SapientTcpTransport
 
-NO_BROKER = "none"
 SESSION = "session"
 """Whose will is that of the session itself; no sensor has that name."""
-LINGER_S = 0.3
-"""The embedded broker stays on for so long, to pass on the last messages."""
-
-
-Brokers = tuple[list[BrokerAddress], dict[str, str]]
-"""Where to publish, and what to call it."""
-
-
-@contextlib.asynccontextmanager
-async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]:
-    """The brokers to publish to, and what to call them; the embedded one lives meanwhile."""
-    to = scene.outgoing
-    url = broker or to.broker
-    if url == NO_BROKER:
-        yield [], {}
-        return
-    if url is not None:
-        address = broker_address(scene, url)
-        yield [address], {"MQTT": str(address)}
-        return
-    from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
-
-    embedded = await EmbeddedBroker.start(
-        to.port or USUAL_PORT, to.embedded, may_be_others=to.port is None
-    )
-    keeping_up = asyncio.create_task(embedded.keep_up(), name="embedded broker")
-    try:
-        from plotfeed.feeds.transport.local_hosts import LOOPBACK
-
-        mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,), ends_with_us=True)
-        mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,), ends_with_us=True)
-        yield [mqtt5, mqtt3], embedded.ports.urls()
-        await asyncio.sleep(LINGER_S)
-    finally:
-        keeping_up.cancel()
-        embedded.stop()
-
-
-def broker_address(scene: Scene, url: str) -> BrokerAddress:
-    """A broker of the user's own, with the keys to it that the scene names."""
-    to = scene.outgoing
-    access = BrokerAccess(
-        ca_file=to.ca_file, certificate_file=to.certificate_file, key_file=to.key_file
-    ).with_credentials(to.credentials_file)
-    versions = VERSIONS[scene.mqtt.version]
-    return BrokerAddress.parse(url, versions=versions, access=access, waits=to.waits)
-
 
 # What carries tracks to servers, maps and who asks, by the scene's names for it.
 TRACK_TRANSPORTS: LoadedOnUse[Callable[..., TrackTransport]] = LoadedOnUse(
@@ -118,17 +70,21 @@ class Outputs:
 
     def __init__(
         self,
-        context: SessionContext,
+        scene: Scene,
         addresses: Sequence[BrokerAddress],
-        hold: PartHold | None = None,
+        *,
+        clock: Clock,
+        schedule: Schedule,
+        totals: SessionCounters,
+        observers: Sequence[Observer],
+        hold: PartHold | None,
     ) -> None:
-        observers = context.observers
         self.udp: list[UdpTransport] = []
-        if to := context.scene.outgoing.udp:
+        if to := scene.outgoing.udp:
             from plotfeed.feeds.transport.udp import UdpTransport
 
             self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
-        self._of_tracks = of_tracks(context.scene.outgoing, context.clock.now_ns)
+        self._of_tracks = of_tracks(scene.outgoing, clock.now_ns)
         self.connected: list[KeptUp] = []
         """All that have to be kept up, the links to brokers first, then those that others share."""
         self.brokers: list[MqttTransport] = []
@@ -138,10 +94,9 @@ class Outputs:
         self._on_message: OnMessage | None = None
         """Told of what comes in, over whatever connection."""
         self._addresses = addresses
-        self._context = context
-        self._scene, self._clock = context.scene, context.clock
-        self._before_link = [o.before_link for o in observers if cares(o, "before_link")]
-        self._after_link = [o.after_link for o in observers if cares(o, "after_link")]
+        self._scene, self._clock, self._schedule, self._totals = scene, clock, schedule, totals
+        self._before_link = who_care(observers, "before_link")
+        self._after_link = who_care(observers, "after_link")
         self._of_session: Outbox
         """There is one as soon as it is asked for."""
         self._of_sensor: dict[str, Outbox] = {}
@@ -150,7 +105,7 @@ class Outputs:
         """By whose they are, first that of the session."""
         self._last_wills: list[LastWills] = []
         self._hold = hold
-        self._held: dict[int, HeldTransport] = {}
+        self._held: dict[int, Transport] = {}
         """By the identity of what they guard: what one transport takes leaves in one write."""
 
     def of_session(self, topics: Sequence[str], on_message: OnMessage, will: Message) -> Outbox:
@@ -183,13 +138,10 @@ class Outputs:
         how: dict[str, Any] = {
             "on_connect": self._announce_again,
             "queue": self._scene.mqtt.queue,
-            "on_echo": None if to.ends_with_us else self._context.totals.echoed,
+            "on_echo": None if to.ends_with_us else self._totals.echoed,
         }
         if self._hold is not None:
-            self._hold.listen(topics, on_message)
-            from plotfeed.feeds.session.session_part import PartLink
-
-            return PartLink(to, self._hold, **how)
+            return self._hold.link(topics, on_message, **how)
         from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
         return MqttTransport(
@@ -200,11 +152,11 @@ class Outputs:
         """What takes nothing while another process may have the part that is run."""
         if self._hold is None:
             return transport
-        from plotfeed.feeds.session.session_part import HeldTransport
+        return self._held.setdefault(id(transport), self._hold.guarded(transport))
 
-        return self._held.setdefault(id(transport), HeldTransport(transport, self._hold))
-
-    def of_sensor(self, sensor: Sensor, start_ns: int) -> tuple[Outbox, Announcer | None]:
+    def of_sensor(
+        self, sensor: Sensor, status: pb.SensorStatus, start_ns: int
+    ) -> tuple[Outbox, Announcer | None]:
         """A sensor goes over the session's links; that it is offline is a last will of its own.
 
         With whoever announces it on them, if it reports in a format that wants that.
@@ -212,15 +164,14 @@ class Outputs:
         """
         announcer = announcer_of(self._scene, sensor)
         if any(not link.address.ends_with_us for link in self.brokers):
-            offline = status_of(self._context.describer.description(sensor))
-            offline.state = pb.SensorStatus.OFFLINE
-            self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, offline, start_ns)
+            status.state = pb.SensorStatus.OFFLINE
+            self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, status, start_ns)
         transports: list[Transport] = [*self.brokers]
         middleware = self._scene.outgoing.middleware
         node: SapientCounters | None = None
         if announcer is not None:
             self._announcers.append(announcer)
-            node = SapientCounters(self._context.totals)
+            node = SapientCounters(self._totals)
         if announcer is not None and node is not None and middleware is not None:
             of_its_own = self._to_middleware(middleware, sensor, announcer, node)
             transports.append(of_its_own)
@@ -287,8 +238,8 @@ class Outputs:
                     *(transport for keys, transport in self._of_tracks if keys.takes(name)),
                 )
             ],
-            schedule=self._context.schedule,
-            totals=self._context.totals,
+            schedule=self._schedule,
+            totals=self._totals,
             before_link=self._before_link,
             after_link=self._after_link,
         )

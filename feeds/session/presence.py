@@ -10,18 +10,16 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from uuid import uuid4
 
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.session.part import PartHold, SessionPart
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import NS_IN_MS, iso_utc
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.session.session_part import SessionPart
 
 log = logging.getLogger(__name__)
 
@@ -41,12 +39,12 @@ class SessionPresence:
         publish: Callable[[Message], object],
         *,
         part: SessionPart | None = None,
-        process: str | None = None,
+        hold: PartHold | None = None,
     ) -> None:
         """A session of a `part` says so on the topic of that part."""
         is_simulated = isinstance(clock, InstantClock)
         drawn = f"{scene.scene.seed:012x}"[-12:] if is_simulated else uuid4().hex[:12]
-        self.id = process or drawn
+        self.id = drawn if hold is None else hold.process
         """Of this run of the scene; simulated time gives the same octets at every run."""
         self._part = part
         self._source = scene.mqtt.prefix if part is None else part.source(scene)

@@ -1,43 +1,74 @@
-"""Puts a scene together and runs it: the one place that knows everybody."""
+"""A scene at work, told from top to bottom: connect, give an engine time, send what is due, end.
+
+What has come in is taken in, and what all sensors will send is worked out, tick by tick. Ticks are
+at multiples of `TICK_NS` on the time line, whenever a session began. Tick k takes in what came
+before it, and works out all sectors that end in the stretch from k + 1 to k + 2: at a deadline
+octets are ready, and only sent. So bytes depend on which telemetry came before which tick, and on
+nothing else. Where simulated time runs as fast as it can and nothing comes in, one tick works out
+what many would; what comes in waits for the next.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Sequence
+import json
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
+from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.engine.intake import Input, Intake
+from plotfeed.feeds.engine.sensor_description import SensorDescriber, status_of
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.ledger_writer import Kept, LedgerWriter
+from plotfeed.feeds.link.outbox import Departure, Outbox, prepare_all, send_all
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import records
-from plotfeed.feeds.scene.changes import Command
+from plotfeed.feeds.messages.outgoing import Outgoing, records
+from plotfeed.feeds.scene.changes import ClockCommand, Command, ControlError, command_of
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.inputs import SessionInputs
-from plotfeed.feeds.session.listening import sources_of, taker_of_mapped
 from plotfeed.feeds.session.loop import SessionLoop, cause_of, first_of
-from plotfeed.feeds.session.observer import Input, Observer, SessionContext, Tap, cares
-from plotfeed.feeds.session.outputs import Brokers, Outputs, brokers_of
+from plotfeed.feeds.session.observer import Observer, Tap, tracker_topics, who_care
+from plotfeed.feeds.session.outputs import Outputs
+from plotfeed.feeds.session.part import PartHold, SessionPart
 from plotfeed.feeds.session.presence import SessionPresence
-from plotfeed.feeds.session.sensor_description import SensorDescriber
-from plotfeed.feeds.session.sensor_task import SensorTask
-from plotfeed.feeds.session.ticks import Ticks
-from plotfeed.feeds.timing.clock import Clock, WallClock
+from plotfeed.feeds.session.running_sensor import RunningSensor
+from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
+from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
+from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
+from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.proto.content_types import JSON, PROTOBUF
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.session.session_part import PartHold, SessionPart
+    from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
+    from plotfeed.feeds.transport.live_source import LiveSource
 
 FIRST_CONNECTION_S = 5.0
+# A session that is told to stop waits so long for what its links still hold,
 FLUSH_S = 0.5
-"""A session that is told to stop waits so long for what its links still hold."""
+# and so long for sockets to take the last messages.
 FAREWELL_S = 0.8
-"""And so long for sockets to take the last messages."""
+TICK_NS = AHEAD_NS
+# No tick comes later than this after another, so that what comes in is taken in.
+LONGEST_NS = NS
+# Further behind, a session that joins others is not ready.
+CAUGHT_UP_NS = NS // 4
+STAND_BY_S = 0.02
+# Real time that a tick spends on what has come in; the rest waits for the next.
+INTAKE_NS = TICK_NS // 2
+# Worked out by one tick where time is simulated: beyond, a sector hardly costs less any more.
+MOST_SECTORS, MOST_TICKS = 512, 1000
+# Of real time, 50 ms: at most so much is worked out by one tick where the clock is held back.
+TICKS_BEHIND = 5
 
 
 async def run(
@@ -70,14 +101,6 @@ async def run(
         )
 
 
-async def run_part(
-    part: SessionPart, *, scene: Scene, broker: str | None, **session: Any
-) -> SessionCounters:
-    """Run some of a scene's sensors, as `run_over` does; raises `PlotfeedError`."""
-    async with brokers_of(scene, broker) as brokers:
-        return await run_over(brokers, scene, part=part, **session)
-
-
 async def run_over(
     brokers: Brokers,
     scene: Scene,
@@ -88,14 +111,16 @@ async def run_over(
     observers: Sequence[Observer] = (),
     on_ready: Callable[[dict[str, str], SessionCounters], None] | None = None,
     part: SessionPart | None = None,
+    hold: PartHold | None = None,
 ) -> SessionCounters:
     """Run a scene over brokers that outlast the session; closes the clock.
 
-    `part` is for one of several sessions that share the sensors of the scene.
+    `part` is for one of several sessions that share the sensors of the scene, and `hold` says when
+    this process is the one that sends it.
     """
     totals, (addresses, urls) = SessionCounters(), brokers
     try:
-        session = Session(scene, clock, addresses, totals, observers, part=part)
+        session = Session(scene, clock, addresses, totals, observers, part=part, hold=hold)
         try:
             await session.run(
                 scene.scene.duration_s if duration_s is None else duration_s,
@@ -113,7 +138,7 @@ async def run_over(
 
 
 class Session:
-    """A scene at work: a task for each sensor, what comes in, what goes out, and one loop."""
+    """An engine that is given time: what comes in, what goes out, and who follows that."""
 
     def __init__(
         self,
@@ -124,107 +149,115 @@ class Session:
         observers: Sequence[Observer],
         *,
         part: SessionPart | None = None,
+        hold: PartHold | None = None,
     ) -> None:
         own = scene if part is None else part.scene_of(scene)
         self.scene = own
         """With the sensors of its part alone; drones and surroundings are those of the whole."""
-        self._part = part
-        self.clock = clock
-        self.totals = totals
+        self.clock, self.totals = clock, totals
+        self._part, self._hold, self._observers = part, hold, observers
+        self._others = frozenset() if part is None else part.others(scene)
+        leads = part is None or part.leads
         self.start_ns = clock.now_ns() if part is None else part.began_utc_ns
-        self.engine = Engine(
-            scene,
-            self.start_ns,
-            sensors=None if part is None else part.sensors,
-            claims=part is None or part.leads,
+        self.joined_ns = 0
+        """What ends by then is not this session's to send: when it begins, if it has no others."""
+        engine = self.engine = Engine(
+            scene, self.start_ns, sensors=None if part is None else part.sensors, claims=leads
         )
-        self.trajectories = self.engine.trajectories
-        self.changes = self.engine.changes
-        self.sensor_tasks: dict[str, SensorTask] = {}
-        self._observers = observers
-        ledger_is_wanted = scene.mqtt.truth or any(o.wants_ledger for o in observers)
-        self._ledger = LedgerWriter(scene.mqtt.prefix)
-        context = SessionContext(
-            scene=own,
-            clock=clock,
-            schedule=Schedule(clock.wake),
-            totals=totals,
-            observers=observers,
-            describer=SensorDescriber(own),
-            keep_ledger=self._keep_ledger if ledger_is_wanted else None,
-        )
-        self._inputs = SessionInputs(
-            context,
-            self.engine,
-            self.sensor_tasks,
+        engine.control_clock, engine.answer = self._control_clock, self._answer
+        self.trajectories, self.changes = engine.trajectories, engine.changes
+
+        # What comes in.
+        self._received = who_care(observers, "received")
+        self._intake = Intake(
+            engine,
+            totals,
             self._publish,
-            self._obey,
-            others=frozenset() if part is None else part.others(scene),
-            leads=part is None or part.leads,
+            received=self._received,
+            obeyed=self._obeyed,
+            others=self._others,
+            leads=leads,
         )
+        self._root = f"{scene.mqtt.prefix}/telemetry/"
+        self._mapped = mapped_reports(scene)
+        self._sources = self._live_sources()
+        self._tracker_topics = tracker_topics(own, observers)
+
+        # What is due when.
+        self._schedule = Schedule(clock.wake)
         self._loop = SessionLoop[Kept](
             clock,
-            context.schedule,
-            inputs=self._inputs,
+            self._schedule,
+            inputs=self._intake,
             drain=self._drain,
             write_later=self._write_ledger,
-            before_due=[o.before_due for o in observers if cares(o, "before_due")],
+            before_due=who_care(observers, "before_due"),
         )
-        self._hold: PartHold | None = None
-        """Whether this process has its part, where others may take it over at a broker."""
-        if part is not None and addresses:
-            from plotfeed.feeds.session.session_part import PartHold
+        self._loop.on_input = self._input_waits
+        self._hand_in = who_care(observers, "next_input_ns")
+        # When the next tick is planned, and when it may be at the earliest: what is worked out
+        # already was for those before.
+        self._tick_ns: int | None = None
+        self._earliest_ns = 0
+        # Ticks in one, where time is simulated or held back.
+        self._at_once = 1
+        self._most_at_once = MOST_TICKS if isinstance(clock, InstantClock) and clock.leaps else 1
+        self._shares = False
+        """Whether others may have these sensors next: then what they remember is what it would be
+        had this machine never been late."""
 
-            self._hold = PartHold(part, context, addresses[0])
-        self._outputs = Outputs(context, addresses, self._hold)
-        process = None if self._hold is None else self._hold.process
-        self._presence = SessionPresence(
-            own, clock, totals, self._publish, part=part, process=process
+        # What goes out.
+        self._reported = who_care(observers, "report")
+        self._ledger = LedgerWriter(scene.mqtt.prefix)
+        self._keeps_ledger = scene.mqtt.truth or any(o.wants_ledger for o in observers)
+        self._outputs = Outputs(
+            own,
+            addresses,
+            clock=clock,
+            schedule=self._schedule,
+            totals=totals,
+            observers=observers,
+            hold=hold,
         )
-        mapped = None
-        if scene.telemetry.mapping:
-            from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
-
-            mapped = MappedReports(scene.telemetry.mapping)
-        self._tracker_topics = context.tracker_topics
-        topics = [*self._inputs.topics, self._presence.topic, *self._tracker_topics]
-        topics += mapped.topics if mapped else []
+        self._presence = SessionPresence(own, clock, totals, self._publish, part=part, hold=hold)
+        topics = [*engine.topics, self._presence.topic, *self._tracker_topics]
+        topics += self._mapped.topics if self._mapped else []
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
-        engine = self.engine
-        for i, sensor in enumerate(own.sensor):
-            outbox, announcer = self._outputs.of_sensor(sensor, self.start_ns)
-            self.sensor_tasks[sensor.id] = SensorTask(engine, i, outbox, context, announcer)
+        self.sensors = self._running_sensors()
+        self._of_index = list(self.sensors.values())
         self._cooperative = self._outputs.of_cooperative_drones()
-        self.ticks = Ticks(context, engine, self.sensor_tasks, self._inputs, self._cooperative)
-        self._loop.on_input = self.ticks.input_waits
-        self._take_mapped = taker_of_mapped(
-            mapped, scene, clock, self._loop.queue_input, self._inputs.refuse_later
-        )
-        self._sources = sources_of(scene, clock, self._loop.queue_input, self._inputs.refuse_later)
+        self._outboxes = [sensor.outbox for sensor in self._of_index]
+        """By the index that batches have for whose sectors they hold."""
+        if self._cooperative is not None:
+            self._outboxes.append(self._cooperative)
         if scene.mqtt.queue.policy == "wait":
             self._loop.wait_for(self._outputs.brokers)
 
-    def receive(self, inputs: Sequence[Input], t_utc_ns: int) -> None:
-        """Take in telemetry and commands together, as of that time."""
-        self._inputs.receive(inputs, t_utc_ns)
+    def _running_sensors(self) -> Mapping[str, RunningSensor]:
+        describer, found = SensorDescriber(self.scene), {}
+        for i, sensor in enumerate(self.scene.sensor):
+            offline = status_of(describer.description(sensor))
+            outbox, announcer = self._outputs.of_sensor(sensor, offline, self.start_ns)
+            found[sensor.id] = RunningSensor(
+                self.engine,
+                i,
+                outbox,
+                announcer=announcer,
+                describer=describer,
+                schedule=self._schedule,
+                totals=self.totals,
+                changed=who_care(self._observers, "settings"),
+            )
+        return found
 
-    def command(self, command: dict[str, Any]) -> dict[str, Any]:
-        """Do now what might have come in as a command, and say what is in force.
-
-        Raises `PlotfeedError`.
-        """
-        return self._inputs.command(command, self.ticks.as_of_ns())
-
-    @property
-    def input_queue(self) -> QueueStatistics:
-        """What has come in, and waits to be taken in."""
-        return self._inputs.statistics()
+    # From the first connection to the last message.
 
     async def run(
         self, duration_s: float | None, stop: asyncio.Event, on_ready: Callable[[], object]
     ) -> None:
         """Connect, work until the end, say goodbye."""
+        hold = self._hold
         with contextlib.ExitStack() as sockets:
             for udp in self._outputs.udp:
                 sockets.callback(udp.close)
@@ -235,15 +268,15 @@ class Session:
             async with asyncio.TaskGroup() as tasks:
                 running: list[asyncio.Task[None]] = []
                 try:
-                    if self._hold is None:
+                    if hold is None:
                         await self._run(duration_s, stop, on_ready, tasks, running)
                     else:
-                        async with self._hold.kept(tasks):
-                            await first_of(self._stand_by(self._hold, duration_s), stop)
-                            if self._hold.is_claimed:  # else another process has the part
+                        async with hold.kept(self, tasks):
+                            await first_of(hold.wait_for_turn(self._end_ns(duration_s)), stop)
+                            if hold.is_claimed:  # else another process has the part
                                 await self._run(duration_s, stop, on_ready, tasks, running)
                 finally:
-                    if self._hold is not None and self._hold.is_taken:
+                    if hold is not None and hold.is_taken:
                         self._outputs.forget_wills()
                     for task in running:
                         task.cancel()
@@ -257,13 +290,10 @@ class Session:
         running: list[asyncio.Task[None]],
     ) -> None:
         """Connect, and work until the end; what runs meanwhile is noted in `running`."""
-        running += [
-            tasks.create_task(each.run(), name=f"link[{each.name}]")
-            for each in self._outputs.connected
-        ]
-        running += [
-            tasks.create_task(each.run(), name=f"source[{each.name}]") for each in self._sources
-        ]
+        for kind, kept_up in (("link", self._outputs.connected), ("source", self._sources)):
+            running += [
+                tasks.create_task(each.run(), name=f"{kind}[{each.name}]") for each in kept_up
+            ]
         await first_of(self._connected(), stop)
         if stop.is_set():
             self._outputs.forget_wills()
@@ -273,7 +303,7 @@ class Session:
         on_ready()
         start_ns = self.clock.start()
         if self._part is None:
-            self.start_ns = self.ticks.joined_ns = start_ns
+            self.start_ns = self.joined_ns = start_ns
             self.engine.start(start_ns)
         else:
             await self._join(self._part)
@@ -281,81 +311,53 @@ class Session:
         await self._flush(stop)
         await self._farewell(running[len(self._outbox.transports) :])
 
-    async def _stand_by(self, hold: PartHold, duration_s: float | None) -> None:
-        """Work out what another process of the part sends, until this one has the part."""
-        end_ns = None if duration_s is None else self.start_ns + round(duration_s * NS)
-
-        def has_ended() -> bool:
-            return end_ns is not None and self.clock.now_ns() >= end_ns
-
-        await hold.watch.wait_until_up(FIRST_CONNECTION_S)
-        await self.ticks.stand_by(self.start_ns, lambda: hold.is_free or has_ended())
-        if not has_ended():
-            hold.claim()
-
-    async def _join(self, part: SessionPart) -> None:
-        """Go on at once with what nobody has sent yet, or begin when the scene does."""
-        if self._hold is None:
-            await self.ticks.stand_by(part.began_utc_ns, lambda: True)
-        from plotfeed.feeds.session.session_part import MARGIN_NS
-
-        margin_ns = 0 if self._hold is None else MARGIN_NS
-        await self.ticks.join(max(self.clock.now_ns() + margin_ns, part.began_utc_ns))
-        if self._hold is not None:
-            self._hold.begin(self.ticks)
-
     async def _connected(self) -> None:
         for transport in self._outputs.connected:
             await transport.wait_until_up(FIRST_CONNECTION_S)
 
-    def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
-        if topic == self._presence.topic:
-            self._presence.hear(payload)
-        elif topic in self._tracker_topics:
-            for each in self._observers:
-                each.tracked(topic, payload, content_type, self.clock.now_ns())
-        elif self._take_mapped is None or not self._take_mapped(topic, payload):
-            self._loop.queue_input(topic, payload, content_type)
+    def _end_ns(self, duration_s: float | None) -> int | None:
+        return None if duration_s is None else self.start_ns + round(duration_s * NS)
 
-    def _obey(self, command: Command, at_utc_ns: int) -> dict[str, Any]:
-        """Do what a command asks of sensors, drones or stories, and tell what changed."""
-        in_force = self.changes.obey(command, at_utc_ns)
-        for name in self.changes.take_changed():
-            self.sensor_tasks[name].follow(at_utc_ns)
-        self.ticks.let_go()
-        return in_force
+    async def stand_by(self, is_over: Callable[[], bool]) -> None:
+        """Work out what others send, or have sent since the scene began, until that is over."""
+        self._shares, done_ns = True, self.start_ns
+        while not is_over() or self.clock.now_ns() - done_ns > CAUGHT_UP_NS:
+            if self.clock.now_ns() - done_ns < CAUGHT_UP_NS:
+                await asyncio.sleep(STAND_BY_S)
+                continue
+            done_ns = self.clock.now_ns()
+            self._intake.take_in(done_ns, lambda: False)
+            await self._catch_up(done_ns)
 
-    def _publish(self, message: Message) -> None:
-        self._outbox.send_past_link(message)
+    async def _join(self, part: SessionPart) -> None:
+        """Go on at once with what nobody has sent yet, or begin when the scene does."""
+        hold = self._hold
+        if hold is None:
+            await self.stand_by(lambda: True)
+        margin_ns = 0 if hold is None else hold.margin_ns
+        self.joined_ns = max(self.clock.now_ns() + margin_ns, part.began_utc_ns)
+        await self._catch_up(self.joined_ns)
+        if hold is not None:
+            hold.begin()
 
-    def _keep_ledger(self, batch: Batch, row: int) -> None:
-        """Put what is true on the truth topic when there is time."""
-        self._loop.later((batch, row))
-
-    def _write_ledger(self, kept: Sequence[Kept]) -> None:
-        """Make entries of all sectors whose turn has come, which leave together."""
-        for observer in self._observers:
-            if cares(observer, "settled"):
-                for batch, row in kept:
-                    observer.settled(batch.one(row), records(batch.messages[row]))
-        messages = self._ledger.messages(kept)
-        for observer in self._observers:
-            for message in messages:
-                observer.ledger(message)
-        if self.scene.mqtt.truth:
-            self._outbox.send_past_link(*messages)
+    async def _catch_up(self, t_utc_ns: int) -> None:
+        for _ in self.engine.sensors.caught_up(t_utc_ns):
+            await asyncio.sleep(0)  # another session of this process may have something to send
 
     async def _work(self, duration_s: float | None) -> None:
         """Start everything, and do what is due until the end."""
-        end_ns = None if duration_s is None else self.start_ns + round(duration_s * NS)
         self.totals.drones = len(self.trajectories)
         for observer in self._observers:
             observer.begun(self)
         self._presence.begin(self.start_ns)
-        self.ticks.start(self.start_ns)
-        for task in self.sensor_tasks.values():
-            task.start(self.start_ns, self.ticks.joined_ns)
-        await self._loop.work(end_ns)
+        from_ns = self.start_ns
+        if self.joined_ns != from_ns:
+            from_ns = self.clock.now_ns()
+            self.engine.skip_claims(self.joined_ns)
+        self._work_out(from_ns // TICK_NS)
+        for sensor in self._of_index:
+            sensor.start(self.start_ns, self.joined_ns)
+        await self._loop.work(self._end_ns(duration_s))
 
     async def _flush(self, stop: asyncio.Event) -> None:
         """Deliver what links hold: all of it after a set time, what is near when told to stop."""
@@ -369,18 +371,18 @@ class Session:
                 async with asyncio.timeout(FLUSH_S):
                     await self._loop.finish(ActionKind.SENDING)
 
-    async def _farewell(self, sensors: Sequence[asyncio.Task[None]]) -> None:
+    async def _farewell(self, kept_up: Sequence[asyncio.Task[None]]) -> None:
         """Mark every sensor offline, let the sockets empty, and write what became of the rest."""
-        for sensor_task in self.sensor_tasks.values():
-            sensor_task.end()
+        for sensor in self._of_index:
+            sensor.end()
         if self._cooperative is not None:
             self._cooperative.end()
         self._presence.end()
         await self._drain()
         self._outputs.forget_wills()
-        for task in sensors:
+        for task in kept_up:
             task.cancel()
-        await asyncio.gather(*sensors, return_exceptions=True)
+        await asyncio.gather(*kept_up, return_exceptions=True)
         self._outputs.give_up()
         self._loop.do_all_later()
         await self._outbox.drain(FAREWELL_S / 2)
@@ -388,3 +390,283 @@ class Session:
     async def _drain(self) -> None:
         self._presence.tell_speed()
         await self._outputs.drain(FAREWELL_S)
+
+    # What comes in.
+
+    def _live_sources(self) -> list[LiveSource]:
+        """The sources of the scene, not open yet; raises `PlotfeedError` where one cannot be."""
+        sources = self.scene.outgoing.sources
+        if not sources:
+            return []
+        if not (isinstance(self.clock, WallClock) and self.clock.is_real):
+            raise PlotfeedError(
+                "telemetry.source: live sources need real time: "
+                "neither start_utc nor another --speed"
+            )
+        from plotfeed.feeds.transport.live_source import LiveSource
+
+        def refuse(kind: str, drone: str, refused: Refused) -> None:
+            self._intake.refuse_later(self._root + (drone or kind), refused)
+
+        return [
+            LiveSource(
+                source,
+                now_utc_ns=self.clock.now_ns,
+                take=self._take_report,
+                refuse=partial(refuse, source.address.kind),
+            )
+            for source in sources
+        ]
+
+    def _take_report(self, drone: str, report: PositionReport) -> None:
+        """Treat what a live source or a mapped topic tells as if its drone had published it."""
+        self._loop.queue_input(self._root + drone, encode_protobuf(report), PROTOBUF)
+
+    def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
+        if topic == self._presence.topic:
+            self._presence.hear(payload)
+            return
+        now_ns = self.clock.now_ns()
+        if topic in self._tracker_topics:
+            for each in self._observers:
+                each.tracked(topic, payload, content_type, now_ns)
+            return
+        heard = None if self._mapped is None else self._mapped.hear(topic, payload, now_ns)
+        if heard is None:
+            self._loop.queue_input(topic, payload, content_type)
+        elif isinstance(heard.said, Refused):
+            self._intake.refuse_later(
+                self._root + heard.drone if heard.drone else topic, heard.said
+            )
+        else:
+            self._take_report(heard.drone, heard.said)
+
+    @property
+    def input_queue(self) -> QueueStatistics:
+        """What has come in, and waits to be taken in."""
+        return self._intake.statistics()
+
+    def receive(self, inputs: Sequence[Input], t_utc_ns: int) -> None:
+        """Take in telemetry and commands together, as of that time."""
+        self._intake.receive(inputs, t_utc_ns)
+
+    def command(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Do now what might have come in as a command, and say what is in force.
+
+        To whoever records the session it is a command like those that come in. Raises
+        `PlotfeedError`.
+        """
+        # By now, and before all that is not done; where a tick has done the work of many, it counts
+        # for what is worked out next.
+        now_ns, next_ns = self.clock.now_ns(), self._schedule.next_due_ns()
+        t_utc_ns = now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
+        t_utc_ns = max(t_utc_ns, self._earliest_ns - TICK_NS)
+        payload = json.dumps(command).encode()
+        for received in self._received:
+            received(self.engine.control_topic, payload, JSON, t_utc_ns)
+        asked = command_of(command)
+        in_force = self.engine.obey(asked, t_utc_ns)
+        self._obeyed(asked, t_utc_ns)
+        self.totals.controls += 1
+        return in_force
+
+    def _obeyed(self, command: Command, at_utc_ns: int) -> None:
+        """Tell what a command has changed."""
+        for name in self.changes.take_changed():
+            self.sensors[name].follow(at_utc_ns)
+        self._let_go()
+        for observer in self._observers:
+            observer.obeyed(command, at_utc_ns)
+
+    def _control_clock(self, command: ClockCommand) -> dict[str, Any]:
+        clock = self.clock
+        if not isinstance(clock, WallClock) or clock.is_real or self._others:
+            raise ControlError("clock: real time cannot be held or hurried; run a simulated clock")
+        if command.speed is not None:
+            clock.set_speed(command.speed)
+        if command.paused is not None:
+            (clock.pause if command.paused else clock.resume)()
+        if command.step_s is not None:
+            clock.step(round(command.step_s * NS))
+        return {"paused": clock.is_paused, "speed": clock.speed}
+
+    def _answer(self, sensor: str, payload: bytes, as_of_ns: int) -> None:
+        self.sensors[sensor].asked(payload, as_of_ns)
+
+    # Tick by tick.
+
+    def _input_waits(self) -> None:
+        """Something has come in: see to it that there is a tick soon."""
+        now_ns = self.clock.now_ns()
+        self._plan_tick(max((now_ns // TICK_NS + 1) * TICK_NS, self._earliest_ns))
+
+    def _plan_tick(self, due_ns: int) -> None:
+        if self._tick_ns is None or due_ns < self._tick_ns:
+            self._tick_ns = due_ns
+            self._schedule.put(due_ns, partial(self._tick, due_ns), ActionKind.BETWEEN)
+
+    def _tick(self, due_ns: int) -> None:
+        if due_ns != self._tick_ns:
+            return  # an earlier one was planned instead
+        self._tick_ns = None
+        clock = self.clock
+        if isinstance(clock, WallClock):
+            speed = self.totals.speed = clock.speed
+            self.totals.speed_reached = clock.reached
+            is_behind = speed > 1 and clock.now_ns() - due_ns > TICK_NS
+            self._most_at_once = min(int(TICKS_BEHIND * speed), MOST_TICKS) if is_behind else 1
+            self._at_once = min(self._at_once, self._most_at_once)
+        self._intake.keep_up(due_ns - 1)
+        if self._intake:
+            self._at_once = 1
+            began_ns = clock.left_ns(due_ns)
+            self._intake.take_in(due_ns - 1, lambda: began_ns - clock.left_ns(due_ns) > INTAKE_NS)
+        self._work_out(due_ns // TICK_NS)
+
+    def _work_out(self, k: int) -> None:
+        """What ends from tick k + 1 on, and plan when to send it."""
+        now_ns = self.clock.now_ns()
+        too_late_ns = self._leave_out(now_ns)
+        ticks = self._ticks_from(k)
+        if too_late_ns:  # by steps as long as when it joins: else it would be late for ever
+            ticks = max(ticks, min(now_ns // TICK_NS - k, LONGEST_NS // TICK_NS))
+        before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
+        due: dict[int, list[tuple[int, Batch, int]]] = defaultdict(list)
+        ready: list[tuple[Outbox, Sequence[Outgoing]]] = []
+        engine = self.engine
+        if engine.cooperative is not None and not self.clock.can_wait:
+            engine.skip_claims(now_ns - engine.cooperative.period_ns)
+        for batch in engine.until(before_ns - 1):
+            self._let_go()
+            self._let_sendings_pass((k + 1) * TICK_NS)
+            sectors += len(batch)
+            of = batch.sectors.sensor.tolist()
+            for row, due_ns in enumerate(batch.sectors.end_ns.tolist()):
+                i = of[row]
+                if too_late_ns and not self._in_time(batch, row, due_ns, too_late_ns):
+                    continue
+                due[due_ns].append((i, batch, row))
+                ready.append((self._outboxes[i], batch.messages[row]))
+        for together in due.values():
+            together.sort(key=itemgetter(0))
+        prepare_all(ready)
+        self._let_go()
+        for due_ns, together in due.items():
+            self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
+        if sectors < MOST_SECTORS:
+            self._at_once = min(2 * ticks, self._most_at_once)
+        self._earliest_ns = (k + ticks) * TICK_NS
+        # Next where there is something to work out, or soon enough for what comes in.
+        ends_ns = [(k + ticks) * TICK_NS + LONGEST_NS]
+        if (end_ns := engine.next_end_ns) is not None:
+            ends_ns.append(end_ns)
+        self._plan_tick(max((min(ends_ns) // TICK_NS - 1) * TICK_NS, self._earliest_ns))
+        if self._intake:
+            self._input_waits()
+
+    def _ticks_from(self, k: int) -> int:
+        """How many are done at once: up to the next one before which something is handed in."""
+        ticks = self._at_once
+        for next_input_ns in self._hand_in:
+            if (comes_ns := next_input_ns()) is not None:
+                ticks = min(ticks, max(comes_ns // TICK_NS - k + 1, 1))
+        return ticks
+
+    def _leave_out(self, now_ns: int) -> dict[int, int]:
+        """Leave out what is late by more than a period, or have it worked out and not sent.
+
+        Of the latter sensors, by index, up to when what is due is not sent.
+        """
+        too_late_ns, sensors = {}, self.engine.sensors
+        for i in () if self.clock.can_wait else sensors.late(now_ns):
+            if self._shares and sensors.remembers(i):
+                too_late_ns[i] = now_ns - sensors.sensors[i].scan.period_ns
+            else:
+                self._missed(i, sensors.skip(i, now_ns))
+        return too_late_ns
+
+    def _missed(self, i: int, missed: MissedScans) -> None:
+        self._of_index[i].missed(missed)
+        self.totals.missed_scans += missed.scans
+
+    def _in_time(self, batch: Batch, row: int, due_ns: int, too_late_ns: Mapping[int, int]) -> bool:
+        """Whether a sector is still to be sent; else it is missed."""
+        i = int(batch.sectors.sensor[row])
+        if due_ns >= too_late_ns.get(i, due_ns):
+            return True
+        is_last = int(batch.sectors.index[row]) + 1 == self._of_index[i].sensor.scan.sectors
+        self._missed(i, MissedScans(int(is_last), due_ns, due_ns))
+        return False
+
+    # What goes out.
+
+    def _publish(self, message: Message) -> None:
+        self._outbox.send_past_link(message)
+
+    def _let_sendings_pass(self, before_ns: int) -> None:
+        """Send what is due by now: no deadline waits for the sensors that are still to be done.
+
+        What is due from then on waits for what this tick has yet to plan: a late machine changes
+        neither the order of messages nor what a link's queue holds.
+        """
+        schedule, clock = self._schedule, self.clock
+        while (due_ns := schedule.next_due_ns()) is not None and clock.left_ns(due_ns) <= 0:
+            if due_ns >= before_ns or schedule.next_kind() < ActionKind.SENDING:
+                break
+            schedule.take()()
+
+    def _let_go(self) -> None:
+        """Send what links held while they were down, when they are up again."""
+        for i, at_utc_ns, one in self.engine.take_let_go():
+            self._outboxes[i].let_go(one, at_utc_ns)
+
+    def _send(self, sectors: Sequence[tuple[int, Batch, int]]) -> None:
+        """Hand over what is due now; the ledger has it when its fate is known."""
+        departures: list[Departure] = []
+        for i, batch, row in sectors:
+            keep = partial(self._loop.later, (batch, row)) if self._keeps_ledger else None
+            departures.append((self._outboxes[i], batch.messages[row], keep))
+        send_all(departures)
+        reported = [(i, batch, row) for i, batch, row in sectors if batch.claims is None]
+        for i, batch, row in reported:
+            scan, looks, plots, false_alarms = batch.counts[row]
+            self.totals.add(scan, looks, plots, false_alarms)
+            self._of_index[i].reported(scan, plots)
+        for tell in self._reported:
+            for _, batch, row in reported:
+                tell(batch.one(row))
+
+    def _write_ledger(self, kept: Sequence[Kept]) -> None:
+        """Make entries of all sectors whose turn has come, which leave together."""
+        for settled in who_care(self._observers, "settled"):
+            for batch, row in kept:
+                settled(batch.one(row), records(batch.messages[row]))
+        messages = self._ledger.messages(kept)
+        for observer in self._observers:
+            for message in messages:
+                observer.ledger(message)
+        if self.scene.mqtt.truth:
+            self._outbox.send_past_link(*messages)
+
+    # What a part says of itself.
+
+    @property
+    def sent_until_ns(self) -> int:
+        """All that was due by then has left, or will not, UTC."""
+        dues = [sensor.outbox.oldest_due_ns for sensor in self._of_index]
+        due = [each for each in (*dues, self._schedule.next_due_ns()) if each is not None]
+        return min([self.clock.now_ns(), *due]) - 1
+
+    def take_not_sent(self) -> dict[str, tuple[int, int]]:
+        """Tell once from when until when some of what was due did not leave, by sensor; UTC."""
+        taken = {name: s.outbox.counters.take_not_sent() for name, s in self.sensors.items()}
+        return {name: stretch for name, stretch in taken.items() if stretch is not None}
+
+
+def mapped_reports(scene: Scene) -> MappedReports | None:
+    """What takes what other systems publish as if their drones had published it, if any do."""
+    if not scene.telemetry.mapping:
+        return None
+    from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
+
+    return MappedReports(scene.telemetry.mapping)

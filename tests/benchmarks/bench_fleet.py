@@ -35,8 +35,8 @@ from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undis
 from plotfeed.feeds.fleet.partition import partition  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene  # noqa: E402
 from plotfeed.feeds.session.observer import Observer, RunningSession  # noqa: E402
+from plotfeed.feeds.session.part import SessionPart  # noqa: E402
 from plotfeed.feeds.session.session import run_over  # noqa: E402
-from plotfeed.feeds.session.session_part import SessionPart  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock  # noqa: E402
 
 RADARS, DRONES, SIMULATED_S, RUNS = 100, 50, 60.0, 4

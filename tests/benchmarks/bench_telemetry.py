@@ -26,17 +26,15 @@ from support.mqtt_client import listening  # noqa: E402
 from support.scene_files import radar, scene_file, scene_text  # noqa: E402
 
 from plotfeed.feeds.engine.engine import Engine  # noqa: E402
+from plotfeed.feeds.engine.intake import Intake  # noqa: E402
 from plotfeed.feeds.link.counters import SessionCounters  # noqa: E402
 from plotfeed.feeds.link.lateness import lateness_us  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
-from plotfeed.feeds.session.inputs import SessionInputs  # noqa: E402
-from plotfeed.feeds.session.observer import Observer, SessionContext  # noqa: E402
-from plotfeed.feeds.session.sensor_description import SensorDescriber  # noqa: E402
+from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf  # noqa: E402
 from plotfeed.feeds.telemetry.position_report import PositionReport  # noqa: E402
-from plotfeed.feeds.timing.clock import InstantClock, WallClock  # noqa: E402
-from plotfeed.feeds.timing.schedule import Schedule  # noqa: E402
+from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
 from plotfeed.models.state import AltitudeReference  # noqa: E402
 from plotfeed.models.truth import Trajectories  # noqa: E402
 
@@ -59,20 +57,10 @@ def report(t_utc_ns: int, number: int, *, with_velocity: bool) -> PositionReport
     )
 
 
-def inputs_of(scene: Scene) -> tuple[SessionInputs, Trajectories]:
+def intake_of(scene: Scene) -> tuple[Intake, Trajectories]:
     """What takes telemetry in, with nobody to follow it."""
     engine = Engine(scene, START_NS)
-    clock = InstantClock(START_NS)
-    context = SessionContext(
-        scene=scene,
-        clock=clock,
-        schedule=Schedule(clock.wake),
-        totals=SessionCounters(),
-        observers=(),
-        keep_ledger=lambda *_: None,
-        describer=SensorDescriber(scene),
-    )
-    return SessionInputs(context, engine, {}, lambda _: None, lambda *_: {}), engine.trajectories
+    return Intake(engine, SessionCounters(), lambda _: None), engine.trajectories
 
 
 Ticks = list[list[tuple[str, bytes]]]
@@ -98,7 +86,7 @@ def ticks(drones: int, rate_hz: float, seconds: float, *, kind: str, with_veloci
 
 def cost_us(scene: Scene, by_tick: Ticks, content_type: str) -> tuple[float, float, float]:
     """Processor time a message, microseconds: queued, taken in, and asked for afterwards."""
-    inputs, trajectories = inputs_of(scene)
+    inputs, trajectories = intake_of(scene)
     spent_ns, number = [0, 0, 0], 0
     for tick, came in enumerate(by_tick):
         now_ns = START_NS + (tick + 1) * TICK_NS

@@ -17,7 +17,7 @@ ROOMS = {
     "feeds/link": "link",
     "feeds/transport": "transport",
     "feeds/telemetry": "telemetry",
-    "feeds/session/inputs.py": "telemetry",
+    "feeds/engine/intake.py": "telemetry",
 }
 """What a piece of a file's path says; the innermost call that is of any of these counts."""
 NAMES = ("sensing", "formats", "link", "transport", "telemetry", "ledger", "the rest")

@@ -13,8 +13,8 @@ from support.sessions import AtWork, StallingClock
 from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.session.observer import Tap
+from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.session.session import run_over
-from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock
 
 DURATION_S = 8.0
@@ -81,7 +81,7 @@ def test_what_a_late_machine_leaves_out_is_told_and_changes_nothing_that_follows
             part=part,
         )
     )
-    told = at_work.session.ticks.take_not_sent()
+    told = at_work.session.take_not_sent()
     gaps = [
         {"sensors": [name], "from_utc_ns": first_ns - 1, "to_utc_ns": last_ns}
         for name, (first_ns, last_ns) in told.items()
@@ -94,4 +94,4 @@ def test_what_a_late_machine_leaves_out_is_told_and_changes_nothing_that_follows
     if stall_s > 1.0:
         assert set(told) == set(EVERY)
         assert verdict.in_gaps > len(EVERY)
-    assert at_work.session.ticks.take_not_sent() == {}
+    assert at_work.session.take_not_sent() == {}

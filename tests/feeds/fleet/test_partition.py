@@ -15,8 +15,8 @@ from plotfeed.feeds.fleet.partition import load_of, partition, together
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, example
 from plotfeed.feeds.session.observer import Tap
+from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.session.session import run_over
-from plotfeed.feeds.session.session_part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.beam import CULLED_FROM
 

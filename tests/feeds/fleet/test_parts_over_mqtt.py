@@ -21,10 +21,10 @@ from support.road import START_NS, fly
 from support.sessions import AtWork, Start, every_broker, quiet_mosquitto
 from support.waiting import until
 
+from plotfeed.feeds.fleet.part_hold import NOT_HELD, PartTakenError, run_part
 from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.scene.scene import Scene, example
-from plotfeed.feeds.session.session import run_part
-from plotfeed.feeds.session.session_part import NOT_HELD, PartTakenError, SessionPart
+from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.connection import MqttError
 from plotfeed.proto.utc import NS, whole_second_ns

@@ -85,16 +85,12 @@ async def test_tracks_are_in_the_record_and_are_no_telemetry(tmp_path: Path) -> 
 def test_a_tracker_is_asked_for_where_an_observer_follows_it_a_sensors_own_too(
     tmp_path: Path,
 ) -> None:
-    from plotfeed.feeds.session.observer import SessionContext
+    from plotfeed.feeds.session.observer import tracker_topics
 
     def topics(topic: str, *observers: Observer) -> list[str]:
         text = scene_text(sensors=radar(), port=1) + f'[page]\ntracks_topic = "{topic}"\n'
         scene = load(scene_file(tmp_path, text))
-        context = SessionContext(
-            scene=scene, clock=None, schedule=None, totals=None, observers=observers,
-            describer=None, keep_ledger=None,
-        )  # type: ignore[arg-type]  # fmt: skip
-        return list(context.tracker_topics)
+        return tracker_topics(scene, observers)
 
     assert topics(TOPIC) == topics(TOPIC, Observer()) == []
     assert topics(TOPIC, Followed()) == [TOPIC]

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from support.scene_files import radar, scene_file, scene_text
 
+from plotfeed.feeds.engine.sensor_description import SensorDescriber
 from plotfeed.feeds.page.scene_outline import connections
 from plotfeed.feeds.scene.scene import example, load
-from plotfeed.feeds.session.sensor_description import SensorDescriber
 
 if TYPE_CHECKING:
     pass

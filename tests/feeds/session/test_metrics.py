@@ -109,7 +109,7 @@ async def held(folder: Path) -> Held:
     found = Held(
         families=families,
         totals=before,
-        statuses={name: deepcopy(task.status) for name, task in begun.session.sensor_tasks.items()},
+        statuses={name: deepcopy(task.status) for name, task in begun.session.sensors.items()},
         port=port,
         listeners=sockets(),
     )

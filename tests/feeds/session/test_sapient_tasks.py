@@ -18,11 +18,11 @@ from support.sapient_tasks import ONE, THREE, TWO, task
 from support.sessions import Asks
 from support.waiting import until
 
+from plotfeed.feeds.engine.intake import Input
 from plotfeed.feeds.formats.sapient.sapient_announcer import MAX_TASKS_PER_S
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.session.observer import Input
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto.sapient.envelope import node_id

@@ -40,7 +40,7 @@ async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promi
         with start(tmp_path, port) as process:
             session_of = at_work(what, proxy.port)
             session = await session_of.__aenter__()
-            task = session.session.sensor_tasks["radar"]
+            task = session.session.sensors["radar"]
             await until(lambda: len(session.entries) > 5)
             proxy.is_closed = True
             process.kill()

@@ -96,7 +96,7 @@ async def test_commands_change_a_sensor_at_once_and_are_retained(
             assert told["controlled"] == {}
             assert "link" not in told["in_force"]
             assert delays_ns(await next_messages(session)) == {0}
-            assert session.session.sensor_tasks["radar"].sensor == session.session.scene.sensor[0]
+            assert session.session.sensors["radar"].sensor == session.session.scene.sensor[0]
     assert (session.totals.controls, session.totals.refused) == (5, 0)
 
 
@@ -127,7 +127,7 @@ async def test_what_cannot_be_done_is_refused_in_a_line_and_changes_nothing(tmp_
                 assert told["detail"].isprintable()
                 expected = {"topic": CONTROL, "drone": "", "reason": "control"}
                 assert told.items() >= {**expected, "count": str(number)}.items()
-            assert session.session.sensor_tasks["radar"].sensor == session.session.scene.sensor[0]
+            assert session.session.sensors["radar"].sensor == session.session.scene.sensor[0]
     assert (session.totals.refused, session.totals.controls) == (len(REFUSED), 0)
     assert len(ears.on(SETTINGS)) == 1
 

@@ -208,7 +208,7 @@ async def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
     assert session.session.input_queue.dropped == 0
     # On a slow machine its reports are so far apart that it is gone in between.
     assert {*session.session.trajectories.names} <= {"good"}
-    assert session.session.sensor_tasks["radar"].sensor == what.sensor[0]
+    assert session.session.sensors["radar"].sensor == what.sensor[0]
     assert_no_sector_is_missing(session)
     assert session.sectors[-1].sector.end_ns > session.session.start_ns + 59 * S
     lines = refusals(ears)

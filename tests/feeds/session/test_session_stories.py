@@ -117,7 +117,7 @@ async def test_a_story_is_told_on_the_wire_and_taken_back_to_what_was_before(
             assert (told["controlled"], teller.on()) == ({}, ["late"])
             await teller.say(story="late", reset=True)
             scene_now = session.session.scene.sensor
-            assert tuple(t.sensor for t in session.session.sensor_tasks.values()) == scene_now
+            assert tuple(t.sensor for t in session.session.sensors.values()) == scene_now
     assert session.totals.refused == 3
 
 

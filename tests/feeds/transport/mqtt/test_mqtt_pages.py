@@ -11,7 +11,7 @@ from support.certificates import Certificates
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.scene.scene import from_tree
-from plotfeed.feeds.session.outputs import broker_address
+from plotfeed.feeds.transport.brokers import broker_address
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAddress
 
 DOCS = Path(__file__).parents[4] / "docs"

@@ -1,19 +1,23 @@
-"""What a sensor says of itself, so that whoever hears its reports can put them on the Earth."""
+"""What a sensor says of itself beside its reports: its place and cover, its keys, its status."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+import json
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.engine.visibility import limits_of
+from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.fields import frame_at, geodetic
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
+from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import asterix_content_type
+from plotfeed.proto.utc import iso_utc
 
 if TYPE_CHECKING:
     from plotfeed.models.cueing import CuedState
@@ -96,6 +100,33 @@ def status_of(description: pb.SensorDescription) -> pb.SensorStatus:
         longitude_deg=description.longitude_deg,
         height_m=description.height_m,
     )
+
+
+def status_message(prefix: str, status: pb.SensorStatus, now_utc_ns: int) -> Message:
+    """A sensor's status, as of now, for whoever comes later."""
+    status.time_utc.FromNanoseconds(now_utc_ns)
+    source, sensor = f"{prefix}/{status.sensor}", status.sensor
+    return retained_message(source, "status", to_json(status), now_utc_ns, sensor=sensor)
+
+
+def description_message(prefix: str, description: pb.SensorDescription, now_utc_ns: int) -> Message:
+    """What and where a sensor is and how it reports, for whoever comes later."""
+    source, sensor = f"{prefix}/{description.sensor}", description.sensor
+    return retained_message(source, "description", to_json(description), now_utc_ns, sensor=sensor)
+
+
+def settings_message(
+    prefix: str, sensor: Sensor, controlled: Mapping[str, Any], now_utc_ns: int
+) -> Message:
+    """What a sensor's keys are at the moment, and which of them control has changed."""
+    said = {
+        "sensor": sensor.id,
+        "time_utc": iso_utc(now_utc_ns),
+        "controlled": controlled,
+        "in_force": sensor.model_dump(mode="json", exclude_unset=True, exclude={"event"}),
+    }
+    payload, source = json.dumps(said).encode(), f"{prefix}/{sensor.id}"
+    return retained_message(source, "settings", payload, now_utc_ns, sensor=sensor.id)
 
 
 def mount_status(sensor: Sensor, state: CuedState) -> pb.MountStatus:

@@ -1,7 +1,4 @@
-"""A session of some of a scene's sensors, and the one process at a time that may send them.
-
-Other sessions run the other sensors. What comes out of all of them is what one session of the whole
-scene sends: drones, surroundings and draws are those of the whole.
+"""The one process at a time that may send a part of a scene.
 
 Several processes may be started for a part. Each listens to `{prefix}/fleet/{part}`, where the one
 that sends says how it does, twice a second. The others work out the same and send nothing, until a
@@ -22,30 +19,29 @@ import os
 import socket
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 from uuid import uuid4
 
 from plotfeed.feeds.console.posix import alive_s
+from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.lateness import lateness_us
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.messages.outgoing import Client, Outgoing, Transport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.observer import SessionContext
+from plotfeed.feeds.session.part import SessionPart
+from plotfeed.feeds.session.session import FIRST_CONNECTION_S, Session, run_over
+from plotfeed.feeds.timing.clock import Clock
+from plotfeed.feeds.transport.brokers import brokers_of
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, OnMessage
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
 
-if TYPE_CHECKING:
-    from plotfeed.feeds.session.ticks import Ticks
-
 log = logging.getLogger(__name__)
 
-FLEET = "fleet"
-"""Level of topics behind the prefix."""
 JOINING, RUNNING, ENDED = "JOINING", "RUNNING", "ENDED"
 SAY_EVERY_S, LEASE_S, PATIENCE_S = 0.5, 2.0, 3.0
 """The last is longer than the one before: who was silent for it sends nothing any more."""
@@ -68,51 +64,29 @@ class PartTakenError(PlotfeedError):
     exit_code = 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionPart:
-    """Which of a scene's sensors a session runs."""
+async def run_part(
+    part: SessionPart, *, scene: Scene, clock: Clock, broker: str | None, **session: Any
+) -> SessionCounters:
+    """Run some of a scene's sensors, as `run_over` does; raises `PlotfeedError`.
 
-    number: int = 1
-    """From 1 to the number of parts."""
-    parts: int = 1
-    sensors: tuple[str, ...]
-    began_utc_ns: int
-    """When the scene began, by its own time: the same for all parts."""
-
-    @property
-    def leads(self) -> bool:
-        """Whether it does what there is once in a scene: its cooperative drones, refusals."""
-        return self.number == 1
-
-    @property
-    def name(self) -> str:
-        """Such as 2/3."""
-        return f"{self.number}/{self.parts}"
-
-    def source(self, scene: Scene) -> str:
-        """The topic on which the part says how it does; others are below it."""
-        return f"{scene.mqtt.prefix}/{FLEET}/{self.number}"
-
-    def scene_of(self, scene: Scene) -> Scene:
-        """The scene with these sensors alone."""
-        mine = frozenset(self.sensors)
-        left: dict[str, Any] = {"sensor": tuple(s for s in scene.sensor if s.id in mine)}
-        if not self.leads:
-            left["cooperative"] = None
-        return scene.model_copy(update=left)
-
-    def others(self, scene: Scene) -> frozenset[str]:
-        """Sensors of the scene that other sessions run."""
-        return frozenset(sensor.id for sensor in scene.sensor) - frozenset(self.sensors)
+    At a broker another process may have the part: then this one stands by.
+    """
+    async with brokers_of(scene, broker) as brokers:
+        addresses, _ = brokers
+        hold = BrokerHold(part, scene, clock, addresses[0]) if addresses else None
+        return await run_over(brokers, scene, clock=clock, part=part, hold=hold, **session)
 
 
-class PartHold:
+class BrokerHold:
     """Whether this process has a part: it says so, and hears whether another does."""
 
-    def __init__(self, part: SessionPart, context: SessionContext, address: BrokerAddress) -> None:
+    def __init__(
+        self, part: SessionPart, scene: Scene, clock: Clock, address: BrokerAddress
+    ) -> None:
         self.process = uuid4().hex[:12]
-        self.source = part.source(context.scene)
-        self.client_id = f"{context.scene.mqtt.prefix}-part-{part.number}".replace("/", "-")
+        self.source = part.source(scene)
+        self.client_id = f"{scene.mqtt.prefix}-part-{part.number}".replace("/", "-")
+        self.margin_ns = MARGIN_NS
         self.gaps: deque[dict[str, Any]] = deque(maxlen=MOST_GAPS)
         """What nobody sent: sensors, from when, until when, why."""
         self._gaps_are_told = True
@@ -120,8 +94,9 @@ class PartHold:
         """What ends after that this process sends; 0 before it does."""
         self.watch: MqttTransport
         """The connection by which it hears and says all this."""
-        self._part, self._context, self._address = part, context, address
-        self._ticks: Ticks | None = None
+        self._part, self._scene, self._clock, self._address = part, scene, clock, address
+        self._session: Session
+        """Of the part; known once it is kept."""
         self._other: dict[str, Any] | None = None
         """What another process said last, before this one had the part."""
         self._session_gone = ""
@@ -134,14 +109,19 @@ class PartHold:
         self._held_from_s = self._until_s = float("-inf")
         self._taken: dict[str, Any] | None = None
 
-    def listen(self, topics: Sequence[str], on_message: OnMessage) -> None:
-        """Have the watch hear those topics too, for the session."""
+    def link(self, topics: Sequence[str], on_message: OnMessage, **how: Any) -> MqttTransport:
+        """The link of whoever has the part; the watch hears those topics, whoever that is."""
         self._on_message = on_message
         every = [self.source, f"{self.source}/gaps", *topics]
         self.watch = MqttTransport(
             self._address, f"{self.client_id}-watch", subscribe=every, on_message=self._hear
         )
-        self._out = Outbox(self._context.clock, [self.watch])
+        self._out = Outbox(self._clock, [self.watch])
+        return _PartLink(self._address, self, **how)
+
+    def guarded(self, transport: Transport) -> Transport:
+        """A transport that takes nothing, and says so, while another process may have the part."""
+        return _HeldTransport(transport, self)
 
     @property
     def holds(self) -> bool:
@@ -167,8 +147,16 @@ class PartHold:
         """Whether another process has taken the part over from this one."""
         return self._taken is not None
 
-    def claim(self) -> None:
-        """Say that this process has the part from now on."""
+    async def wait_for_turn(self, end_ns: int | None) -> None:
+        """Have the session stand by until this process has the part, or that time has come."""
+
+        def has_ended() -> bool:
+            return end_ns is not None and self._clock.now_ns() >= end_ns
+
+        await self.watch.wait_until_up(FIRST_CONNECTION_S)
+        await self._session.stand_by(lambda: self.is_free or has_ended())
+        if has_ended():
+            return
         if self._other is not None and self._other["state"] != ENDED:
             log.info("part %s: takes over from %s", self._part.name, self._other["worker"])
         self._claim = 1 + (0 if self._other is None else self._other["claim"])
@@ -180,10 +168,10 @@ class PartHold:
         while not since_s <= self._held_from_s <= alive_s() < self._until_s:  # noqa: ASYNC110
             await asyncio.sleep(LOOK_S / 10)
 
-    def begin(self, ticks: Ticks) -> None:
-        """Send from now on what ends after the time at which the ticks have joined."""
-        self._ticks, self.joined_ns = ticks, ticks.joined_ns
-        ticks.take_not_sent()
+    def begin(self) -> None:
+        """Send from now on what ends after the time at which the session has joined."""
+        self.joined_ns = self._session.joined_ns
+        self._session.take_not_sent()
         from_ns, why = self._part.began_utc_ns, "nobody had begun"
         if self._other is not None and self._other["began_utc_ns"] == from_ns:
             from_ns = max(from_ns, self._other["sent_until_utc_ns"] - ON_THE_WAY_NS)
@@ -194,14 +182,15 @@ class PartHold:
 
     def cut_off(self) -> None:
         """Tell that what was on its way to the broker may be lost: the connection was."""
-        now_ns = self._context.clock.now_ns()
+        now_ns = self._clock.now_ns()
         silent_ns = round((alive_s() - self._held_from_s) * NS)
         from_ns = max(now_ns - silent_ns - ON_THE_WAY_NS, self.joined_ns)
         self._tell_gap(self._part.sensors, from_ns, now_ns, "the connection to the broker was lost")
 
     @contextlib.asynccontextmanager
-    async def kept(self, tasks: asyncio.TaskGroup) -> AsyncIterator[None]:
+    async def kept(self, session: Session, tasks: asyncio.TaskGroup) -> AsyncIterator[None]:
         """Listen and say how the part does meanwhile; at the end, that it has ended."""
+        self._session = session
         keeping = [tasks.create_task(self.watch.run()), tasks.create_task(self._keep())]
         try:
             yield
@@ -270,17 +259,17 @@ class PartHold:
             self._silent_s = NEWS_S  # it is known without waiting
 
     def _say(self, state: str) -> None:
-        if self._ticks is not None and (not_sent := self._ticks.take_not_sent()):
+        session, has_begun = self._session, self.joined_ns > 0
+        if has_begun and (not_sent := session.take_not_sent()):
             from_ns = min(first_ns for first_ns, _ in not_sent.values()) - 1
             to_ns = max(last_ns for _, last_ns in not_sent.values())
             self._tell_gap(not_sent.keys(), from_ns, to_ns, "it could not be sent in time")
         self._number += 1
         self._said_s[self._number] = alive_s()
         self._said_s.pop(self._number - 8, None)
-        part, context, totals = self._part, self._context, self._context.totals
-        now_ns = context.clock.now_ns()
-        sent_until_ns = part.began_utc_ns if self._ticks is None else self._ticks.sent_until_ns
-        if self._ticks is None and self._other is not None:
+        part, totals, now_ns = self._part, session.totals, self._clock.now_ns()
+        sent_until_ns = session.sent_until_ns if has_begun else part.began_utc_ns
+        if not has_begun and self._other is not None:
             sent_until_ns = self._other["sent_until_utc_ns"]
         p50_us, p99_us = lateness_us(totals.lateness_ns, 50, 99)
         said = {
@@ -291,7 +280,7 @@ class PartHold:
             "worker": f"{socket.gethostname()}:{os.getpid()}",
             "claim": self._claim,
             "number": self._number,
-            "scene": context.scene.scene.name,
+            "scene": self._scene.scene.name,
             "began_utc_ns": part.began_utc_ns,
             "time_utc": iso_utc(now_ns),
             "sent_until_utc": iso_utc(sent_until_ns),
@@ -324,7 +313,7 @@ class PartHold:
     def _tell_gaps(self) -> None:
         if not self._gaps_are_told:
             self._gaps_are_told = True
-            now_ns = self._context.clock.now_ns()
+            now_ns = self._clock.now_ns()
             self._out.send_past_link(self._message("gaps", [*self.gaps], now_ns))
 
 
@@ -361,10 +350,10 @@ def told_gaps(payload: bytes) -> list[dict[str, Any]]:
         return []
 
 
-class HeldTransport:
+class _HeldTransport:
     """A transport that takes nothing, and says so, while the part may be another process's."""
 
-    def __init__(self, transport: Transport, hold: PartHold) -> None:
+    def __init__(self, transport: Transport, hold: BrokerHold) -> None:
         self._transport, self._hold = transport, hold
         self.waiting_of: Callable[[Client], int] = transport.waiting_of
         self.carries: Callable[[Message], bool] = transport.carries
@@ -380,10 +369,10 @@ class HeldTransport:
         return False
 
 
-class PartLink(MqttTransport):
+class _PartLink(MqttTransport):
     """The link of a part: under the part's client id, and only where this process has the part."""
 
-    def __init__(self, address: BrokerAddress, hold: PartHold, **how: Any) -> None:
+    def __init__(self, address: BrokerAddress, hold: BrokerHold, **how: Any) -> None:
         super().__init__(address, hold.client_id, **how)
         self._client_id, self._hold = hold.client_id, hold
 

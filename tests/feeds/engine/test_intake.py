@@ -12,18 +12,14 @@ from hypothesis import strategies as st
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.engine.intake import AT_ONCE, Intake
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.session.inputs import AT_ONCE, SessionInputs
-from plotfeed.feeds.session.observer import Observer, SessionContext
-from plotfeed.feeds.session.sensor_description import SensorDescriber
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import MAX_OF_TOPIC
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver, look_back_s
-from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.models.state import AltitudeReference
 from plotfeed.models.truth import Trajectories
 
@@ -69,8 +65,8 @@ def report(
     )
 
 
-class Intake(Observer):
-    """Inputs of a session that is not there, and what they tell."""
+class Told:
+    """An intake without a session, and what it tells."""
 
     def __init__(self, scene: Scene) -> None:
         self.told: list[tuple[str, bytes, int]] = []
@@ -78,17 +74,8 @@ class Intake(Observer):
         self.totals = SessionCounters()
         engine = Engine(scene, NOW)
         self.trajectories = engine.trajectories
-        clock = InstantClock(NOW)
-        context = SessionContext(
-            scene=scene,
-            clock=clock,
-            schedule=Schedule(clock.wake),
-            totals=self.totals,
-            observers=[self],
-            keep_ledger=lambda *_: None,
-            describer=SensorDescriber(scene),
-        )
-        self.inputs = SessionInputs(context, engine, {}, self.errors.append, lambda *_: {})
+        tell = self.errors.append
+        self.inputs = Intake(engine, self.totals, tell, received=[self.received])
 
     def received(
         self, topic: str, payload: bytes, _content_type: str | None, t_utc_ns: int
@@ -114,7 +101,7 @@ class Intake(Observer):
 
 def test_a_drone_at_10_hz_is_never_stale_beside_50_000_messages_a_second(scene: Scene) -> None:
     """The machine takes in as much as the least that a tick takes, whatever comes."""
-    intake, flood, sent = Intake(scene), 500, 0
+    intake, flood, sent = Told(scene), 500, 0
     payloads = {"garbage": b"\xff\xff", "oversized": b"{" * 5_000}
     for tick in range(500):
         now_ns = NOW + tick * TICK_NS
@@ -140,7 +127,7 @@ def test_a_drone_at_10_hz_is_never_stale_beside_50_000_messages_a_second(scene: 
 
 
 def test_ten_thousand_names_in_a_flood_neither_blind_nor_fill_the_session(scene: Scene) -> None:
-    intake, latest = Intake(scene), 0.0
+    intake, latest = Told(scene), 0.0
     for tick in range(300):
         now_ns = NOW + tick * TICK_NS
         if tick % 10 == 0:
@@ -155,7 +142,7 @@ def test_ten_thousand_names_in_a_flood_neither_blind_nor_fill_the_session(scene:
 
 
 def test_commands_come_first(scene: Scene) -> None:
-    intake = Intake(scene)
+    intake = Told(scene)
     for i in range(AT_ONCE + 1):
         intake.come(f"d{i}", report(NOW))
     intake.inputs.queue("plotfeed/control", b"{}", None)
@@ -170,7 +157,7 @@ def test_a_flood_of_commands_takes_no_more_than_a_tick_has_and_starves_no_teleme
     scene: Scene,
 ) -> None:
     """Each may have a sensor worked out anew; the rest waits, one topic's beside another's."""
-    intake = Intake(scene)
+    intake = Told(scene)
     for i in range(500):
         intake.inputs.queue("plotfeed/control", b"{}", None)
         intake.come("quiet", report(NOW + i * MS))
@@ -183,7 +170,7 @@ def test_a_flood_of_commands_takes_no_more_than_a_tick_has_and_starves_no_teleme
 
 
 def test_whatever_sensors_are_asked_there_is_room_for_a_command(tmp_path: Path) -> None:
-    intake = Intake(scene_of(tmp_path, radar(more='report = ["sapient"]')))
+    intake = Told(scene_of(tmp_path, radar(more='report = ["sapient"]')))
     for _ in range(5_000):
         intake.inputs.queue("plotfeed/nobody/sapient/task", b"", None)
     intake.inputs.queue("plotfeed/control", b"{}", None)
@@ -193,7 +180,7 @@ def test_whatever_sensors_are_asked_there_is_room_for_a_command(tmp_path: Path) 
 
 
 def test_a_report_that_waited_until_nobody_can_see_it_is_refused(scene: Scene) -> None:
-    intake = Intake(scene)
+    intake = Told(scene)
     intake.come("a", report(NOW))
     late_ns = NOW + round((scene.telemetry.stale_after_s + look_back_s(scene)) * S)
     intake.tick(late_ns + 1)
@@ -213,7 +200,7 @@ def test_how_far_back_anybody_looks_is_a_sector_and_the_way_of_sound(tmp_path: P
 
 
 def test_reports_that_nobody_asks_for_give_way_to_later_ones(scene: Scene) -> None:
-    intake = Intake(scene)
+    intake = Told(scene)
     for age_ms in range(4_000, 0, -100):
         intake.come("steady", report(NOW - age_ms * MS, (1.0, 0.0, 0.0)))
         intake.come("fitted", report(NOW - age_ms * MS))
@@ -270,7 +257,7 @@ def test_a_batch_makes_the_truth_that_its_reports_make_one_by_one(
 
 
 def test_what_was_taken_in_is_told_in_order_and_makes_the_same_again(scene: Scene) -> None:
-    first, again = Intake(scene), Intake(scene)
+    first, again = Told(scene), Told(scene)
     rng = np.random.default_rng(3)
     for tick in range(200):
         now_ns = NOW + tick * TICK_NS

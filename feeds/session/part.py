@@ -1,0 +1,93 @@
+"""A session of some of a scene's sensors: which, and whether this process is the one to send them.
+
+Other sessions run the other sensors. What comes out of all of them is what one session of the whole
+scene sends: drones, surroundings and draws are those of the whole.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from plotfeed.feeds.messages.outgoing import Transport
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.feeds.transport.mqtt.connection import OnMessage
+
+FLEET = "fleet"
+"""Level of topics behind the prefix."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionPart:
+    """Which of a scene's sensors a session runs."""
+
+    number: int = 1
+    """From 1 to the number of parts."""
+    parts: int = 1
+    sensors: tuple[str, ...]
+    began_utc_ns: int
+    """When the scene began, by its own time: the same for all parts."""
+
+    @property
+    def leads(self) -> bool:
+        """Whether it does what there is once in a scene: its cooperative drones, refusals."""
+        return self.number == 1
+
+    @property
+    def name(self) -> str:
+        """Such as 2/3."""
+        return f"{self.number}/{self.parts}"
+
+    def source(self, scene: Scene) -> str:
+        """The topic on which the part says how it does; others are below it."""
+        return f"{scene.mqtt.prefix}/{FLEET}/{self.number}"
+
+    def scene_of(self, scene: Scene) -> Scene:
+        """The scene with these sensors alone."""
+        mine = frozenset(self.sensors)
+        left: dict[str, Any] = {"sensor": tuple(s for s in scene.sensor if s.id in mine)}
+        if not self.leads:
+            left["cooperative"] = None
+        return scene.model_copy(update=left)
+
+    def others(self, scene: Scene) -> frozenset[str]:
+        """Sensors of the scene that other sessions run."""
+        return frozenset(sensor.id for sensor in scene.sensor) - frozenset(self.sensors)
+
+
+class PartHold(Protocol):
+    """Whether this process may send what a part sends, where several were started for it."""
+
+    process: str
+    """What this process calls itself."""
+    client_id: str
+    """That of whoever has the part."""
+    margin_ns: int
+    """Who takes over begins so much after now."""
+
+    @property
+    def is_claimed(self) -> bool:
+        """Whether this process has said that it has the part."""
+
+    @property
+    def is_taken(self) -> bool:
+        """Whether another process has taken the part over from this one."""
+
+    def link(self, topics: Sequence[str], on_message: OnMessage, **how: Any) -> MqttTransport:
+        """The link to the broker of whoever has the part, which hears those topics meanwhile."""
+
+    def guarded(self, transport: Transport) -> Transport:
+        """A transport that takes nothing while another process may have the part."""
+
+    def kept(self, session: Any, tasks: asyncio.TaskGroup) -> AbstractAsyncContextManager[None]:
+        """Listen and say how the part does meanwhile."""
+
+    async def wait_for_turn(self, end_ns: int | None) -> None:
+        """Have the session stand by until this process has the part, or that time has come."""
+
+    def begin(self) -> None:
+        """The session sends from now on what ends after it has joined."""
