@@ -165,6 +165,6 @@ def test_every_example_does_what_it_says(
         done = plotfeed_here(*words)
         assert done.returncode == 0, (example, done.stdout, done.stderr)
         assert done.stdout.strip(), example
-    for name in ("here.ast", "here.pcap", "here.png", "there.png", "part.mcap", "heard.mcap"):
+    pictures = ("here.png", "there.png", "choices.png")
+    for name in ("here.ast", "here.pcap", "part.mcap", "heard.mcap", "lean.toml", *pictures):
         assert (folder / name).stat().st_size > 100, name
-    assert list((folder / "figures").glob("*.png"))
