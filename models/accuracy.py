@@ -97,12 +97,12 @@ def stated_covariance_m2(plots: Plots) -> Floats:
     level_m2[:, 1, 1] = plots.covariance_north_m2
     level_m2[:, 0, 1] = level_m2[:, 1, 0] = plots.covariance_east_north_m2
     is_polar = np.isnan(plots.covariance_east_m2)[:, None, None]
-    covariance_m2 = np.where(is_polar, _polar_covariance_m2(plots), level_m2)
+    covariance_m2 = np.where(is_polar, polar_covariance_m2(plots), level_m2)
     covariance_m2[~np.isfinite(covariance_m2).all(axis=(1, 2))] = np.nan
     return covariance_m2
 
 
-def _polar_covariance_m2(plots: Plots) -> Floats:
+def polar_covariance_m2(plots: Plots) -> Floats:
     """Covariance to first order in the errors of range and angles, along their directions."""
     azimuth = np.radians(plots.azimuth_deg)
     elevation = np.radians(np.nan_to_num(plots.elevation_deg))

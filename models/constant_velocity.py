@@ -15,9 +15,9 @@ AXES = 3
 
 
 def predicted(
-    states: Floats, covariances: Floats, after_s: Floats, density_m2_s3: float
+    states: Floats, covariances: Floats, after_s: Floats, density_m2_s3: float | Floats
 ) -> tuple[Floats, Floats]:
-    """States and covariances after times (n,), which may be negative."""
+    """States and covariances after times (n,), which may be negative; of one density, or (n, 1)."""
     n = len(states)
     moved = states.copy()
     moved[:, :AXES] += after_s[:, None] * states[:, AXES:]

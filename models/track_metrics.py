@@ -78,6 +78,11 @@ class FlightPath:
         t_ns, place_m = t_ns[kept], place_m[kept]
         return cls(t_ns, place_m, _velocities(t_ns, place_m, gap_ns), gap_ns)
 
+    def rows(self, which: Bools) -> Self:
+        """The places that are chosen, with the velocities that they have."""
+        place_m, velocity_m_s = self.position_ecef_m[which], self.velocity_ecef_m_s[which]
+        return type(self)(self.t_utc_ns[which], place_m, velocity_m_s, self.gap_ns)
+
     def states_at(self, t_utc_ns: Ints) -> tuple[Floats, Floats]:
         """Places and velocities in ECEF at times (m,), each (m, 3); NaN where it is not there."""
         last = len(self.t_utc_ns) - 1
@@ -202,7 +207,7 @@ def on_grid(reports: TrackReports, grid: Grid, stale_s: float, *, as_known: bool
     begin_ns = reports.known_utc_ns if as_known else reports.t_utc_ns
     if as_known:
         order = np.lexsort((reports.t_utc_ns, begin_ns, reports.track))
-        rows = order[~_overtaken(reports.track[order], reports.t_utc_ns[order])]
+        rows = order[~overtaken(reports.track[order], reports.t_utc_ns[order])]
         begin_ns = begin_ns[rows]
     track, t_ns = reports.track[rows], reports.t_utc_ns[rows]
     first = np.maximum(grid.at_or_after(begin_ns), 0)
@@ -229,7 +234,7 @@ def on_grid(reports: TrackReports, grid: Grid, stale_s: float, *, as_known: bool
     )
 
 
-def _overtaken(track: Ints, t_utc_ns: Ints) -> Bools:
+def overtaken(track: Ints, t_utc_ns: Ints) -> Bools:
     """Which rows, by track and then by when they came, are of a time before an earlier one's."""
     if not len(track):
         return np.zeros(0, np.bool_)
@@ -307,14 +312,20 @@ class TrackHolder:
         self._within[tracks[near]] = k
         held = self._end_old(k, tracks, held)
         nearest = np.argmin(distances_m, axis=0)
-        is_free = (held == NOBODY) & (distances_m[nearest, every] < self._gate_m)
-        free, wanted = tracks[is_free], drones[nearest[is_free]]
-        goes_on = (self._wanted[free] == wanted) & (self._until[free] == k - 1)
-        since = np.where(goes_on, self._since[free], k)
-        self._wanted[free], self._since[free], self._until[free] = wanted, since, k
-        is_new = k - since >= self._confirm - 1
-        new = free[is_new]
+        least_m = distances_m[nearest, every]
+        is_free = (held == NOBODY) & (least_m < self._gate_m)
+        # Another drone that is less than half as far: the track may have passed to it.
+        rival = near.copy()
+        rival[near] = 2 * least_m[near] < distances_m[place[near], every[near]]
+        asks = is_free | rival
+        asking, wanted = tracks[asks], drones[nearest[asks]]
+        goes_on = (self._wanted[asking] == wanted) & (self._until[asking] == k - 1)
+        since = np.where(goes_on, self._since[asking], k)
+        self._wanted[asking], self._since[asking], self._until[asking] = wanted, since, k
+        is_new = k - since >= np.where(rival[asks], self._end, self._confirm) - 1
+        new = asking[is_new]
         self._held[new], self._within[new] = wanted[is_new], k
+        near[np.flatnonzero(asks)[is_new]] = False
         old = tracks[near]
         return (
             np.concatenate([old, new]),
@@ -351,6 +362,22 @@ def segments_of(track: Ints, drone: Ints, step: Ints, end_steps: int) -> Segment
     last = np.append(first[1:], len(step))[: len(first)] - 1
     found = Segments(track=track[first], drone=drone[first], first=step[first], last=step[last])
     return found.rows(np.lexsort((found.first, found.track)))
+
+
+def right_identities(track: Ints, drone: Ints, step: Ints) -> tuple[Bools, Bools]:
+    """Which drones at steps, (m,), have only tracks that were theirs at first, and which both.
+
+    Both are tracks that were, and that were not. Rows (n,) are of tracks that are of a drone.
+    """
+    order = np.lexsort((step, track))
+    begins = np.flatnonzero(np.diff(track[order], prepend=-1))
+    first = drone[order][np.repeat(begins, np.diff(begins, append=len(order)))]
+    right = np.empty(len(order), np.bool_)
+    right[order] = drone[order] == first
+    _, which = np.unique(np.stack([step, drone]), axis=1, return_inverse=True)
+    which = which.ravel()
+    has_right, has_wrong = (np.bincount(which, weights=w) > 0 for w in (right, ~right))
+    return has_right & ~has_wrong, has_right & has_wrong
 
 
 def swaps_of(segments: Segments) -> int:
@@ -746,8 +773,9 @@ def _assigned(
     step = since[which] + np.arange(len(which)) - np.repeat(np.cumsum(many) - many, many)
     track, drone = of[which], whose[which]
     row = np.searchsorted(rows.step * tracks + rows.track, step * tracks + track)
-    order = np.lexsort((track, step))
-    step, drone, track, row = step[order], drone[order], track[order], row[order]
+    # Of a track that has passed to another drone, what was found last counts.
+    row, last = np.unique(row[::-1], return_index=True)
+    step, drone, track = step[::-1][last], drone[::-1][last], track[::-1][last]
     apart = truth[step, drone, :columns] - rows.point[row, :columns]
     return Assigned(
         step=step,
@@ -756,9 +784,6 @@ def _assigned(
         row=row,
         distance_m=np.sqrt((apart**2).sum(axis=1)),
     )
-
-
-MOST_LAGS = 50
 
 
 def nees(errors_m: Floats, covariances_m2: Floats) -> Floats:
@@ -778,82 +803,34 @@ def nees(errors_m: Floats, covariances_m2: Floats) -> Floats:
     return found
 
 
-def nees_interval(samples: float, dimensions: int, share: float = 0.95) -> tuple[float, float]:
-    """Bounds between which the mean NEES of so many independent samples lies with that chance.
+def lag_parts(
+    errors_m: Floats,
+    velocities_m_s: Floats,
+    covariances_m2: Floats | None = None,
+    others: Floats | None = None,
+) -> tuple[Floats, Floats]:
+    """What lag is a ratio of, (n,) each: an error is -tau v, what others explain, and noise.
 
-    Their sum has a chi-squared law of samples x dimensions degrees of freedom.
+    tau = -sum(e' R^-1 u) / sum(v' R^-1 u), of errors and true velocities (n, d), and stated
+    covariances R (n, d, d), without which all weigh alike; u is what of v the `others`, (n, d, k)
+    by a unit of each, do not explain as well. NaN where nothing moves, or all may be theirs.
     """
-    if not samples > 0:
-        return float("nan"), float("nan")
-    beyond = (1 - share) / 2
-    from scipy.special import gammaincinv
-
-    bounds = 2 * gammaincinv(samples * dimensions / 2, [beyond, 1 - beyond]) / samples
-    return float(bounds[0]), float(bounds[1])
-
-
-def independent_samples(values: Floats, series: Ints) -> float:
-    """How many independent values these (n,) are worth, in the order of time within a series.
-
-    n / (1 + 2 sum of autocorrelations), up to the first that is not positive.
-    """
-    n = len(values)
-    if n < 3:
-        return float(n)
-    centred = values - values.mean()
-    variance = float((centred**2).mean())
-    if not variance > 0:
-        return float(n)
-    total = 1.0
-    for lag in range(1, min(MOST_LAGS, n - 1) + 1):
-        same = series[lag:] == series[:-lag]
-        pairs = int(np.count_nonzero(same))
-        if not pairs:
-            break
-        products = centred[lag:] * centred[:-lag]
-        correlation = float(products[same].sum()) / pairs / variance
-        if correlation <= 0:
-            break
-        total += 2 * correlation
-    return max(n / total, 1.0)
+    weigh = np.eye(errors_m.shape[1]) if covariances_m2 is None else np.linalg.inv(covariances_m2)
+    left = velocities_m_s
+    if others is not None and len(errors_m):
+        weighed = weigh @ others
+        normal = np.einsum("ndk,ndl->kl", others, weighed)
+        right = np.einsum("ndk,nd->k", weighed, velocities_m_s)
+        left = velocities_m_s - others @ (np.linalg.pinv(normal) @ right)
+    along = (weigh @ left[:, :, None])[:, :, 0]
+    parts, wholes = -(errors_m * along).sum(axis=1), (velocities_m_s * along).sum(axis=1)
+    power = float((velocities_m_s * (weigh @ velocities_m_s[:, :, None])[:, :, 0]).sum())
+    told = float(wholes.sum()) > TOLD * power and float((velocities_m_s**2).sum()) > 1e-9
+    return (parts, wholes) if told else (np.full(len(parts), np.nan), np.zeros(len(parts)))
 
 
-class Lag(NamedTuple):
-    """How far tracks trail along their way."""
-
-    tau_s: float
-    """Positive for tracks that are behind."""
-    se_s: float
-
-
-def lag_of(errors_m: Floats, velocities_m_s: Floats, covariances_m2: Floats | None = None) -> Lag:
-    """Lag by weighted least squares: an error is -tau v and noise.
-
-    tau = -sum(e' R^-1 v) / sum(v' R^-1 v), from errors and true velocities (n, d), and stated
-    covariances R (n, d, d); without them all weigh alike. Its standard error is that of R, times
-    the spread that is left where that is larger. NaN where nothing moves.
-    """
-    none = Lag(float("nan"), float("nan"))
-    n, dimensions = errors_m.shape
-    if n < 2:
-        return none
-    weighed = _weighed(velocities_m_s, covariances_m2)
-    power = float((velocities_m_s * weighed).sum())
-    if not power > 1e-9 * n:
-        return none
-    tau_s = -float((errors_m * weighed).sum()) / power
-    left = errors_m + tau_s * velocities_m_s
-    spread = float((left * _weighed(left, covariances_m2)).sum()) / (n * dimensions - 1)
-    scale = spread if covariances_m2 is None else max(spread, 1.0)
-    return Lag(tau_s, float(np.sqrt(scale / power)))
-
-
-def _weighed(vectors: Floats, covariances_m2: Floats | None) -> Floats:
-    """R^-1 x of vectors x, (n, d); themselves where no covariances are stated."""
-    if covariances_m2 is None:
-        return vectors
-    found: Floats = np.asarray(np.linalg.solve(covariances_m2, vectors[:, :, None])[:, :, 0])
-    return found
+# Of what tells of lag, the share that must be left by errors of azimuth and range.
+TOLD = 0.02
 
 
 def survival_quantile(values: Floats, seen: Bools, share: float = 0.5) -> float:

@@ -12,7 +12,7 @@ from plotfeed.feeds.lab.lab_settings import ScoreOptions, TrackerSettings
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
-OF_FILES = ("tracks", "out", "junit", "feed")
+OF_FILES = ("tracks", "truth", "feed")
 """Options of a tracker whose tracks are there already."""
 
 
@@ -46,5 +46,12 @@ def score(found: ScoreOptions, trackers: TrackerSettings, recording: Path) -> in
         raise click.UsageError("--topic: a tracker of --tracker publishes on one")
     profile = None if found.profile is None else load_profile(found.profile)
     topic = found.topics[0] if found.topics else None
-    settings = replace(trackers, topic=topic, force=found.force, as_json=found.as_json)
-    return score_tracker(recording, settings, settings_of(profile, found))
+    settings = replace(
+        trackers,
+        topic=topic,
+        force=found.force,
+        as_json=found.as_json,
+        out=found.out,
+        junit=found.junit,
+    )
+    return score_tracker(recording, settings, settings_of(profile, found.changes), profile)

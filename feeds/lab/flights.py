@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,12 +14,16 @@ import numpy as np
 
 from plotfeed.feeds.lab.evidence import Evidence
 from plotfeed.feeds.lab.ledger_columns import LedgerTables, ToldLooks
+from plotfeed.feeds.lab.track_reports import TABLES, UNKNOWN_NS, is_table_of_tracks, read_tracks
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.recording.session_again import recorded_scene
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.frames import LocalFrame, aer_to_enu
-from plotfeed.models.state import Ints
+from plotfeed.feeds.telemetry.flights import BY_SUFFIX
+from plotfeed.feeds.telemetry.flights import read as read_flight
+from plotfeed.feeds.telemetry.position_report import AltitudeDatum
+from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geodetic_to_ecef
+from plotfeed.models.state import AltitudeReference, Floats, Ints
 from plotfeed.models.track_metrics import FlightPath
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import DAY_NS, NS
@@ -45,8 +50,26 @@ class Truths:
     """When a drone was looked at by a sensor, by their numbers; ascending."""
     site: LocalFrame | None = None
     """Of the scene."""
+    sensors_at: LocalFrame | None = None
+    """Amid all sensors."""
     scene: str = ""
     notes: Sequence[str] = field(default_factory=tuple)
+
+    @property
+    def start_utc_ns(self) -> int:
+        """When the first drone was there."""
+        return min((int(p.t_utc_ns[0]) for p in self.paths if len(p.t_utc_ns)), default=0)
+
+    @property
+    def middle(self) -> LocalFrame:
+        """The middle of all places of drones."""
+        places_m = np.concatenate([path.position_ecef_m for path in self.paths])
+        return frame_of(places_m.mean(axis=0))
+
+
+def frame_of(place_ecef_m: Floats) -> LocalFrame:
+    """East, north and up at a place."""
+    return LocalFrame(*(float(x) for x in ecef_to_geodetic(place_ecef_m)))
 
 
 class FlightsTally:
@@ -105,6 +128,7 @@ class FlightsTally:
             parts.append((drone, t_ns, at_m))
             for each in np.unique(drone).tolist():
                 looks[each, number] = np.unique(t_ns[drone == each])
+        stand_m = [frame.origin_ecef_m for frame in self._frames.values()]
         none = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))
         drone, t_ns, at_m = (np.concatenate(p) for p in zip(*(parts or [none]), strict=True))
         by_drone = np.argsort(drone, kind="stable")
@@ -123,9 +147,60 @@ class FlightsTally:
             sensors=list(self._rows),
             looks_utc_ns=looks,
             site=site,
+            sensors_at=frame_of(np.mean(stand_m, axis=0)) if stand_m else None,
             scene=scene,
             notes=(*notes, *untold),
         )
+
+
+def read_trial(paths: Sequence[Path], scene: Scene | None = None) -> Truths:
+    """The flights of a trial: logs of drones, a drone a file, or records of tracks, a drone each.
+
+    Altitudes above take-off count from the site's height, or from the ellipsoid. Raises
+    `PlotfeedError` for a file that is none of either, and `OSError`.
+    """
+    site = None if scene is None else site_frame(scene.scene.site)
+    drones: dict[str, FlightPath] = {}
+    notes: list[str] = []
+    for path in paths:
+        is_log = path.suffix.lower() in BY_SUFFIX
+        if path.suffix.lower() in TABLES:
+            with path.open(encoding="utf-8-sig", errors="replace") as file:
+                is_log = not is_table_of_tracks(file.readline())
+        if not is_log:
+            read = read_tracks(path, scene, date_utc_ns=time.time_ns() // DAY_NS * DAY_NS)
+            told = read.reports.rows(read.reports.t_utc_ns != UNKNOWN_NS)
+            height_m = np.nan_to_num(told.height_m)
+            place_m = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, height_m)
+            flights = [
+                (name, told.t_utc_ns[told.track == n], place_m[told.track == n])
+                for n, name in enumerate(read.names)
+            ]
+        else:
+            flight = read_flight(path)
+            notes += [f"{path.name}: {line}" for line in (*flight.stated, *flight.assumed)]
+            columns = np.array([(r.latitude_deg, r.longitude_deg, r.altitude_m)
+                                for r in flight.reports]).T  # fmt: skip
+            references = [report.altitude_reference for report in flight.reports]
+            if AltitudeReference.ABOVE_TAKEOFF in references:
+                above = "the ellipsoid" if site is None else "the height of the site"
+                notes.append(f"{path.name}: altitudes above take-off are taken for above {above}")
+            latitude_deg, longitude_deg, altitude_m = columns
+            height_m = AltitudeDatum(0.0 if site is None else site.height_m).heights_m(
+                latitude_deg, longitude_deg, altitude_m, references
+            )
+            place_m = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
+            times = np.array([report.t_utc_ns for report in flight.reports], np.int64)
+            flights = [(flight.name, times, place_m)]
+        for name, t_ns, place_m in flights:
+            own = name if name not in drones else f"{path.stem} {name}"
+            usual_ns = float(np.median(np.diff(np.unique(t_ns)))) if len(t_ns) > 1 else 0.0
+            gap_ns = round(max(LEAST_GAP_S * NS, 2 * SCANS * usual_ns))
+            drones[own] = FlightPath.of(t_ns, place_m, gap_ns)
+    return Truths(
+        drones=list(drones), paths=list(drones.values()), sensors=(), looks_utc_ns={}, site=site,
+        scene="" if scene is None else scene.scene.name, notes=notes,
+    )  # fmt: skip
 
 
 def scene_of(path: Path) -> Scene | None:
@@ -148,7 +223,7 @@ def read_truths(path: Path, scene: Scene | None = None) -> Truths:
     """
     with Evidence.of(path) as evidence:
         scene = scene or scene_of(path)
-        tally = FlightsTally(*_stands(evidence.log, scene))
+        tally = FlightsTally(*stands_of(evidence.log, scene))
         for part in evidence.parts(with_plots=False):
             tally.add(part.told)
         found = evidence.unreadable
@@ -164,7 +239,7 @@ def read_truths(path: Path, scene: Scene | None = None) -> Truths:
         )
 
 
-def _stands(log: McapReader, scene: Scene | None) -> tuple[dict[str, LocalFrame], float]:
+def stands_of(log: McapReader, scene: Scene | None) -> tuple[dict[str, LocalFrame], float]:
     """Where sensors stand, and their longest scan in seconds."""
     if scene is not None:
         site = scene.scene.site

@@ -20,15 +20,46 @@ def usual_suffix() -> str:
     return PARQUET if find_spec("pyarrow") else CSV
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunsAsked:
-    """What is asked of many runs: how they are spread, and how they are told of."""
+    """What is asked of many runs: of which, how they are spread, and how they are told of."""
 
-    __slots__ = ()
-    runs: int
-    seed: int
-    ray: str | None
-    processes: int | None
-    as_json: bool
+    vary: tuple[str, ...] = option(
+        (),
+        "Give this key of SCENE each of these values, as A,B,C or START:STOP:STEP; may be "
+        "repeated for all combinations.",
+        metavar="KEY=VALUES",
+    )
+    runs: int = option(
+        20,
+        "Make so many runs of each combination, each with a seed of its own, the same at all; "
+        "with --profile at most so many, until its limits are decided.",
+        low=1,
+        high=1_000_000,
+    )
+    seed: int = option(
+        1,
+        "Take this seed for the first run, and the next whole numbers for the others.",
+        low=0,
+        high=MAX_SEED,
+    )
+    duration: float | None = option(
+        None,
+        "End each run after so many seconds of its time; else as the scene says, or after 60.",
+        over=0,
+        metavar="SECONDS",
+    )
+    processes: int | None = option(
+        None,
+        "Spread runs over so many processes of this machine; else over one for each processor, "
+        "with --tracker over one.",
+        low=1,
+        high=1024,
+    )
+    ray: str | None = option(
+        None, "Spread runs over the Ray cluster whose head is there.", metavar="HOST:PORT"
+    )
+    as_json: bool = False
 
     def processes_of(self, jobs: int) -> int | None:
         """Processes to be started here; None where a cluster has them."""
@@ -58,6 +89,13 @@ class ScoreOptions:
         path="existing",
         metavar="FILE",
     )
+    truth: tuple[Path, ...] = option(
+        (),
+        "Score against the flights in this file, in place of the ledger: a log or table of a "
+        "drone's, as inject takes, or a record of tracks; may be repeated.",
+        path="existing",
+        metavar="FILE",
+    )
     topics: tuple[str, ...] = option(
         (),
         "Take tracks only from topics that fit this filter, as of MQTT with + and #; may be "
@@ -80,23 +118,12 @@ class ScoreOptions:
         path="file",
         metavar="XML",
     )
-    cutoff_m: float | None = option(
-        None,
-        "Take a track that is further from a drone for none of it; without it the profile's, or "
-        "50.",
-        over=0,
-        metavar="METRES",
-    )
-    stale_s: float | None = option(
-        None,
-        "Take a track whose last report is older for gone; without it the profile's, or 5.0.",
-        over=0,
-        metavar="SECONDS",
-    )
-    protect: str | None = option(
-        None,
-        "Count alert distances from this place; without it from the site of the scene.",
-        metavar="LATITUDE,LONGITUDE",
+    changes: tuple[str, ...] = option(
+        (),
+        "Score by this setting of profiles in place of the profile's, such as cutoff_m=30, "
+        'sector_deg=[0,90] or leave_out=["c"]; may be repeated.',
+        metavar="KEY=VALUE",
+        name="--set",
     )
     feed: bool = option(
         False,
@@ -110,7 +137,7 @@ class ScoreOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackerSettings(RunsAsked):
-    """What `score` is asked of trackers that it runs; the last three follow from its others."""
+    """What `score` is asked of trackers that it runs; some follow from its other options."""
 
     trackers: tuple[str, ...] = option(
         (),
@@ -118,31 +145,6 @@ class TrackerSettings(RunsAsked):
         "compare several, each by its name.",
         metavar="[NAME=]COMMAND",
         name="--tracker",
-    )
-    vary: tuple[str, ...] = option(
-        (),
-        "Give this key of SCENE each of these values, as A,B,C or START:STOP:STEP, with "
-        "--tracker; may be repeated for all combinations.",
-        metavar="KEY=VALUES",
-    )
-    runs: int = option(
-        10,
-        "Make so many runs of each combination, each with a seed of its own, the same at all.",
-        low=1,
-        high=100_000,
-    )
-    seed: int = option(
-        1,
-        "Take this seed for the first run, and the next whole numbers for the others.",
-        low=0,
-        high=MAX_SEED,
-    )
-    duration: float | None = option(
-        None,
-        "End each run after so many seconds of the session's time; else as the scene says, or "
-        "after 60.",
-        over=0,
-        metavar="SECONDS",
     )
     speed: float = option(
         1.0,
@@ -162,15 +164,14 @@ class TrackerSettings(RunsAsked):
         path="folder",
         metavar="DIR",
     )
-    processes: int = option(1, "Make so many runs of --tracker at once.", low=1, high=1024)
-    ray: str | None = option(
-        None,
-        "Spread runs of --tracker over the Ray cluster whose head is there.",
-        metavar="HOST:PORT",
-    )
     topic: str | None = None
     force: bool = False
-    as_json: bool = False
+    out: Path | None = None
+    junit: Path | None = None
+
+    def processes_of(self, jobs: int) -> int | None:
+        """Processes to be started here: as a rule one, for trackers run in real time."""
+        return None if self.ray is not None else min(self.processes or 1, max(jobs, 1))
 
     def files(self) -> list[Path]:
         """The table, and the picture where it can be drawn."""
@@ -182,30 +183,6 @@ class TrackerSettings(RunsAsked):
 class SweepSettings(RunsAsked):
     """What a sweep is asked to do."""
 
-    vary: tuple[str, ...] = option(
-        (),
-        "Give this key of the scene each of these values, as A,B,C or START:STOP:STEP; may be "
-        "repeated for all combinations.",
-        metavar="KEY=VALUES",
-    )
-    runs: int = option(
-        20,
-        "Make so many runs of each combination, each with a seed of its own, the same at all.",
-        low=1,
-        high=1_000_000,
-    )
-    seed: int = option(
-        1,
-        "Take this seed for the first run, and the next whole numbers for the others.",
-        low=0,
-        high=MAX_SEED,
-    )
-    duration: float | None = option(
-        None,
-        "End each run after so many seconds; else as the scene says, or after 60.",
-        over=0,
-        metavar="SECONDS",
-    )
     out: Path = option(
         Path("sweep"),
         "Keep runs, tables and chart in this folder, or write the table of runs alone to this "
@@ -228,15 +205,6 @@ class SweepSettings(RunsAsked):
     )
     alert_within: float = option(
         10.0, "Let the plots of an alert arrive within so many seconds.", over=0, metavar="SECONDS"
-    )
-    processes: int | None = option(
-        None,
-        "Spread runs over so many processes of this machine; else over one for each processor.",
-        low=1,
-        high=1024,
-    )
-    ray: str | None = option(
-        None, "Spread runs over the Ray cluster whose head is there.", metavar="HOST:PORT"
     )
     force: bool = option(False, "Begin anew, and replace what is there.")
     as_json: bool = option(False, "Print the figures as one JSON object.")

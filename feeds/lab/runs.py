@@ -662,16 +662,20 @@ def finish(
     levels: Sequence[SweepLevel],
     asked: RunsAsked,
     plan: Any,
+    *,
+    runs: int | None = None,
 ) -> int:
     """Do the runs that are not done yet, and keep the result of each; how many were done before.
+
+    `runs` of each level, or as many as are asked for.
 
     A bar says how far they are. Ctrl-C ends it with a line on what is kept.
     """
     jobs = [
         RunJob(level=level, run=run, seed=seed_of(asked.seed, run), plan=plan)
-        for level, run in kept.missing(levels, asked.runs)
+        for level, run in kept.missing(levels, runs or asked.runs)
     ]
-    every = len(levels) * asked.runs
+    every = len(levels) * (runs or asked.runs)
     before = count = every - len(jobs)
 
     def counted(results: Iterable[tuple[Any, dict[str, Any]]]) -> Iterator[None]:

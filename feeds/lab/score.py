@@ -6,13 +6,15 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from html import escape
+from importlib.metadata import version
 from importlib.resources import files
 from io import BufferedWriter
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 from xml.etree.ElementTree import Element, SubElement, tostring  # nosec B405
 
 import numpy as np
@@ -21,16 +23,28 @@ from pydantic import Field, ValidationError, model_validator
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
+from plotfeed.feeds.lab.diagnosis import Diagnosis, diagnosed
 from plotfeed.feeds.lab.feed_checks import as_json, as_text, check_feed
-from plotfeed.feeds.lab.flights import read_truths, scene_of
+from plotfeed.feeds.lab.flights import read_trial, read_truths, scene_of
 from plotfeed.feeds.lab.lab_settings import ScoreOptions
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
-from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score, ScoreSettings, SetFigures, score_run
+from plotfeed.feeds.lab.possible import Possible, possible, recorded_plots, told_of
+from plotfeed.feeds.lab.scoring import (
+    FIGURE_NAMES,
+    REPORTS,
+    SETS,
+    Figures,
+    Score,
+    ScoreSettings,
+    score_run,
+)
 from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells, percent
 from plotfeed.feeds.lab.track_reports import read_tracks
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
-from plotfeed.models.state import Floats
+from plotfeed.models.bootstrap import Interval
+from plotfeed.models.state import Floats, Ints
+from plotfeed.models.verdicts import RISK, Decision, FigureSamples, decided, times_more
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import DAY_NS, NS, iso_utc
 
@@ -96,12 +110,8 @@ class ScoreProfile(SceneTable):
     """A file of limits."""
 
     profile: ProfileHead
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: ScoreSettings = Field(default_factory=ScoreSettings)
     limit: Annotated[list[ScoreLimit], Field(min_length=1, max_length=1000)]
-
-    def score_settings(self) -> ScoreSettings:
-        """How tracks are scored for it; raises `PlotfeedError`."""
-        return ScoreSettings.of(self.settings)
 
 
 PARAMETERS = {
@@ -135,207 +145,277 @@ def load_profile(name: str) -> ScoreProfile:
         )
     try:
         tree = tomllib.loads(data.decode("utf-8-sig"))
-        found = ScoreProfile.model_validate(tree)
-        found.score_settings()
+        return ScoreProfile.model_validate(tree)
     except ValidationError as error:
         raise PlotfeedError(f"{name}: {in_a_line(problems_of(error, tree))}") from None
     except (ValueError, RecursionError) as error:
         raise PlotfeedError(f"{name}: no TOML: {error}") from None
-    except PlotfeedError as error:
-        raise PlotfeedError(f"{name}: settings.{error}") from None
-    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitVerdict:
-    """A limit, and whether a score keeps it."""
+    """A limit, and whether what is known of a figure decides that it is kept."""
 
     name: str
     figure: str
     asked: str
     value: float
-    status: Literal["passed", "failed", "not testable"]
+    low: float
+    high: float
+    """Between these the figure lies; not known of what is of this run alone."""
+    status: Decision
     of: int
-    """How many reports, periods or drones the figure is of; 0 where that says nothing."""
+    """How many reports, periods, drones or runs the figure is of; 0 where that says nothing."""
+    note: str
 
     @property
     def told(self) -> str:
         """The figure beside what is asked."""
         value = f"{self.value:.6g}" if math.isfinite(self.value) else "not known"
+        between = "" if math.isnan(self.low) else f" ({self.low:.6g} to {self.high:.6g})"
         many = f" (of {self.of})" if self.of else ""
-        return f"{self.figure} {value}{many}, asked {self.asked}"
+        noted = f": {self.note}" if self.note else ""
+        return f"{self.figure} {value}{between}{many}, asked {self.asked}{noted}"
+
+    @classmethod
+    def of_interval(
+        cls, limit: ScoreLimit, figure: str, found: Interval, of: int, unit: str
+    ) -> Self:
+        """The verdict on a limit by an interval; `unit` says what more of which would decide."""
+        alone = not unit and not math.isnan(found.value)
+        held = Interval(*[found.value] * 3) if alone else found
+        status, note = decided(held, limit.at_most, limit.at_least), "of this run" * alone
+        if status == "undecided":
+            bound = limit.at_most if limit.at_most is not None else limit.at_least
+            more = times_more(found, bound or 0.0)
+            note = f"about {more:.2g} times as {unit} would decide" if more < 1e4 else ""
+        if figure != limit.figure:
+            note = "as known" + f"; {note}" * bool(note)
+        return cls(
+            name=limit.title,
+            figure=limit.figure,
+            asked=limit.asked,
+            value=found.value,
+            low=found.low,
+            high=found.high,
+            status=status,
+            of=of,
+            note=note,
+        )
 
 
 def verdicts_of(score: Score, profile: ScoreProfile) -> list[LimitVerdict]:
-    """Every limit of a profile, in its order."""
-    return [_verdict(score, limit) for limit in profile.limit]
+    """Every limit of a profile, in its order: all of them wrong in no more runs than `RISK`.
+
+    What sets of tracks are asked is of what was known at the time, where that is known.
+    """
+    risk = RISK / len(profile.limit)
+    return [_verdict(score, limit, risk) for limit in profile.limit]
 
 
-def _verdict(score: Score, limit: ScoreLimit) -> LimitVerdict:
+def judged_figure(limit: ScoreLimit, *, is_known: bool) -> str:
+    """The figure that a limit is of: of sets as known, where that is known."""
+    return f"known_{limit.figure}" if is_known and limit.figure in SETS else limit.figure
+
+
+def _samples_of(score: Score, limit: ScoreLimit) -> tuple[float, FigureSamples | None]:
+    """The figure that a limit is of, and what it is of, where it is not of this run alone."""
     worked_out = _WORKED_OUT.get(limit.figure)
     if worked_out is None:
-        value, of = score.figures()[limit.figure], 0
-    else:
-        value, of = worked_out(score, getattr(limit, PARAMETERS[limit.figure]))
-    status: Literal["passed", "failed", "not testable"] = "not testable"
-    if not math.isnan(value):
-        most = math.inf if limit.at_most is None else limit.at_most
-        least = -math.inf if limit.at_least is None else limit.at_least
-        status = "passed" if least <= value <= most else "failed"
-    return LimitVerdict(
-        name=limit.title,
-        figure=limit.figure,
-        asked=limit.asked,
-        value=value,
-        status=status,
-        of=of,
-    )
+        figure = judged_figure(limit, is_known=score.as_known is not None)
+        return score.figures()[figure], score.samples.get(figure)
+    samples = worked_out(score, getattr(limit, PARAMETERS[limit.figure]))
+    return samples.value, samples
 
 
-def update_share(score: Score, period_s: float) -> tuple[float, int]:
-    """The share of whole periods in cover in which a drone was reported, and how many they are."""
-    period_ns, reported, periods = round(period_s * NS), 0, 0
+def limit_value(score: Score, limit: ScoreLimit) -> float:
+    """The figure that a limit is of; NaN where it is not known."""
+    return _samples_of(score, limit)[0]
+
+
+def _verdict(score: Score, limit: ScoreLimit, risk: float) -> LimitVerdict:
+    value, samples = _samples_of(score, limit)
+    figure = judged_figure(limit, is_known=score.as_known is not None)
+    found = Interval(value, math.nan, math.nan) if samples is None else samples.interval(risk)
+    of = len(samples.parts) if samples is not None and limit.figure in PARAMETERS else 0
+    unit = "" if samples is None else "long a run"
+    return LimitVerdict.of_interval(limit, figure, found, of, unit)
+
+
+def update_share(score: Score, period_s: float) -> FigureSamples:
+    """The share of whole periods in cover in which a drone was reported."""
+    period_ns = round(period_s * NS)
+    found: list[tuple[int, Ints]] = []
     for drone, stays in enumerate(score.over_time.stays_utc_ns):
         cells = score.errors.t_utc_ns[score.errors.drone == drone] // period_ns
         for begin_ns, end_ns in stays:
-            first, end = -(-begin_ns // period_ns), end_ns // period_ns
-            if end > first:
-                periods += end - first
-                reported += len(np.unique(cells[(cells >= first) & (cells < end)]))
-    return (reported / periods if periods else math.nan), periods
+            periods = np.arange(-(-begin_ns // period_ns), end_ns // period_ns)
+            found.append((drone, np.isin(periods, cells).astype(np.int64)))
+    return _shares(found, [np.ones(len(hit)) for _, hit in found])
 
 
-def long_gap_share(score: Score, longer_than_s: float) -> tuple[float, int]:
-    """The share of the time of drones in cover that lies in gaps longer than that.
+def long_gap_share(score: Score, longer_than_s: float) -> FigureSamples:
+    """The share of the time of drones in cover that lies in gaps longer than that, by gaps.
 
     A gap is from one report of the drone to the next, from when it comes to its first, and from
-    its last to when it goes. Beside it stands how many gaps there are.
+    its last to when it goes.
     """
-    longest_ns, long_ns, whole_ns, gaps = round(longer_than_s * NS), 0, 0, 0
+    found: list[tuple[int, Floats]] = []
     for drone, stays in enumerate(score.over_time.stays_utc_ns):
         times = np.sort(score.errors.t_utc_ns[score.errors.drone == drone])
         for begin_ns, end_ns in stays:
             inside = times[(times >= begin_ns) & (times <= end_ns)]
-            between = np.diff(np.concatenate([[begin_ns], inside, [end_ns]]))
-            gaps += len(between)
-            long_ns += int(between[between > longest_ns].sum())
-            whole_ns += end_ns - begin_ns
-    return (long_ns / whole_ns if whole_ns else math.nan), gaps
+            found.append((drone, np.diff(np.concatenate([[begin_ns], inside, [end_ns]])) / NS))
+    long = [(drone, np.where(gaps > longer_than_s, gaps, 0.0)) for drone, gaps in found]
+    return _shares(long, [gaps for _, gaps in found])
 
 
-def far_share(score: Score, beyond_m: float) -> tuple[float, int]:
-    """The share of reports that are further over the ground from any drone, and of how many."""
+def _shares(hits: Sequence[tuple[int, Any]], wholes: Sequence[Floats]) -> FigureSamples:
+    """A share of what drones had, one after the other."""
+    none = np.zeros(0)
+    drones = [np.full(len(each), drone) for drone, each in hits]
+    return FigureSamples(
+        np.concatenate([none, *(each for _, each in hits)]),
+        np.concatenate([none, *wholes]),
+        np.concatenate([none, *drones]).astype(np.int64),
+        is_share=True,
+    )
+
+
+def far_share(score: Score, beyond_m: float) -> FigureSamples:
+    """The share of reports that are further over the ground from any drone."""
     known: Floats = score.nearest_m[np.isfinite(score.nearest_m)]
-    far = int(np.count_nonzero(known > beyond_m))
-    return (far / len(known) if len(known) else math.nan), len(known)
+    series = np.zeros(len(known), np.int64)
+    return FigureSamples(
+        (known > beyond_m).astype(np.float64), np.ones(len(known)), series, is_share=True
+    )
 
 
-_WORKED_OUT: dict[str, Callable[[Score, float], tuple[float, int]]] = {
+_WORKED_OUT: dict[str, Callable[[Score, float], FigureSamples]] = {
     "update_share": update_share,
     "long_gap_share": long_gap_share,
     "far_share": far_share,
 }
 
 
-def is_kept(verdicts: Sequence[LimitVerdict], failure: str) -> bool:
-    """Whether no limit is broken, and the tracker did not fail."""
-    return not failure and all(each.status != "failed" for each in verdicts)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoreReport:
+    """A score, and all that is said of it."""
+
+    score: Score
+    title: str = ""
+    """Of the profile, and what that notes."""
+    note: str = ""
+    verdicts: Sequence[LimitVerdict] = ()
+    diagnosis: Diagnosis | None = None
+    possible: Possible | None = None
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether no limit is broken, and the tracker did not fail."""
+        return not self.score.failure and all(v.status != "failed" for v in self.verdicts)
+
+    def head(self) -> list[str]:
+        """What was scored, and how."""
+        score = self.score
+        lasted_s = (score.end_utc_ns - score.start_utc_ns) / NS
+        of_scene = f"scene {score.scene}, " if score.scene else ""
+        return [
+            f"{score.source}: {of_scene}{len(score.drones)} drone(s), {score.tracks} track(s), "
+            f"{lasted_s:.1f} s from {iso_utc(score.start_utc_ns)}",
+            f"distances {score.distances}; beyond {score.settings.cutoff_m:g} m a track is of no "
+            f"drone, older than {score.settings.stale_s:g} s it is not there",
+        ]
+
+    def notes(self) -> Iterator[str]:
+        """What is wrong with all, what was possible, what was left out, how the tracker failed."""
+        score = self.score
+        if self.diagnosis is not None:
+            of = (score, self.diagnosis.without)
+            now, then = (f"{s.as_stamped.gospa_m:.1f}" for s in of)
+            yield f"your {', then '.join(self.diagnosis.findings)}"
+            yield f"without that GOSPA would be {then} m, where it is {now} m as stamped"
+        if self.possible is not None:
+            yield told_of(self.possible)
+        yield from score.notes
+        for reason, many in score.left_out.items():
+            yield f"{many} reports: {reason}"
+        if score.failure:
+            yield score.failure
+
+    def tables(self) -> Iterator[Table]:
+        """All tables, that of verdicts first."""
+        if self.verdicts:
+            yield Table(printable(self.title), LIMITS, self.verdicts)
+        yield set_table(self.score)
+        yield from tables_of(self.score)
+
+    def closing(self) -> str:
+        """The verdict in a line."""
+        return closing(self.score.failure, self.verdicts)
+
+    def as_values(self) -> dict[str, Any]:
+        """The score for JSON; null for what is not known."""
+        score, found = self.score, self.diagnosis
+        values: dict[str, Any] = finite(
+            {
+                "scene": score.scene,
+                "source": score.source,
+                "start_utc": iso_utc(score.start_utc_ns),
+                "end_utc": iso_utc(score.end_utc_ns),
+                "dimensions": score.settings.dimensions,
+                "settings": score.settings.model_dump(),
+                "figures": score.figures(),
+                "drones": [asdict(each) for each in score.drones],
+                "sensors": [asdict(each) for each in score.sensors],
+                "left_out": dict(score.left_out),
+                "failure": score.failure,
+                "notes": list(score.notes),
+                "findings": [] if found is None else list(found.findings),
+                "figures_without": None if found is None else found.without.figures(),
+                "possible": None if self.possible is None else self.possible._asdict(),
+                "profile": self.title,
+                "limits": [asdict(each) for each in self.verdicts],
+            }
+        )
+        return values
 
 
-SETS: Mapping[str, tuple[str, str]] = {
-    "gospa_m": ("GOSPA, m", ".2f"),
-    "gospa_localisation_m": ("  by localisation, m", ".2f"),
-    "gospa_missed_m": ("  by drones without a track, m", ".2f"),
-    "gospa_false_m": ("  by tracks of no drone, m", ".2f"),
-    "ospa_m": ("OSPA, m", ".2f"),
-    "ospa2_m": ("OSPA(2), m", ".2f"),
-    "t_gospa_m": ("T-GOSPA, m", ".2f"),
-    "t_gospa_switching_m": ("  by switches, m", ".2f"),
-    "completeness": ("completeness, %", "%"),
-    "ambiguity": ("ambiguity, tracks a drone", ".3f"),
-    "spuriousness": ("spuriousness, %", "%"),
-    "position_accuracy_m": ("mean error of position, m", ".2f"),
-    "velocity_accuracy_m_s": ("mean error of velocity, m/s", ".2f"),
-    "longest_segment": ("longest segment, %", "%"),
-    "number_changes_per_h": ("changes of number, 1/h", ".2f"),
-    "breaks": ("breaks", ".0f"),
-    "swaps": ("swaps", ".0f"),
-}
-"""Names and forms of figures of sets; % for shares."""
-REPORTS: Mapping[str, tuple[str, str]] = {
-    "position_rms_m": ("position, rms, m", ".2f"),
-    "position_p50_m": ("position, 50 %, m", ".2f"),
-    "position_p95_m": ("position, 95 %, m", ".2f"),
-    "bias_east_m": ("mean error east, m", "+.2f"),
-    "bias_north_m": ("mean error north, m", "+.2f"),
-    "bias_up_m": ("mean error up, m", "+.2f"),
-    "along_rms_m": ("along the way, rms, m", ".2f"),
-    "across_rms_m": ("across the way, rms, m", ".2f"),
-    "velocity_rms_m_s": ("velocity, rms, m/s", ".2f"),
-    "nees": ("NEES over its freedom (1)", ".3f"),
-    "nees_low": ("  of an honest tracker from", ".3f"),
-    "nees_high": ("  to, in 95 of 100 runs", ".3f"),
-    "lag_s": ("lag along the way, s", "+.3f"),
-    "lag_se_s": ("  standard error, s", ".3f"),
-    "latency_p50_s": ("latency, 50 %, s", ".3f"),
-    "latency_p95_s": ("latency, 95 %, s", ".3f"),
-    "latency_max_s": ("latency, most, s", ".3f"),
-    "update_p50_s": ("between reports, 50 %, s", ".3f"),
-    "update_p95_s": ("between reports, 95 %, s", ".3f"),
-}
-"""Likewise of reports."""
 DRONES_TOLD = 50
 """In text; JSON has all."""
 
 
-def lines(score: Score, profile: str, verdicts: Sequence[LimitVerdict]) -> Iterator[str]:
-    """All lines of a score."""
-    lasted_s = (score.end_utc_ns - score.start_utc_ns) / NS
-    of_scene = f"scene {printable(score.scene)}, " if score.scene else ""
-    yield (
-        f"{printable(score.source)}: {of_scene}{len(score.drones)} drone(s), {score.tracks} "
-        f"track(s), {lasted_s:.1f} s from {iso_utc(score.start_utc_ns)}"
-    )
-    yield (
-        f"  distances {score.distances}; beyond {score.settings.cutoff_m:g} m a track is of no "
-        f"drone, older than {score.settings.stale_s:g} s it is not there"
-    )
-    for note in notes_of(score):
+def lines(told: ScoreReport) -> Iterator[str]:
+    """All lines of a score, the verdict last."""
+    first, second = told.head()
+    yield from (printable(first), f"  {second}")
+    for note in told.notes():
         yield f"  note: {printable(note)}"
-    yield from set_table(score).lines()
-    for shown in tables_of(score):
+    tables = list(told.tables())
+    if told.verdicts:  # beside the last line, which is of them
+        tables.append(tables.pop(0))
+    for shown in tables:
         yield from shown.lines(DRONES_TOLD)
-    if verdicts:
-        yield from verdict_table(profile, verdicts).lines()
     yield ""
-    yield closing(score, verdicts)
-
-
-def notes_of(score: Score) -> Iterator[str]:
-    """What of the tracker was left out, and how it failed."""
-    yield from score.notes
-    for reason, many in score.left_out.items():
-        yield f"{many} reports: {reason}"
-    if score.failure:
-        yield score.failure
+    yield told.closing()
 
 
 def set_table(score: Score) -> Table:
     """Figures of sets, as stamped and as known."""
-    known = SetFigures() if score.as_known is None else score.as_known
+    of = (score.as_stamped, score.as_known or Figures(), score.in_space)
     rows = [
-        (text, _told(getattr(score.as_stamped, name), form), _told(getattr(known, name), form))
-        for name, (text, form) in SETS.items()
+        (text, *(_told(each[name], form) for each in of)) for name, (text, form) in SETS.items()
     ]
-    heads = ("", "as stamped", "as known")
-    return Table("Tracks beside drones, over time", of_cells(heads, "<>>"), rows)
+    heads = ("", "as stamped", "as known", "in space")
+    return Table("Tracks beside drones, over time", of_cells(heads, "<>>>"), rows)
 
 
 def tables_of(score: Score) -> Iterator[Table]:
     """All other tables."""
-    told = [(text, _told(getattr(score.reports, n), form)) for n, (text, form) in REPORTS.items()]
+    of = (score.reports, score.in_space)
+    told = [(text, *(_told(e[n], form) for e in of)) for n, (text, form) in REPORTS.items() if text]
     title = f"Reports, {score.reports.reports:.0f}, each at its own time"
-    yield Table(title, of_cells(("error", ""), "<>"), told)
+    yield Table(title, of_cells(("error", score.distances, "in space"), "<>>"), told)
     many = len(score.drones) - score.never_tracked
     beginnings = [
         ("drones that had a track", f"{many} of {len(score.drones)}"),
@@ -375,50 +455,24 @@ LIMITS = (
     TextColumn("", "status"),
     TextColumn("", "name"),
     TextColumn("is", "value", ".6g"),
+    TextColumn("from", "low", ".6g"),
+    TextColumn("to", "high", ".6g"),
     TextColumn("asked", "asked"),
     TextColumn("of", lambda limit: str(limit.of or ""), "s"),
+    TextColumn("", "note"),
 )
 
 
-def verdict_table(profile: str, verdicts: Sequence[LimitVerdict]) -> Table:
-    """Limits of a profile."""
-    return Table(printable(profile), LIMITS, verdicts)
-
-
-def closing(score: Score, verdicts: Sequence[LimitVerdict]) -> str:
-    """The last line: the verdict."""
-    if score.failure:
-        return f"The tracker failed: {printable(score.failure)}."
+def closing(failure: str, verdicts: Sequence[LimitVerdict]) -> str:
+    """The verdict in a line."""
+    if failure:
+        return f"The tracker failed: {printable(failure)}."
     if not verdicts:
         return "No profile: nothing is judged. --profile asks for limits."
-    counts = {s: sum(v.status == s for v in verdicts) for s in ("failed", "not testable")}
-    kept = len(verdicts) - sum(counts.values())
-    told = [f"{kept} of {len(verdicts)} limits kept"]
-    told += [f"{n} {status}" for status, n in counts.items() if n]
-    return ", ".join(told) + "."
-
-
-def as_values(score: Score, profile: str, verdicts: Sequence[LimitVerdict]) -> dict[str, Any]:
-    """The score for JSON; null for what is not known."""
-    values: dict[str, Any] = finite(
-        {
-            "scene": score.scene,
-            "source": score.source,
-            "start_utc": iso_utc(score.start_utc_ns),
-            "end_utc": iso_utc(score.end_utc_ns),
-            "dimensions": score.dimensions,
-            "settings": asdict(score.settings),
-            "figures": score.figures(),
-            "drones": [asdict(each) for each in score.drones],
-            "sensors": [asdict(each) for each in score.sensors],
-            "left_out": dict(score.left_out),
-            "failure": score.failure,
-            "notes": list(score.notes),
-            "profile": profile,
-            "limits": [asdict(each) for each in verdicts],
-        }
-    )
-    return values
+    counts = Counter(verdict.status for verdict in verdicts)
+    told = [f"{counts['passed']} of {len(verdicts)} limits kept"]
+    told += [f"{n} {status}" for status, n in sorted(counts.items()) if status != "passed"]
+    return f"{', '.join(told)}; any verdict is wrong in at most {RISK:.0%} of such runs."
 
 
 def _told(value: float, form: str) -> str:
@@ -438,6 +492,7 @@ NAME = 16
 def charts(score: Score) -> dict[str, str]:
     """Charts by their titles, each as an SVG element; needs matplotlib."""
     drawn: dict[str, Callable[[Any, Score], None]] = {
+        "Where drones had a track, and where not": _map,
         "GOSPA over time, and its parts": _gospa,
         "Drones and tracks over time": _counts,
         "When each drone had a track": _drones,
@@ -472,6 +527,15 @@ def _thinned(x: Floats, *columns: Floats) -> list[Floats]:
         return [x, *columns]
     whole = len(x) // every * every
     return [column[:whole].reshape(-1, every).mean(axis=1) for column in (x, *columns)]
+
+
+def _map(axes: Any, score: Score) -> None:
+    for (name, places_m), colour in zip(score.places.items(), (GREY, RED, ORANGE), strict=True):
+        shown = places_m[:: -(-len(places_m) // MOST_POINTS) or 1]
+        if len(shown):
+            axes.plot(*shown.T, ".", color=colour, ms=3.0, label=name)
+    axes.set_aspect("equal", adjustable="datalim")
+    finish(axes, "", "m east", "m north")
 
 
 def _gospa(axes: Any, score: Score) -> None:
@@ -563,7 +627,7 @@ def _nees(axes: Any, score: Score) -> None:
     tested = np.isfinite(errors.nees)
     order = np.argsort(errors.t_utc_ns[tested], kind="stable")
     since_s = (errors.t_utc_ns[tested][order] - score.start_utc_ns) / NS
-    each = errors.nees[tested][order] / score.dimensions
+    each = errors.nees[tested][order] / score.settings.dimensions
     bins = np.linspace(0, max(float(since_s[-1]), 1e-9), min(BINS, max(len(each) // 5, 1)) + 1)
     which = np.clip(np.digitize(since_s, bins) - 1, 0, len(bins) - 2)
     many = np.bincount(which, minlength=len(bins) - 1)
@@ -596,74 +660,79 @@ svg { max-width: 100%; height: auto; } .wide { overflow-x: auto; }
 """
 
 
-def html_of(score: Score, profile: str, note: str, verdicts: Sequence[LimitVerdict]) -> str:
-    """The page; needs matplotlib."""
-    return "".join(_pieces(score, profile, note, verdicts))
+GLOSSARY = {
+    "GOSPA": "how far tracks and drones are apart as sets: errors, missed drones and false tracks.",
+    "as stamped, as known": "by the times that reports are of, or by when they were there to use.",
+    "completeness": "of the drones that were there, the share that had a track.",
+    "spuriousness": "of the tracks, the share that is of no drone.",
+    "swap": "a track passes from one drone to another.",
+    "NEES": "errors beside what the tracker claims of them: 1 is honest, more is too sure.",
+    "lag": "how long ago the drone was where its track is.",
+    "passed, failed": "decided with the stated risk; undecided: a longer run, or more, would tell.",
+}
+"""For who signs, not for who builds."""
 
 
-def _pieces(
-    score: Score, profile: str, note: str, verdicts: Sequence[LimitVerdict]
-) -> Iterator[str]:
-    title = escape(printable(f"Score: {score.scene or score.source}"))
-    yield '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-    yield '<meta name="viewport" content="width=device-width, initial-scale=1">'
-    yield f"<title>{title}</title><style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n"
-    lasted_s = (score.end_utc_ns - score.start_utc_ns) / NS
-    yield f"<p>{escape(printable(score.source))}: {len(score.drones)} drones, "
-    yield f"{score.tracks} tracks, {lasted_s:.1f} s from {iso_utc(score.start_utc_ns)}. "
-    yield f"Distances {score.distances}; beyond {score.settings.cutoff_m:g} m a track is of no "
-    yield f"drone, older than {score.settings.stale_s:g} s it is not there.</p>\n"
-    yield f'<p class="verdict{_mark(score, verdicts)}">{escape(closing(score, verdicts))}</p>\n'
-    notes = [escape(printable(each)) for each in notes_of(score)]
-    if notes:
-        yield "<ul>" + "".join(f"<li>{each}</li>" for each in notes) + "</ul>\n"
-    if verdicts:
-        yield verdict_table(profile, verdicts).html()
-        yield f"<p>{escape(printable(note))}</p>\n" if note else ""
-    yield set_table(score).html()
-    for name, svg in charts(score).items():
-        yield f"<h2>{escape(name)}</h2>\n{svg}\n"
-    for shown in tables_of(score):
-        yield shown.html()
-    yield "</body></html>\n"
+def page(title: str, verdict: str, mark: str, parts: Iterable[str]) -> bytes:
+    """One file of HTML: a title, the verdict, parts, words, and the version that made it."""
+    words = "".join(f"<dt>{escape(w)}</dt><dd>{escape(m)}</dd>" for w, m in GLOSSARY.items())
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>\n"
+        f'<h1>{escape(title)}</h1>\n<p class="verdict {mark}">{escape(verdict)}</p>\n'
+        f"{''.join(parts)}<h2>Words</h2>\n<dl>{words}</dl>\n"
+        f"<p>plotfeed {version('plotfeed')}</p>\n</body></html>\n"
+    ).encode()
 
 
-def _mark(score: Score, verdicts: Sequence[LimitVerdict]) -> str:
-    if score.failure or any(each.status == "failed" for each in verdicts):
-        return " broken"
-    return " kept" if verdicts else ""
+def html_of(told: ScoreReport) -> bytes:
+    """The page of a score; needs matplotlib."""
+    score = told.score
+    mark = "broken" if not told.is_kept else "kept" if told.verdicts else ""
+    parts = [f"<p>{escape(printable(line))}</p>\n" for line in told.head()]
+    notes = "".join(f"<li>{escape(printable(each))}</li>" for each in told.notes())
+    parts.append(f"<ul>{notes}</ul>\n" if notes else "")
+    tables = [table.html() for table in told.tables()]
+    first = 2 if told.verdicts else 1
+    parts += [*tables[:first], f"<p>{escape(printable(told.note))}</p>\n" if told.note else ""]
+    parts += [f"<h2>{escape(name)}</h2>\n{svg}\n" for name, svg in charts(score).items()]
+    title = printable(f"Score: {score.scene or score.source}")
+    return page(title, told.closing(), mark, [*parts, *tables[first:]])
 
 
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """What no XML 1.0 document may hold, escaped or not."""
 
 
-def junit_of(score: Score, profile: str, verdicts: Sequence[LimitVerdict]) -> bytes:
+def junit_of(
+    profile: str, verdicts: Sequence[LimitVerdict], failure: str, lasted_s: float
+) -> bytes:
     """A suite with a case for the tracker and one for each limit.
 
     A limit that is broken is a failure, a tracker that failed an error, and what cannot be tested
-    is skipped. Its time is that of the run.
+    or decided is skipped. Its time is that of the run.
     """
     failed = sum(each.status == "failed" for each in verdicts)
-    skipped = sum(each.status == "not testable" for each in verdicts)
+    skipped = sum(each.status in ("undecided", "not testable") for each in verdicts)
     counts = {
         "tests": str(len(verdicts) + 1),
         "failures": str(failed),
-        "errors": str(int(bool(score.failure))),
+        "errors": str(int(bool(failure))),
         "skipped": str(skipped),
-        "time": f"{(score.end_utc_ns - score.start_utc_ns) / NS:.3f}",
+        "time": f"{lasted_s:.3f}",
     }
     suites = Element("testsuites", counts)
     suite = SubElement(suites, "testsuite", {"name": clean(f"plotfeed score {profile}"), **counts})
     place = clean(f"plotfeed.score.{profile}")
     tracker = SubElement(suite, "testcase", classname=place, name="tracker", time="0")
-    if score.failure:
-        SubElement(tracker, "error", message=clean(score.failure), type="tracker")
+    if failure:
+        SubElement(tracker, "error", message=clean(failure), type="tracker")
     for each in verdicts:
         case = SubElement(suite, "testcase", classname=place, name=clean(each.name), time="0")
         if each.status == "failed":
             SubElement(case, "failure", message=clean(each.told), type="limit")
-        elif each.status == "not testable":
+        elif each.status != "passed":
             SubElement(case, "skipped", message=clean(each.told))
     text: bytes = tostring(suites, "utf-8")
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + text + b"\n"
@@ -693,23 +762,32 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
     if options.out is not None:
         need_extra("matplotlib.figure", "a chart", "charts")
     profile = None if options.profile is None else load_profile(options.profile)
-    settings = settings_of(profile, options)
+    settings = settings_of(profile, options.changes)
     scene = scene_of(recording)
-    truths = read_truths(recording, scene)
+    truths = read_trial(options.truth, scene) if options.truth else read_truths(recording, scene)
     file = recording if options.tracks is None else options.tracks
-    first_ns = min((int(p.t_utc_ns[0]) for p in truths.paths if len(p.t_utc_ns)), default=0)
-    tracks = read_tracks(file, scene, options.topics, date_utc_ns=first_ns // DAY_NS * DAY_NS)
+    midnight_ns = truths.start_utc_ns // DAY_NS * DAY_NS
+    tracks = read_tracks(file, scene, options.topics, date_utc_ns=midnight_ns)
     score = score_run(truths, tracks, settings)
     verdicts = [] if profile is None else verdicts_of(score, profile)
-    publish(score, profile, verdicts, options)
-    return KEPT if is_kept(verdicts, score.failure) else BROKEN
+    plots = ([], 0) if options.truth else recorded_plots(recording, scene)
+    told = ScoreReport(
+        score=score,
+        title="" if profile is None else profile.profile.title,
+        note="" if profile is None else profile.profile.note,
+        verdicts=verdicts,
+        diagnosis=diagnosed(truths, tracks, settings),
+        possible=possible(truths, *plots, score),
+    )
+    publish(told, options)
+    return KEPT if told.is_kept else BROKEN
 
 
 def _check_feed(recording: Path, options: ScoreOptions) -> int:
     """Check the feed and print what it came to."""
-    for name in ("tracks", "topics", "out", "junit", "profile", "cutoff_m", "stale_s", "protect"):
+    for name in ("tracks", "truth", "topics", "out", "junit", "profile", "changes"):
         if getattr(options, name):
-            option = {"topics": "topic"}.get(name, name.replace("_", "-"))
+            option = {"topics": "topic", "changes": "set"}.get(name, name)
             raise PlotfeedError(f"--feed checks sensors, and --{option} is about a tracker")
     verdict = check_feed(recording)
     if options.as_json:
@@ -720,46 +798,35 @@ def _check_feed(recording: Path, options: ScoreOptions) -> int:
     return BROKEN if verdict.wrong else KEPT
 
 
-def settings_of(profile: ScoreProfile | None, options: ScoreOptions) -> ScoreSettings:
-    """How tracks are scored: as the profile says, and as options say that stand before it."""
-    found = ScoreSettings() if profile is None else profile.score_settings()
-    if options.cutoff_m is not None:
-        found = replace(found, cutoff_m=options.cutoff_m)
-    if options.stale_s is not None:
-        found = replace(found, stale_s=options.stale_s)
-    if options.protect is not None:
-        parts = options.protect.split(",")
+def settings_of(profile: ScoreProfile | None, changes: Sequence[str]) -> ScoreSettings:
+    """How tracks are scored: as the profile says, and as `KEY=VALUE` says that stand before it."""
+    tree = {} if profile is None else profile.settings.model_dump(exclude_unset=True)
+    for change in changes:
+        key, _, value = change.partition("=")
         try:
-            latitude_deg, longitude_deg = map(float, parts)
+            tree |= tomllib.loads(f"{key} = {value}")
         except ValueError:
-            raise PlotfeedError(
-                f"--protect: expected LATITUDE,LONGITUDE in degrees, not {options.protect!r}"
-            ) from None
-        found = replace(found, protected_deg=(latitude_deg, longitude_deg))
-    return found
+            raise PlotfeedError(f"--set {change}: expected KEY=VALUE as in a profile") from None
+    try:
+        return ScoreSettings.model_validate(tree)
+    except ValidationError as error:
+        raise PlotfeedError(f"--set {in_a_line(problems_of(error, tree))}") from None
 
 
-def publish(
-    score: Score,
-    profile: ScoreProfile | None,
-    verdicts: Sequence[LimitVerdict],
-    options: ScoreOptions,
-) -> None:
+def publish(told: ScoreReport, options: ScoreOptions) -> None:
     """Print a score, and write the files that are asked for."""
-    title = "" if profile is None else profile.profile.title
-    note = "" if profile is None else profile.profile.note
+    score = told.score
     if options.out is not None:
-        _write(options.out, html_of(score, title, note, verdicts).encode(), force=options.force)
+        write_new(options.out, html_of(told), force=options.force)
     if options.junit is not None:
-        text = junit_of(score, title or NO_PROFILE, verdicts)
-        _write(options.junit, text, force=options.force)
-    if options.as_json:
-        say(json.dumps(as_values(score, title, verdicts)))
-    else:
-        for line in lines(score, title, verdicts):
-            say(line)
+        lasted_s = (score.end_utc_ns - score.start_utc_ns) / NS
+        text = junit_of(told.title or NO_PROFILE, told.verdicts, score.failure, lasted_s)
+        write_new(options.junit, text, force=options.force)
+    for line in [json.dumps(told.as_values())] if options.as_json else lines(told):
+        say(line)
 
 
-def _write(path: Path, octets: bytes, *, force: bool) -> None:
+def write_new(path: Path, octets: bytes, *, force: bool) -> None:
+    """Write a file, which is there already only where `force` says so."""
     with BufferedWriter(new_file(path, force=force)) as file:
         file.write(octets)

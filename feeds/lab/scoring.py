@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from plotfeed.feeds.lab.flights import Truths
-from plotfeed.feeds.lab.track_reports import TracksRead, UsableTracks, usable_tracks
+from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, UsableTracks, usable_tracks
+from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.models.frames import (
     LocalFrame,
     axes_enu,
@@ -35,109 +37,97 @@ from plotfeed.models.track_metrics import (
     along_enu,
     covered_at,
     followed,
-    independent_samples,
-    lag_of,
+    lag_parts,
     nees,
-    nees_interval,
     on_grid,
+    right_identities,
     segments_of,
     stays_of,
     survival_quantile,
     swaps_of,
     walk,
 )
+from plotfeed.models.verdicts import FigureSamples
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
+Pair = Annotated[tuple[float, float], Field(strict=False)]
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScoreSettings:
-    """How tracks are scored; raises `PlotfeedError` for what cannot be."""
 
-    cutoff_m: float = 50.0
+class ScoreSettings(SceneTable):
+    """How tracks are scored, and which of them; raises `ValidationError` for what cannot be."""
+
+    cutoff_m: Annotated[float, Field(ge=0.1, le=1e5)] = 50.0
     """Further from a drone than this, a track is none of it: c of GOSPA and OSPA, and the gate."""
-    order: float = 2.0
+    order: Annotated[float, Field(ge=1, le=8)] = 2.0
     """p of GOSPA and OSPA."""
-    switch_m: float = 25.0
+    switch_m: Annotated[float, Field(ge=0, le=1e5)] = 25.0
     """What a switch of tracks costs in T-GOSPA."""
-    step_s: float = 1.0
+    step_s: Annotated[float, Field(ge=0.05, le=3600)] = 1.0
     """Of the grid on which sets are compared."""
-    stale_s: float = 5.0
+    stale_s: Annotated[float, Field(ge=0.05, le=3600)] = 5.0
     """A track whose last report is older than this is not there."""
-    dimensions: int = 0
-    """2 for distances over the ground, 3 for those in space, 0 for 3 where all reports tell a
-    height."""
-    window_steps: int = 10
+    dimensions: Annotated[int, Field(ge=2, le=3)] = 2
+    """2 for distances over the ground, 3 for those in space, of reports that tell a height."""
+    window_steps: Annotated[int, Field(ge=0, le=100)] = 10
     """Over which whole tracks are compared by OSPA(2) and T-GOSPA; 0 for neither."""
-    confirm_steps: int = 2
+    confirm_steps: Annotated[int, Field(ge=1, le=100)] = 2
     """A track is a drone's from so many steps on at which that one was nearest."""
-    end_steps: int = 3
-    """And until it has been beyond the cut-off for so many."""
-    future_s: float = 1.0
+    end_steps: Annotated[int, Field(ge=1, le=100)] = 3
+    """And until it has been beyond the cut-off, or nearer to another, for so many."""
+    future_s: Annotated[float, Field(ge=0, le=3600)] = 1.0
     """A report may be of a time so much later than it was received, for clocks differ."""
-    max_speed_m_s: float = 150.0
+    max_speed_m_s: Annotated[float, Field(ge=1, le=1e4)] = 150.0
     """Between two reports of a track nothing flies faster."""
     counts_tentative: bool = False
     """Whether tracks count that the tracker does not hold to be confirmed."""
-    protected_deg: tuple[float, float] | None = None
+    protected_deg: Pair | None = None
     """Latitude and longitude of what is protected; without it the scene's site is."""
+    from_s: Annotated[float, Field(ge=0)] = 0.0
+    """Scored is what is from so many seconds after the first place of a drone on..."""
+    until_s: Annotated[float, Field(gt=0)] | None = None
+    """... until so many."""
+    sector_deg: Pair | None = None
+    """Scored is what lies between these azimuths, clockwise, from what is protected..."""
+    within_m: Annotated[float, Field(gt=0)] | None = None
+    """... and at most so far from it."""
+    leave_out: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Drones that do not count, nor do tracks of theirs."""
 
-    def __post_init__(self) -> None:
-        for name, (least, most) in BOUNDS.items():
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise PlotfeedError(f"{name}: expected {least:g} to {most:g}, not {value:g}")
-        if self.dimensions == 1:
-            raise PlotfeedError("dimensions: expected 2 or 3, or 0 for what is told, not 1")
-        if self.protected_deg is not None:
-            latitude_deg, longitude_deg = self.protected_deg
-            if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180):
-                raise PlotfeedError("protected_deg: expected a latitude and a longitude in degrees")
+    @model_validator(mode="after")
+    def _is_on_earth(self) -> Self:
+        latitude_deg, longitude_deg = self.protected_deg or (0.0, 0.0)
+        if not (abs(latitude_deg) <= 90 and abs(longitude_deg) <= 180):
+            raise ValueError("protected_deg: expected a latitude and a longitude in degrees")
+        return self
 
-    @classmethod
-    def of(cls, values: dict[str, Any]) -> ScoreSettings:
-        """Settings by their names, as a profile has them; raises `PlotfeedError`."""
-        known = {each.name: each.default for each in fields(cls)}
-        for name, value in values.items():
-            if name not in known:
-                raise PlotfeedError(f"{name}: expected one of {', '.join(known)}")
-            usual = known[name]
-            if name == "protected_deg":
-                is_pair = isinstance(value, list | tuple) and len(value) == 2
-                good = is_pair and all(_is_number(part) for part in value)
-            elif isinstance(usual, bool):
-                good = isinstance(value, bool)
-            elif isinstance(usual, int):
-                good = isinstance(value, int) and not isinstance(value, bool)
-            else:
-                good = _is_number(value)
-            if not good:
-                raise PlotfeedError(f"{name}: {str(value)[:40]!r} is not what is expected there")
-        given: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()
-        }
-        return cls(**given)
+    @property
+    def leaves_out(self) -> bool:
+        """Whether there is anything that does not count."""
+        return self != self.model_copy(
+            update={"from_s": 0.0, "until_s": None, "sector_deg": None, "within_m": None,
+                    "leave_out": ()}
+        )  # fmt: skip
 
+    def place(self, truths: Truths) -> LocalFrame | None:
+        """Where what is protected is."""
+        return truths.site if self.protected_deg is None else LocalFrame(*self.protected_deg, 0.0)
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-BOUNDS = {
-    "cutoff_m": (0.1, 1e5),
-    "order": (1.0, 8.0),
-    "switch_m": (0.0, 1e5),
-    "step_s": (0.05, 3600.0),
-    "stale_s": (0.05, 3600.0),
-    "dimensions": (0, 3),
-    "window_steps": (0, 100),
-    "confirm_steps": (1, 100),
-    "end_steps": (1, 100),
-    "future_s": (0.0, 3600.0),
-    "max_speed_m_s": (1.0, 1e4),
-}
-"""Of numbers, least and most."""
+    def counts(self, truths: Truths, t_utc_ns: Ints, ecef_m: Floats) -> Bools:
+        """Whether what is at a time at a place, (n,) and (n, 3), lies within what is scored."""
+        since_s = (t_utc_ns - truths.start_utc_ns) / NS
+        found: Bools = (since_s >= self.from_s) & ~(since_s > (self.until_s or np.inf))
+        if self.sector_deg is None and self.within_m is None:
+            return found
+        centre = self.place(truths)
+        if centre is None:
+            raise PlotfeedError("sector_deg and within_m need protected_deg: nobody says the site")
+        east_m, north_m, _ = centre.from_ecef(ecef_m).T
+        first, last = self.sector_deg or (0.0, 360.0)
+        azimuth_deg = (np.degrees(np.arctan2(east_m, north_m)) - first) % 360.0
+        found &= azimuth_deg <= ((last - first) % 360.0 or 360.0)
+        within: Bools = ~(np.hypot(east_m, north_m) > (self.within_m or np.inf))
+        return found & within
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,6 +172,8 @@ class ReportErrors(Columns):
     covariance_m2: Floats
     nees: Floats
     latency_s: Floats
+    from_sensors_m: Floats
+    """East and north from amid the sensors, (n, 2); NaN where nobody says where they are."""
 
 
 class Located(NamedTuple):
@@ -218,6 +210,10 @@ def report_errors(located: Located, assigned: Assigned, dimensions: int) -> Repo
         true.longitude_deg[there],
     )
     covariance_m2 = tracks.covariance_m2[there]
+    seen_m = np.full((len(there), 2), np.nan)
+    if truths.sensors_at is not None:
+        where = (true.latitude_deg[there], true.longitude_deg[there], truths.sensors_at.height_m)
+        seen_m = truths.sensors_at.from_ecef(geodetic_to_ecef(*where))[:, :2]
     return ReportErrors(
         t_utc_ns=reports.t_utc_ns[there],
         track=reports.track[there],
@@ -230,6 +226,7 @@ def report_errors(located: Located, assigned: Assigned, dimensions: int) -> Repo
         covariance_m2=covariance_m2,
         nees=nees(error_m[:, :dimensions], covariance_m2[:, :dimensions, :dimensions]),
         latency_s=tracks.latency_s[there],
+        from_sensors_m=seen_m,
     )
 
 
@@ -255,75 +252,69 @@ def truth_beside(truths: Truths, drone: Ints, t_utc_ns: Ints, level: Level) -> T
     return true_states(place_m, velocity_m_s, level)
 
 
-NAN = math.nan
+class Figures(dict[str, float]):
+    """Figures by their names, also as attributes; NaN for what is not known."""
+
+    def __missing__(self, name: str) -> float:
+        return math.nan
+
+    def __getattr__(self, name: str) -> float:
+        if name not in FIGURES:
+            raise AttributeError(name)
+        return self[name]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SetFigures:
-    """Sets of tracks beside the drones, over all steps at which there was any of either.
-
-    GOSPA, its parts, OSPA and T-GOSPA are means of order p over time: for p = 2 the squares of the
-    parts add up to that of GOSPA.
-    """
-
-    gospa_m: float = NAN
-    gospa_localisation_m: float = NAN
-    gospa_missed_m: float = NAN
-    gospa_false_m: float = NAN
-    ospa_m: float = NAN
-    ospa2_m: float = NAN
-    t_gospa_m: float = NAN
-    t_gospa_switching_m: float = NAN
-    completeness: float = NAN
-    """Of the drones that were there, the share that had a track."""
-    ambiguity: float = NAN
-    """Tracks for each drone that had any."""
-    spuriousness: float = NAN
-    """Share of tracks that were of no drone."""
-    position_accuracy_m: float = NAN
-    """Mean error of assigned tracks on the grid."""
-    velocity_accuracy_m_s: float = NAN
-    number_changes_per_h: float = NAN
-    """For each hour in which a drone had a track."""
-    longest_segment: float = NAN
-    """Of the time of drones, the share that the longest stretch of one track of each covers."""
-    breaks: float = NAN
-    swaps: float = NAN
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportFigures:
-    """Reports of tracks that are of a drone, each at its own time."""
-
-    reports: float = 0.0
-    position_mean_m: float = NAN
-    position_rms_m: float = NAN
-    position_p50_m: float = NAN
-    position_p95_m: float = NAN
-    position_max_m: float = NAN
-    bias_east_m: float = NAN
-    bias_north_m: float = NAN
-    bias_up_m: float = NAN
-    along_rms_m: float = NAN
-    """Along the way of drones that fly faster than 1 m/s, and across it."""
-    across_rms_m: float = NAN
-    height_rms_m: float = NAN
-    velocity_rms_m_s: float = NAN
-    """Over the ground."""
-    nees: float = NAN
-    """Mean of NEES over its degrees of freedom: 1 for errors as large as is claimed."""
-    nees_low: float = NAN
-    """Between these it lies in 95 of 100 runs of an honest tracker."""
-    nees_high: float = NAN
-    lag_s: float = NAN
-    lag_se_s: float = NAN
-    latency_p50_s: float = NAN
-    latency_p95_s: float = NAN
-    latency_p99_s: float = NAN
-    latency_max_s: float = NAN
-    update_p50_s: float = NAN
-    """From one report of a drone to the next."""
-    update_p95_s: float = NAN
+SETS: Mapping[str, tuple[str, str]] = {
+    "gospa_m": ("GOSPA, m", ".2f"),
+    "gospa_localisation_m": ("  by localisation, m", ".2f"),
+    "gospa_missed_m": ("  by drones without a track, m", ".2f"),
+    "gospa_false_m": ("  by tracks of no drone, m", ".2f"),
+    "ospa_m": ("OSPA, m", ".2f"),
+    "ospa2_m": ("OSPA(2), m", ".2f"),
+    "t_gospa_m": ("T-GOSPA, m", ".2f"),
+    "t_gospa_switching_m": ("  by switches, m", ".2f"),
+    "completeness": ("completeness, %", "%"),
+    "ambiguity": ("ambiguity, tracks a drone", ".3f"),
+    "spuriousness": ("spuriousness, %", "%"),
+    "id_correctness": ("drones under their first number, %", "%"),
+    "id_ambiguity": ("  under that and another, %", "%"),
+    "position_accuracy_m": ("mean error of position, m", ".2f"),
+    "velocity_accuracy_m_s": ("mean error of velocity, m/s", ".2f"),
+    "longest_segment": ("longest segment, %", "%"),
+    "number_changes_per_h": ("changes of number, 1/h", ".2f"),
+    "breaks": ("breaks", ".0f"),
+    "swaps": ("swaps", ".0f"),
+}
+# Of sets of tracks beside the drones: names, titles and forms; % for shares. Those of order p are
+# means of that order over time: for p = 2 the squares of GOSPA's parts add up to its own.
+REPORTS: Mapping[str, tuple[str, str]] = {
+    "reports": ("", ""),
+    "position_mean_m": ("position, mean, m", ".2f"),
+    "position_rms_m": ("position, rms, m", ".2f"),
+    "position_p50_m": ("position, 50 %, m", ".2f"),
+    "position_p95_m": ("position, 95 %, m", ".2f"),
+    "position_max_m": ("position, most, m", ".2f"),
+    "bias_east_m": ("mean error east, m", "+.2f"),
+    "bias_north_m": ("mean error north, m", "+.2f"),
+    "bias_up_m": ("mean error up, m", "+.2f"),
+    "along_rms_m": ("along the way, rms, m", ".2f"),
+    "across_rms_m": ("across the way, rms, m", ".2f"),
+    "height_rms_m": ("height, rms, m", ".2f"),
+    "velocity_rms_m_s": ("velocity, rms, m/s", ".2f"),
+    "nees": ("NEES over its freedom (1)", ".3f"),
+    "nees_low": ("  in 95 of 100 such runs from", ".3f"),
+    "nees_high": ("  to", ".3f"),
+    "lag_s": ("lag along the way, s", "+.3f"),
+    "lag_se_s": ("  standard error, s", ".3f"),
+    "latency_p50_s": ("latency, 50 %, s", ".3f"),
+    "latency_p95_s": ("latency, 95 %, s", ".3f"),
+    "latency_p99_s": ("latency, 99 %, s", ".3f"),
+    "latency_max_s": ("latency, most, s", ".3f"),
+    "update_p50_s": ("between reports, 50 %, s", ".3f"),
+    "update_p95_s": ("between reports, 95 %, s", ".3f"),
+}
+# Likewise of reports that are of a drone, each at its own time.
+FIGURES = {**SETS, **REPORTS}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -385,13 +376,15 @@ class Score:
     start_utc_ns: int
     end_utc_ns: int
     settings: ScoreSettings
-    dimensions: int
-    """2 for distances over the ground, 3 for those in space."""
-    as_stamped: SetFigures
+    as_stamped: Figures
     """Every report counts from the time that it is of, whenever it came."""
-    as_known: SetFigures | None
+    as_known: Figures | None
     """Reports count from when they were received; None where that is not known."""
-    reports: ReportFigures
+    reports: Figures
+    in_space: Figures
+    """Of sets, as stamped, and of reports, in space, of those that tell a height."""
+    samples: Mapping[str, FigureSamples]
+    """What figures are of, by the names that `figures` has; none of those of this run alone."""
     drones: Sequence[DroneScore]
     sensors: Sequence[SensorScore]
     tracks: int
@@ -413,22 +406,25 @@ class Score:
     over_time: OverTime
     nearest_m: Floats
     """From each usable report to the drone that was nearest, over the ground; NaN for none."""
+    places: Mapping[str, Floats]
+    """East and north of the middle, (n, 2), of drones, those without a track, and false tracks."""
 
     @property
     def distances(self) -> str:
         """Which distances are meant throughout, in words."""
-        return "over the ground" if self.dimensions == 2 else "in space"
+        return "over the ground" if self.settings.dimensions == 2 else "in space"
 
     def figures(self) -> dict[str, float]:
         """All figures by their names, NaN for what is not known: the same names for every run.
 
-        Those of what was known at the time begin with `known_`.
+        Those of what was known at the time begin with `known_`, and those in space with `space_`.
         """
-        known = asdict(self.as_known or SetFigures())
+        known, stamped = self.as_known or Figures(), self.as_stamped
         return {
-            **asdict(self.as_stamped),
-            **{f"known_{name}": value for name, value in known.items()},
-            **asdict(self.reports),
+            **{name: stamped[name] for name in SETS},
+            **{f"known_{name}": known[name] for name in SETS},
+            **{name: self.reports[name] for name in REPORTS},
+            **{f"space_{name}": self.in_space[name] for name in FIGURES},
             "initiation_median_s": self.initiation_median_s,
             "alert_median_m": self.alert_median_m,
             "drones": float(len(self.drones)),
@@ -440,14 +436,15 @@ class Score:
         }
 
 
-FIGURE_NAMES = tuple(
-    [each.name for each in fields(SetFigures)]
-    + [f"known_{each.name}" for each in fields(SetFigures)]
-    + [each.name for each in fields(ReportFigures)]
-    + ["initiation_median_s", "alert_median_m", "drones", "never_tracked", "tracks"]
-    + ["false_tracks", "left_out", "silent_s"]
+FIGURE_NAMES = (
+    *SETS,
+    *(f"known_{name}" for name in SETS),
+    *REPORTS,
+    *(f"space_{name}" for name in FIGURES),
+    *("initiation_median_s", "alert_median_m", "drones", "never_tracked", "tracks"),
+    *("false_tracks", "left_out", "silent_s"),
 )
-"""As `Score.figures` has them."""
+# As `Score.figures` has them.
 
 
 def drone_scores(
@@ -463,9 +460,7 @@ def drone_scores(
     how: ScoreSettings,
 ) -> list[DroneScore]:
     """Each drone's own score, in their order."""
-    protected = truths.site
-    if how.protected_deg is not None:
-        protected = LocalFrame(*how.protected_deg, 0.0)
+    protected = how.place(truths)
     row_keys = rows.step * max(len(usable.names), 1) + rows.track
     found = []
     step_s = grid.step_ns / NS
@@ -479,9 +474,11 @@ def drone_scores(
             first = int(np.lexsort((own.track, own.first))[0])
             key = int(own.first[first]) * max(len(usable.names), 1) + int(own.track[first])
             report = int(rows.report[np.searchsorted(row_keys, key)])
+            stamped_ns = int(usable.reports.t_utc_ns[report])
             known_ns = int(usable.reports.known_utc_ns[report])
+            known_ns = stamped_ns if known_ns == UNKNOWN_NS else known_ns
             initiation_s = max((known_ns - int(path.t_utc_ns[0])) / NS, 0.0)
-            alert_m = _distance_at(path, known_ns, int(usable.reports.t_utc_ns[report]), protected)
+            alert_m = _distance_at(path, known_ns, stamped_ns, protected)
         apart_m = errors.distance_m[errors.drone == number]
         found.append(
             DroneScore(
@@ -583,6 +580,7 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
     Whatever the tracker did, there is a score: what of its reports cannot be used is counted.
     """
     how = settings or ScoreSettings()
+    whole, truths = truths, scored_part(truths, how)
     field = _field(truths, how)
     usable = usable_tracks(
         tracks,
@@ -592,16 +590,32 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
         max_speed_m_s=how.max_speed_m_s,
         counts_tentative=how.counts_tentative,
     )
-    dimensions = how.dimensions or (3 if usable.has_heights else 2)
-    rows, walked = _walked(field, usable, how, dimensions, as_known=False)
-    segments = _segments(walked, how)
-    stamped = _set_figures(field, usable, rows=rows, walked=walked, how=how)
-    known = None
+    if how.leaves_out:
+        usable = usable.only(_are_scored(whole, truths, usable, field.level, how), "not scored")
+    if how.dimensions == 3:
+        usable = usable.only(usable.has_height, "without a height")
+    beside = _beside(truths, field, usable, how, how.dimensions)
+    rows, walked, segments, errors = beside.rows, beside.walked, beside.segments, beside.errors
+    samples = dict(beside.samples)
+    stamped, reports = beside.sets, beside.reports
+    known, in_space = None, Figures()
     if usable.has_received:
-        other_rows, other = _walked(field, usable, how, dimensions, as_known=True)
-        known = _set_figures(field, usable, rows=other_rows, walked=other, how=how)
-    located = Located(truths, usable, field.grid, field.level)
-    errors = report_errors(located, walked.assigned, dimensions)
+        later = _walked(field, usable, how, how.dimensions, as_known=True)
+        known, of_known = _set_figures(field, usable, *later, how)
+        samples |= {f"known_{name}": each for name, each in of_known.items()}
+    notes = [*truths.notes]
+    if usable.has_height.any():
+        high = usable.only(usable.has_height, "")
+        space = beside if how.dimensions == 3 else _beside(truths, field, high, how, 3)
+        in_space = Figures({**space.sets, **space.reports})
+        samples |= {f"space_{name}": each for name, each in space.samples.items()}
+        if len(high.reports) < len(usable.reports):
+            lack = len(usable.reports) - len(high.reports)
+            notes.append(f"{lack} of {len(usable.reports)} reports tell no height: not in space")
+    unknown = int(np.count_nonzero(usable.reports.known_utc_ns == UNKNOWN_NS))
+    if unknown:
+        of = f"{unknown} of {len(usable.reports)} reports have no time of receipt"
+        notes.append(f"{of}: latency is of the others, and nothing is told as known")
     tracked = np.zeros_like(field.there)
     tracked[walked.assigned.step, walked.assigned.drone] = True
     drones = drone_scores(
@@ -620,16 +634,19 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
     waited_s = np.where(seen, [d.initiation_s for d in drones], [d.cover_s for d in drones])
     # Those that were never seen would have been nearer than they ever came.
     nearness_m = -np.where(seen, [d.alert_m for d in drones], [d.closest_m for d in drones])
+    is_false = np.ones(len(rows), np.bool_)
+    is_false[walked.assigned.row] = False
     return Score(
         scene=truths.scene,
         source=tracks.source,
         start_utc_ns=field.span_utc_ns[0],
         end_utc_ns=field.span_utc_ns[1],
         settings=how,
-        dimensions=dimensions,
         as_stamped=stamped,
         as_known=known,
-        reports=report_figures(errors, dimensions),
+        reports=reports,
+        in_space=in_space,
+        samples=samples,
         drones=drones,
         sensors=sensor_scores(truths, field.grid, field.there, tracked, errors),
         tracks=len(usable.names),
@@ -640,7 +657,7 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
         silent_s=silent_s,
         left_out=usable.counts,
         failure=_failure(tracks, usable, silent_s),
-        notes=truths.notes,
+        notes=notes,
         errors=errors,
         over_time=OverTime(
             t_utc_ns=field.grid.t_utc_ns,
@@ -649,7 +666,81 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
             tracked=tracked,
             stays_utc_ns=[stays_of(p.t_utc_ns, p.gap_ns) for p in truths.paths],
         ),
-        nearest_m=distances_to_nearest_m(located, rows, walked.nearest),
+        nearest_m=distances_to_nearest_m(
+            Located(truths, usable, field.grid, field.level), rows, walked.nearest
+        ),
+        places=_places(
+            {
+                "drones with a track": field.states.point[tracked][:, :3],
+                "drones without a track": field.states.point[field.there & ~tracked][:, :3],
+                "tracks of no drone": rows.point[is_false][:, :3],
+            },
+            truths,
+        ),
+    )
+
+
+def scored_part(truths: Truths, how: ScoreSettings) -> Truths:
+    """The flights as far as they count; raises `PlotfeedError` for drones that nobody knows."""
+    if not how.leaves_out:
+        return truths
+    if unknown := set(how.leave_out) - set(truths.drones):
+        there = ", ".join(truths.drones[:12])
+        raise PlotfeedError(f"leave_out: no drone {min(unknown)!r}: expected of {there}")
+    paths = [
+        path.rows(
+            how.counts(truths, path.t_utc_ns, path.position_ecef_m) & (name not in how.leave_out)
+        )
+        for name, path in zip(truths.drones, truths.paths, strict=True)
+    ]
+    return replace(truths, paths=paths)
+
+
+def _are_scored(
+    whole: Truths, scored: Truths, usable: UsableTracks, level: Level, how: ScoreSettings
+) -> Bools:
+    """Which reports count: of drones that do, or of none, where and when that would count."""
+    reports = usable.reports
+    nearest = np.full((2, len(reports)), np.inf)
+    for side, truths in enumerate((scored, whole)):
+        for drone in range(len(truths.paths)):
+            true = truth_beside(truths, np.full(len(reports), drone), reports.t_utc_ns, level)
+            apart_m = distance_m(reports.point[:, :3] - true.point[:, :3])
+            nearest[side] = np.fmin(nearest[side], apart_m)
+    within = how.counts(whole, reports.t_utc_ns, reports.point[:, :3])
+    of_others = nearest[1] < np.minimum(nearest[0], how.cutoff_m)
+    found: Bools = ~of_others & (within | (nearest[0] < how.cutoff_m))
+    return found
+
+
+def _places(ecef_m: Mapping[str, Floats], truths: Truths) -> dict[str, Floats]:
+    """Places as east and north of the site, or else of their middle."""
+    site = truths.site or truths.middle
+    return {name: site.from_ecef(places)[:, :2] for name, places in ecef_m.items()}
+
+
+class _Beside(NamedTuple):
+    """Tracks beside drones in some dimensions, as stamped."""
+
+    rows: GridRows
+    walked: Walked
+    segments: Segments
+    errors: ReportErrors
+    sets: Figures
+    reports: Figures
+    samples: dict[str, FigureSamples]
+
+
+def _beside(
+    truths: Truths, field: _Field, usable: UsableTracks, how: ScoreSettings, dimensions: int
+) -> _Beside:
+    rows, walked = _walked(field, usable, how, dimensions, as_known=False)
+    sets, of_sets = _set_figures(field, usable, rows, walked, how)
+    located = Located(truths, usable, field.grid, field.level)
+    errors = report_errors(located, walked.assigned, dimensions)
+    reports, of_reports = report_figures(errors, dimensions)
+    return _Beside(
+        rows, walked, _segments(walked, how), errors, sets, reports, of_sets | of_reports
     )
 
 
@@ -668,7 +759,7 @@ class _Field:
 def _field(truths: Truths, how: ScoreSettings) -> _Field:
     times = [path.t_utc_ns for path in truths.paths if len(path.t_utc_ns) > 1]
     if not times:
-        raise PlotfeedError("no flight to score against: the ledger tells of no look at a drone")
+        raise PlotfeedError("no flight to score against: no drone was looked at, or is scored")
     span = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
     step_ns = round(how.step_s * NS)
     first = -(-span[0] // step_ns)
@@ -717,122 +808,142 @@ def _segments(walked: Walked, how: ScoreSettings) -> Segments:
 
 
 def _set_figures(
-    field: _Field,
-    usable: UsableTracks,
-    *,
-    rows: GridRows,
-    walked: Walked,
-    how: ScoreSettings,
-) -> SetFigures:
+    field: _Field, usable: UsableTracks, rows: GridRows, walked: Walked, how: ScoreSettings
+) -> tuple[Figures, dict[str, FigureSamples]]:
+    """Figures of sets over steps at which there was any drone or track, and what they are of."""
     steps, assigned, segments = walked.steps, walked.assigned, _segments(walked, how)
-    some = (steps.drones > 0) | (steps.tracks > 0)
-    count, power = max(int(np.count_nonzero(some)), 1), 1.0 / how.order
-
-    def mean(values: Floats) -> float:
-        return float((values.sum() / count) ** power)
-
-    parts = (steps.localisation, steps.missed, steps.false)
+    some = np.flatnonzero((steps.drones > 0) | (steps.tracks > 0))
+    count, order, power = len(some), len(field.there), 1.0 / how.order
     windows = walked.window_parts
+
+    def of(parts: Any, wholes: Any, power: float = 1.0, **how: Any) -> FigureSamples:
+        rows = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
+        return FigureSamples(*rows, np.zeros(len(parts), np.int64), power, **how)
+
+    def mean(values: Floats) -> FigureSamples:
+        return of(values[some], np.ones(count), power)
+
+    def by_window(values: Floats, of_all: float) -> FigureSamples:
+        return of(values, np.full(len(values), of_all / max(len(values), 1)), power)
+
+    def at_steps(values: Floats) -> FigureSamples:
+        known = np.isfinite(values)
+        sums = np.bincount(assigned.step[known], values[known], order)
+        return of(sums, np.bincount(assigned.step[known], minlength=order))
+
     velocity = usable.velocity_enu_m_s[rows.report[assigned.row]]
     true_velocity = field.states.velocity_enu_m_s[assigned.step, assigned.drone]
-    apart_m_s = np.hypot(*(velocity - true_velocity)[:, :2].T)
-    told = apart_m_s[np.isfinite(apart_m_s)]
     followings = [
         followed(segments.rows(segments.drone == drone), np.flatnonzero(field.there[:, drone]))
         for drone in range(field.there.shape[1])
     ]
+    longest = np.array([each.longest_steps for each in followings], np.float64)
+    right, both = right_identities(assigned.track, assigned.drone, assigned.step)
+    seen = np.ones(len(right))
+    samples = {
+        "gospa_m": mean(steps.localisation + steps.missed + steps.false),
+        "gospa_localisation_m": mean(steps.localisation),
+        "gospa_missed_m": mean(steps.missed),
+        "gospa_false_m": mean(steps.false),
+        "ospa_m": mean(steps.ospa_m**how.order),
+        "ospa2_m": by_window(walked.ospa2_m**how.order, len(windows)),
+        "t_gospa_m": by_window(windows.sum(axis=1), count),
+        "t_gospa_switching_m": by_window(windows[:, 3], count),
+        "completeness": of(steps.tracked, steps.drones, is_share=True),
+        "ambiguity": of(steps.assigned, steps.tracked),
+        "spuriousness": of(steps.tracks - steps.assigned, steps.tracks, is_share=True),
+        "id_correctness": of(right, seen, is_share=True),
+        "id_ambiguity": of(both, seen, is_share=True),
+        "position_accuracy_m": at_steps(assigned.distance_m),
+        "velocity_accuracy_m_s": at_steps(np.hypot(*(velocity - true_velocity)[:, :2].T)),
+        "longest_segment": of(longest, field.there.sum(axis=0)),
+    }
     tracked_h = int(steps.tracked.sum()) * field.grid.step_ns / NS / 3600
     changes = sum(each.number_changes for each in followings)
-    return SetFigures(
-        gospa_m=mean(sum(parts, np.zeros(len(some)))),
-        gospa_localisation_m=mean(parts[0]),
-        gospa_missed_m=mean(parts[1]),
-        gospa_false_m=mean(parts[2]),
-        ospa_m=mean(steps.ospa_m**how.order),
-        ospa2_m=_over_windows(walked.ospa2_m**how.order, len(windows), power),
-        t_gospa_m=_over_windows(windows.sum(axis=1), count if len(windows) else 0, power),
-        t_gospa_switching_m=_over_windows(windows[:, 3], count if len(windows) else 0, power),
-        completeness=_ratio(steps.tracked.sum(), steps.drones.sum()),
-        ambiguity=_ratio(steps.assigned.sum(), steps.tracked.sum()),
-        spuriousness=_ratio((steps.tracks - steps.assigned).sum(), steps.tracks.sum()),
-        position_accuracy_m=_ratio(assigned.distance_m.sum(), len(assigned)),
-        velocity_accuracy_m_s=_ratio(told.sum(), len(told)),
-        number_changes_per_h=_ratio(changes, tracked_h),
-        longest_segment=_ratio(sum(e.longest_steps for e in followings), steps.drones.sum()),
-        breaks=float(sum(each.breaks for each in followings)),
-        swaps=float(swaps_of(segments)),
-    )
+    found = Figures({name: each.value for name, each in samples.items()})
+    found["number_changes_per_h"] = changes / tracked_h if tracked_h else math.nan
+    found["breaks"] = float(sum(each.breaks for each in followings))
+    found["swaps"] = float(swaps_of(segments))
+    return found, samples
 
 
-def _over_windows(values: Floats, of: int, power: float) -> float:
-    return float((values.sum() / of) ** power) if of else float("nan")
-
-
-def _ratio(part: float, of: float) -> float:
-    return float(part) / float(of) if of else float("nan")
-
-
-def report_figures(errors: ReportErrors, dimensions: int) -> ReportFigures:
-    """Figures of the errors of reports; of none, NaN."""
+def report_figures(
+    errors: ReportErrors, dimensions: int
+) -> tuple[Figures, dict[str, FigureSamples]]:
+    """Figures of the errors of reports, and what they are of."""
     if not len(errors):
-        return ReportFigures()
-    distance_m, error_m = errors.distance_m, errors.error_enu_m
+        return Figures({"reports": 0.0}), {}
+    errors = errors.rows(np.lexsort((errors.t_utc_ns, errors.drone)))
+    # One drone after the other, in an order that neither names nor errors have a part in.
+    _, first, which = np.unique(errors.drone, return_index=True, return_inverse=True)
+    errors = errors.rows(np.lexsort((which, errors.true_velocity_enu_m_s[first, 0][which])))
+    distance_m, error_m, drone = errors.distance_m, errors.error_enu_m, errors.drone
+    one = np.ones(len(errors))
+
+    def mean(values: Floats, wholes: Floats = one, power: float = 1.0) -> FigureSamples:
+        known = np.isfinite(values)
+        return FigureSamples(values[known], wholes[known], drone[known], power)
+
+    def rms(values: Floats) -> FigureSamples:
+        return mean(values**2, power=0.5)
+
+    def share(values: Floats, quantile: float) -> FigureSamples:
+        return mean(values)._replace(quantile=quantile)
+
     east, north = errors.true_velocity_enu_m_s[:, 0], errors.true_velocity_enu_m_s[:, 1]
     speed = np.hypot(east, north)
-    moves = speed > LEAST_SPEED_M_S
-    along_m = (error_m[moves, 0] * east[moves] + error_m[moves, 1] * north[moves]) / speed[moves]
-    across_m = (error_m[moves, 0] * north[moves] - error_m[moves, 1] * east[moves]) / speed[moves]
-    p50_m, p95_m = np.quantile(distance_m, [0.5, 0.95]).tolist()
-    tested = np.isfinite(errors.nees)
-    low, high = float("nan"), float("nan")
-    if tested.any():
-        order = np.lexsort((errors.t_utc_ns[tested], errors.track[tested]))
-        samples = independent_samples(errors.nees[tested][order], errors.track[tested][order])
-        low, high = (bound / dimensions for bound in nees_interval(samples, dimensions))
-    has_all = len(errors) == int(np.count_nonzero(tested))
-    covariance_m2 = errors.covariance_m2[:, :dimensions, :dimensions] if has_all else None
+    speed[speed <= LEAST_SPEED_M_S] = np.nan
+    of_nees = mean(errors.nees / dimensions)
+    lag = mean(*_lag_parts(errors, dimensions))
+    between_s = np.append(np.diff(errors.t_utc_ns) / NS, np.nan)
+    between_s[np.append(np.diff(drone) != 0, True)] = np.nan
+    samples = {
+        "position_mean_m": mean(distance_m),
+        "position_rms_m": rms(distance_m),
+        "position_p50_m": share(distance_m, 0.5),
+        "position_p95_m": share(distance_m, 0.95),
+        "bias_east_m": mean(error_m[:, 0]),
+        "bias_north_m": mean(error_m[:, 1]),
+        "bias_up_m": mean(error_m[:, 2]),
+        "along_rms_m": rms((error_m[:, 0] * east + error_m[:, 1] * north) / speed),
+        "across_rms_m": rms((error_m[:, 0] * north - error_m[:, 1] * east) / speed),
+        "height_rms_m": rms(error_m[:, 2]),
+        "velocity_rms_m_s": rms(np.hypot(*errors.velocity_error_enu_m_s[:, :2].T)),
+        "nees": of_nees,
+        "lag_s": lag,
+        "latency_p50_s": share(errors.latency_s, 0.5),
+        "latency_p95_s": share(errors.latency_s, 0.95),
+        "latency_p99_s": share(errors.latency_s, 0.99),
+        "update_p50_s": share(between_s, 0.5),
+        "update_p95_s": share(between_s, 0.95),
+    }
+    found = Figures({name: each.value for name, each in samples.items()})
+    found["reports"] = float(len(errors))
+    found["position_max_m"] = float(distance_m.max())
+    found["latency_max_s"] = float(errors.latency_s.max())
+    _, found["nees_low"], found["nees_high"] = of_nees.interval()
+    tau = lag.interval()
+    found["lag_se_s"] = (tau.high - tau.low) / (2 * SE_95)
+    return found, samples
+
+
+SE_95 = 1.959964
+# Standard errors of which one bound of 95 % is, by the normal law.
+
+
+def _lag_parts(errors: ReportErrors, dimensions: int) -> tuple[Floats, Floats]:
+    """What lag is a ratio of, where errors of azimuth and range are other things."""
+    error_m = errors.error_enu_m[:, :dimensions]
     velocity_m_s = errors.true_velocity_enu_m_s[:, :dimensions]
-    lag = lag_of(error_m[:, :dimensions], velocity_m_s, covariance_m2)
-    latency = errors.latency_s[np.isfinite(errors.latency_s)]
-    late = np.quantile(latency, [0.5, 0.95, 0.99, 1.0]) if len(latency) else [float("nan")] * 4
-    between = updates_s(errors)
-    often = np.quantile(between, [0.5, 0.95]) if len(between) else [float("nan")] * 2
-    up_m = error_m[np.isfinite(error_m[:, 2]), 2]
-    speeds_m_s = np.hypot(*errors.velocity_error_enu_m_s[:, :2].T)
-    return ReportFigures(
-        reports=float(len(errors)),
-        position_mean_m=float(distance_m.mean()),
-        position_rms_m=_rms(distance_m),
-        position_p50_m=p50_m,
-        position_p95_m=p95_m,
-        position_max_m=float(distance_m.max()),
-        bias_east_m=float(error_m[:, 0].mean()),
-        bias_north_m=float(error_m[:, 1].mean()),
-        bias_up_m=float(up_m.mean()) if len(up_m) else float("nan"),
-        along_rms_m=_rms(along_m),
-        across_rms_m=_rms(across_m),
-        height_rms_m=_rms(up_m),
-        velocity_rms_m_s=_rms(speeds_m_s[np.isfinite(speeds_m_s)]),
-        nees=float(errors.nees[tested].mean()) / dimensions if tested.any() else float("nan"),
-        nees_low=low,
-        nees_high=high,
-        lag_s=lag.tau_s,
-        lag_se_s=lag.se_s,
-        latency_p50_s=float(late[0]),
-        latency_p95_s=float(late[1]),
-        latency_p99_s=float(late[2]),
-        latency_max_s=float(late[3]),
-        update_p50_s=float(often[0]),
-        update_p95_s=float(often[1]),
-    )
-
-
-def updates_s(errors: ReportErrors) -> Floats:
-    """Times from one report of a drone to the next of the same, seconds, by whatever track."""
-    order = np.lexsort((errors.t_utc_ns, errors.drone))
-    same = np.diff(errors.drone[order]) == 0
-    found: Floats = np.diff(errors.t_utc_ns[order])[same] / NS
-    return found
+    claimed = np.isfinite(errors.nees).all()
+    covariance_m2 = errors.covariance_m2[:, :dimensions, :dimensions] if claimed else None
+    others = None
+    if np.isfinite(errors.from_sensors_m).all():
+        east, north = errors.from_sensors_m.T
+        others = np.zeros((len(errors), dimensions, 2))
+        others[:, 0, 0], others[:, 1, 0] = north, -east
+        others[:, :2, 1] = errors.from_sensors_m / np.maximum(np.hypot(east, north), 1.0)[:, None]
+    return lag_parts(error_m, velocity_m_s, covariance_m2, others)
 
 
 def _rms(values: Floats) -> float:

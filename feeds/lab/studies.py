@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from html import escape
 from importlib.metadata import version
 from math import ceil, log10
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from plotfeed.feeds.console.extras import check_picture, need_extra
-from plotfeed.feeds.console.printed import aligned, printable, say
+from plotfeed.feeds.console.printed import printable, say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.lab.lab_settings import SweepSettings, TrackerSettings
 from plotfeed.feeds.lab.pictures import (
@@ -26,7 +28,9 @@ from plotfeed.feeds.lab.pictures import (
     plain_text,
     save_picture,
     shades,
+    svg_of,
 )
+from plotfeed.feeds.lab.possible import POSSIBLE
 from plotfeed.feeds.lab.runs import (
     NAME,
     Journal,
@@ -38,6 +42,18 @@ from plotfeed.feeds.lab.runs import (
 )
 from plotfeed.feeds.lab.runs import (
     finish as finish_runs,
+)
+from plotfeed.feeds.lab.score import (
+    LIMITS,
+    NO_PROFILE,
+    LimitVerdict,
+    ScoreLimit,
+    ScoreProfile,
+    closing,
+    judged_figure,
+    junit_of,
+    page,
+    write_new,
 )
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES, ScoreSettings
 from plotfeed.feeds.lab.sweep import (
@@ -54,8 +70,10 @@ from plotfeed.feeds.lab.sweep import (
 )
 from plotfeed.feeds.lab.tables import (
     TABLES,
+    Table,
     check_suffix,
     level_columns,
+    of_cells,
     table_of,
     write_table,
 )
@@ -67,6 +85,8 @@ from plotfeed.feeds.lab.trackers import (
 )
 from plotfeed.feeds.scene.fields import Enu
 from plotfeed.models.bootstrap import Interval, mean_interval
+from plotfeed.models.state import Floats
+from plotfeed.models.verdicts import POCOCK, RISK, breaking_level, look_risk, seeds_interval
 from plotfeed.proto.errors import PlotfeedError
 
 CLASSES = 40
@@ -282,38 +302,73 @@ def _sweep_title(
 
 
 SHOWN = {
-    "gospa_m": ("GOSPA, m", ".1f"),
-    "completeness": ("completeness", ".3f"),
-    "spuriousness": ("spuriousness", ".3f"),
-    "position_rms_m": ("position rms, m", ".1f"),
+    "known_gospa_m": ("GOSPA, m", ".1f"),
+    "gospa_feed_m": ("by feed", ".1f"),
+    "gospa_link_m": ("by link", ".1f"),
+    "gospa_tracker_m": ("by tracker", ".1f"),
+    "known_completeness": ("completeness", ".3f"),
+    "known_spuriousness": ("spuriousness", ".3f"),
+    "known_position_accuracy_m": ("mean error, m", ".1f"),
     "latency_p95_s": ("latency p95, s", ".2f"),
     "initiation_median_s": ("initiation, s", ".1f"),
 }
-"""Figures of the printed table and the picture, with their titles and how they are printed."""
-INCHES = (15.0, 8.0)
+# Figures of the printed table and the picture, with their titles and how they are printed: as known
+# at the time, so that lateness costs.
+INCHES = (15.0, 11.0)
+LATE_S, LATE_SHARE = 0.1, 0.1
+# A machine that is later than this, or than such a share of what is varied, tells of itself.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CurvePoint:
-    """A tracker at one level: means over runs, with intervals."""
+class CurvePoint(NamedTuple):
+    """A tracker at one level: means over runs, with intervals, and verdicts on the limits."""
 
     level: SweepLevel
     tracker: str
     runs: int
     failures: Sequence[str]
     """How it failed in runs in which it did."""
+    late_s: float
+    """By how much the machine itself was late."""
     figures: Mapping[str, Interval]
+    limits: Floats
+    """Figures of limits, (limits, runs)."""
+    verdicts: Sequence[LimitVerdict]
 
     @classmethod
-    def of(cls, level: SweepLevel, tracker: str, results: Results) -> CurvePoint:
-        """The runs of a level, as its journal has them."""
+    def of(
+        cls, level: SweepLevel, tracker: str, results: Results, asked: Sequence[ScoreLimit],
+        looks: int,
+    ) -> CurvePoint:  # fmt: skip
+        """The runs of a level, as its journal has them, judged at each of so many looks."""
         runs = [result for (number, _), result in results.items() if number == level.number]
-        found = {}
-        for name in SHOWN:
-            values = [run["figures"][name] for run in runs]
-            found[name] = mean_interval([np.nan if value is None else value for value in values])
-        failures = [run["failure"] for run in runs if run["failure"]]
-        return cls(level=level, tracker=tracker, runs=len(runs), failures=failures, figures=found)
+
+        def column(of: str, name: Any) -> Floats:
+            return np.array([run[of][name] for run in runs], np.float64)
+
+        limits = np.array([column("limits", n) for n in range(len(asked))]).reshape(-1, len(runs))
+        risk = look_risk(looks, RISK / max(len(asked), 1))
+        verdicts = [
+            LimitVerdict.of_interval(
+                limit, judged_figure(limit, is_known=True), seeds_interval(values, risk),
+                len(runs), "many runs",
+            )
+            for limit, values in zip(asked, limits, strict=True)
+        ]  # fmt: skip
+        return cls(
+            level,
+            tracker,
+            len(runs),
+            [run["failure"] for run in runs if run["failure"]],
+            float(np.mean([run["late_s"] for run in runs])) if runs else np.nan,
+            {name: mean_interval(column("figures", name)) for name in SHOWN},
+            limits,
+            verdicts,
+        )
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether more runs would change no verdict."""
+        return bool(self.verdicts) and all(v.status != "undecided" for v in self.verdicts)
 
     def as_json(self) -> dict[str, Any]:
         """Figures by name, as value, low and high."""
@@ -323,40 +378,120 @@ class CurvePoint:
             "values": dict(zip((path for path, _ in changes), self.level.values, strict=True)),
             "runs": self.runs,
             "failures": list(self.failures),
+            "late_s": self.late_s,
             "figures": {name: figure._asdict() for name, figure in self.figures.items()},
+            "limits": [asdict(verdict) for verdict in self.verdicts],
         }
 
 
-def curve_lines(points: Sequence[CurvePoint]) -> Iterator[str]:
-    """Points as a table for people, and how trackers failed."""
+@dataclass(frozen=True, kw_only=True)
+class Survival:
+    """Up to which level a tracker keeps a limit."""
+
+    limit: str
+    tracker: str
+    key: str
+    others: str
+    """What else is so on the way."""
+    level: Interval
+    late_s: float
+    """By how much the machine was late on the way, where that is too much to tell the level."""
+
+    def __str__(self) -> str:
+        where = f" ({self.others})" if self.others else ""
+        head = f"{self.tracker}, {self.limit}{where}:"
+        if self.late_s:
+            return f"{head} not told: the machine itself was late by {self.late_s:.2g} s"
+        value, low, high = (
+            "no level" if x == -np.inf else "all levels" if x == np.inf else f"{x:.4g}"
+            for x in self.level
+        )
+        if not np.isfinite(self.level.value):
+            return f"{head} holds at {value} of {self.key} ({low} to {high})"
+        return f"{head} holds to {value} of {self.key} ({low} to {high})"
+
+
+def survivals(points: Sequence[CurvePoint], asked: Sequence[ScoreLimit]) -> Iterator[Survival]:
+    """Breaking levels of each limit and tracker, along the first key of numbers that is varied."""
+    for tracker in dict.fromkeys(point.tracker for point in points):
+        of = {point.level.number: point for point in points if point.tracker == tracker}
+        axis = LevelAxis([point.level for point in of.values()])
+        if axis.key is None:
+            continue
+        for others, levels in axis.lines.items():
+            on = [of[level.number] for level in levels]
+            at = np.array([axis.at(level) for level in levels])
+            late_s = max(point.late_s for point in on)
+            unit_s = 1e-3 if axis.title.endswith("_ms") else 1.0 if axis.title.endswith("_s") else 0
+            may_s = LATE_SHARE * float(np.ptp(at)) * unit_s or LATE_S
+            runs = min(point.runs for point in on)
+            for n, limit in enumerate(asked):
+                bound = limit.at_least if limit.at_most is None else limit.at_most
+                values = np.array([point.limits[n, :runs] for point in on])
+                yield Survival(
+                    limit=limit.title,
+                    tracker=tracker,
+                    key=axis.title,
+                    others=others,
+                    level=breaking_level(at, values, bound or 0.0, rises=limit.at_most is not None),
+                    late_s=late_s if late_s > may_s else 0.0,
+                )
+
+
+def curve_table(points: Sequence[CurvePoint]) -> Table:
+    """Points as a table."""
     several = len({point.tracker for point in points}) > 1
     paths = [path for path, _ in points[0].level.changes]
     head = [*(["tracker"] if several else []), *paths, "runs", "failed"]
-    rows = [[*head, *(title for title, _ in SHOWN.values())]]
+    rows = []
     for point in points:
         row = [*([point.tracker] if several else []), *(v for _, v in point.level.changes)]
         row += [str(point.runs), str(len(point.failures))]
         rows.append(row + [interval_text(point.figures[name], SHOWN[name][1]) for name in SHOWN])
     left = len(paths) + several
-    sides = "<" * left + ">" * (len(rows[0]) - left)
-    yield from (line.rstrip() for line in aligned(rows, sides))
+    heads = [*head, *(title for title, _ in SHOWN.values())]
+    sides = "<" * left + ">" * (len(heads) - left)
+    title = "Scores as known at the time; in brackets 95 % intervals, by the bootstrap over runs"
+    return Table(title, of_cells(heads, sides), rows)
+
+
+def limit_table(points: Sequence[CurvePoint]) -> Table:
+    """Verdicts at all levels."""
+    rows = [
+        (str(point.level), *(column.cell(verdict) for column in LIMITS))
+        for point in points
+        for verdict in point.verdicts
+    ]
+    sides = "".join(">" if column.form else "<" for column in LIMITS)
+    columns = of_cells(["at", *(column.head for column in LIMITS)], f"<{sides}")
+    return Table("Limits at each level", columns, rows)
+
+
+def curve_lines(points: Sequence[CurvePoint], survived: Sequence[Survival]) -> Iterator[str]:
+    """Points as tables for people, what they survive, and how trackers failed."""
+    yield from (line.rstrip() for line in curve_table(points).lines())
+    if any(point.verdicts for point in points):
+        yield from limit_table(points).lines()
     yield ""
-    yield "In brackets: 95 % intervals, by the bootstrap over runs."
+    yield from map(str, survived)
     first: dict[str, str] = {}
     for point in points:
+        if point.late_s > LATE_S:
+            yield f"the machine itself was late by {point.late_s:.2g} s ({point.level})"
         for failure in point.failures:
             first.setdefault(failure, str(point.level))
     yield from (f"failed: {failure} ({where})" for failure, where in first.items())
 
 
-def draw_curve(path: Path, points: Sequence[CurvePoint]) -> None:
-    """Write the picture, in the format that its name says."""
+@contextmanager
+def curve_figure(points: Sequence[CurvePoint]) -> Iterator[Any]:
+    """The picture."""
     axis = LevelAxis([point.level for point in points])
     with figure_of(INCHES, _title(points)) as figure:
-        for axes, (name, (title, _)) in zip(figure.subplots(2, 3).flat, SHOWN.items(), strict=True):
+        for axes, (name, (title, _)) in zip(figure.subplots(3, 3).flat, SHOWN.items(), strict=True):
             found = {point.level.number: point.figures[name] for point in points}
             draw_by_level(axes, axis, found, title, "")
-        save_picture(figure, path)
+        yield figure
 
 
 def _title(points: Sequence[CurvePoint]) -> str:
@@ -367,10 +502,14 @@ def _title(points: Sequence[CurvePoint]) -> str:
     return plain_text(f"{names}: {runs} runs, bars 95 % over those of a level{more}")
 
 
-def score_tracker(scene: Path, settings: TrackerSettings, how: ScoreSettings) -> int:
-    """Run what is not done yet, write the table and the picture; the exit code.
+def score_tracker(
+    scene: Path, settings: TrackerSettings, how: ScoreSettings, profile: ScoreProfile | None = None
+) -> int:
+    """Run what is not done yet, write the table and the pictures; the exit code.
 
-    That is 1 where a tracker failed in any run. Raises `PlotfeedError`, and `OSError`.
+    With a profile, levels at which all its limits are decided take no more runs, which is looked at
+    after each fifth of those asked for. The code is 1 where a tracker failed in any run, or a limit
+    is broken at any level. Raises `PlotfeedError`, and `OSError`.
     """
     trackers = [TrackerCommand.parse(text) for text in settings.trackers]
     names = [tracker.name for tracker in trackers]
@@ -379,6 +518,7 @@ def score_tracker(scene: Path, settings: TrackerSettings, how: ScoreSettings) ->
     if settings.ray is not None:
         need_extra("ray", "--ray", "fleet", load=False)
     of_scene = levels_of([scene], [VariedKey.parse(text) for text in settings.vary])
+    asked = [] if profile is None else profile.limit
     told = {
         "plotfeed": version("plotfeed"),
         "scenes": digests(of_scene),
@@ -388,31 +528,69 @@ def score_tracker(scene: Path, settings: TrackerSettings, how: ScoreSettings) ->
         "--duration": settings.duration,
         "--speed": settings.speed,
         "--topic": settings.topic,
-        "settings of the score": asdict(how),
+        "--profile": [limit.model_dump() for limit in asked],
+        "settings of the score": how.model_dump(),
     }
     levels = of_trackers(of_scene, names)
+    given = [path for path in (settings.out, settings.junit) if path is not None]
     if not (settings.folder / NAME).exists():
-        for path in settings.files():
-            refuse_if_there(path, force=settings.force)
+        given += settings.files()
+    for path in given:
+        refuse_if_there(path, force=settings.force)
+    if settings.out is not None:
+        need_extra("matplotlib.figure", "a chart", "charts")
     plan = TrackerPlan(
         duration_s=settings.duration,
         speed=settings.speed,
         patience_s=settings.patience,
         topic=settings.topic,
         settings=how,
+        limits=asked,
         trackers=trackers,
     )
+    looks = min(len(POCOCK), settings.runs) if asked else 1
+
+    def points_by(runs: int) -> list[CurvePoint]:
+        done = kept.of_first(runs)
+        return [CurvePoint.of(lv, plan.of(lv).name, done, asked, looks) for lv in levels]
+
     with Journal(settings.folder / NAME, told, anew=settings.force) as kept:
-        before = finish_runs(kept, run_tracker, levels, settings, plan)
-        done = kept.of_first(settings.runs)
-        points = [CurvePoint.of(level, plan.of(level).name, done) for level in levels]
+        before, open_levels, decided_by = 0, levels, dict[int, CurvePoint]()
+        for look in range(1, looks + 1):
+            runs = -(-settings.runs * look // looks)
+            were = finish_runs(kept, run_tracker, open_levels, settings, plan, runs=runs)
+            before = before if look > 1 else were
+            now = {p.level.number: p for p in points_by(runs) if p.level in open_levels}
+            decided_by |= now
+            open_levels = [level for level in open_levels if not now[level.number].is_decided]
+            if not open_levels:
+                break
+        points = [decided_by[level.number] for level in levels]
+        done = {
+            key: run for key, run in kept.of_first(settings.runs).items()
+            if key[1] < decided_by[key[0]].runs
+        }  # fmt: skip
         _write_scores(levels, points, done, settings)
+    survived = list(survivals(points, asked))
+    failures = [failure for point in points for failure in point.failures]
+    verdicts = [
+        replace(verdict, name=f"{verdict.name} ({point.level})")
+        for point in points
+        for verdict in point.verdicts
+    ]
+    _write_verdicts(points, survived, verdicts, profile, settings)
     counts = {"runs": settings.runs, "were_done": before}
-    told = counts | {"points": [point.as_json() for point in points]}
-    settings.tell(told, curve_lines(points), settings.files())
+    told = counts | {
+        "points": [point.as_json() for point in points],
+        "survives": [asdict(each) | {"level": each.level._asdict()} for each in survived],
+    }
+    lines = [*curve_lines(points, survived)]
+    if verdicts and not failures:
+        lines.append(closing("", verdicts))
+    settings.tell(told, lines, [*settings.files(), *given[:2]] if given else settings.files())
     if before and not settings.as_json:
         say(f"{before} runs were done before")
-    return 1 if any(point.failures for point in points) else 0
+    return 1 if failures or any(v.status == "failed" for v in verdicts) else 0
 
 
 def _write_scores(
@@ -421,13 +599,41 @@ def _write_scores(
     done: Results,
     settings: TrackerSettings,
 ) -> None:
-    own = {"failure": str, **dict.fromkeys(FIGURE_NAMES, float)}
+    names = [*FIGURE_NAMES, *POSSIBLE]
+    own = {"failure": str, "late_s": float, **dict.fromkeys(names, float)}
     rows = [
-        (key, [[run["failure"] or None, *(run["figures"][name] for name in FIGURE_NAMES)]])
+        (
+            key,
+            [[run["failure"] or None, run["late_s"], *(run["figures"][name] for name in names)]],
+        )
         for key, run in sorted(done.items())
     ]
     table, *pictures = settings.files()
     first = "tracker" if len(settings.trackers) > 1 else "scene"
     write_table(table, *level_columns(levels, done, rows, own, first=first))
     for picture in pictures:
-        draw_curve(picture, points)
+        with curve_figure(points) as figure:
+            save_picture(figure, picture)
+
+
+def _write_verdicts(
+    points: Sequence[CurvePoint],
+    survived: Sequence[Survival],
+    verdicts: Sequence[LimitVerdict],
+    profile: ScoreProfile | None,
+    settings: TrackerSettings,
+) -> None:
+    """The page for who signs, and JUnit's file."""
+    title = NO_PROFILE if profile is None else profile.profile.title
+    failure = next((failure for point in points for failure in point.failures), "")
+    if settings.junit is not None:
+        write_new(settings.junit, junit_of(title, verdicts, failure, 0.0), force=settings.force)
+    if settings.out is not None:
+        is_broken = failure or any(verdict.status == "failed" for verdict in verdicts)
+        mark = "broken" if is_broken else "kept" if verdicts else ""
+        parts = [f"<p>{escape(printable(str(each)))}</p>\n" for each in survived]
+        parts += [limit_table(points).html()] if verdicts else []
+        with curve_figure(points) as figure:
+            parts += [svg_of(figure), curve_table(points).html()]
+        text = page(printable(f"Trackers: {title}"), closing(failure, verdicts), mark, parts)
+        write_new(settings.out, text, force=settings.force)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from html import unescape
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 
 from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -30,6 +34,7 @@ from plotfeed.models.track_metrics import (
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.content_types import (
+    COT,
     SAPIENT_MESSAGE,
     TRACK_BATCH,
     asterix_content_type,
@@ -38,7 +43,7 @@ from plotfeed.proto.content_types import (
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.units import FOOT_M
 from plotfeed.proto.utc import NS, nearest_utc_ns, utc_ns
-from plotfeed.replay.files import open_recording
+from plotfeed.replay.files import FileFormat, open_recording
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 UNKNOWN_NS = -(2**63)
@@ -203,15 +208,18 @@ def tracks_in(
         records = (record for record in decode(payload) if record.category == CATEGORY)
         found = (_of_record(record, received_utc_ns, site) for record in records)
         return [told for told in found if told is not None]
-    if payload.lstrip()[:1] in (b"{", b"["):
+    head = payload.lstrip()[:5]
+    if head[:1] in (b"{", b"["):
         return [track_of_mapping(entry) for entry in entries_in(payload)]
+    if head in (b"<?xml", b"<even"):
+        return [track_of_mapping(entry) for entry in events_in(payload)]
     for read in (_of_batch, _of_sapient):
         try:
             if told := list(read(payload)):
                 return told
         except PlotfeedError:  # SAPIENT is an extra that may be missing
             continue
-    raise DecodeError("is neither ASTERIX 062, SAPIENT, a TrackBatch nor JSON")
+    raise DecodeError("is neither ASTERIX 062, SAPIENT, a TrackBatch, JSON nor Cursor on Target")
 
 
 def _of_record(record: Record, near_utc_ns: int, site: LocalFrame | None) -> ToldTrack | None:
@@ -295,7 +303,10 @@ def _of_sapient(payload: bytes) -> Iterator[ToldTrack]:
     message = decode_sapient(payload)
     report: Mapping[str, Any] = message.get("detection_report", {})
     place = report.get("location", {})
-    unit_deg = IN_DEGREES.get(place.get("coordinate_system", ""))
+    system = str(place.get("coordinate_system", ""))
+    unit_deg = IN_DEGREES.get(system)
+    if "UTM" in system:
+        raise DecodeError("a place by UTM coordinates, which has no zone there")
     if unit_deg is None:
         return
     longitude_deg, latitude_deg = unit_deg * _real(place, "x"), unit_deg * _real(place, "y")
@@ -325,9 +336,14 @@ def _real(values: Mapping[str, Any], name: str) -> float:
 
 
 def entries_in(payload: bytes) -> list[Mapping[str, Any]]:
-    """Entries of JSON: one object, a list of them, or features of GeoJSON as such objects."""
+    """Entries of JSON: objects, in lists or line by line, or features of GeoJSON as such."""
     try:
-        found = json.loads(payload)
+        try:
+            found = json.loads(payload)
+        except ValueError:
+            if len(lines := payload.split(b"\n")) < 2:
+                raise
+            found = [json.loads(line) for line in lines if line.strip()]
     except (ValueError, RecursionError) as error:
         raise DecodeError(f"not JSON: {str(error)[:100]}") from None
     if isinstance(found, dict) and found.get("type") == "FeatureCollection":
@@ -335,20 +351,71 @@ def entries_in(payload: bytes) -> list[Mapping[str, Any]]:
     entries = found if isinstance(found, list) else [found]
     if not all(isinstance(entry, dict) for entry in entries):
         raise DecodeError("tracks in JSON are an object each, or a list of objects")
-    return [_of_feature(entry) if entry.get("type") == "Feature" else entry for entry in entries]
+    features = (_of_feature(e) if e.get("type") == "Feature" else [e] for e in entries)
+    return [entry for each in features for entry in each]
 
 
-def _of_feature(feature: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A feature of GeoJSON as an object with its place: longitude, latitude, perhaps height."""
+PLACE = ("longitude_deg", "latitude_deg", "height_m")
+LINE_TIMES = ("coordTimes", "times", "time")
+
+
+def _of_feature(feature: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """A feature of GeoJSON as an object for each of its places: one of a point, or of a line."""
     geometry, properties = feature.get("geometry"), feature.get("properties")
-    place = geometry.get("coordinates") if isinstance(geometry, dict) else None
-    is_point = isinstance(geometry, dict) and geometry.get("type") == "Point"
-    if not is_point or not isinstance(place, list) or not 2 <= len(place) <= 3:
-        raise DecodeError("a feature of a track is a Point")
+    of = geometry if isinstance(geometry, dict) else {}
     named = dict(properties) if isinstance(properties, dict) else {}
     if feature.get("id") is not None:
         named["track"] = feature["id"]
-    return named | dict(zip(("longitude_deg", "latitude_deg", "height_m"), place, strict=False))
+    kind, places = of.get("type"), of.get("coordinates")
+    times: list[Any] | None = None
+    if kind == "LineString":
+        times = next((named.pop(key) for key in LINE_TIMES if isinstance(named.get(key), list)), [])
+    elif kind == "Point":
+        places = [places]
+    if not isinstance(places, list) or kind not in ("Point", "LineString"):
+        raise DecodeError("a feature of a track is a Point or a LineString")
+    if not all(isinstance(place, list) and 2 <= len(place) <= 3 for place in places):
+        raise DecodeError("a place is longitude, latitude and perhaps a height")
+    found = [named | dict(zip(PLACE, place, strict=False)) for place in places]
+    if times is None:
+        return list(found)
+    if len(times) != len(places):
+        raise DecodeError(f"a LineString of a track has a time for each place: {LINE_TIMES[0]}")
+    return [entry | {"time_utc": time} for entry, time in zip(found, times, strict=True)]
+
+
+_TAG = re.compile(rb"<(event|point|track)\b([^<>]*)>")
+_ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+NO_HEIGHT_M = 9_999_999.0
+
+
+def events_in(payload: bytes) -> list[Mapping[str, Any]]:
+    """Events of Cursor on Target as objects; `ce` and `le` are taken for two standard errors."""
+    found: list[dict[str, Any]] = []
+    for tag, text in _TAG.findall(payload):
+        pairs = _ATTRIBUTE.findall(text.decode(errors="replace"))
+        told = {name: unescape(one or other) for name, one, other in pairs}
+        if tag == b"event":
+            found.append({"track": told.get("uid"), "time_utc": told.get("time")})
+            found[-1]["ended"] = told.get("stale", "1") <= told.get("start", "0")
+        elif tag == b"point" and found:
+            found[-1] |= {"latitude_deg": told.get("lat"), "longitude_deg": told.get("lon")}
+            for key, name, factor in EVENT_ERRORS:
+                with contextlib.suppress(ValueError):
+                    value = float(told.get(name, NO_HEIGHT_M))
+                    found[-1] |= {k: value / factor for k in key if value < NO_HEIGHT_M}
+        elif found:
+            found[-1] |= {"speed_m_s": told.get("speed"), "course_deg": told.get("course")}
+    if not found:
+        raise DecodeError("XML without an event of Cursor on Target")
+    return list(found)
+
+
+EVENT_ERRORS = (
+    (("height_m",), "hae", 1.0),
+    (("sigma_east_m", "sigma_north_m"), "ce", 2.0),
+    (("sigma_up_m",), "le", 2.0),
+)
 
 
 def track_of_mapping(entry: Mapping[str, Any]) -> ToldTrack:
@@ -410,6 +477,8 @@ def _is_true(entry: Mapping[str, Any], key: str) -> bool:
 def _time_of(entry: Mapping[str, Any], key: str) -> int | None:
     """A time as text, or as whole nanoseconds or seconds since 1970; None where it is not there."""
     value, whole = entry.get(key), entry.get(f"{key}_ns")
+    if key == "time_utc" and value in (None, ""):
+        value = entry.get("time")
     if whole not in (None, ""):
         return _counted(whole, f"{key}_ns", int)
     if value is None or value == "":
@@ -431,7 +500,8 @@ def _counted(value: Any, key: str, read: Callable[[Any], int]) -> int:
         ) from None
 
 
-TABLES, FEATURES = (".csv", ".tsv"), (".geojson", ".json")
+TABLES, FEATURES = (".csv", ".tsv"), (".geojson", ".json", ".xml", ".cot")
+LINES = (".jsonl", ".ndjson")
 MAX_FILE_OCTETS = 1 << 30
 MOST_TOPICS = 1000
 OF_ASTERIX = asterix_content_type(62)
@@ -454,7 +524,7 @@ def read_tracks(
     if suffix in TABLES:
         _take(table, _lines(path, suffix), path)
         return table.read(path.name)
-    if suffix in FEATURES:
+    if suffix in FEATURES or (suffix in LINES and not _is_recording(path)):
         _take(table, _features(path), path)
         return table.read(path.name)
     site = None if scene is None else site_frame(scene.scene.site)
@@ -464,17 +534,22 @@ def read_tracks(
     with open_recording(path, date_utc_ns=date_utc_ns) as recording:
         for message in recording.reader.messages():
             if is_chosen(message.topic, chosen) and _is_heard(message):
-                take_message(table, message, site)
+                take_message(table, message, site, has_received=recording.format not in UNRECEIVED)
     where = ", ".join(chosen)
     return table.read(f"{path.name}: {where}" if where else path.name)
 
 
-def take_message(table: TrackTable, message: Recorded, site: LocalFrame | None) -> None:
+UNRECEIVED = (FileFormat.RAW,)
+# Formats of files whose messages are of the times that they tell: nobody knows when they came.
+
+
+def take_message(
+    table: TrackTable, message: Recorded, site: LocalFrame | None, *, has_received: bool = True
+) -> None:
     """Take the tracks in a message; what cannot be read is counted."""
     try:
-        received_ns = message.log_time_ns
-        for told in tracks_in(message.payload, message.content_type, received_ns, site):
-            table.add(told, received_ns)
+        for told in tracks_in(message.payload, message.content_type, message.log_time_ns, site):
+            table.add(told, message.log_time_ns if has_received else None)
     except DecodeError as error:
         table.refuse(_reason(error))
 
@@ -488,11 +563,12 @@ def _reason(error: DecodeError) -> str:
 def _topic_in(path: Path, scene: Scene | None) -> Sequence[str]:
     """The topic on which a recording has tracks; none if it has no topics to choose from."""
     found: Counter[str] = Counter()
+    own = f"{scene.mqtt.prefix}/" if scene is not None else ""
     with open_recording(path) as recording:
         if not recording.has_stages:
             return ()
         for message in recording.reader.messages():
-            if _is_heard(message) and _holds_tracks(message):
+            if _is_heard(message) and _holds_tracks(message, own):
                 found[message.topic] += 1
                 if len(found) > MOST_TOPICS:
                     break
@@ -521,9 +597,17 @@ def _is_heard(message: Recorded) -> bool:
     return message.stage in WHAT_LEFT
 
 
-def _holds_tracks(message: Recorded) -> bool:
-    """Whether messages of a topic are of tracks, as its content type or its first octets say."""
+def _holds_tracks(message: Recorded, own: str) -> bool:
+    """Whether messages of a topic are of tracks, as its content type or its first octets say.
+
+    Those of SAPIENT below the topics of the scene are of its sensors.
+    """
     kind = message.content_type
+    if message_type(kind) == SAPIENT_MESSAGE and not (own and message.topic.startswith(own)):
+        with contextlib.suppress(PlotfeedError):
+            return bool(list(_of_sapient(message.payload)))
+    if kind.startswith(COT) or message.payload[:7] == b"<event ":
+        return True
     if kind.startswith(OF_ASTERIX) or message_type(kind) == TRACK_BATCH:
         return True
     payload = message.payload
@@ -534,31 +618,48 @@ def _holds_tracks(message: Recorded) -> bool:
     return b'"latitude_deg"' in head and b'"track"' in head
 
 
+def _is_recording(path: Path) -> bool:
+    """Whether lines of JSON are messages of a recording, and not reports."""
+    with path.open("rb") as file:
+        return b'"topic"' in file.readline(MAX_OCTETS)
+
+
 def _lines(path: Path, suffix: str) -> Iterator[Mapping[str, Any]]:
     """Lines of a table, by the names in its first."""
     delimiter = "\t" if suffix == ".tsv" else ","
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         rows = csv.DictReader(file, delimiter=delimiter)
-        names = {name.strip() for name in rows.fieldnames or () if name}
-        lacking = {"track", "latitude_deg", "longitude_deg"} - names
-        if lacking or not names & {"time_utc", "time_utc_ns"}:
-            raise PlotfeedError(
-                f"{path}: expected columns track, time_utc, latitude_deg and longitude_deg in its "
-                f"first line, not {', '.join(sorted(names))[:200] or 'an empty file'}"
-            )
         try:
+            names = {name.strip() for name in rows.fieldnames or () if name}
+            if not is_table_of_tracks(delimiter.join(names), delimiter):
+                there = printable(", ".join(sorted(names)))[:100]
+                raise PlotfeedError(
+                    f"{path}: expected columns track, time_utc, latitude_deg and longitude_deg in "
+                    f"its first line, not {there or 'an empty file'}"
+                )
             for row in rows:
                 yield {(name or "").strip(): value for name, value in row.items()}
         except csv.Error as error:
             raise PlotfeedError(f"{path}: line {rows.line_num}: {error}") from None
 
 
+def is_table_of_tracks(line: str, delimiter: str = ",") -> bool:
+    """Whether the first line of a table names what a report of a track needs."""
+    names = {name.strip().strip('"') for name in line.split(delimiter)}
+    has_place = {"latitude_deg", "longitude_deg"} <= names
+    return has_place and bool(names & {"track", "id"} and names & TIMES)
+
+
+TIMES = {"time_utc", "time_utc_ns", "time"}
+
+
 def _features(path: Path) -> Iterator[Mapping[str, Any]]:
-    """Features of GeoJSON, or entries of JSON."""
+    """Features of GeoJSON, entries of JSON, or events of Cursor on Target."""
     if path.stat().st_size > MAX_FILE_OCTETS:
-        raise PlotfeedError(f"{path}: expected at most {MAX_FILE_OCTETS >> 20} MB of JSON")
+        raise PlotfeedError(f"{path}: expected at most {MAX_FILE_OCTETS >> 20} MB of text")
     try:
-        yield from entries_in(path.read_bytes())
+        text = path.read_bytes()
+        yield from (events_in if text.lstrip()[:1] == b"<" else entries_in)(text)
     except DecodeError as error:
         raise PlotfeedError(f"{path}: {error}") from None
 
@@ -594,18 +695,39 @@ class UsableTracks:
     covariance_m2: Floats
     leaps: Bools
     """Reports to which nothing flies from the one before: the number is in two places."""
-    has_received: bool
-    """Whether it is known when reports were received."""
-    has_heights: bool
-    """Whether all tell a height."""
     counts: Mapping[str, int]
     """Reports that were left out, or are odd, by the reason."""
 
     @property
+    def has_height(self) -> Bools:
+        """Which reports tell one, (n,)."""
+        return np.isfinite(self.reports.point[:, GROUND])
+
+    @property
+    def has_received(self) -> bool:
+        """Whether it is known of all when they were received."""
+        return bool((self.reports.known_utc_ns != UNKNOWN_NS).all())
+
+    def only(self, which: Bools, reason: str) -> Self:
+        """These reports alone; the others are counted as left out, if there is a reason."""
+        counts, others = dict(self.counts), int(np.count_nonzero(~which))
+        if reason:
+            _count(counts, reason, others)
+        return replace(
+            self,
+            reports=self.reports.rows(which),
+            velocity_enu_m_s=self.velocity_enu_m_s[which],
+            covariance_m2=self.covariance_m2[which],
+            leaps=self.leaps[which],
+            counts=counts,
+        )
+
+    @property
     def latency_s(self) -> Floats:
         """Seconds from the time of a report to when it was received; NaN if unknown, (n,)."""
-        late_s = (self.reports.known_utc_ns - self.reports.t_utc_ns) / NS
-        return late_s if self.has_received else np.full(len(late_s), np.nan)
+        known_ns = self.reports.known_utc_ns
+        late_s = (known_ns - self.reports.t_utc_ns) / NS
+        return np.where(known_ns == UNKNOWN_NS, np.nan, late_s)
 
 
 def usable_tracks(
@@ -624,12 +746,12 @@ def usable_tracks(
     """
     told, counts = read.reports, dict(read.unreadable)
     future_ns = round(future_s * NS)
-    has_received = bool(len(told)) and bool((told.received_utc_ns != UNKNOWN_NS).all())
+    early = told.t_utc_ns - future_ns > told.received_utc_ns
     kept = np.ones(len(told), np.bool_)
     for reason, wrong in (
         ("without a time", told.t_utc_ns == UNKNOWN_NS),
         ("not a place on Earth", ~_is_place(told)),
-        ("of the future", has_received & (told.t_utc_ns - future_ns > told.received_utc_ns)),
+        ("of the future", early & (told.received_utc_ns != UNKNOWN_NS)),
         ("after the run", told.t_utc_ns - future_ns > span_utc_ns[1]),
         ("before the run", told.t_utc_ns + future_ns < span_utc_ns[0]),
         ("tentative", told.tentative & (not counts_tentative)),
@@ -637,14 +759,13 @@ def usable_tracks(
         _count(counts, reason, int(np.count_nonzero(kept & wrong)))
         kept &= ~wrong
     came = np.flatnonzero(kept)
-    if has_received:
-        came = came[np.argsort(told.received_utc_ns[came], kind="stable")]
+    came = came[np.argsort(told.received_utc_ns[came], kind="stable")]
     _count(counts, "out of order", _out_of_order(told.track[came], told.t_utc_ns[came]))
     order = came[np.lexsort((np.arange(len(came)), told.t_utc_ns[came], told.track[came]))]
     same = (np.diff(told.track[order]) == 0) & (np.diff(told.t_utc_ns[order]) == 0)
     _count(counts, "repeated, of which the last counts", int(np.count_nonzero(same)))
     rows = told.rows(order[np.append(~same, True)] if len(order) else order)
-    return _placed(rows, read.names, level, counts, max_speed_m_s, has_received=has_received)
+    return _placed(rows, read.names, level, counts, max_speed_m_s)
 
 
 def _count(counts: dict[str, int], reason: str, many: int) -> None:
@@ -672,8 +793,6 @@ def _placed(
     level: Level,
     counts: dict[str, int],
     max_speed_m_s: float,
-    *,
-    has_received: bool,
 ) -> UsableTracks:
     """Reports as points, with the numbers of their tracks anew."""
     place = (rows.latitude_deg, rows.longitude_deg)
@@ -693,7 +812,7 @@ def _placed(
     rate = rates_by_differences(track, rows.t_utc_ns, point, rates(*place, velocity), KEPT_S)
     reports = TrackReports(
         t_utc_ns=rows.t_utc_ns,
-        known_utc_ns=rows.received_utc_ns if has_received else rows.t_utc_ns,
+        known_utc_ns=rows.received_utc_ns,
         track=track,
         point=point,
         rate=rate,
@@ -705,8 +824,6 @@ def _placed(
         velocity_enu_m_s=velocity,
         covariance_m2=rows.covariance_m2,
         leaps=leaps,
-        has_received=has_received,
-        has_heights=bool(len(rows)) and bool(np.isfinite(rows.height_m).all()),
         counts=counts,
     )
 

@@ -14,13 +14,19 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import numpy as np
+
 from plotfeed.feeds.console.posix import end_group
+from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.lab.flights import FlightsTally
-from plotfeed.feeds.lab.ledger_columns import tables_of
+from plotfeed.feeds.lab.ledger_columns import LedgerTables, tables_of
+from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, plots_of, possible
 from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
+from plotfeed.feeds.lab.score import ScoreLimit, limit_value
 from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
 from plotfeed.feeds.lab.sweep import span_of
-from plotfeed.feeds.lab.track_reports import TrackTable, take_message
+from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable, take_message
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.output_keys import WaysOut
@@ -30,7 +36,10 @@ from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.models.frames import LocalFrame
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
 from plotfeed.replay.recorded import Recorded
 
 USUAL_TOPIC = "tracker/tracks"
@@ -91,6 +100,8 @@ class TrackerPlan:
     """For the tracker's first line, at which the session begins, or without one."""
     topic: str | None
     settings: ScoreSettings
+    limits: Sequence[ScoreLimit]
+    """Of a profile."""
     trackers: Sequence[TrackerCommand]
 
     def of(self, level: SweepLevel) -> TrackerCommand:
@@ -113,7 +124,7 @@ async def _run(job: RunJob) -> dict[str, Any]:
     site = scene.scene.site
     frames = {sensor.id: frame_at(site, sensor.position_enu_m) for sensor in scene.sensor}
     longest_s = max(sensor.scan.period_s for sensor in scene.sensor)
-    tally = FlightsTally(frames, longest_s)
+    tally, followed = FlightsTally(frames, longest_s), _Followed(frames)
     heard = _Heard(scene, clock)
     topic = plan.topic or scene.page.tracks_topic or USUAL_TOPIC
     async with (
@@ -122,19 +133,27 @@ async def _run(job: RunJob) -> dict[str, Any]:
         _started(job, brokers, scene.mqtt.prefix, topic) as tracker,
     ):
         await tracker.wait_until_ready(plan.patience_s)
-        await run_over(
-            brokers, scene, clock=clock, duration_s=duration_s, observers=[_Followed(tally)]
-        )
+        await run_over(brokers, scene, clock=clock, duration_s=duration_s, observers=[followed])
         await asyncio.sleep(LAST_WORDS_S)
         failure = tracker.failure() or heard.failure
-    score = score_run(
-        tally.truths(site=site_frame(site), scene=scene.scene.name),
-        heard.table.read(topic, failure),
-        plan.settings,
-    )
-    figures = {name: None if math.isnan(v) else v for name, v in score.figures().items()}
-    told = {"level": job.level.number, "run": job.run, "seed": job.seed}
-    return told | {"failure": score.failure, "figures": figures}
+    for told in followed.ledgers:
+        tally.add(told)
+    truths = tally.truths(site=site_frame(site), scene=scene.scene.name)
+    score = score_run(truths, heard.table.read(topic, failure), plan.settings)
+    found = possible(truths, followed.plots, followed.placeless, score)
+    figures = score.figures() | dict.fromkeys(POSSIBLE, math.nan)
+    figures |= {} if found is None else found.figures()
+    late_s = [(row.sent_utc_ns - row.link_due_utc_ns)[row.delivered] / NS
+              for row in (told.messages for told in followed.ledgers)]  # fmt: skip
+    all_late_s = np.concatenate([np.zeros(1), *late_s])
+    return {
+        "level": job.level.number,
+        "run": job.run,
+        "seed": job.seed,
+        "failure": score.failure,
+        "late_s": float(np.quantile(all_late_s, 0.95)),
+        **finite({"figures": figures, "limits": [limit_value(score, v) for v in plan.limits]}),
+    }
 
 
 def _scene_of(job: RunJob) -> Scene:
@@ -146,14 +165,28 @@ def _scene_of(job: RunJob) -> Scene:
 
 
 class _Followed(Observer):
-    """Takes the ledger of a session."""
+    """Takes the ledger of a session, and plots with whose they are."""
 
-    def __init__(self, tally: FlightsTally) -> None:
-        self._tally = tally
+    def __init__(self, frames: Mapping[str, LocalFrame]) -> None:
+        self.ledgers: list[LedgerTables] = []
+        self.plots: list[KnownPlots] = []
+        self.placeless = 0
+        self._frames = frames
 
     def ledger(self, message: Message) -> None:
         """A sector is told of."""
-        self._tally.add(tables_of([message.payload]))
+        self.ledgers.append(tables_of([message.payload]))
+
+    def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
+        """What became of a sector's plots is known."""
+        if not len(batch.plots) or batch.sensor not in self._frames:
+            return
+        came_ns = [each.sent_utc_ns for each in sent if each.delivered]
+        drone = np.array([batch.names[n] if n >= 0 else "" for n in batch.plots.drone], np.object_)
+        arrived_ns = min(came_ns, default=UNKNOWN_NS)
+        found, without = plots_of(drone, batch.plots, self._frames[batch.sensor], arrived_ns)
+        self.plots.append(found)
+        self.placeless += without
 
 
 class _Heard:

@@ -3,15 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
-from support.significance import assert_chance, assert_sum
+from scipy.signal import lfilter
+from support.significance import assert_chance
 
-from plotfeed.models.track_metrics import (
-    independent_samples,
-    lag_of,
-    nees,
-    nees_interval,
-    survival_quantile,
-)
+from plotfeed.models.track_metrics import lag_parts, nees, survival_quantile
+from plotfeed.models.verdicts import FigureSamples
 
 N = 4000
 
@@ -28,8 +24,9 @@ def drawn(dimensions: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
 def test_nees_of_honest_errors_has_a_chi_squared_law(dimensions: int) -> None:
     values = nees(*drawn(dimensions))
     assert_chance(float(stats.kstest(values, stats.chi2(dimensions).cdf).pvalue), "NEES")
-    low, high = nees_interval(N, dimensions, 1 - 1e-4)
-    assert low < values.mean() < high
+    one = np.zeros(N, np.int64)
+    found = FigureSamples(values, np.full(N, float(dimensions)), one).interval(1e-4)
+    assert found.low < 1.0 < found.high
 
 
 def test_nees_is_nan_where_a_covariance_is_none() -> None:
@@ -39,49 +36,63 @@ def test_nees_is_nan_where_a_covariance_is_none() -> None:
     assert values[2] == pytest.approx(2.0)
 
 
-def test_bounds_of_nees_hold_the_mean_of_so_many_runs() -> None:
+def correlated(rng: np.random.Generator, shape: tuple[int, ...], along: float) -> np.ndarray:
+    """Normal numbers whose first axis is time, with that correlation from one to the next."""
+    drawn, own = rng.standard_normal(shape), (1 - along**2) ** 0.5
+    drawn[0] /= own
+    return np.asarray(lfilter([own], [1.0, -along], drawn, axis=0))
+
+
+RUNS, STEPS = 300, 300
+
+
+@pytest.mark.parametrize("along", [0.0, 0.8, 0.95])
+def test_lag_lies_within_its_interval_however_errors_hang_together(along: float) -> None:
+    """|z| > 1.96 in 5 of 100, and at most in 8 where few samples are left of 0.95."""
+    rng, outside = np.random.default_rng(1), 0
+    one = np.zeros(STEPS, np.int64)
+    for _ in range(RUNS):
+        course = np.cumsum(rng.normal(0.0, 0.3, STEPS))
+        velocity = 12.0 * np.stack([np.sin(course), np.cos(course)], axis=-1)
+        errors = -0.3 * velocity + 8.0 * correlated(rng, (STEPS, 2), along)
+        found = FigureSamples(*lag_parts(errors, velocity), one).interval()
+        outside += not found.low <= 0.3 <= found.high
+    assert outside <= stats.binom.ppf(1 - 1e-4, RUNS, 0.05)
+
+
+@pytest.mark.parametrize("along", [0.0, 0.8, 0.95])
+def test_nees_of_the_honest_holds_one_in_its_interval(along: float) -> None:
+    rng, outside = np.random.default_rng(2), 0
+    series = np.repeat(np.arange(5), STEPS)
+    for _ in range(RUNS):
+        errors = correlated(rng, (STEPS, 5, 2), along)
+        values = (errors**2).sum(axis=2).T.ravel()
+        found = FigureSamples(values, np.full(len(values), 2.0), series).interval()
+        outside += not found.low <= 1.0 <= found.high
+    assert outside <= stats.binom.ppf(1 - 1e-4, RUNS, 0.07)
+
+
+def test_an_error_of_azimuth_is_no_lag() -> None:
+    """One degree at 2 km, flown around: 35 m across, which is 0.48 s alone."""
     rng = np.random.default_rng(1)
-    low, high = nees_interval(50, 2)
-    means = rng.chisquare(2, (5000, 50)).mean(axis=1)
-    inside = np.count_nonzero((means > low) & (means < high))
-    assert_sum(inside, 0.95 * 5000, 0.95 * 0.05 * 5000, "runs within")
-    assert np.isnan(nees_interval(0, 2)).all()
-
-
-def test_correlated_samples_are_worth_fewer() -> None:
-    """AR(1) of 0.8: (1 + 0.8) / (1 - 0.8) = 9 to one."""
-    rng = np.random.default_rng(1)
-    chain = np.zeros(20_000)
-    for k, noise in enumerate(rng.normal(size=len(chain) - 1), 1):
-        chain[k] = 0.8 * chain[k - 1] + noise
-    one = np.zeros(len(chain), np.int64)
-    assert len(chain) / independent_samples(chain, one) == pytest.approx(9.0, rel=0.3)
-    white = rng.normal(size=5000)
-    assert independent_samples(white, one[:5000]) > 4000
-    assert independent_samples(np.ones(7), one[:7]) == 7.0
-    assert independent_samples(chain, np.arange(len(chain))) == len(chain)
-
-
-@pytest.mark.parametrize("stated", [False, True])
-def test_lag_is_found_as_well_as_its_standard_error_says(stated: bool) -> None:
-    rng = np.random.default_rng(1)
-    found = []
-    for _ in range(400):
-        course = rng.uniform(0, 2 * np.pi, 60)
-        velocity = rng.uniform(0.5, 15.0, 60)[:, None] * np.stack(
-            [np.sin(course), np.cos(course)], axis=-1
-        )
-        error = -0.3 * velocity + 8.0 * rng.normal(size=(60, 2))
-        covariance = np.tile(64.0 * np.eye(2), (60, 1, 1)) if stated else None
-        lag = lag_of(error, velocity, covariance)
-        found.append((lag.tau_s - 0.3) / lag.se_s)
-    assert_sum(float(np.sum(found)), 0.0, 400.0, "lag over its standard error")
-    assert np.std(found) == pytest.approx(1.0, abs=0.2)
+    angle = np.linspace(0.0, 2.0, 200)
+    place = 2000.0 * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+    place[:, 1] += np.linspace(0, 900, 200)
+    velocity = np.gradient(place, axis=0)
+    turn = np.stack([place[:, 1], -place[:, 0]], axis=-1)
+    errors = np.radians(1.0) * turn + rng.standard_normal((200, 2))
+    one = np.zeros(200, np.int64)
+    alone = FigureSamples(*lag_parts(errors, velocity), one).interval()
+    beside = FigureSamples(*lag_parts(errors, velocity, None, turn[:, :, None]), one).interval()
+    assert abs(alone.value) > 0.5
+    assert beside.low < 0.0 < beside.high
+    assert abs(beside.value) < 0.1
 
 
 def test_hovering_has_no_lag() -> None:
-    assert np.isnan(lag_of(np.ones((5, 2)), np.zeros((5, 2)))).all()
-    assert np.isnan(lag_of(np.ones((1, 2)), np.ones((1, 2)))).all()
+    for n, velocity in ((5, 0.0), (0, 1.0)):
+        parts, wholes = lag_parts(np.ones((n, 2)), np.full((n, 2), velocity))
+        assert np.isnan(FigureSamples(parts, wholes, np.zeros(n, np.int64)).value)
 
 
 def test_those_who_never_did_are_in_the_median() -> None:

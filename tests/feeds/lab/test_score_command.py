@@ -66,17 +66,23 @@ def test_tracks_of_another_file_are_scored_and_profiles_judge_them(
     recording: Path, tmp_path: Path
 ) -> None:
     good = csv_of(tmp_path / "good.csv", recording)
-    done = plotfeed_here(
-        "score", recording, "--tracks", good, "--profile", "example-ed-117a-manoeuvring"
+    profile = tmp_path / "p.toml"
+    profile.write_text(
+        '[profile]\ntitle = "x"\n[[limit]]\nfigure = "gospa_m"\nat_most = 20.0\n'
+        '[[limit]]\nfigure = "far_share"\nbeyond_m = 60.0\nat_most = 1e-4\n'
+        '[[limit]]\nfigure = "position_rms_m"\nat_most = 12.0\n'
     )
+    done = plotfeed_here("score", recording, "--tracks", good, "--profile", profile)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.splitlines()[-1] == "4 of 4 limits kept."
-    poor = csv_of(tmp_path / "poor.csv", recording, off_deg=3e-4)
-    done = plotfeed_here(
-        "score", recording, "--tracks", poor, "--profile", "example-ed-117a-manoeuvring"
+    assert done.stdout.splitlines()[-1] == (
+        "1 of 3 limits kept, 2 undecided; any verdict is wrong in at most 5% of such runs."
     )
+    poor = csv_of(tmp_path / "poor.csv", recording, off_deg=3e-4)
+    words = ("score", recording, "--tracks", poor, "--profile", profile)
+    done = plotfeed_here(*words, "--set", "cutoff_m=60")
     assert done.returncode == 1
-    assert done.stdout.splitlines()[-1] == "3 of 4 limits kept, 1 failed."
+    assert done.stdout.splitlines()[-1].startswith("0 of 3 limits kept, 2 failed, 1 undecided;")
+    assert "your places are 33.4 m too far north" in done.stdout
 
 
 def test_a_recording_of_a_broker_has_all_that_is_needed(recording: Path, tmp_path: Path) -> None:
@@ -115,8 +121,8 @@ def test_junit_has_a_case_for_each_limit(recording: Path, tmp_path: Path) -> Non
     words = ("score", recording, "--tracks", tracks, "--profile", "example-f3411", "--junit", file)
     assert plotfeed_here(*words).returncode == 1
     found = Suites(file)
-    # It died, it was too rare, and nobody knows when its reports came.
-    assert found.counts() == [5, 1, 1, 3]
+    # It died, nobody knows when its reports came, and how rare it is so short a run cannot decide.
+    assert found.counts() == [5, 0, 1, 4]
     assert found.cases["tracker"] == {"error"}
     assert sorted(map(len, found.cases.values())) == [1] * 5
     assert "last report" in file.read_text()
@@ -196,8 +202,10 @@ def test_names_of_drones_are_text_in_html_and_xml(tmp_path: Path) -> None:
     ("words", "why"),
     [
         (["--profile", "nothing"], r"nothing: expected a file that ends in .toml, or one of"),
-        (["--protect", "here"], "--protect: expected LATITUDE,LONGITUDE"),
-        (["--protect", "95,0"], "protected_deg: expected a latitude"),
+        (["--set", "here"], "--set here: expected KEY=VALUE"),
+        (["--set", "protected_deg=[95,0]"], "--set protected_deg: expected a latitude"),
+        (["--set", "cutof_m=5"], "--set cutof_m: no such key; did you mean cutoff_m"),
+        (["--set", 'leave_out=["x"]'], "leave_out: no drone 'x': expected of visitor"),
         (["--topic", "a/#/b"], "# is the last one"),
         (["--topic", "nobody/here"], ""),
     ],

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from support.recordings import START_NS
 from support.scored_flights import (
     APART,
@@ -39,7 +40,7 @@ def test_a_tracker_without_fault_has_none() -> None:
     score = scored(followed_well())
     assert score.failure == ""
     assert score.left_out == {}
-    assert score.dimensions == 3
+    assert score.settings.dimensions == 2
     told = score.figures()
     assert tuple(told) == FIGURE_NAMES
     for name in ("gospa_m", "ospa_m", "ospa2_m", "t_gospa_m", "position_max_m", "velocity_rms_m_s"):
@@ -69,25 +70,36 @@ def test_reports_between_looks_and_steps_are_compared_at_their_own_time() -> Non
 
 def test_errors_of_position_are_those_that_were_put_in() -> None:
     score = scored(followed_well(sigma_m=5.0, seed=3, tells_covariance=True))
-    n = 3 * int(score.reports.reports)
-    assert score.reports.position_rms_m == pytest.approx(5.0 * 3**0.5, rel=4 / n**0.5)
+    n = 2 * int(score.reports.reports)
+    assert score.reports.position_rms_m == pytest.approx(5.0 * 2**0.5, rel=4 / n**0.5)
+    assert score.in_space.position_rms_m == pytest.approx(5.0 * 3**0.5, rel=4 / n**0.5)
     assert score.reports.nees == pytest.approx(1.0, abs=4 * (2 / n) ** 0.5)
-    assert score.reports.nees_low < 1.0 < score.reports.nees_high
+    for of in (score.reports, score.in_space):
+        assert of.nees_low < 1.0 < of.nees_high
     shifted = [(replace(t, latitude_deg=t.latitude_deg + 1e-4), r) for t, r in followed_well()]
     score = scored(shifted)
     assert score.reports.bias_north_m == pytest.approx(11.1, abs=0.1)
     assert score.reports.bias_east_m == pytest.approx(0.0, abs=0.01)
 
 
-def test_without_heights_distances_are_over_the_ground() -> None:
+def test_dimensions_never_change_in_silence() -> None:
+    """Over the ground always, and in space beside it, of the reports that tell a height."""
     flat = [(replace(told, height_m=math.nan), r) for told, r in followed_well()]
     score = scored(flat)
-    assert score.dimensions == 2
     assert score.reports.position_max_m < 1e-3
     assert math.isnan(score.reports.bias_up_m)
+    assert math.isnan(score.figures()["space_gospa_m"])
     wrong = [(replace(told, height_m=told.height_m + 30.0), r) for told, r in followed_well()]
-    assert scored(wrong, dimensions=2).reports.position_max_m < 1e-3
-    assert scored(wrong).reports.position_rms_m == pytest.approx(30.0, abs=0.01)
+    one_flat = [flat[0], *wrong[1:]]
+    for told, reports in ((wrong, 122), (one_flat, 121)):
+        score = scored(told)
+        assert score.reports.position_max_m < 1e-3
+        assert score.in_space.position_rms_m == pytest.approx(30.0, abs=0.01)
+        assert (score.reports.reports, score.in_space.reports) == (122, reports)
+    assert score.notes == ["1 of 122 reports tell no height: not in space"]
+    space = scored(one_flat, dimensions=3)
+    assert space.left_out == {"without a height": 1}
+    assert space.reports.position_rms_m == pytest.approx(30.0, abs=0.01)
 
 
 def test_a_tracker_whose_clock_is_right_and_whose_places_are_old_lags() -> None:
@@ -112,6 +124,15 @@ def test_lateness_is_punished_as_known_and_not_as_stamped() -> None:
     assert score.as_known.gospa_localisation_m > 20.0
     assert score.reports.latency_p50_s == pytest.approx(2.0)
     assert score.as_known.position_accuracy_m == pytest.approx(23.6, abs=2.0)
+
+
+def test_of_reports_that_somebody_received_latency_is_theirs() -> None:
+    """One report in a hundred without a time of receipt takes nothing from the others."""
+    given = [(told, None if n == 5 else r) for n, (told, r) in enumerate(followed_well())]
+    score = scored(given)
+    assert score.as_known is None
+    assert score.reports.latency_p95_s == pytest.approx(0.2)
+    assert score.notes[0].startswith("1 of 122 reports have no time of receipt")
 
 
 def test_where_nobody_says_when_reports_came_nothing_is_said_of_it() -> None:
@@ -153,6 +174,23 @@ def test_numbers_that_change_places_are_swaps() -> None:
     assert score.as_stamped.swaps == 2.0
     assert score.as_stamped.t_gospa_switching_m > scored(good, truths).as_stamped.t_gospa_m
     assert score.figures()["completeness"] > 0.9
+
+
+def test_a_swap_within_the_cut_off_is_seen() -> None:
+    """Two drones 30 m apart, one swap: it is no error of 29 m, and Stone Soup counts it too."""
+    beside = {name: Flight((1000.0, y, 100.0), (10.0, 0.0, 0.0)) for name, y in
+              (("a", 500.0), ("b", 530.0))}  # fmt: skip
+    truths, good = truths_of(beside), followed_well(beside, sigma_m=2.4, seed=2)
+    assert scored(good, truths).as_stamped.swaps == 0.0
+    swapped = [
+        (replace(t, name={"1": "2", "2": "1"}[t.name]) if t.t_utc_ns > START_NS + 30 * NS else t, r)
+        for t, r in good
+    ]
+    score = scored(swapped, truths)
+    assert score.as_stamped.swaps == 2.0
+    assert score.reports.position_rms_m == pytest.approx(3.4, abs=0.3)
+    assert score.as_stamped.id_correctness == pytest.approx(31 / 61)
+    assert score.as_stamped.id_ambiguity == 0.0
 
 
 def test_a_drone_that_is_never_seen_is_in_the_medians() -> None:
@@ -202,6 +240,28 @@ def test_tentative_tracks_count_if_asked() -> None:
     assert score.left_out == {"tentative": 122}
     assert score.failure == "none of the tracker's reports can be used"
     assert scored(tentative, counts_tentative=True).as_stamped.completeness == 1.0
+
+
+def test_what_does_not_count_is_left_out_with_its_tracks() -> None:
+    """By drone, by time, and by where: neither drones nor tracks of them count elsewhere."""
+    ghost = Flight((6000.0, 6000.0, 100.0))
+    false = [(report_of("66", ghost, t), START_NS + t * NS) for t in range(61)]
+    given = followed_well() + false
+    whole = scored(given)
+    assert whole.as_stamped.spuriousness == pytest.approx(1 / 3, abs=0.01)
+    one = scored(given, leave_out=["b"])
+    assert one.drones[1].cover_s == 0.0
+    assert one.left_out == {"not scored": 61}
+    assert one.as_stamped.spuriousness == pytest.approx(1 / 2, abs=0.01)
+    assert one.figures()["completeness"] == 1.0
+    early = scored(given, from_s=10.0, until_s=30.0)
+    assert {each.cover_s for each in early.drones} == {21.0}
+    assert early.reports.position_max_m < 1e-3
+    south_east = scored(given, sector_deg=[45.0, 135.0], within_m=3000.0)
+    assert [each.cover_s > 0 for each in south_east.drones] == [True, False]
+    assert south_east.as_stamped.spuriousness == 0.0
+    with pytest.raises(PlotfeedError, match="no drone 'z': expected of a, b"):
+        scored(given, leave_out=["z"])
 
 
 # Garbage, and trackers that fail: all is told, and nothing crashes.
@@ -398,5 +458,5 @@ def test_too_fine_a_grid_is_refused() -> None:
     "wrong", [{"cutoff_m": 0.0}, {"order": math.nan}, {"dimensions": 1}, {"step_s": 1e9}]
 )
 def test_settings_have_bounds(wrong: dict[str, float]) -> None:
-    with pytest.raises(PlotfeedError, match="expected"):
+    with pytest.raises(ValidationError, match="should be"):
         ScoreSettings(**wrong)  # type: ignore[arg-type]

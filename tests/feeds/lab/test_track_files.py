@@ -31,7 +31,7 @@ from plotfeed.proto.content_types import (
     protobuf_content_type,
 )
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.proto.tracks.encode_tracks import feature_collection, track_batch
+from plotfeed.proto.tracks.encode_tracks import cot_events, feature_collection, track_batch
 from plotfeed.replay.asterix_files import RawWriter
 from plotfeed.replay.pcap import PcapWriter
 from plotfeed.replay.recorded import Recorded, Stage
@@ -115,6 +115,9 @@ def test_sapient() -> None:
     report.location.datum = 2
     (told,) = tracks_in(message.SerializeToString(), SAPIENT, 0, None)
     assert told.height_m == pytest.approx(751.0, abs=3.0)  # sea level near Madrid
+    report.location.coordinate_system = 5
+    with pytest.raises(DecodeError, match="UTM"):
+        tracks_in(message.SerializeToString(), SAPIENT, 0, None)
     report.location.CopyFrom(Location())
     assert tracks_in(message.SerializeToString(), SAPIENT, 0, None) == []
 
@@ -148,7 +151,13 @@ def test_json_of_the_page() -> None:
         (b'{"latitude_deg": 1, "longitude_deg": 2}', "track: expected"),
         (b'{"track": 1, "latitude_deg": "x", "longitude_deg": 2}', "latitude_deg: expected"),
         (b'{"track": 1, "latitude_deg": 1, "longitude_deg": 2, "time_utc": "noon"}', "time_utc"),
-        (b'{"type": "Feature", "geometry": {"type": "LineString"}}', "Point"),
+        (b'{"type": "Feature", "geometry": {"type": "Polygon"}}', "Point or a LineString"),
+        (b'{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1]}}', "a place is"),
+        (
+            b'{"type": "Feature", "geometry": {"type": "LineString", "coordinates": [[1, 2]]}}',
+            "time",
+        ),
+        (b"<?xml version='1.0'?><a/>", "without an event"),
         (b"\x3e\x00\x02", "header"),
         (b"\xff" * 9, "neither"),
         (b" " * (1 << 20) + b"{", "at most"),
@@ -236,6 +245,9 @@ def test_asterix_in_other_containers(tmp_path: Path, name: str) -> None:
     read = read_tracks(path, date_utc_ns=T_NS // day_ns * day_ns)
     assert len(read.reports) == len(TRACKS)
     assert (np.abs(read.reports.t_utc_ns - T_NS) <= NS / 128).all()
+    # A raw file tells when reports hold, and not when they came: that is no latency of 0.
+    is_known = read.reports.received_utc_ns != UNKNOWN_NS
+    assert is_known.all() == is_known.any() == name.endswith("pcap")
 
 
 def test_messages_that_cannot_be_read_are_counted(tmp_path: Path) -> None:
@@ -277,9 +289,96 @@ def test_a_file_of_geojson(tmp_path: Path) -> None:
     assert read.reports.velocity_enu_m_s[:, 0] == pytest.approx(TRACKS.velocity_east_m_s, abs=0.1)
 
 
+def test_cursor_on_target(tmp_path: Path) -> None:
+    """What is written for TAK, and an event of others with a point of no height."""
+    events = cot_events(TRACKS, RADAR)
+    for payload in (events[0], b"\n".join(events)):
+        found = tracks_in(payload, "", T_NS, None)
+        assert found[0].latitude_deg == pytest.approx(TRACKS.latitude_deg[0], abs=1e-6)
+        assert found[0].height_m == pytest.approx(TRACKS.height_m[0], abs=0.1)
+        assert abs(found[0].t_utc_ns - T_NS) < 2_000_000
+        assert math.hypot(*found[0].velocity_enu_m_s[:2]) == pytest.approx(
+            math.hypot(TRACKS.velocity_east_m_s[0], TRACKS.velocity_north_m_s[0]), abs=0.1
+        )
+    path = tmp_path / "x.xml"
+    path.write_text(
+        '<?xml version="1.0"?><event uid="a&amp;b" time="2026-01-01T12:00:00Z" '
+        "start='2026-01-01T12:00:00Z' stale='2026-01-01T12:00:09Z'>"
+        '<point lat="40.5" lon="-3.7" hae="9999999" ce="10" le="9999999"/></event>'
+    )
+    read = read_tracks(path)
+    assert list(read.names) == ["a&b"]
+    assert np.isnan(read.reports.height_m).all()
+    assert read.reports.covariance_m2[0, 0, 0] == 25.0
+    assert not read.reports.ended.any()
+
+
+LINE = (
+    b'{"type": "Feature", "id": 7, "properties": {"coordTimes": ["2026-01-01T12:00:00Z", '
+    b'"2026-01-01T12:00:01Z"]}, "geometry": {"type": "LineString", "coordinates": '
+    b"[[-3.73, 40.45, 700], [-3.73, 40.46, 701]]}}"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "octets", "heights"),
+    [
+        ("x.geojson", LINE, [700, 701]),
+        (
+            "x.geojson",
+            b'{"type": "Feature", "properties": {"track": 7, "time": "2026-01-01T12:00:00Z"}, '
+            b'"geometry": {"type": "Point", "coordinates": [-3.73, 40.45, 700]}}',
+            [700],
+        ),
+        (
+            "x.jsonl",
+            b'{"id": "7", "time_utc": 1767268800, "latitude_deg": 40.45, "longitude_deg": -3.73, '
+            b'"height_m": 700}\n{"id": "7", "time": "2026-01-01T12:00:01Z", "latitude_deg": 40.45, '
+            b'"longitude_deg": -3.73, "height_m": 701}\n',
+            [700, 701],
+        ),
+        (
+            "x.csv",
+            b"id,time,latitude_deg,longitude_deg,height_m\n7,2026-01-01T12:00:00Z,40.45,-3.73,700\n",
+            [700],
+        ),
+    ],
+)
+def test_lines_and_points_as_others_write_them(
+    tmp_path: Path, name: str, octets: bytes, heights: list[float]
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(octets)
+    read = read_tracks(path)
+    assert list(read.names) == ["7"]
+    assert read.reports.height_m.tolist() == heights
+    assert read.reports.t_utc_ns[0] == 1_767_268_800 * NS
+    assert not read.unreadable
+
+
+def test_sapient_of_others_is_found_without_a_topic(tmp_path: Path) -> None:
+    from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+
+    told = SapientMessage(node_id="n")
+    told.timestamp.FromNanoseconds(T_NS // 1000 * 1000)
+    told.detection_report.object_id = "one"
+    place = told.detection_report.location
+    place.x, place.y, place.coordinate_system, place.datum = -3.7, 40.5, 1, 1
+    octets = told.SerializeToString()
+    others = message(octets, "other/sapient", SAPIENT)
+    own = message(octets, "plotfeed/radar/sapient", SAPIENT)
+    scene = load(scene_file(tmp_path, scene_text(sensors=radar())))
+    read = read_tracks(written(tmp_path / "x.mcap", [others, own]), scene)
+    assert (read.source, list(read.names)) == ("x.mcap: other/sapient", ["one"])
+
+
 @pytest.mark.parametrize(
     ("name", "octets", "why"),
     [
+        ("x.csv", bytes(range(256)) * 4, "expected columns track|line"),
+        ("x.geojson", bytes(range(256)) * 4, "not JSON"),
+        ("x.xml", bytes(range(256)) * 4, "not JSON"),
+        ("x.jsonl", bytes(range(256)) * 4, "not JSON"),
         ("x.csv", b"", "expected columns"),
         ("x.csv", b"a,b\n1,2\n", "expected columns track"),
         ("x.geojson", b"{", "not JSON"),

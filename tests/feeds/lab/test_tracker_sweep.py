@@ -55,15 +55,15 @@ def test_whatever_trackers_do_is_told_beside_their_scores(file: Path, tmp_path: 
     found = {point["tracker"]: point for point in told["points"]}
     assert list(found) == list(hows)
     assert found["good"]["failures"] == []
-    assert found["good"]["figures"]["position_rms_m"]["value"] < 1.0
-    assert found["good"]["figures"]["completeness"]["value"] > 0.0
+    assert found["good"]["figures"]["known_position_accuracy_m"]["value"] < 1.0
+    assert found["good"]["figures"]["known_completeness"]["value"] > 0.0
     failed = {how: found[how]["failures"][0] for how in hows[1:]}
     assert failed["dies"] == "the tracker ended by itself, exit code 3: out of luck"
     assert failed["silent"] == "the tracker reported no tracks"
     assert failed["garbage"] == "the tracker reported no tracks"
     assert failed["future"] == "none of the tracker's reports can be used"
     for how in hows[1:]:
-        assert found[how]["figures"]["completeness"]["value"] == 0.0
+        assert found[how]["figures"]["known_completeness"]["value"] == 0.0
     rows = pq.read_table(tmp_path / "all" / "scores.parquet").to_pylist()
     assert [(row["tracker"], row["seed"]) for row in rows] == [(how, 1) for how in hows]
     assert rows[0]["failure"] is None

@@ -1,0 +1,250 @@
+"""What was possible: a tracker that knows whose each plot is, and what of a loss is whose fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from plotfeed.feeds.lab.evidence import Evidence, SectorKey, WaitingPlots
+from plotfeed.feeds.lab.flights import Truths, stands_of
+from plotfeed.feeds.lab.ledger_columns import ToldMessages, ToldPlots
+from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run
+from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, ReportedTracks, TracksRead
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.models.accuracy import polar_covariance_m2
+from plotfeed.models.constant_velocity import predicted, updated
+from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.state import Columns, Floats, Ints, Texts
+from plotfeed.models.track_metrics import FlightPath, overtaken
+from plotfeed.proto.utc import NS
+
+LEAST_SIGMA_M, UNMEASURED_SIGMA_M = 0.1, 300.0
+SPEED_M_S = 15.0
+# Standard deviation of a velocity before anything is known of it.
+LEAST_DENSITY_M2_S3 = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownPlots(Columns):
+    """Plots of drones, (n,): whose they are, where, how exact, and when they were there to use."""
+
+    drone: Texts
+    t_utc_ns: Ints
+    arrived_utc_ns: Ints
+    """`UNKNOWN_NS` of those that never came."""
+    position_ecef_m: Floats
+    covariance_ecef_m2: Floats
+
+
+class Possible(NamedTuple):
+    """GOSPA, metres, of what was possible, and of the tracker; with its loss by whose fault it is.
+
+    What sensors do not detect, or not exactly, is the feed's; what does not come, or late, the
+    link's; the rest is the tracker's. Parts are of GOSPA to its order, and add up to its own.
+    """
+
+    of_feed_m: float
+    of_link_m: float
+    of_tracker_m: float
+    completeness: float
+    """Of a tracker that knows whose each plot is."""
+    position_rms_m: float
+    bound_m: float
+    """No unbiased tracker's error is smaller: posterior Cramer and Rao, of plots that came."""
+    placeless: int
+    """Plots of drones that tell no place by themselves, or not how exact it is: not in it."""
+
+    def figures(self) -> dict[str, float]:
+        """Figures by name, those of `POSSIBLE`."""
+        return dict(zip(POSSIBLE, self, strict=False))
+
+
+POSSIBLE = (
+    *("gospa_feed_m", "gospa_link_m", "gospa_tracker_m"),
+    *("possible_completeness", "possible_rms_m", "bound_rms_m"),
+)
+
+
+def plots_of(
+    drones: Texts, plots: Any, frame: LocalFrame, arrived_utc_ns: int
+) -> tuple[KnownPlots, int]:
+    """Plots of drones, by names that are empty for others', and how many have no place."""
+    own = drones != ""
+    aer = np.stack([plots.azimuth_deg, np.nan_to_num(plots.elevation_deg), plots.range_m])
+    covariance_m2 = polar_covariance_m2(plots) + LEAST_SIGMA_M**2 * np.eye(3)
+    up = np.where(np.isnan(plots.elevation_deg), UNMEASURED_SIGMA_M**2, 0.0)
+    covariance_m2[:, 2, 2] += up
+    placed = np.isfinite(aer).all(axis=0) & np.isfinite(covariance_m2).all(axis=(1, 2))
+    which = np.flatnonzero(own & placed)
+    turn = frame.rotation_from_ecef
+    found = KnownPlots(
+        drone=drones[which],
+        t_utc_ns=plots.t_utc_ns[which].astype(np.int64),
+        arrived_utc_ns=np.full(len(which), arrived_utc_ns),
+        position_ecef_m=frame.to_ecef(aer_to_enu(*aer[:, which])),
+        covariance_ecef_m2=turn.T @ covariance_m2[which] @ turn,
+    )
+    return found, int(np.count_nonzero(own)) - len(which)
+
+
+def recorded_plots(path: Path, scene: Scene | None) -> tuple[list[KnownPlots], int]:
+    """Plots of drones in a recording, and how many have no place.
+
+    Raises `PlotfeedError` if it holds no ledger, and `OSError`.
+    """
+    found: list[KnownPlots] = []
+    placeless, waiting = 0, WaitingPlots()
+    with Evidence.of(path) as evidence:
+        frames, _ = stands_of(evidence.log, scene)
+        awaited: list[tuple[SectorKey, ToldPlots, int]] = []
+
+        def take(*, at_end: bool) -> list[tuple[SectorKey, ToldPlots, int]]:
+            nonlocal placeless
+            left = []
+            for key, truth, arrived_ns in awaited:
+                if not at_end and waiting.count(key) < len(truth):
+                    left.append((key, truth, arrived_ns))
+                    continue
+                plots = waiting.take(key, truth.t_utc_ns)
+                if plots is not None and key.sensor in frames:
+                    own, without = plots_of(truth.drone, plots, frames[key.sensor], arrived_ns)
+                    found.append(own)
+                    placeless += without
+            return left
+
+        for part in evidence.parts():
+            for plots in part.plots:
+                waiting.add(plots)
+            told = part.told
+            truths = told.plots.rows(np.argsort(told.plots.entry, kind="stable"))
+            ends = np.searchsorted(truths.entry, np.arange(len(part.keys) + 1)).tolist()
+            for n, (key, a, b) in enumerate(zip(part.keys, ends[:-1], ends[1:], strict=True)):
+                if b > a:
+                    awaited.append((key, truths.between(a, b), _arrival_ns(told.messages, n)))
+            awaited = take(at_end=False)
+        take(at_end=True)
+    return found, placeless
+
+
+def _arrival_ns(messages: ToldMessages, entry: int) -> int:
+    """When the first message of an entry left."""
+    sent_ns = messages.sent_utc_ns[(messages.entry == entry) & messages.delivered]
+    return int(sent_ns.min()) if len(sent_ns) else UNKNOWN_NS
+
+
+def possible(
+    truths: Truths, plots: Sequence[KnownPlots], placeless: int, score: Score
+) -> Possible | None:
+    """What could have been made of the plots; None where none of them has a place."""
+    joined = KnownPlots.joined([each for each in plots if len(each)]) if any(plots) else None
+    if joined is None:
+        return None
+    how, p = score.settings.model_copy(update={"counts_tentative": True}), score.settings.order
+    all_of, _ = _followed(truths, joined.but(arrived_utc_ns=joined.t_utc_ns), how)
+    came, bound_m = _followed(truths, joined.rows(joined.arrived_utc_ns != UNKNOWN_NS), how)
+    best, linked = (score_run(truths, tracks, how) for tracks in (all_of, came))
+    of_best = best.as_stamped.gospa_m
+    of_linked = max((linked.as_known or linked.as_stamped).gospa_m, of_best)
+    own = max((score.as_known or score.as_stamped).gospa_m, of_linked)
+    return Possible(
+        of_feed_m=of_best,
+        of_link_m=(of_linked**p - of_best**p) ** (1 / p),
+        of_tracker_m=(own**p - of_linked**p) ** (1 / p),
+        completeness=best.as_stamped.completeness,
+        position_rms_m=linked.reports.position_rms_m,
+        bound_m=bound_m,
+        placeless=placeless,
+    )
+
+
+def _followed(truths: Truths, plots: KnownPlots, how: ScoreSettings) -> tuple[TracksRead, float]:
+    """Tracks of each drone by its own plots, as they came, and the bound of their errors, metres.
+
+    Kalman's filter, which knows how hard each drone turns. Between plots there is a report each
+    step, as long as its error is less than half the cut-off.
+    """
+    frame, count, step_ns = truths.middle, len(truths.drones), round(how.step_s * NS)
+    number = {name: n for n, name in enumerate(truths.drones)}
+    plots = plots.rows(np.array([name in number for name in plots.drone], np.bool_))
+    drone = np.array([number[name] for name in plots.drone], np.int64)
+    order = np.lexsort((plots.t_utc_ns, plots.arrived_utc_ns, drone))
+    plots, drone = plots.rows(order), drone[order]
+    late = overtaken(drone, plots.t_utc_ns)
+    plots, drone = plots.rows(~late), drone[~late]
+    place_m = frame.from_ecef(plots.position_ecef_m)
+    turn = frame.rotation_from_ecef
+    covariance_m2 = turn @ plots.covariance_ecef_m2 @ turn.T
+    first = np.searchsorted(drone, np.arange(count + 1))
+    last_ns = np.array([path.t_utc_ns[-1] if len(path.t_utc_ns) else 0 for path in truths.paths])
+    until_ns = np.append(plots.arrived_utc_ns[1:], 0)
+    until_ns[first[1:][first[1:] > first[:-1]] - 1] = last_ns[first[1:] > first[:-1]]
+    density = np.array([[_density_m2_s3(path)] for path in truths.paths])
+    states, spread = np.zeros((count, 6)), np.zeros((count, 6, 6))
+    spread[:] = SPEED_M_S**2 * np.eye(6)
+    at_ns = np.zeros(count, np.int64)
+    found: list[tuple[Ints, Ints, Ints, Floats, Floats]] = []
+    for k in range(int(np.diff(first).max(initial=0))):
+        own = np.flatnonzero(np.diff(first) > k)
+        rows = first[own] + k
+        if k:
+            since_s = (plots.t_utc_ns[rows] - at_ns[own]) / NS
+            before = predicted(states[own], spread[own], since_s, density[own])
+            states[own], spread[own] = updated(*before, place_m[rows], covariance_m2[rows])
+        else:
+            states[own, :3], spread[own, :3, :3] = place_m[rows], covariance_m2[rows]
+        at_ns[own], came_ns = plots.t_utc_ns[rows], plots.arrived_utc_ns[rows]
+        found.append((at_ns[own], came_ns, own, states[own], spread[own]))
+        going, now_ns = own, came_ns + step_ns
+        while len(going):
+            goes_on = now_ns < until_ns[first[going] + k]
+            going, now_ns = going[goes_on], now_ns[goes_on]
+            since_s = (now_ns - at_ns[going]) / NS
+            later = predicted(states[going], spread[going], since_s, density[going])
+            sure = np.trace(later[1][:, :2, :2], axis1=1, axis2=2) < (how.cutoff_m / 2) ** 2
+            going, now_ns = going[sure], now_ns[sure]
+            found.append((now_ns, now_ns, going, later[0][sure], later[1][sure]))
+            now_ns = now_ns + step_ns
+    none = (np.zeros(0, np.int64),) * 3 + (np.zeros((0, 6)), np.zeros((0, 6, 6)))
+    t_ns, known_ns, track, state, errors_m2 = (
+        np.concatenate(column) for column in zip(*(found or [none]), strict=True)
+    )
+    latitude_deg, longitude_deg, height_m = frame.to_geodetic(state[:, :3])
+    reports = ReportedTracks(
+        t_utc_ns=t_ns,
+        received_utc_ns=known_ns,
+        track=track,
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        height_m=height_m,
+        velocity_enu_m_s=state[:, 3:],
+        covariance_m2=errors_m2[:, :3, :3],
+        tentative=np.zeros(len(track), np.bool_),
+        ended=np.zeros(len(track), np.bool_),
+    )
+    level_m2 = np.trace(errors_m2[:, :2, :2], axis1=1, axis2=2)
+    bound_m = float(np.sqrt(level_m2.mean())) if len(level_m2) else np.nan
+    return TracksRead(reports=reports, names=list(truths.drones), source="possible"), bound_m
+
+
+def _density_m2_s3(path: FlightPath) -> float:
+    """How much white acceleration would turn a drone as hard as it did."""
+    change = np.diff(path.velocity_ecef_m_s, axis=0)
+    span_s = float(np.ptp(path.t_utc_ns)) / NS if len(path.t_utc_ns) > 1 else 0.0
+    return max(float((change**2).sum()) / span_s / 2 if span_s else 0.0, LEAST_DENSITY_M2_S3)
+
+
+def told_of(found: Possible) -> str:
+    """What was possible, in a line."""
+    parts = {"feed": found.of_feed_m, "link": found.of_link_m, "tracker": found.of_tracker_m}
+    worst = max(parts, key=lambda name: parts[name])
+    told = ", ".join(f"{name} {value:.1f} m" for name, value in parts.items())
+    less = f"; {found.placeless} plots without a place are not in it" if found.placeless else ""
+    return (
+        f"GOSPA by whose fault: {told}: most is the {worst}'s. Who knows whose each plot is has "
+        f"{found.completeness:.1%} of the drones, to {found.position_rms_m:.1f} m; the bound is "
+        f"{found.bound_m:.1f} m{less}"
+    )

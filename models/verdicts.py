@@ -1,0 +1,200 @@
+"""Verdicts on limits: figures of samples that hang together, with intervals that hold all the same.
+
+A figure is a ratio of sums, or a quantile. The long-run variance of its rows is the mean square of
+their lowest cosine coefficients, as few as the correlation leaves alike, and its law Student's t of
+as many degrees: Lazarus, Lewis, Stock and Watson, HAR Inference, Journal of Business and Economic
+Statistics 36 (2018). Shares have the exact interval of the trials that are left: Korn and Graubard,
+Survey Methodology 24 (1998).
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.fft import dct
+from scipy.optimize import isotonic_regression
+from scipy.special import betaincinv, ndtr, ndtri, stdtrit
+
+from plotfeed.models.bootstrap import FEWEST, NOTHING, Interval
+from plotfeed.models.numerics import nan_without_warnings
+from plotfeed.models.state import Floats, Ints
+
+# Of the figure, whichever way it is wrong.
+RISK = 0.05
+# So far the spectrum of the correlation hardly falls: by a tenth, on average.
+FLAT = 0.14
+# Where nothing varies nobody knows how samples hang together: so many count as one.
+NEIGHBOURS = 10.0
+RESAMPLES = 1000
+# One-sided critical values for so many looks at 5 %: Jennison and Turnbull, Group Sequential
+# Methods (2000), table 2.1.
+POCOCK = (1.645, 1.875, 1.992, 2.067, 2.122)
+
+
+class FigureSamples(NamedTuple):
+    """What a figure is of: rows (n,), by series and by time within it.
+
+    The figure is (sum of `parts` / sum of `wholes`) ^ `power`, or the `quantile` of the parts. Of a
+    share, parts are numbers of trials of which wholes are all.
+    """
+
+    parts: Floats
+    wholes: Floats
+    series: Ints
+    power: float = 1.0
+    quantile: float | None = None
+    is_share: bool = False
+
+    @property
+    def value(self) -> float:
+        """The figure; NaN of nothing."""
+        if self.quantile is not None:
+            return float(np.quantile(self.parts, self.quantile)) if len(self.parts) else np.nan
+        whole = float(self.wholes.sum())
+        return float((self.parts.sum() / whole) ** self.power) if whole > 0 else np.nan
+
+    @nan_without_warnings
+    def interval(self, risk: float = RISK / 2) -> Interval:
+        """The figure between bounds, each of which is wrong with that chance at most.
+
+        They are infinite where samples hang together for so long that nothing can be said.
+        """
+        if not len(self.parts) or not self.wholes.sum() > 0:
+            return NOTHING
+        if self.quantile is not None:
+            return self._of_quantile(self.quantile, risk)
+        ratio = float(self.parts.sum() / self.wholes.sum())
+        if self.is_share:
+            low, high = _share_bounds(ratio, self.wholes, self.parts, self.series, risk)
+        else:
+            se, freedom = deviation(self.parts - ratio * self.wholes, self.series)
+            reach = se / float(self.wholes.sum()) * len(self.parts) * -float(stdtrit(freedom, risk))
+            low, high = ratio - reach, ratio + reach
+        least = low if self.power == 1.0 else max(low, 0.0)
+        return Interval(self.value, float(least**self.power), float(high**self.power))
+
+    def _of_quantile(self, share: float, risk: float) -> Interval:
+        value, n = self.value, len(self.parts)
+        ones = np.ones(n)
+        below = (self.parts <= value).astype(np.float64)
+        low, high = _share_bounds(share, ones, below, self.series, risk)
+        least = float(np.quantile(self.parts, low)) if low * n >= 1 else -np.inf
+        most = float(np.quantile(self.parts, high)) if (1 - high) * n >= 1 else np.inf
+        return Interval(value, least, most)
+
+
+def deviation(rows: Floats, series: Ints) -> tuple[float, float]:
+    """The standard error of the mean of rows (n,) whose mean is 0, and its degrees of freedom.
+
+    Rows are by series, such as flights, and by time within them. Infinite, of one degree, where so
+    few are left that none can be told.
+    """
+    n = len(rows)
+    squares = float(rows @ rows)
+    if n < 4:
+        return np.inf, 1.0
+    if not squares > 0:
+        return 0.0, float(n)
+    same = series[1:] == series[:-1]
+    along = float((rows[1:] * rows[:-1])[same].sum()) / max(squares * float(same.mean()), 1e-300)
+    # A correlation comes out too small of few samples: Kendall, Biometrika 41 (1954).
+    along = min(max(along + (1 + 3 * along) / n, 0.0), 0.999)
+    cosines = int(min(0.4 * n ** (2 / 3), FLAT * (1 - along) * n / np.sqrt(max(along, 1e-3))))
+    if cosines < 1:
+        return np.inf, 1.0
+    lowest = dct(rows, norm="ortho")[1 : cosines + 1]
+    return float(np.sqrt((lowest**2).mean() / n)), float(cosines)
+
+
+def _share_bounds(
+    share: float, wholes: Floats, parts: Floats, series: Ints, risk: float
+) -> tuple[float, float]:
+    """Bounds of a share by Clopper and Pearson, of as many trials as correlation leaves."""
+    trials = float(wholes.sum())
+    found = float(parts.sum()) / trials
+    se, freedom = deviation(parts - found * wholes, series)
+    se *= len(parts) / trials
+    if not 0 < se < np.inf:
+        left = trials / NEIGHBOURS if se == 0 else 0.0
+    else:
+        narrower = float(ndtri(risk) / stdtrit(freedom, risk)) ** 2
+        left = min(found * (1 - found) / se**2 * narrower, trials)
+    hits = share * left
+    low = float(betaincinv(hits, left - hits + 1, risk)) if hits > 0 else 0.0
+    high = float(betaincinv(hits + 1, left - hits, 1 - risk)) if hits < left else 1.0
+    return low, high
+
+
+def seeds_interval(values: Floats, risk: float = RISK / 2) -> Interval:
+    """The mean of a figure over runs (n,), which are independent, by Student's t."""
+    values = values[np.isfinite(values)]
+    n = len(values)
+    if n < 2:
+        return Interval(float(values[0]), -np.inf, np.inf) if n else NOTHING
+    mean, spread = float(values.mean()), float(values.std(ddof=1)) / np.sqrt(n)
+    reach = spread * -float(stdtrit(n - 1, risk))
+    return Interval(mean, mean - reach, mean + reach)
+
+
+def look_risk(looks: int, risk: float = RISK) -> float:
+    """The risk of each of up to 5 looks, at which they have that of `risk` together."""
+    return float(ndtr(-POCOCK[looks - 1])) * risk / RISK
+
+
+Decision = Literal["passed", "failed", "undecided", "not testable"]
+
+
+def decided(figure: Interval, at_most: float | None, at_least: float | None) -> Decision:
+    """Whether a figure keeps its limit by the bounds that it lies between."""
+    if np.isnan(figure.value):
+        return "not testable"
+    most = np.inf if at_most is None else at_most
+    least = -np.inf if at_least is None else at_least
+    if least <= figure.low and figure.high <= most:
+        return "passed"
+    return "failed" if figure.low > most or figure.high < least else "undecided"
+
+
+def times_more(figure: Interval, limit: float) -> float:
+    """How many times as many samples would decide, if the figure stayed where it is."""
+    apart = abs(figure.value - limit)
+    reach = (figure.high if limit > figure.value else 2 * figure.value - figure.low) - figure.value
+    return (reach / apart) ** 2 if apart > 0 and np.isfinite(reach) else np.inf
+
+
+def breaking_level(
+    levels: Floats, values: Floats, limit: float, *, rises: bool, risk: float = RISK / 2
+) -> Interval:
+    """Find the level (k,) at which a figure breaks its limit, of values (k, runs) by seeds.
+
+    `rises` says that the limit is the most it may be. Means are made monotone, in the direction in
+    which they get worse, and break where they cross; bounds are by the bootstrap over runs, the
+    first the worse one. Infinite where all levels keep the limit, and minus infinity where none.
+    """
+    order = np.argsort(levels)
+    levels, values = levels[order], values[order] if rises else -values[order]
+    known = values[:, np.isfinite(values).all(axis=0)]
+    runs = known.shape[1]
+    if not runs or len(levels) < 2:
+        return NOTHING
+    if np.polyfit(np.arange(len(levels)), known.mean(axis=1), 1)[0] < 0:
+        levels, known = levels[::-1], known[::-1]
+    bound = limit if rises else -limit
+
+    def crossing(of: Floats) -> float:
+        """Where the means cross, counted in levels."""
+        fitted = isotonic_regression(of).x
+        k = int(np.searchsorted(fitted, bound, side="right"))
+        if k in (0, len(fitted)):
+            return np.inf if k else -np.inf
+        return k - 1 + float((bound - fitted[k - 1]) / (fitted[k] - fitted[k - 1]))
+
+    rng = np.random.default_rng(0)
+    drawn = [crossing(known[:, rng.integers(0, runs, runs)].mean(axis=1)) for _ in range(RESAMPLES)]
+    beyond = int(risk * RESAMPLES)
+    found = [crossing(known.mean(axis=1)), *np.sort(drawn)[[beyond, -1 - beyond]]]
+    if runs < FEWEST:
+        found[1:] = [np.nan] * 2
+    at = [x if np.isinf(x) else float(np.interp(x, range(len(levels)), levels)) for x in found]
+    return Interval(*at)

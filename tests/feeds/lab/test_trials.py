@@ -1,0 +1,83 @@
+"""Tracks beside flights of a trial: logs of drones, or what another tracker recorded."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command import plotfeed_here
+from support.recordings import START_NS
+from support.scored_flights import APART, NS, SITE, Flight
+
+from plotfeed.feeds.lab.flights import read_trial
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import iso_utc
+
+FLIGHT = APART["a"]
+
+
+def log_of(path: Path, flight: Flight = FLIGHT) -> Path:
+    """As a table of a drone's own log."""
+    rows = ["time,latitude,longitude,altitude_ellipsoid_m"]
+    for second in range(61):
+        latitude_deg, longitude_deg, height_m = map(float, SITE.to_geodetic(flight.at(second)))
+        time = iso_utc(START_NS + second * NS)
+        rows.append(f"{time},{latitude_deg:.9f},{longitude_deg:.9f},{height_m:.3f}")
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def tracks_of(path: Path, late_s: float = 0.0, flight: Flight = FLIGHT, **names: str) -> Path:
+    """A tracker's table, whose clock is late by that."""
+    rng = np.random.default_rng(1)
+    rows = ["track,time_utc,latitude_deg,longitude_deg,height_m"]
+    for second in range(61):
+        place = flight.at(second) + rng.normal(0, 2.0, 3)
+        latitude_deg, longitude_deg, height_m = map(float, SITE.to_geodetic(place))
+        time = iso_utc(START_NS + round((second + late_s) * NS))
+        rows.append(f"1,{time},{latitude_deg:.9f},{longitude_deg:.9f},{height_m:.3f}")
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_a_log_of_a_drone_is_the_truth_and_the_clock_is_found(tmp_path: Path) -> None:
+    turning = Flight((1000.0, 500.0, 100.0), (12.0, -5.0, 0.0))
+    log, tracks = log_of(tmp_path / "uav.csv", turning), tracks_of(tmp_path / "t.csv", 2.6, turning)
+    done = plotfeed_here("score", tracks, "--truth", log, "--json")
+    told = json.loads(done.stdout)
+    assert [each["drone"] for each in told["drones"]] == ["uav"]
+    assert told["figures"]["position_rms_m"] > 30.0
+    (finding,) = told["findings"]
+    assert finding.startswith(("times are 2.6", "times are 2.5"))
+    assert told["figures_without"]["position_rms_m"] < 4.0
+    assert told["possible"] is None
+    assert told["figures"]["latency_p50_s"] is None
+
+
+def test_tracks_of_another_tracker_are_the_truth_too(tmp_path: Path) -> None:
+    """Its raw ASTERIX 062 beside a table, of two drones, one of which nobody follows."""
+    reference = tmp_path / "reference.csv"
+    rows = ["track,time_utc,latitude_deg,longitude_deg,height_m"]
+    for name, flight in APART.items():
+        rows += tracks_of(tmp_path / "x.csv", 0.0, flight).read_text().splitlines()[1:]
+        rows[-61:] = [f"{name},{row.partition(',')[2]}" for row in rows[-61:]]
+    reference.write_text("\n".join(rows) + "\n")
+    tracks = tracks_of(tmp_path / "t.csv")
+    done = plotfeed_here("score", tracks, "--truth", reference, "--json")
+    told = json.loads(done.stdout)
+    assert [each["drone"] for each in told["drones"]] == ["a", "b"]
+    assert [each["completeness"] > 0.9 for each in told["drones"]] == [True, False]
+    done = plotfeed_here(
+        "score", tracks, "--truth", reference, "--set", 'leave_out=["b"]', "--json"
+    )
+    assert json.loads(done.stdout)["figures"]["completeness"] > 0.9
+
+
+def test_what_is_neither_a_log_nor_tracks_is_refused_in_a_line(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(PlotfeedError) as refused:
+        read_trial([path])
+    assert "\n" not in str(refused.value)

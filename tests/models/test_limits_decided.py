@@ -1,0 +1,128 @@
+"""Verdicts on limits, with the risks that they state."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.signal import lfilter
+
+from plotfeed.models.bootstrap import Interval
+from plotfeed.models.verdicts import (
+    RISK,
+    FigureSamples,
+    breaking_level,
+    decided,
+    look_risk,
+    seeds_interval,
+    times_more,
+)
+
+RUNS = 300
+MOST = int(stats.binom.ppf(1 - 1e-4, RUNS, RISK))
+"""Wrong verdicts of so many runs, where each is wrong with that risk."""
+
+
+@pytest.mark.parametrize("along", [0.0, 0.8])
+@pytest.mark.parametrize("of_truth", [0.95, 1.05])
+def test_a_limit_near_the_truth_is_not_decided_wrongly(along: float, of_truth: float) -> None:
+    """890 reports of one track: the limit of their 95 % 5 % above the truth, or 5 % below it."""
+    rng, counts = np.random.default_rng(3), dict.fromkeys(("passed", "failed", "undecided"), 0)
+    n, limit = 890, of_truth * (-2 * np.log(0.05)) ** 0.5
+    for _ in range(RUNS):
+        own = (1 - along**2) ** 0.5
+        errors = lfilter([own], [1.0, -along], rng.standard_normal((n, 2)), axis=0)
+        samples = FigureSamples(
+            np.hypot(*errors.T), np.ones(n), np.zeros(n, np.int64), quantile=0.95
+        )
+        counts[decided(samples.interval(RISK), limit, None)] += 1
+    right, wrong = ("failed", "passed") if of_truth < 1 else ("passed", "failed")
+    assert counts[wrong] <= MOST
+    assert counts[right] > 2 * counts[wrong]
+
+
+def test_few_reports_say_nothing_of_one_in_ten_thousand() -> None:
+    none = FigureSamples(np.zeros(890), np.ones(890), np.zeros(890, np.int64), is_share=True)
+    found = none.interval(RISK)
+    assert (found.value, found.low) == (0.0, 0.0)
+    assert found.high > 890**-1
+    assert decided(found, 1e-4, None) == "undecided"
+    assert decided(found, 0.1, None) == "passed"
+    many = none._replace(parts=np.zeros(10**6), wholes=np.ones(10**6), series=np.zeros(10**6, int))
+    assert decided(many.interval(RISK), 1e-4, None) == "passed"
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.97])
+def test_a_share_lies_within_its_bounds(share: float) -> None:
+    rng, outside = np.random.default_rng(4), 0
+    for _ in range(RUNS):
+        hits = (rng.random(500) < share).astype(float)
+        samples = FigureSamples(hits, np.ones(500), np.zeros(500, np.int64), is_share=True)
+        found = samples.interval()
+        outside += not found.low <= share <= found.high
+    assert outside <= MOST
+
+
+def test_what_hangs_together_for_too_long_is_undecided() -> None:
+    chain = np.cumsum(np.random.default_rng(1).standard_normal(60))
+    found = FigureSamples(chain, np.ones(60), np.zeros(60, np.int64)).interval()
+    assert (found.low, found.high) == (-np.inf, np.inf)
+    assert decided(found, 1e9, None) == "undecided"
+    assert decided(Interval(np.nan, np.nan, np.nan), 1.0, None) == "not testable"
+
+
+def test_powers_and_empty_samples() -> None:
+    four = FigureSamples(np.full(50, 4.0), np.ones(50), np.zeros(50, np.int64), power=0.5)
+    assert four.interval() == (2.0, 2.0, 2.0)
+    none = FigureSamples(np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
+    assert np.isnan(none.value)
+    assert np.isnan(none.interval()).all()
+
+
+def test_five_looks_at_seeds_are_wrong_as_seldom_as_one() -> None:
+    """The truth is at the limit, so that any verdict is wrong: on either side in 5 of 100."""
+    rng, wrong = np.random.default_rng(5), {"passed": 0, "failed": 0}
+    for _ in range(RUNS):
+        values = rng.normal(10.0, 2.0, 25)
+        looks = (decided(seeds_interval(values[:n], look_risk(5)), 10.0, None)
+                 for n in (5, 10, 15, 20, 25))  # fmt: skip
+        verdict = next((each for each in looks if each != "undecided"), "undecided")
+        if verdict in wrong:
+            wrong[verdict] += 1
+    assert max(wrong.values()) <= MOST
+    assert seeds_interval(values[:1]).low == -np.inf
+
+
+def test_how_many_more_would_decide() -> None:
+    assert times_more(Interval(10.0, 6.0, 14.0), 12.0) == pytest.approx(4.0)
+    assert times_more(Interval(10.0, 6.0, 12.0), 12.0) == pytest.approx(1.0)
+
+
+LEVELS = np.arange(0.0, 2001.0, 250.0)
+
+
+@pytest.mark.parametrize("falls", [False, True])
+def test_the_breaking_level_lies_within_its_interval(falls: bool) -> None:
+    """GOSPA rises by 20 m a second of latency from 10 m on: 30 m at one second, with either sign.
+
+    Of 100 studies of 12 seeds, of which the same are at all levels.
+    """
+    rng, outside = np.random.default_rng(6), 0
+    for _ in range(100):
+        noise = rng.normal(0.0, 2.0, 12) + rng.normal(0.0, 1.0, (len(LEVELS), 12))
+        values = 10.0 + 0.02 * LEVELS[:, None] + noise
+        limit = 30.0
+        if falls:
+            values, limit = -values, -30.0
+        found = breaking_level(LEVELS, values, limit, rises=not falls)
+        assert found.low <= found.value <= found.high
+        outside += not found.low <= 1000.0 <= found.high
+    assert outside <= stats.binom.ppf(1 - 1e-4, 100, 0.1)
+
+
+def test_levels_that_get_worse_downwards_break_downwards() -> None:
+    share = np.array([1.0, 0.7, 0.4])
+    values = np.tile([[10.0], [20.0], [40.0]], (1, 5))
+    assert breaking_level(share, values, 30.0, rises=True).value == pytest.approx(0.55)
+    assert breaking_level(share, values, 50.0, rises=True).value == np.inf
+    assert breaking_level(share, values, 5.0, rises=True).value == -np.inf
