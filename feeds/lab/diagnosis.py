@@ -11,8 +11,7 @@ import numpy as np
 from plotfeed.feeds.lab.flights import Truths
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run, truth_beside
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, ReportedTracks, TracksRead
-from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.geoid import geoid_undulation_m
+from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
 from plotfeed.models.joint_fit import FittedEffect, joint_fit
 from plotfeed.models.state import Floats, Ints
 from plotfeed.models.track_metrics import Level, along_enu

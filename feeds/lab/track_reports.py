@@ -709,7 +709,7 @@ class UsableTracks:
         return bool((self.reports.known_utc_ns != UNKNOWN_NS).all())
 
     def only(self, which: Bools, reason: str) -> Self:
-        """These reports alone; the others are counted as left out, if there is a reason."""
+        """Usable tracks with these reports alone; others are counted, if there is a reason."""
         counts, others = dict(self.counts), int(np.count_nonzero(~which))
         if reason:
             _count(counts, reason, others)
