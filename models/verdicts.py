@@ -58,7 +58,7 @@ class FigureSamples(NamedTuple):
     def interval(self, risk: float = RISK / 2) -> Interval:
         """The figure between bounds, each of which is wrong with that chance at most.
 
-        They are infinite where samples hang together for so long that nothing can be said.
+        They are far where samples hang together for so long that hardly anything can be said.
         """
         if not len(self.parts) or not self.wholes.sum() > 0:
             return NOTHING
@@ -87,8 +87,7 @@ class FigureSamples(NamedTuple):
 def deviation(rows: Floats, series: Ints) -> tuple[float, float]:
     """The standard error of the mean of rows (n,) whose mean is 0, and its degrees of freedom.
 
-    Rows are by series, such as flights, and by time within them. Infinite, of one degree, where so
-    few are left that none can be told.
+    Rows are by series, such as flights, and by time within them. Of less than four it is infinite.
     """
     n = len(rows)
     squares = float(rows @ rows)
@@ -101,8 +100,8 @@ def deviation(rows: Floats, series: Ints) -> tuple[float, float]:
     # A correlation comes out too small of few samples: Kendall, Biometrika 41 (1954).
     along = min(max(along + (1 + 3 * along) / n, 0.0), 0.999)
     cosines = int(min(0.4 * n ** (2 / 3), FLAT * (1 - along) * n / np.sqrt(max(along, 1e-3))))
-    if cosines < 1:
-        return np.inf, 1.0
+    if cosines < 1:  # what is there is worth one sample, of which only the spread is known
+        return float(np.sqrt(squares / n)), 1.0
     lowest = dct(rows, norm="ortho")[1 : cosines + 1]
     return float(np.sqrt((lowest**2).mean() / n)), float(cosines)
 

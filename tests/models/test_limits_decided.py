@@ -66,8 +66,11 @@ def test_a_share_lies_within_its_bounds(share: float) -> None:
 def test_what_hangs_together_for_too_long_is_undecided() -> None:
     chain = np.cumsum(np.random.default_rng(1).standard_normal(60))
     found = FigureSamples(chain, np.ones(60), np.zeros(60, np.int64)).interval()
-    assert (found.low, found.high) == (-np.inf, np.inf)
-    assert decided(found, 1e9, None) == "undecided"
+    spread = float(chain.std())
+    for limit in (found.value + 5 * spread, found.value - 5 * spread):
+        assert decided(found, limit, None) == "undecided"
+    few = FigureSamples(chain[:3], np.ones(3), np.zeros(3, np.int64)).interval()
+    assert (few.low, few.high) == (-np.inf, np.inf)
     assert decided(Interval(np.nan, np.nan, np.nan), 1.0, None) == "not testable"
 
 
