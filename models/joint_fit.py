@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtr
 
 from plotfeed.models.state import Floats, Ints
 from plotfeed.models.verdicts import deviation
@@ -97,6 +96,8 @@ def _left(errors: Floats, given: Mapping[str, Floats], chosen: list[str]) -> flo
 
 def _is_seen(errors: Floats, given: Mapping[str, Floats], chosen: list[str], series: Ints) -> bool:
     """Whether the last of those effects is more than chance."""
+    from scipy.special import stdtr
+
     value, se, freedom = _one_of(errors, given, chosen, chosen[-1], series)
     if not 0 < se < np.inf:
         return bool(se == 0)

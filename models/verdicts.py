@@ -12,10 +12,8 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.fft import dct
-from scipy.optimize import isotonic_regression
-from scipy.special import betaincinv, ndtr, ndtri, stdtrit
 
+# SciPy takes three times as long to load as NumPy: functions that need it load it.
 from plotfeed.models.bootstrap import FEWEST, NOTHING, Interval
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.state import Floats, Ints
@@ -64,6 +62,8 @@ class FigureSamples(NamedTuple):
             return NOTHING
         if self.quantile is not None:
             return self._of_quantile(self.quantile, risk)
+        from scipy.special import stdtrit
+
         ratio = float(self.parts.sum() / self.wholes.sum())
         if self.is_share:
             low, high = _share_bounds(ratio, self.wholes, self.parts, self.series, risk)
@@ -102,6 +102,8 @@ def deviation(rows: Floats, series: Ints) -> tuple[float, float]:
     cosines = int(min(0.4 * n ** (2 / 3), FLAT * (1 - along) * n / np.sqrt(max(along, 1e-3))))
     if cosines < 1:  # what is there is worth one sample, of which only the spread is known
         return float(np.sqrt(squares / n)), 1.0
+    from scipy.fft import dct
+
     lowest = dct(rows, norm="ortho")[1 : cosines + 1]
     return float(np.sqrt((lowest**2).mean() / n)), float(cosines)
 
@@ -110,6 +112,8 @@ def _share_bounds(
     share: float, wholes: Floats, parts: Floats, series: Ints, risk: float
 ) -> tuple[float, float]:
     """Bounds of a share by Clopper and Pearson, of as many trials as correlation leaves."""
+    from scipy.special import betaincinv, ndtri, stdtrit
+
     trials = float(wholes.sum())
     found = float(parts.sum()) / trials
     se, freedom = deviation(parts - found * wholes, series)
@@ -127,6 +131,8 @@ def _share_bounds(
 
 def seeds_interval(values: Floats, risk: float = RISK / 2) -> Interval:
     """The mean of a figure over runs (n,), which are independent, by Student's t."""
+    from scipy.special import stdtrit
+
     values = values[np.isfinite(values)]
     n = len(values)
     if n < 2:
@@ -138,6 +144,8 @@ def seeds_interval(values: Floats, risk: float = RISK / 2) -> Interval:
 
 def look_risk(looks: int, risk: float = RISK) -> float:
     """The risk of each of up to 5 looks, at which they have that of `risk` together."""
+    from scipy.special import ndtr
+
     return float(ndtr(-POCOCK[looks - 1])) * risk / RISK
 
 
@@ -171,6 +179,8 @@ def breaking_level(
     which they get worse, and break where they cross; bounds are by the bootstrap over runs, the
     first the worse one. Infinite where all levels keep the limit, and minus infinity where none.
     """
+    from scipy.optimize import isotonic_regression
+
     order = np.argsort(levels)
     levels, values = levels[order], values[order] if rises else -values[order]
     known = values[:, np.isfinite(values).all(axis=0)]
