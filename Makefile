@@ -119,7 +119,6 @@ mutations: .venv/.ready-test
 
 # What of the documentation is written from the code alone, in seconds.
 pages: .venv/.ready-test
-	$(BIN)/plotfeed schema >feeds/scene/examples/scene.schema.json
 	$(BIN)/python docs/commands/write_scene_reference.py
 	$(BIN)/python docs/commands/write_presets.py
 	$(BIN)/python docs/commands/write_messages.py

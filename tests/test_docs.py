@@ -115,11 +115,6 @@ def test_the_scene_page_tells_each_key_of_a_sensor_once_and_its_contents_lead_to
     assert contents == list(rows)[2:]
 
 
-def test_the_schema_beside_the_scenes_is_that_of_the_code() -> None:
-    beside = DOCS.parent / "feeds" / "scene" / "examples" / "scene.schema.json"
-    assert beside.read_text() == f"{text_of('scene')}\n", "run make pages"
-
-
 @pytest.mark.asyncio
 async def test_the_examples_in_python_do_what_their_page_says(
     capsys: pytest.CaptureFixture[str],

@@ -16,7 +16,7 @@ PAGE = Path(__file__).parents[1] / "scene.md"
 INTRODUCTION = """# The scene file
 
 Written by `python docs/commands/write_scene_reference.py` from the schema that plotfeed checks
-scenes by; `plotfeed schema` prints that schema, for editors that complete and check TOML.
+scenes by; `plotfeed schema >scene.schema.json` beside a scene lets editors complete and check it.
 
 A scene is one TOML file. It names a site, the sensors that look, and the drones that the scene
 flies by itself; others may come by telemetry. Only what it names is modelled. A key that does not

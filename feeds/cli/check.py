@@ -37,8 +37,8 @@ ROWS = 10
 DEFAULT_HEIGHT_M = 50.0
 DEFAULT_SPEED_M_S = 15.0
 RANGES_SEARCHED = 2000
+# Between the noise of receivers and their overload: an ideal converter of 16 bits has 98 dB.
 LOUDEST_SNR_DB = 100.0
-"""Between the noise of receivers and their overload: an ideal converter of 16 bits has 98 dB."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,12 +11,9 @@ from plotfeed.feeds.engine.visibility import SEEN_PD, Outlook
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 
-MOST_DRONES = 12
-"""Told one by one, those first that nobody sees."""
-MOST_SENSORS = 8
-"""Told one by one of a drone."""
-MOST_SPANS = 3
-"""Told one by one of a sensor and a drone."""
+MOST_DRONES = 12  # Told one by one, those first that nobody sees
+MOST_SENSORS = 8  # Told one by one of a drone
+MOST_SPANS = 3  # Told one by one of a sensor and a drone
 
 
 def visibility(scene: Scene, outlook: Outlook) -> dict[str, Any]:

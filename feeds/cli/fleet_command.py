@@ -27,8 +27,7 @@ from plotfeed.feeds.transport.brokers import NO_BROKER, broker_address
 from plotfeed.proto.errors import PlotfeedError
 
 CONNECT_S = 15.0
-HEARD_S, LOOK_S = 4.0, 0.05
-"""By then every part that goes on has said so."""
+HEARD_S, LOOK_S = 4.0, 0.05  # By then every part that goes on has said so
 RUN = (sys.executable, "-m", "plotfeed.feeds.cli", "run")
 
 

@@ -13,8 +13,8 @@ from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import Floats
 from plotfeed.proto.utc import NS, iso_utc
 
+# A silence is a gap if it is longer than this, and than so many times the usual interval.
 GAP_S, GAP_FACTOR = 5.0, 3.0
-"""A silence is a gap if it is longer than this, and than so many times the usual interval."""
 MOST_REASONS = 4
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+# By the command's name; examples without the word plotfeed before them.
 SUMMARIES_AND_EXAMPLES = {
     "demo": (
         "Run a shipped scene with its live page: a field day.",
@@ -99,7 +100,6 @@ SUMMARIES_AND_EXAMPLES = {
         ("schema", "schema messages", "schema asyncapi"),
     ),
 }
-"""By the command's name; examples without the word plotfeed before them."""
 
 
 def epilog_of(name: str) -> str:

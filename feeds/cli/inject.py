@@ -28,8 +28,8 @@ from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
 
+# Times as fast as it was flown: beyond it, reports would fall on the same nanosecond.
 MAX_SPEED = 1000.0
-"""Times as fast as it was flown: beyond it, reports would fall on the same nanosecond."""
 CONNECT_S = 5.0
 MOST_SKIPPED_TOLD, MOST_REFUSALS_TOLD = 5, 5
 

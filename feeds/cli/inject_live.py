@@ -31,16 +31,15 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
 
+# By the keys of a scene that they are.
 OPTIONS = {
     "drone": "--drone",
     "view": "--view",
     "qnh_hpa": "--qnh-hpa",
     "interface": "--interface",
 }
-"""By the keys of a scene that they are."""
 MAX_DRONES_TOLD = 5
-MAX_DRONES = 10_000
-"""That are told apart in the counts."""
+MAX_DRONES = 10_000  # That are told apart in the counts
 
 
 def settings_of_source(url: str, settings: InjectSettings, options: SourceKeys) -> TelemetrySource:

@@ -38,6 +38,7 @@ def _hurry(control: ReplayControl, factor: Fraction) -> None:
     control.set_speed(min(max(control.speed * factor, MIN_SPEED), MAX_SPEED))
 
 
+# What a terminal sends, and what is done then; the arrows first, for they hold other keys.
 KEYS: dict[bytes, Callable[[ReplayControl], object]] = {
     b"\x1b[C": lambda control: control.skip(SKIP_S),
     b"\x1b[D": lambda control: control.skip(-SKIP_S),
@@ -47,7 +48,6 @@ KEYS: dict[bytes, Callable[[ReplayControl], object]] = {
     b"-": lambda control: _hurry(control, Fraction(1, 2)),
     b"q": lambda control: control.stop(),
 }
-"""What a terminal sends, and what is done then; the arrows first, for they hold other keys."""
 
 
 def press(control: ReplayControl, typed: bytes) -> None:

@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplaySettings
     from plotfeed.feeds.scene.link_keys import LinkSettings
 
-MAX_OCTETS = 1 << 20
-"""Of a file with the keys of a link."""
-RECORDED = "recorded"
-"""In place of an address: where each datagram once went."""
+MAX_OCTETS = 1 << 20  # Of a file with the keys of a link
+RECORDED = "recorded"  # In place of an address: where each datagram once went
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

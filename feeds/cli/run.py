@@ -50,23 +50,19 @@ from plotfeed.proto.utc import NS
 if TYPE_CHECKING:
     from plotfeed.feeds.session.part import SessionPart
 
+# Of the extra `page`; the page loads them once the session is under way.
 LIBRARIES = ("starlette", "uvicorn", "websockets")
-"""Of the extra `page`; the page loads them once the session is under way."""
 BEFORE_TICKS = (
     "plotfeed: {} was made before sessions went by ticks of 10 ms: what came in counts from the "
     "next tick on, so plots near it may not be the same again"
 )
+# A recording is data: whoever wrote it does not say where anything is sent.
 NOT_SENT = "plotfeed: {}: not sent to where its session went: {}"
-"""A recording is data: whoever wrote it does not say where anything is sent."""
-REASONS_TOLD = 3
-"""Of refusals, in the line of status."""
-RECORDS = ".mcap"
-"""How the names of files end that hold the record of a session."""
-FASTEST = "max"
-"""In place of a speed."""
+REASONS_TOLD = 3  # Of refusals, in the line of status
+RECORDS = ".mcap"  # How the names of files end that hold the record of a session
+FASTEST = "max"  # In place of a speed
 
-RunSession = Callable[..., Coroutine[None, None, SessionCounters]]
-"""Given `stop` and `on_ready`."""
+RunSession = Callable[..., Coroutine[None, None, SessionCounters]]  # Given `stop` and `on_ready`
 
 
 def run_in_terminal(scene: Scene, settings: RunSettings) -> int:

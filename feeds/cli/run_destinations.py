@@ -29,14 +29,12 @@ from plotfeed.feeds.transport.brokers import NO_BROKER
 from plotfeed.feeds.transport.mqtt.address import without_secrets
 from plotfeed.proto.errors import PlotfeedError
 
+# Of the token that goes where the command line says, if the environment has one.
 TOKEN_NAME = "COMMAND_LINE"  # noqa: S105 - its name, not its value  # nosec B105
-"""Of the token that goes where the command line says, if the environment has one."""
 
 
-PAGES = {"page", "audience"}
-"""Addresses that are looked at in a browser."""
-MOST_UNSEEN = 3
-"""Drones that no sensor sees, told one by one."""
+PAGES = {"page", "audience"}  # Addresses that are looked at in a browser
+MOST_UNSEEN = 3  # Drones that no sensor sees, told one by one
 
 
 def named_outgoing(scene: Scene, settings: RunSettings) -> WaysOut:

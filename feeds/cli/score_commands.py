@@ -12,8 +12,7 @@ from plotfeed.feeds.lab.lab_settings import ScoreOptions, TrackerSettings
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
-OF_FILES = ("tracks", "truth", "feed")
-"""Options of a tracker whose tracks are there already."""
+OF_FILES = ("tracks", "truth", "feed")  # Options of a tracker whose tracks are there already
 
 
 @click.command()

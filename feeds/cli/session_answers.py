@@ -19,14 +19,11 @@ from plotfeed.models.state import AltitudeReference, Floats
 
 log = logging.getLogger(__name__)
 
-ANSWER_S = 1.0
-"""For what is retained to come after a subscription."""
-STATUS_S = 6.0
-"""For the next status to come: a session says one every 5 s."""
+ANSWER_S = 1.0  # For what is retained to come after a subscription
+STATUS_S = 6.0  # For the next status to come: a session says one every 5 s
 MOST_REFUSALS_KEPT = 1000
 MOST_SENSORS = 10_000
-NEEDED = ("latitude_deg", "longitude_deg", "height_m", "range_max_m")
-"""Of a sensor's description."""
+NEEDED = ("latitude_deg", "longitude_deg", "height_m", "range_max_m")  # Of a sensor's description
 
 
 class SessionAnswers:

@@ -3,7 +3,5 @@
 Nothing here knows of sensors, messages or sessions.
 """
 
-FAILED = 1
-"""Exit code of what was begun and did not work."""
-INTERRUPTED, TERMINATED = 130, 143
-"""Exit codes after SIGINT and SIGTERM, as shells have them."""
+FAILED = 1  # Exit code of what was begun and did not work
+INTERRUPTED, TERMINATED = 130, 143  # Exit codes after SIGINT and SIGTERM, as shells have them

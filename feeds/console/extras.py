@@ -10,8 +10,8 @@ from typing import Any
 from plotfeed.feeds.console.printed import naming
 from plotfeed.proto.errors import PlotfeedError
 
+# By suffix: what keeps the same picture the same file.
 NO_DATE = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-"""By suffix: what keeps the same picture the same file."""
 
 
 def need_extra(module: str, what: str, extra: str, *, load: bool = True) -> None:

@@ -29,11 +29,10 @@ except ImportError:
 else:
     HAS_POSIX = True
 
-LOOK_EVERY_S = 0.005
-"""From one look at a socket to the next; clocks of Windows make 16 ms of it."""
+LOOK_EVERY_S = 0.005  # From one look at a socket to the next; clocks of Windows make 16 ms of it
 _CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+# On Windows SO_REUSEADDR would give us a port on which somebody else listens.
 _LISTEN = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
-"""On Windows SO_REUSEADDR would give us a port on which somebody else listens."""
 
 
 def lock(file: int) -> None:

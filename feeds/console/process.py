@@ -25,17 +25,15 @@ from plotfeed.proto.errors import PlotfeedError
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
+# Objects more than before at which the garbage collector looks at the youngest.
 GARBAGE_OF_SESSION, GARBAGE_OF_REPLAY = 50_000, 100_000
-"""Objects more than before at which the garbage collector looks at the youngest."""
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
-"""Of mallopt(3)."""
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # Of mallopt(3)
 KEPT_OCTETS, OF_ITS_OWN_OCTETS = 128 << 20, 32 << 20
+# How temporary folders begin, and what in them is locked while they are used.
 FOLDERS, LOCK = "plotfeed-run-", "lock"
-"""How temporary folders begin, and what in them is locked while they are used."""
-PRIVATE = 0o600
-"""Permissions of a file that its owner alone may read."""
+PRIVATE = 0o600  # Permissions of a file that its owner alone may read
+# So long at most a thread that reads keeps the loop from sending; usually it is 5 ms.
 SWITCH_S = 1e-5
-"""So long at most a thread that reads keeps the loop from sending; usually it is 5 ms."""
 
 
 @contextlib.contextmanager

@@ -14,12 +14,10 @@ from plotfeed.feeds.console.printed import printable, say
 
 TERMINAL_EVERY_S = 0.5
 LOG_EVERY_S = 10.0
-PATIENCE_S = 1.0
-"""A bar is shown only for what takes longer."""
+PATIENCE_S = 1.0  # A bar is shown only for what takes longer
 BETWEEN_S = 0.1
 LOOK_EVERY = 256
-GONE = "\r\033[K\033[?25h"
-"""Takes the bar away and shows the cursor again."""
+GONE = "\r\033[K\033[?25h"  # Takes the bar away and shows the cursor again
 
 T = TypeVar("T")
 

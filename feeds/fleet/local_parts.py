@@ -14,12 +14,10 @@ from plotfeed.feeds.console import INTERRUPTED
 
 log = logging.getLogger(__name__)
 
+# One that has run for less than the latter is started again after the former, others at once.
 AGAIN_S, RAN_S = 1.0, 10.0
-"""One that has run for less than the latter is started again after the former, others at once."""
-STOP_S = 15.0
-"""A process that is told to end is killed after that."""
-FOR_GOOD = (0, 2, INTERRUPTED)
-"""Exit codes after which nothing else would come of another start."""
+STOP_S = 15.0  # A process that is told to end is killed after that
+FOR_GOOD = (0, 2, INTERRUPTED)  # Exit codes after which nothing else would come of another start
 COUNTED = ("looks", "plots", "false_alarms", "messages", "undelivered", "missed_scans")
 
 

@@ -13,10 +13,8 @@ from plotfeed.feeds.transport.brokers import NO_BROKER
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc, utc_ns, whole_second_ns
 
-LEAD_NS = 5 * NS
-"""In which processes are up."""
-FASTEST = "max"
-"""In place of a speed."""
+LEAD_NS = 5 * NS  # In which processes are up
+FASTEST = "max"  # In place of a speed
 
 
 def check_scene(scene: Scene, broker: str | None) -> None:

@@ -43,19 +43,18 @@ from plotfeed.proto.utc import NS, iso_utc
 log = logging.getLogger(__name__)
 
 JOINING, RUNNING, ENDED = "JOINING", "RUNNING", "ENDED"
+# The last is longer than the one before: who was silent for it sends nothing any more.
 SAY_EVERY_S, LEASE_S, PATIENCE_S = 0.5, 2.0, 3.0
-"""The last is longer than the one before: who was silent for it sends nothing any more."""
-NEWS_S = 0.5
-"""By then a broker has passed on what it retains."""
+NEWS_S = 0.5  # By then a broker has passed on what it retains
 LOOK_S = 0.05
+# Who takes over begins so much after now: clocks of machines may differ by that.
 MARGIN_NS = NS // 20
-"""Who takes over begins so much after now: clocks of machines may differ by that."""
+# Of what has left, as much may still be on its way, and lost where a connection is.
 ON_THE_WAY_NS = NS // 2
-"""Of what has left, as much may still be on its way, and lost where a connection is."""
 MOST_GAPS = 1000
 COUNTED = ("drones", "telemetry", "plots", "messages", "undelivered", "missed_scans")
+# What the ledger calls the place where messages of a part did not get that others may send.
 NOT_HELD = "another process"
-"""What the ledger calls the place where messages of a part did not get that others may send."""
 
 
 class PartTakenError(PlotfeedError):
@@ -318,8 +317,8 @@ class BrokerHold:
 
 
 WORDS = ("process", "state", "worker", "scene", "time_utc", "sent_until_utc")
+# Of what a part says of itself, beside its sensors and its lateness.
 NUMBERS = ("part", "parts", "claim", "number", "began_utc_ns", "sent_until_utc_ns", *COUNTED)
-"""Of what a part says of itself, beside its sensors and its lateness."""
 
 
 def part_status(payload: bytes) -> dict[str, Any] | None:

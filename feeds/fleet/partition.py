@@ -15,8 +15,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.models.state import Floats, Ints
 
-ALARMS_A_SECTOR = 50.0
-"""False alarms that cost as much as a sector, about."""
+ALARMS_A_SECTOR = 50.0  # False alarms that cost as much as a sector, about
 
 
 def partition(scene: Scene, parts: int) -> list[tuple[str, ...]]:

@@ -11,12 +11,10 @@ from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
 
-USER_PROPERTY = b"\x26"
-"""What announces one in a packet; MQTT 5.0, section 2.2.2."""
+USER_PROPERTY = b"\x26"  # What announces one in a packet; MQTT 5.0, section 2.2.2
 
 Pair = tuple[str, str]
-Pieces = tuple[int, Sequence[bytes]]
-"""How many octets there are, and these, in pieces."""
+Pieces = tuple[int, Sequence[bytes]]  # How many octets there are, and these, in pieces
 
 
 def dashed(kind: str) -> str:
@@ -168,8 +166,7 @@ def pieces_of(properties: Sequence[Pair]) -> Pieces:
     return sum(map(len, pieces)), pieces
 
 
-MESSAGE_EXPIRY_S = 60
-"""So long a broker keeps a message that it cannot pass on."""
+MESSAGE_EXPIRY_S = 60  # So long a broker keeps a message that it cannot pass on
 
 
 @dataclass(slots=True)  # frozen or by keywords, it would take some times as long to make

@@ -8,10 +8,9 @@ from typing import Any, Protocol
 from plotfeed.feeds.messages.message import Message
 from plotfeed.proto import plotfeed_pb2 as pb
 
-HELD_NS = 2**63 - 1
-"""Due when its link is up again: nobody knows yet when that is."""
+HELD_NS = 2**63 - 1  # Due when its link is up again: nobody knows yet when that is
+# Number of a message that passes no link, such as a status: nobody asks what becomes of it.
 NOT_COUNTED = -1
-"""Number of a message that passes no link, such as a status: nobody asks what becomes of it."""
 
 
 class Client(Protocol):

@@ -18,18 +18,17 @@ from plotfeed.feeds.scene.sensors.scan_keys import Event
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
+# Keys that a sensor keeps while it runs: who it is, where it stands, its clock and formats.
 FIXED = frozenset(
     {
         *("id", "type", "preset", "report", "scan", "sac", "sic", "position_enu_m"),
         *("height_msl_m", "event"),
     }
 )
-"""Keys that a sensor keeps while it runs: who it is, where it stands, its clock and formats."""
-PFA_FACTOR = "pfa_factor"
-"""Stands for a `pfa` so many times the scene's own."""
+PFA_FACTOR = "pfa_factor"  # Stands for a `pfa` so many times the scene's own
+# What is asked of a sensor over its script, later over earlier: each with the story that asks for
+# it, which is empty for what somebody asks for besides.
 Layers = tuple[tuple[str, Mapping[str, Any]], ...]
-"""What is asked of a sensor over its script, later over earlier: each with the story that asks for
-it, which is empty for what somebody asks for besides."""
 
 
 MAX_COMMAND_OCTETS = 1 << 16

@@ -17,10 +17,9 @@ from plotfeed.feeds.scene.fields import (
 )
 from plotfeed.feeds.scene.link_keys import LinkSettings
 
+# What stands in place of a sensor's id: in topics, and in the `sensors` of a [[udp]].
 COOPERATIVE = "cooperative"
-"""What stands in place of a sensor's id: in topics, and in the `sensors` of a [[udp]]."""
-CLAIMED = "claimed"
-"""The level of topics after the prefix on which drones claim where they are."""
+CLAIMED = "claimed"  # The level of topics after the prefix on which drones claim where they are
 MAX_SERIAL = 12
 ClaimFormat = Literal["asterix-129", "json", "protobuf"]
 

@@ -118,16 +118,12 @@ Name = Annotated[str, AfterValidator(_name)]
 # Every number has bounds, so that no power or product of them leaves float64 or int64.
 Positive = Annotated[float, Field(gt=0, le=1e9)]
 NotNegative = Annotated[float, Field(ge=0, le=1e9)]
-Offset = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""From the site, in metres."""
+Offset = Annotated[float, Field(ge=-1e6, le=1e6)]  # From the site, in metres
 Decibels = Annotated[float, Field(ge=-300, le=300)]
-Loss = Annotated[float, Field(ge=0, le=300)]
-"""In decibels."""
+Loss = Annotated[float, Field(ge=0, le=300)]  # In decibels
 Speed = Annotated[float, Field(ge=0.01, le=1000)]
-Resolution = Annotated[float, Field(ge=0.01, le=1e6)]
-"""In metres."""
-Size = Annotated[float, Field(ge=0.01, le=1000)]
-"""Across, in metres."""
+Resolution = Annotated[float, Field(ge=0.01, le=1e6)]  # In metres
+Size = Annotated[float, Field(ge=0.01, le=1000)]  # Across, in metres
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=180)]
 Height = Annotated[float, Field(ge=-1000, le=100_000)]
@@ -135,8 +131,7 @@ Azimuth = Annotated[float, Field(ge=-360, le=360)]
 Elevation = Annotated[float, Field(ge=-90, le=90)]
 Beamwidth = Annotated[float, Field(ge=0.01, le=360)]
 Frequency = Annotated[float, Field(ge=1, le=1e12)]
-Probability = Annotated[float, Field(ge=1e-15, le=0.1)]
-"""Of a false alarm."""
+Probability = Annotated[float, Field(ge=1e-15, le=0.1)]  # Of a false alarm
 Enu = Annotated[tuple[Offset, Offset, Offset], Field(strict=False)]
 
 

@@ -8,12 +8,10 @@ from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import SceneTable
 
-Chance = Annotated[float, Field(ge=0, le=1)]
-"""A probability: 0.05 is 5 percent."""
+Chance = Annotated[float, Field(ge=0, le=1)]  # A probability: 0.05 is 5 percent
 Correlation = Annotated[float, Field(gt=-1, lt=1)]
 
-LONGEST_DELAY_MS = 600_000
-"""Ten minutes: what comes later is an outage, and `down` says so."""
+LONGEST_DELAY_MS = 600_000  # Ten minutes: what comes later is an outage, and `down` says so
 Delay = Annotated[float, Field(ge=0, le=LONGEST_DELAY_MS)]
 
 

@@ -24,12 +24,10 @@ from plotfeed.feeds.scene.fields import (
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 
-USUAL_MESSAGES = (0, 10_000)
-"""Of QoS 0, of which a late one is worth nothing, and of QoS 1."""
+USUAL_MESSAGES = (0, 10_000)  # Of QoS 0, of which a late one is worth nothing, and of QoS 1
 
 
-USUAL_PORT = 1883
-"""Of MQTT."""
+USUAL_PORT = 1883  # Of MQTT
 
 
 class MqttQueueKeys(SceneTable):

@@ -54,15 +54,15 @@ def problems_of(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[
 
 
 _QUOTE = "'"
+# A key, before a colon at the beginning of what a check says.
 _NAMED = re.compile(r"[a-z_]\w*(\[\d+\]|\.\w+)*")
-"""A key, before a colon at the beginning of what a check says."""
+# Where pydantic speaks of Python.
 _EXPECTED = {
     "tuple_type": "expected a list",
     "model_type": "expected a table",
     "model_attributes_type": "expected a table",
     "datetime_type": "expected a time without quotes, such as 2026-01-01T12:00:00Z",
 }
-"""Where pydantic speaks of Python."""
 
 
 def _shown(value: object) -> str:

@@ -32,6 +32,7 @@ def tracks_in_json(name: str, schema: str, summary: str, kind: str = JSON) -> Re
     )
 
 
+# By name. `feeds.formats.register` adds to them.
 REPORT_FORMATS: dict[str, ReportFormat] = {
     row.name: row
     for row in (
@@ -82,15 +83,13 @@ REPORT_FORMATS: dict[str, ReportFormat] = {
         ),
     )
 }
-"""By name. `feeds.formats.register` adds to them."""
 
 
+# Those that sensors of range and azimuth may report tracks in.
 TRACK_FORMATS = tuple(sorted(name for name, row in REPORT_FORMATS.items() if row.tells_tracks))
-"""Those that sensors of range and azimuth may report tracks in."""
 
 
-CUE_TOPIC = "cue"
-"""End of the topics on which sensors with a mount are told where to look."""
+CUE_TOPIC = "cue"  # End of the topics on which sensors with a mount are told where to look
 
 
 def is_inbox(topic: str) -> bool:

@@ -48,10 +48,9 @@ from plotfeed.models.track_lives import MAX_TRACKS
 from plotfeed.proto.errors import PlotfeedError
 
 LAST_CODE = 255
+# That a sensor must have for its tracks; where there are too many sensors, none has its own.
 FEWEST_NUMBERS = 1000
-"""That a sensor must have for its tracks; where there are too many sensors, none has its own."""
-Source = tuple[int, int]
-"""System area code and system identification code."""
+Source = tuple[int, int]  # System area code and system identification code
 
 
 def numbered(sensors: Iterable[Any]) -> list[Any]:
@@ -142,16 +141,13 @@ def _track_formats(sensor: Any) -> list[str]:
 
 
 MAX_SCENE_OCTETS = 4 << 20
-MAX_FALSE_ALARMS = 100_000
-"""In a scan, on average: each of them is drawn, encoded and sent."""
+MAX_FALSE_ALARMS = 100_000  # In a scan, on average: each of them is drawn, encoded and sent
+# Levels after the prefix that no sensor can have as its id.
 TOPICS_OF_SESSION = frozenset(
     {"telemetry", "truth", "errors", "control", "session", "fleet", COOPERATIVE, CLAIMED}
 )
-"""Levels after the prefix that no sensor can have as its id."""
-OWNERS = ("sensor", "drone", "swarm")
-"""Lists of a scene whose entries have ids."""
-MAX_PROBLEMS = 20
-"""Told of a scene that has many."""
+OWNERS = ("sensor", "drone", "swarm")  # Lists of a scene whose entries have ids
+MAX_PROBLEMS = 20  # Told of a scene that has many
 
 
 class SceneError(PlotfeedError):

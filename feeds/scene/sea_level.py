@@ -13,8 +13,8 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import Floats
 from plotfeed.proto.errors import PlotfeedError
 
+# From latitudes and longitudes, degrees, to heights of sea level above the ellipsoid, metres.
 Undulation = Callable[[ArrayLike, ArrayLike], Floats]
-"""From latitudes and longitudes, degrees, to heights of sea level above the ellipsoid, metres."""
 
 
 class SeaLevel:
@@ -75,10 +75,9 @@ def _of_proj(grid: Path) -> Undulation:
 
 ABOVE_SEA, ABOVE_ELLIPSOID = "height_msl_m", "height_m"
 PLACE = ("latitude_deg", "longitude_deg")
+# Of the fixed point for how high over the site's horizontal a sensor stands: 1 um at 1000 km.
 STEPS = 3
-"""Of the fixed point for how high over the site's horizontal a sensor stands: 1 um at 1000 km."""
-LARGEST = 1e6
-"""Of the numbers that a place can have."""
+LARGEST = 1e6  # Of the numbers that a place can have
 UndulationAt = Callable[[float, float], float]
 
 

@@ -17,8 +17,7 @@ from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 
 MAX_TITLE = 60
 MAX_TEXT = 300
-Sets = Mapping[str, Mapping[str, Any]]
-"""Keys that sensors have otherwise, by their ids."""
+Sets = Mapping[str, Mapping[str, Any]]  # Keys that sensors have otherwise, by their ids
 
 
 class StoryChange(SceneTable):

@@ -29,6 +29,7 @@ from plotfeed.models.state import AltitudeReference
 LOOPBACK_4 = "127.0.0.1"
 USUAL_BAUD = 57_600
 OCTETS = frozenset({"udpin", "udpout", "tcp", "tcpin", "serial", "file", "stdin"})
+# By the names that users know; mcast is a group to join.
 _TRANSPORTS = {
     "udp": "udpin",
     "mcast": "udpin",
@@ -37,9 +38,7 @@ _TRANSPORTS = {
     "https": "http",
     **{name: name for name in OCTETS - {"stdin"}},
 }
-"""By the names that users know; mcast is a group to join."""
-MCAST_USUAL = "239.255.145.50:14550"
-"""Group of MAVLink's own `mcast:`, where none is named."""
+MCAST_USUAL = "239.255.145.50:14550"  # Group of MAVLink's own `mcast:`, where none is named
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,8 +231,7 @@ class TelemetrySource(SceneTable):
         return self.drone or KINDS[self.address.kind].usual_name
 
 
-PLACE = "{drone}"
-"""The level of a topic that is the drone's name."""
+PLACE = "{drone}"  # The level of a topic that is the drone's name
 
 
 def _topic(text: str) -> str:

@@ -105,8 +105,7 @@ def _event(spell: WeatherSpell | JammerSpell, changes: dict[str, Any]) -> dict[s
 
 
 Way = Annotated[tuple[Location, ...], Field(strict=False, min_length=2, max_length=10_000)]
-MOST_SPIKY_ORDER = 50.0
-"""Of K-distributed clutter: its power varies by a seventh."""
+MOST_SPIKY_ORDER = 50.0  # Of K-distributed clutter: its power varies by a seventh
 Area = Annotated[tuple[Location, ...], Field(strict=False, min_length=3, max_length=10_000)]
 
 
@@ -210,8 +209,7 @@ class ClutterKeys(SceneTable):
         return self
 
 
-HORIZONS = "horizons"
-"""What a recording has in the place of the files of [terrain]."""
+HORIZONS = "horizons"  # What a recording has in the place of the files of [terrain]
 
 
 class TerrainKeys(SceneTable):

@@ -18,8 +18,8 @@ from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.protobuf_json import json_schema
 
 BINDING = "0.2.0"
+# Where a definition of our protobuf schema begins, with what is said before it.
 DEFINITION = re.compile(r"\n\n(?=(?://.*\n)*(?:message|enum) \w+ \{)")
-"""Where a definition of our protobuf schema begins, with what is said before it."""
 NAME = re.compile(r"(?m)^(?:message|enum) (\w+) \{")
 CLOUD_EVENTS: dict[str, dict[str, Any]] = {
     "specversion": {"const": "1.0"},

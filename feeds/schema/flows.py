@@ -19,8 +19,8 @@ from plotfeed.proto.content_types import JSON, PROTOBUF, asterix_content_type
 OURS = "plotfeed.v1"
 OF_SENSOR = ("sensor",)
 OF_SECTOR = ("sensor", "scan", "sector")
+# Without which telemetry is refused.
 REQUIRED = ("time_utc", "latitude_deg", "longitude_deg", "altitude_m", "altitude_reference")
-"""Without which telemetry is refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

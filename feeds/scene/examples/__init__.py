@@ -8,11 +8,11 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import NamedTuple
 
+# The line before a list of what is to be seen, each entry after a hyphen.
 LOOK_FOR = "What to look for"
-"""The line before a list of what is to be seen, each entry after a hyphen."""
 DIRECTIVE = "#:"
+# Characters of the words, and entries of the list, that are read at most.
 MAX_WORDS, MAX_LISTED = 300, 20
-"""Characters of the words, and entries of the list, that are read at most."""
 
 
 class SceneHead(NamedTuple):
@@ -57,8 +57,7 @@ def _paragraphs(text: str) -> Iterator[list[str]]:
         yield lines
 
 
-FIRST = "field-day"
-"""Listed before the others: the one of the demo."""
+FIRST = "field-day"  # Listed before the others: the one of the demo
 
 
 @cache

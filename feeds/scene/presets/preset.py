@@ -23,10 +23,10 @@ from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.errors import PlotfeedError
 
+# What a sensor predicts of a target does not depend on where on Earth both are.
 SITE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
-"""What a sensor predicts of a target does not depend on where on Earth both are."""
-MARGIN = 1e-9
-"""By how much a goal is overshot, so that rounding does not leave the model below it."""
+MARGIN = 1e-9  # By how much a goal is overshot, so that rounding does not leave the model below it
+# Where the value of a key of that unit is looked for.
 BRACKETS = {
     "_w": (1e-9, 1e9),
     "_db": (-200.0, 200.0),
@@ -35,7 +35,6 @@ BRACKETS = {
     "_cycles": (0.01, 1000.0),
     "_contrast": (1e-4, 1.0),
 }
-"""Where the value of a key of that unit is looked for."""
 
 
 def short(value: float) -> str:
@@ -185,6 +184,7 @@ def _on_target_text(rule: Any) -> str:
     return f"{f'{share:g} of ' if share < 1 else ''}the time that the beam is on a target"
 
 
+# Methods by their keys in a rule: the value of a rule, and how people read it.
 METHODS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[Any], str]]] = {
     "middle_of": (
         lambda rule, _: sum(rule.middle_of) / 2,
@@ -223,7 +223,6 @@ METHODS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[A
         ),
     ),
 }
-"""Methods by their keys in a rule: the value of a rule, and how people read it."""
 
 
 def derive(
@@ -286,11 +285,10 @@ def _bracket(key: str) -> tuple[float, float]:
     return BRACKETS[f"_{key.rpartition('_')[2]}"]
 
 
+# Keys that say what a scene makes of a sensor, not what the sensor is.
 SCENE_ONLY = {*SensorKeys.model_fields, "type", "report"}
-"""Keys that say what a scene makes of a sensor, not what the sensor is."""
 
-MAX_SHOWN = 60
-"""Characters of what somebody wrote that an error repeats."""
+MAX_SHOWN = 60  # Characters of what somebody wrote that an error repeats
 
 
 class PresetError(PlotfeedError):

@@ -20,10 +20,9 @@ from plotfeed.feeds.scene.presets.preset import (
 )
 from plotfeed.models.frames import wrap_180
 
+# Sensors that a system may have, as the ends of their ids.
 MEMBERS = ("radar", "rf", "detector", "audio", "camera")
-"""Sensors that a system may have, as the ends of their ids."""
-OF_SYSTEM = frozenset({"id", "type"})
-"""Keys of its sensors that the system itself has."""
+OF_SYSTEM = frozenset({"id", "type"})  # Keys of its sensors that the system itself has
 Problems = list[tuple[str, str]]
 
 

@@ -76,7 +76,6 @@ class _OfAnyType:
         return handler(_adapter(*SENSORS.values()).core_schema)
 
 
-Sensor: TypeAlias = Annotated[SensorKeys, _OfAnyType()]
-"""Any of them."""
+Sensor: TypeAlias = Annotated[SensorKeys, _OfAnyType()]  # Any of them
 
 __all__ = ["SENSORS", "Sensor", "SensorKeys", "register", "sensor_of"]

@@ -33,11 +33,10 @@ from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_soun
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.acoustic_pair import AcousticPair
 
-SHORTEST_BASELINE = 0.05
-"""Of the furthest that two arrays hear, for bearings to cross."""
+SHORTEST_BASELINE = 0.05  # Of the furthest that two arrays hear, for bearings to cross
 FEWEST_IN_A_LAYOUT = 3
+# A bearing takes some revolutions of the rotors; a drone's blades pass at about 100 to 300 Hz.
 SHORTEST_LISTENING_S = 0.1
-"""A bearing takes some revolutions of the rotors; a drone's blades pass at about 100 to 300 Hz."""
 
 
 class LayoutKeys(SceneTable):

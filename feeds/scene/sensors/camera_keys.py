@@ -16,8 +16,8 @@ from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.sensors.camera import UNRECOGNISED, Camera, HotSpot, LostContrast
 from plotfeed.models.state import DRONE
 
+# Above this field of view a picture has equal angles a pixel; flat ones bend too much.
 PANORAMA_DEG = 120.0
-"""Above this field of view a picture has equal angles a pixel; flat ones bend too much."""
 Cycles = Annotated[float, Field(ge=0.01, le=1000)]
 Contrast = Annotated[float, Field(gt=0, le=1)]
 Pixels = Annotated[int, Field(ge=16, le=1_000_000)]

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from plotfeed.models.effects.jamming import Jammer
     from plotfeed.models.effects.merging import Merging
 
-PAPER_SIDELOBE_DB = 22.0
-"""Of the paper's passive radar."""
+PAPER_SIDELOBE_DB = 22.0  # Of the paper's passive radar
 CellShape = Literal["sinc", "triangle", "hann"]
 
 

@@ -36,22 +36,18 @@ if TYPE_CHECKING:
     from plotfeed.models.effects.merging import Merging
     from plotfeed.models.effects.readings import Readings
 
-RANGE_SHARE = 0.05
-"""Of a range cell, and of a cell of bistatic range."""
-ANGLE_SHARE = 0.1
-"""Of a beam between its 3 dB points."""
-RATE_SHARE = 0.05
-"""Of a Doppler cell."""
+RANGE_SHARE = 0.05  # Of a range cell, and of a cell of bistatic range
+ANGLE_SHARE = 0.1  # Of a beam between its 3 dB points
+RATE_SHARE = 0.05  # Of a Doppler cell
+# Of microphone arrays outdoors. Arrays of 1 to 8 m followed a vehicle within 2 to 5 degrees; small
+# ones in wind within 6 (X. Zhang and others, Sensors 14, 4384, 2014). The best of these is taken.
 SOUND_BEARING_DEG = 2.0
-"""Of microphone arrays outdoors. Arrays of 1 to 8 m followed a vehicle within 2 to 5 degrees; small
-ones in wind within 6 (X. Zhang and others, Sensors 14, 4384, 2014). The best of these is taken."""
+# Of radio bearings: what class A promises, the best of the Radio Regulations of 1947, app. 15.
 RF_BEARING_DEG = 2.0
-"""Of radio bearings: what class A promises, the best of the Radio Regulations of 1947, app. 15."""
 
-BEYOND_BELIEF = 10.0
-"""A floor that many times smaller or larger than usual is no sensor's."""
+BEYOND_BELIEF = 10.0  # A floor that many times smaller or larger than usual is no sensor's
+# From the HF to the millimetre band of IEEE Std 521, letter designations of radar bands.
 RADAR_BANDS_HZ = 3e6, 300e9
-"""From the HF to the millimetre band of IEEE Std 521, letter designations of radar bands."""
 
 
 def stated_or(floor: float | None, usual: float) -> float:
@@ -254,13 +250,13 @@ def readings_of(
     return bias.made(Readings, drifting=drifting)
 
 
+# Keys of what a sensor or a scene models only if it is named.
 EFFECTS = frozenset(
     {
         *("bias", "drift", "degradation", "multipath", "doppler", "merging", "antenna"),
         *("straddling", "pulses", "weather", "jamming", "terrain"),
     }
 )
-"""Keys of what a sensor or a scene models only if it is named."""
 
 
 def effects_named(keys: SceneTable) -> dict[str, dict[str, Any]]:
@@ -274,8 +270,7 @@ def effects_named(keys: SceneTable) -> dict[str, dict[str, Any]]:
     }
 
 
-ROUNDING = 1e-6
-"""By which a row may miss one."""
+ROUNDING = 1e-6  # By which a row may miss one
 Share = Annotated[float, Field(ge=0, le=1)]
 Row = Annotated[tuple[Share, ...], Field(strict=False, min_length=1, max_length=64)]
 

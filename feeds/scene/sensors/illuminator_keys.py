@@ -26,6 +26,7 @@ class Broadcast:
     notes: Mapping[str, tuple[Literal["stated", "assumed"], str]]
 
 
+# By the name that `preset` has for them.
 BROADCASTS: Mapping[str, Broadcast] = {
     "dab": Broadcast(
         "Digital audio broadcasting",
@@ -68,7 +69,6 @@ BROADCASTS: Mapping[str, Broadcast] = {
         },
     ),
 }
-"""By the name that `preset` has for them."""
 
 
 class IlluminatorKeys(SceneTable):

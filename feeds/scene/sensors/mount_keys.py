@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
 Rate = Annotated[float, Field(gt=0, le=3600)]
 Seconds = Annotated[float, Field(ge=0, le=3600)]
-WIDEST_DEG = 120.0
-"""Field of view of a sensor that is no camera; nothing is made of it."""
+WIDEST_DEG = 120.0  # Field of view of a sensor that is no camera; nothing is made of it
 
 
 class LookAt(SceneTable):

@@ -21,12 +21,12 @@ from plotfeed.models.sensors.multistatic import MultistaticRadar, Receiver
 
 FEWEST_PAIRS = 3
 MOST_PAIRS = 32
+# Of one receiver alone.
 NOT_MODELLED = (
     *("doppler", "merging", "antenna", "straddling", "drift", "tracks", "weather", "jamming"),
     "classifier",
     "pulses",
 )
-"""Of one receiver alone."""
 
 
 class ReceiverKeys(Location):

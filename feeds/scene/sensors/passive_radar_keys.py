@@ -41,8 +41,8 @@ from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.passive_signals import MAN_MADE, Illuminator, external_noise_db
 
 NotPositive = Annotated[float, Field(le=0)]
+# Closer to the baseline, an error of bistatic range is over ten times larger in short range.
 BLURRED_DEG = 26.0
-"""Closer to the baseline, an error of bistatic range is over ten times larger in short range."""
 
 
 class PassiveRadarKeys(EchoRadarKeys):

@@ -10,8 +10,8 @@ from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, TrackingSensorKeys
 from plotfeed.models.sensors.range_gate import RangeGate
 
+# A twentieth of the cell of a radar that sweeps 150 MHz: nothing that finds drones does better.
 LEAST_SIGMA_M = 0.05
-"""A twentieth of the cell of a radar that sweeps 150 MHz: nothing that finds drones does better."""
 
 
 class RangeGateKeys(TrackingSensorKeys):

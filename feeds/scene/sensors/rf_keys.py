@@ -35,8 +35,7 @@ from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import distance_m
 from plotfeed.models.sensors.rf import RfDirectionFinder
 
-MAX_SAMPLES = 1e8
-"""Up to here the detector's probabilities are good to some 1e-11."""
+MAX_SAMPLES = 1e8  # Up to here the detector's probabilities are good to some 1e-11
 
 
 def _band_noise(

@@ -141,5 +141,5 @@ class ElectronicScan(_Periodic):
 
 FEWEST_DWELLS = 4
 Scan = Annotated[RotatingScan | StaringScan, Field(discriminator="kind")]
+# Of radars with one beam, which may be steered.
 AnyScan = Annotated[RotatingScan | StaringScan | ElectronicScan, Field(discriminator="kind")]
-"""Of radars with one beam, which may be steered."""

@@ -53,8 +53,8 @@ class SensorGeometry(Enum):
 
 
 TRAITS = ("label", "geometry", "sapient_type", "formats")
+# Formats, by the names that `report_formats` has for them; of a sensor, those of its trait.
 Reports = Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]
-"""Formats, by the names that `report_formats` has for them; of a sensor, those of its trait."""
 
 
 class SensorKeys(SceneTable):

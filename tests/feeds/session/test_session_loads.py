@@ -8,15 +8,14 @@ from pathlib import Path
 
 from support.scene_files import scene_file, scene_text
 
-MOST = 132
-"""Modules of ours that a session of one radar and one drone loads."""
+MOST = 132  # Modules of ours that a session of one radar and one drone loads
+# Rooms of `feeds` that a session which nobody follows does without.
 OTHERS = frozenset(
     {
         *("accuracy_chart", "cli", "fleet", "page", "recording", "replaying", "report", "schema"),
         *("score", "sweep", "workers"),
     }
 )
-"""Rooms of `feeds` that a session which nobody follows does without."""
 LIBRARIES = frozenset(
     {"scipy", "starlette", "uvicorn", "httpx", "mcap", "ray", "matplotlib", "pyproj"}
 )
