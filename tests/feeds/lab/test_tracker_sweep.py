@@ -6,11 +6,15 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from support.command import plotfeed_here
 from support.scene_files import radar, scene_file, scene_text
 
+from plotfeed.feeds.lab.runs import SweepLevel
+from plotfeed.feeds.lab.score import ScoreLimit
+from plotfeed.feeds.lab.studies import CurvePoint, survivals
 from plotfeed.feeds.lab.trackers import TrackerCommand
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.errors import PlotfeedError
@@ -86,6 +90,68 @@ def test_a_curve_is_gone_on_with(file: Path, tmp_path: Path) -> None:
     other = plotfeed_here(*words, "--runs", 1, "--seed", 7, *SHORT, "--folder", folder)
     assert other.returncode == 2
     assert "begun with other --seed" in other.stderr
+
+
+PROFILE = """
+[profile]
+title = "Ours"
+[[limit]]
+figure = "gospa_m"
+at_most = 0.001
+[[limit]]
+figure = "latency_p95_s"
+at_most = 5.0
+"""
+
+
+def test_a_profile_holds_its_limits_with_a_tracker(file: Path, tmp_path: Path) -> None:
+    profile, out, junit = (tmp_path / name for name in ("p.toml", "x.html", "x.xml"))
+    profile.write_text(PROFILE)
+    done = plotfeed_here(
+        *("score", file, "--tracker", tracker("good"), "--profile", profile, "--runs", 3),
+        *("--vary", "link.latency_ms=0,3000", "--out", out, "--junit", junit),
+        *(*SHORT, "--folder", tmp_path / "score"),
+    )
+    assert done.returncode == 1, done.stderr
+    told = json.loads(done.stdout)
+    for point in told["points"]:
+        gospa, latency = point["limits"]
+        assert (gospa["status"], latency["status"]) == ("failed", "passed")
+        assert gospa["note"] == "as known"
+    assert [each["limit"] for each in told["survives"]] == [
+        "gospa_m at most 0.001", "latency_p95_s at most 5",
+    ]  # fmt: skip
+    page = out.read_text()
+    for part in ("2 of 4 limits kept, 2 failed", "<svg", "GOSPA", "plotfeed 0.", "Words"):
+        assert part in page
+    assert junit.read_text().count("<failure") == 2
+
+
+def points_of(values: np.ndarray, late_s: float = 0.0) -> list[CurvePoint]:
+    """A tracker at latencies of 0 to 2 s, by a limit's figures, (levels, runs)."""
+    return [
+        CurvePoint(
+            level=SweepLevel(n, "scene", "", "", (("link.latency_ms", str(500 * n)),)),
+            tracker="mine", runs=values.shape[1], failures=[], late_s=late_s, figures={},
+            limits=values[n][None], verdicts=[],
+        )
+        for n in range(len(values))
+    ]  # fmt: skip
+
+
+def test_what_a_tracker_survives_is_told_with_an_interval_or_why_not() -> None:
+    """As known GOSPA rises with latency; the machine may be late by a tenth of what is varied."""
+    limit = ScoreLimit(figure="gospa_m", at_most=60.0)
+    rng = np.random.default_rng(1)
+    values = np.array([52.8, 57.0, 62.5, 66.0, 70.2])[:, None] + rng.normal(0, 1.0, (5, 10))
+    (found,) = survivals(points_of(values, late_s=0.15), [limit])
+    assert 600 < found.level.low < found.level.value < found.level.high < 1000
+    assert str(found).startswith("mine, gospa_m at most 60: holds to ")
+    assert "of link.latency_ms (" in str(found)
+    (late,) = survivals(points_of(values, late_s=0.25), [limit])
+    assert str(late).endswith("not told: the machine itself was late by 0.25 s")
+    (kept,) = survivals(points_of(values - 20.0), [limit])
+    assert str(kept).endswith("holds at all levels of link.latency_ms (all levels to all levels)")
 
 
 @pytest.mark.parametrize(

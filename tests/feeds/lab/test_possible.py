@@ -1,0 +1,66 @@
+"""Whose fault a loss is: a tracker is not blamed for what sensors or links did not bring."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.ledgers import record_session
+from support.scene_files import radar, scene_file, scene_text
+from support.scored_flights import followed_well, read_of
+
+from plotfeed.feeds.lab.flights import read_truths, scene_of
+from plotfeed.feeds.lab.possible import Possible, possible, recorded_plots, told_of
+from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
+from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
+
+MORE = 'report = ["asterix-062", "plots"]\ntracks = { kind = "plain" }\n'
+
+
+def split(folder: Path, more: str = "", *, tracks: TracksRead | None = None) -> Possible:
+    """Of a session of 40 s with the plain tracker of its radar, or others' tracks."""
+    folder.mkdir(exist_ok=True)
+    text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(more=MORE + more))
+    path = record_session(scene_file(folder, text), folder / "x.mcap", 40.0)
+    scene = scene_of(path)
+    truths = read_truths(path, scene)
+    score = score_run(truths, tracks or read_tracks(path, scene), ScoreSettings())
+    plots, placeless = recorded_plots(path, scene)
+    found = possible(truths, plots, placeless, score)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("more", "whose"),
+    [
+        ("degradation = { pd_factor = 0.25 }", "feed"),
+        ("link = { latency_ms = 4000 }", "link"),
+    ],
+)
+def test_a_loss_is_of_whoever_caused_it(tmp_path: Path, more: str, whose: str) -> None:
+    clean = split(tmp_path / "clean")
+    spoilt = split(tmp_path / "spoilt", more)
+    before = {"feed": clean.of_feed_m, "link": clean.of_link_m}
+    after = {"feed": spoilt.of_feed_m, "link": spoilt.of_link_m}
+    assert after[whose] > 1.5 * before[whose] + 3.0
+    other = "link" if whose == "feed" else "feed"
+    assert after[other] < 1.5 * before[other] + 3.0
+
+
+def test_a_tracker_that_says_nothing_is_to_blame(tmp_path: Path) -> None:
+    found = split(tmp_path, tracks=read_of([]))
+    assert found.of_tracker_m > 3 * np.hypot(found.of_feed_m, found.of_link_m)
+    assert "most is the tracker's" in told_of(found)
+    assert found.completeness > 0.9
+    assert 0.5 < found.position_rms_m / found.bound_m < 2.0
+    assert found.placeless == 0
+
+
+def test_without_plots_nothing_is_said_of_what_was_possible(tmp_path: Path) -> None:
+    text = scene_text(sensors=radar(more=MORE))
+    path = record_session(scene_file(tmp_path, text), tmp_path / "x.mcap", 5.0)
+    truths = read_truths(path)
+    score = score_run(truths, read_of(followed_well()[:0]), ScoreSettings())
+    assert possible(truths, [], 0, score) is None
