@@ -254,6 +254,13 @@ class SensorSite:
             trajectories=trajectories,
         )
 
+    @property
+    def own_axes(self) -> Floats | None:
+        """Rotation from true east, north and up to its own, (3, 3); None if it stands right."""
+        if self.axes is self.frame:
+            return None
+        return np.asarray(self.axes.rotation_from_ecef @ self.frame.rotation_from_ecef.T)
+
     def states_at(
         self, velocities: bool, t_utc_ns: Ints | int, drones: Ints | None = None
     ) -> PlaceState:
@@ -538,6 +545,7 @@ class SensorGroup:
             velocity_enu_m_s=velocity_enu_m_s,
             readings=self.site.readings,
             strengths=self.site.strengths,
+            own_axes=self.site.own_axes if self._is_alone else None,
             emitted_utc_ns=None if sensed is truth else sensed.t_utc_ns,
             sensor=None if self._is_alone else sensors[row],
         )

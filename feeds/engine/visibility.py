@@ -320,6 +320,7 @@ class Outlook:
             signatures=each_its_own(self._trajectories.signatures, states.drone),
             field_deg=field_deg,
             pair_draws=pair_draws,
+            own_axes=site.own_axes,
         )
 
     def _view(self, drone: str, i: int, states: TruthState, pd: Floats) -> Sightline:

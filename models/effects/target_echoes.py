@@ -84,10 +84,10 @@ class TargetEchoes:
         """Whether any of them depends on the aspect."""
         return any(echo.aspect is not None for echo in self.kinds)
 
-    def orders(self, drone: Ints, usual_case: int, n_looks: int) -> Floats:
-        """Orders by which drones fluctuate over that many looks, by a case where none is stated."""
-        stated = [usual_case if e.swerling is None else e.swerling for e in self.kinds]
-        orders = [order_of(case, n_looks) for case in (*stated, usual_case)]
+    def orders(self, drone: Ints, usual: float, n_looks: int) -> Floats:
+        """Orders by which drones fluctuate over that many looks, that one where none is stated."""
+        cases = [echo.swerling for echo in self.kinds]
+        orders = [usual if case is None else order_of(case, n_looks) for case in (*cases, None)]
         return np.array(orders)[self.kind[drone]]  # the last one, -1, is the usual
 
     @nan_without_warnings

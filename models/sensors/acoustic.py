@@ -133,7 +133,7 @@ class MicrophoneArray(CellSensor):
         power_level_db = targets.sound_power_db()
         audible = np.flatnonzero(self.in_cover(range_m, azimuth_deg) & ~np.isnan(power_level_db))
         of_audible, rng = self.rows(audible), of_rows(rng, audible)
-        snr_db = of_audible.snr_db(power_level_db[audible], targets.position_enu_m[audible])
+        snr_db = of_audible.snr_db(power_level_db[audible], targets.sensed_enu_m[audible])
         pd, snr = of_audible.pd(snr_db), 10 ** (snr_db / 10)
         if of_audible.degradation is not None:
             pd = pd * of_audible.degradation.pd_factor
@@ -159,7 +159,7 @@ class MicrophoneArray(CellSensor):
     def predict(self, targets: Targets) -> Prediction:
         """Closed forms; the sigmas are about the direction from which the sound comes."""
         power_level_db = targets.sound_power_db()
-        snr_db = self.snr_db(power_level_db, targets.position_enu_m)
+        snr_db = self.snr_db(power_level_db, targets.sensed_enu_m)
         snr = 10 ** (snr_db / 10)
         azimuth_deg, elevation_deg, _ = enu_to_aer(targets.position_enu_m)
         sigma_azimuth_deg, sigma_elevation_deg = self.sigmas_towards(

@@ -107,9 +107,10 @@ class AcousticPair(JointSensor):
         """
         place_m = targets.true_position_enu_m - np.array(self.baseline_enu_m)
         if targets.emitted_utc_ns is None:
-            return replace(targets, position_enu_m=place_m, true_position_enu_m=place_m)
+            own_m = targets.along_own_axes(place_m)
+            return replace(targets, position_enu_m=own_m, true_position_enu_m=place_m)
         travelled_s = (targets.t_utc_ns - targets.emitted_utc_ns)[:, None] / NS
-        moved_m = targets.true_position_enu_m - targets.position_enu_m
+        moved_m = targets.true_position_enu_m - targets.sensed_enu_m
         velocity_m_s = np.divide(
             moved_m, travelled_s, out=np.zeros_like(moved_m), where=travelled_s > 0
         )
@@ -119,7 +120,7 @@ class AcousticPair(JointSensor):
         delay_s = (root - closing) / speed2
         return replace(
             targets,
-            position_enu_m=place_m - velocity_m_s * delay_s[:, None],
+            position_enu_m=targets.along_own_axes(place_m - velocity_m_s * delay_s[:, None]),
             true_position_enu_m=place_m,
         )
 

@@ -12,12 +12,14 @@ of the reference samples of all signals. Positions are measured from the receive
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from plotfeed.models import detection, propagation
+from plotfeed.models.chance import of_rows
 from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
@@ -28,7 +30,10 @@ from plotfeed.models.sensors.sensor_model import (
     mean_prediction,
     sensor_property,
 )
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Floats, rows_where
+
+OF_EACH = float("nan")
+"""In place of an order: each signal's echo fluctuates by itself, about a mean of its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,9 +208,9 @@ class MimoRadar(IntervalRadar):
         return len(self.transmitters)
 
     @property
-    def usual_case(self) -> int:
-        """Echoes of transmitters far apart fluctuate by themselves (Swerling 2)."""
-        return 2
+    def usual_order(self) -> float:
+        """`OF_EACH`: echoes of transmitters far apart fluctuate by themselves (Swerling 2)."""
+        return OF_EACH
 
     @property
     def n_looks(self) -> int:
@@ -273,27 +278,52 @@ class MimoRadar(IntervalRadar):
         Of a target that states how it fluctuates, the sum of the ratios decides, which is exact
         for one that is the same to all transmitters.
         """
-        if order is not None:
-            return self._cfar.pd(mean_over_signals(snrs), order)
-        return detection.pd_noncoherent_unequal_cfar(snrs, self.pfa, self.n_reference_total)
+        pd = np.empty(len(snrs))
+        for rows, stated in _by_law(order):
+            if stated is None:
+                law = self.pfa, self.n_reference_total
+                pd[rows] = detection.pd_noncoherent_unequal_cfar(snrs[rows], *law)
+            else:
+                pd[rows] = self._cfar.pd(mean_over_signals(snrs[rows]), stated)
+        return pd
 
     def draw_interval(
         self, snrs: Floats, rng: np.random.Generator, order: Floats | None
     ) -> tuple[Floats, Floats]:
         """Powers a transmitter of detections, and thresholds; (n, K) in, (n,) out."""
-        if order is not None:
-            power, threshold = self._cfar.draw_detected(mean_over_signals(snrs), order, rng)
-            return power / self.signals_each, threshold / self.signals_each
-        power, threshold = detection.draw_detected_power_noncoherent(
-            snrs, self.pfa, self.n_reference_total, rng
-        )
+        power, threshold = np.empty((2, len(snrs)))
+        for rows, stated in _by_law(order):
+            own = of_rows(rng, rows)
+            if stated is None:
+                power[rows], threshold[rows] = detection.draw_detected_power_noncoherent(
+                    snrs[rows], self.pfa, self.n_reference_total, own
+                )
+            else:
+                power[rows], threshold[rows] = self._cfar.draw_detected(
+                    mean_over_signals(snrs[rows]), stated, own
+                )
         return power / self.signals_each, threshold / self.signals_each
 
     def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
         """Mean of 1/x over detections of power x a transmitter; (n, K) in, (n,) out."""
-        if order is not None:
-            cfar = self._cfar
-            return self.signals_each * cfar.inverse_detected(mean_over_signals(snrs), order)
-        return self.signals_each * detection.inverse_detected_power_noncoherent(
-            snrs, self.pfa, self.n_reference_total
-        )
+        inverse = np.empty(len(snrs))
+        for rows, stated in _by_law(order):
+            if stated is None:
+                law = self.pfa, self.n_reference_total
+                inverse[rows] = detection.inverse_detected_power_noncoherent(snrs[rows], *law)
+            else:
+                mean = mean_over_signals(snrs[rows])
+                inverse[rows] = self._cfar.inverse_detected(mean, stated)
+        return self.signals_each * inverse
+
+
+def _by_law(order: Floats | None) -> Iterator[tuple[Any, Floats | None]]:
+    """Rows of targets whose echoes fluctuate each by itself, None, and of others their orders."""
+    if order is None:
+        yield slice(None), None
+        return
+    of_each = np.isnan(order)
+    for law in (True, False):
+        rows = rows_where(of_each == law)
+        if isinstance(rows, slice) or len(rows):
+            yield rows, None if law else order[rows]

@@ -66,7 +66,7 @@ class _Period:
             targets,
             drone=targets.drone[rows],
             t_utc_ns=t_utc_ns,
-            position_enu_m=targets.position_enu_m[rows] - moved_m,
+            position_enu_m=targets.position_enu_m[rows] - targets.along_own_axes(moved_m),
             true_position_enu_m=targets.true_position_enu_m[rows] - moved_m,
             velocity_enu_m_s=None if velocity is None else velocity[rows],
         )

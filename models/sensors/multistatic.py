@@ -16,13 +16,20 @@ from plotfeed.models import accuracy, detection, false_alarms
 from plotfeed.models.beam import Sector, Volume
 from plotfeed.models.effects.pulse_intervals import at_least
 from plotfeed.models.effects.surroundings import SeenFrom, Surroundings
+from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m, enu_to_aer
 from plotfeed.models.joined_sets import OUTSIDE, Detections, JoinedSets, SetFinder
 from plotfeed.models.multilateration import Sightings, covariance, linearised, range_sums_m
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.active_radar import MimoRadar
 from plotfeed.models.sensors.passive_radar import PassiveRadar
-from plotfeed.models.sensors.sensor_model import NO_PLOTS, JointSensor, Prediction, Targets
+from plotfeed.models.sensors.sensor_model import (
+    EVERY_ROW,
+    NO_PLOTS,
+    JointSensor,
+    Prediction,
+    Targets,
+)
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
 
 
@@ -42,11 +49,18 @@ class Receiver:
         """Places of transmitters as seen from the receiver; (K, 3)."""
         return np.array([t.position_enu_m for t in self.signals.transmitters], np.float64)
 
-    def snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
-        """Mean ratios of echoes of each transmitter, places seen from the receiver; (n, K)."""
+    def snrs(self, targets: Targets, rows: Ints | slice) -> Floats:
+        """Mean ratios of each transmitter's echoes of those rows of targets; (n, K)."""
+        place_m = targets.true_position_enu_m[rows] - np.array(self.place_enu_m)
+        rcs_m2, echoes = targets.rcs_m2(rows), targets.signatures.echoes
+        of_sides: float | Floats = 1.0
+        if echoes is not None and echoes.has_aspects and targets.velocity_enu_m_s is not None:
+            velocity_m_s = targets.velocity_enu_m_s[rows]
+            from_m = list(self.transmitters_m)
+            of_sides = echoes.rcs_factor(targets.drone[rows], place_m, velocity_m_s, from_m)
         if isinstance(self.signals, MimoRadar):
-            return self.signals.signal_snrs(position_enu_m, rcs_m2)
-        return self.signals.mean_snr(self.signals.target_power_w(position_enu_m, rcs_m2))
+            return np.asarray(self.signals.signal_snrs(place_m, rcs_m2) * of_sides)
+        return self.signals.mean_snr(self.signals.target_power_w(place_m, rcs_m2) * of_sides)
 
     @cached_property
     def cells_m(self) -> tuple[Floats, Floats]:
@@ -121,8 +135,8 @@ class MultistaticRadar(Volume, JointSensor):
         """Looks by each pair at each target, and plots of sets of detections that fit."""
         geometry = azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         rows = np.flatnonzero(self.in_cover(range_m, azimuth_deg, elevation_deg))
-        place_m, rcs_m2 = targets.true_position_enu_m[rows], targets.rcs_m2(rows)
-        snrs, pds = self.odds(place_m, rcs_m2)
+        place_m = targets.true_position_enu_m[rows]
+        snrs, pds = self.odds(targets, rows)
         hit = rng.random(snrs.shape) < pds
         n = len(self.pairs)
         looks = targets.looks(
@@ -133,7 +147,8 @@ class MultistaticRadar(Volume, JointSensor):
             detected=hit.ravel(),
             channel=np.tile(np.arange(n), len(rows)),
         )
-        found = self._detected(place_m, targets.drone[rows], (snrs, hit), sector, rng)
+        whose = targets.drone[rows], self.orders(targets, rows)
+        found = self._detected(place_m, whose, (snrs, hit), sector, rng)
         joined = self._finder.joined(found)
         if joined is None:
             return looks, NO_PLOTS
@@ -155,19 +170,38 @@ class MultistaticRadar(Volume, JointSensor):
         azimuth_deg, elevation_deg, range_m = enu_to_aer(place_m)
         return self.in_cover(range_m, azimuth_deg, elevation_deg)
 
-    def odds(self, place_m: Floats, rcs_m2: Floats) -> tuple[Floats, Floats]:
-        """Mean ratios and Pd by pair; (n, p) each."""
-        snrs = np.concatenate(
-            [each.snrs(place_m - np.array(each.place_enu_m), rcs_m2) for each in self.stations],
-            axis=1,
-        )
-        return snrs, self.odds_of(snrs)
+    def odds(self, targets: Targets, rows: Ints | slice = EVERY_ROW) -> tuple[Floats, Floats]:
+        """Mean ratios and Pd of those rows of targets by pair; (n, p) each."""
+        snrs = np.concatenate([each.snrs(targets, rows) for each in self.stations], axis=1)
+        return snrs, self.odds_of(snrs, self.orders(targets, rows))
 
-    def odds_of(self, snrs: Floats) -> Floats:
+    @staticmethod
+    def orders(targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats | None:
+        """Orders by which those rows of targets fluctuate, (n,); None if none states anything."""
+        echoes = targets.signatures.echoes
+        return None if echoes is None else echoes.orders(targets.drone[rows], 1.0, 1)
+
+    def odds_of(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Pd of mean ratios; receivers are alike. (n, p) in and out."""
         signals = self.receivers[0].signals
-        pd = detection.pd_cfar_swerling1(snrs, signals.pfa, signals.n_reference)
+        if order is None:
+            pd = detection.pd_cfar_swerling1(snrs, signals.pfa, signals.n_reference)
+        else:
+            each = np.repeat(order, snrs.shape[1])
+            pd = self._cfar.pd(snrs.ravel(), each).reshape(snrs.shape)
         return np.asarray(pd * signals.pd_factor)
+
+    @property
+    def _cfar(self) -> FluctuatingCfar:
+        signals = self.receivers[0].signals
+        return FluctuatingCfar(signals.pfa, 1, signals.n_reference)
+
+    def drawn_snr(self, mean: Floats, order: Floats | None, rng: np.random.Generator) -> Floats:
+        """Ratios of detections of those mean ones; (n,)."""
+        if order is not None:
+            return self._cfar.draw_detected(mean, order, rng)[0]
+        cfar = self._cfar
+        return detection.draw_detected_snr_swerling1(mean, cfar.pfa, cfar.n_reference, rng)[0]
 
     def place_pd(self, pds: Floats) -> Floats:
         """Probability of a place: enough pairs detect, and the right set passes; (n, p) to (n,)."""
@@ -176,13 +210,13 @@ class MultistaticRadar(Volume, JointSensor):
     def _detected(
         self,
         place_m: Floats,
-        drone: Ints,
+        whose: tuple[Ints, Floats | None],
         outcomes: tuple[Floats, Bools],
         sector: Sector,
         rng: np.random.Generator,
     ) -> list[Detections]:
         """Detections of each pair, false alarms among them; those of a pair at once."""
-        found, (snrs, hit) = [], outcomes
+        found, (snrs, hit), (drone, order) = [], outcomes, whose
         sums_m = range_sums_m(place_m, *self.stations_m)
         baselines_m = np.linalg.norm(self.stations_m[0] - self.stations_m[1], axis=-1)
         for p, (m, k) in enumerate(self.pairs):
@@ -201,8 +235,8 @@ class MultistaticRadar(Volume, JointSensor):
             azimuth_deg = np.append(azimuth_deg, alarms_deg)
             elevation_deg = np.append(elevation_deg, rng.uniform(low_deg, high_deg, a))
             mean = np.append(snrs[mine, p], np.zeros(a))
-            snr, _ = detection.draw_detected_snr_swerling1(
-                mean, signals.pfa, signals.n_reference, rng
+            snr = self.drawn_snr(
+                mean, None if order is None else np.append(order[mine], np.ones(a)), rng
             )
             found.append(
                 self._measured(p, snr, (true_m, azimuth_deg, elevation_deg), rng).but(
@@ -287,12 +321,16 @@ class MultistaticRadar(Volume, JointSensor):
 
     def predict(self, targets: Targets) -> Prediction:
         """Probability that enough pairs detect; errors by all, each weighed as it detects."""
-        place_m = targets.true_position_enu_m
-        snrs, pds = self.odds(place_m, targets.rcs_m2())
+        place_m, order = targets.true_position_enu_m, self.orders(targets)
+        snrs, pds = self.odds(targets)
         found = []
         for p, (m, k) in enumerate(self.pairs):
             signals = self.receivers[m].signals
-            inverse = detection.inverse_detected_snr(snrs[:, p], signals.pfa, signals.n_reference)
+            if order is None:
+                law = signals.pfa, signals.n_reference
+                inverse = detection.inverse_detected_snr(snrs[:, p], *law)
+            else:
+                inverse = self._cfar.inverse_detected(snrs[:, p], order)
             with np.errstate(divide="ignore"):
                 weight = np.sqrt(1 / np.maximum(pds[:, p], 1e-12)) * signals.error_factor
             sigmas = self._sigmas(self.receivers[m], k, 1 / inverse)

@@ -104,9 +104,9 @@ class EchoRadar(RadioSensor, ABC):
         return replace(self, echo_effects=replace(self.echo_effects, in_the_world=met))
 
     @property
-    def usual_case(self) -> int:
-        """Swerling's case of a target that states none: by one look, from scan to scan."""
-        return 1
+    def usual_order(self) -> float:
+        """By which a target fluctuates that states nothing: by one look, Swerling 1."""
+        return 1.0
 
     @property
     def n_looks(self) -> int:
@@ -118,7 +118,7 @@ class EchoRadar(RadioSensor, ABC):
         echoes = targets.signatures.echoes
         if echoes is None:
             return None
-        found: Floats = echoes.orders(targets.drone[rows], self.usual_case, self.n_looks)
+        found: Floats = echoes.orders(targets.drone[rows], self.usual_order, self.n_looks)
         return found
 
     def _with_effects(self, powers: Floats, targets: Targets, rows: Ints | slice) -> Floats:

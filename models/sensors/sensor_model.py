@@ -243,7 +243,8 @@ class Targets:
 
     `true_position_enu_m` is where the drone is at that time, east, north and up of the sensor,
     `position_enu_m` from where it is sensed, along the sensor's own axes: the same array, unless it
-    is sound that comes from where the drone was at `emitted_utc_ns`, or the sensor stands askew.
+    is sound that comes from where the drone was at `emitted_utc_ns`, or the sensor stands askew:
+    `own_axes` then turns true east, north and up to its own, (3, 3).
     Velocities are east, north and up, for sensors that measure them; `readings` for those that err
     in them, `strengths` for those to which targets stay as strong for a while. `sensor`,
     an index, is given where several sensors share a pass: each row is seen from its own.
@@ -264,6 +265,7 @@ class Targets:
     pair_draws: Floats | None = None
     claims: HeldClaims | None = None
     """Of classifiers whose claims stay for a while."""
+    own_axes: Floats | None = None
 
     @classmethod
     def of_one(
@@ -286,6 +288,15 @@ class Targets:
     def rcs_m2(self, rows: Ints | slice = slice(None)) -> Floats:
         """Radar cross-sections of those rows; (m,)."""
         return self.signatures.rcs_m2[self.drone[rows]]
+
+    def along_own_axes(self, vector_enu: Floats) -> Floats:
+        """True vectors as the sensor takes them, (n, 3)."""
+        return vector_enu if self.own_axes is None else vector_enu @ self.own_axes.T
+
+    @property
+    def sensed_enu_m(self) -> Floats:
+        """From where drones are sensed, by true east, north and up; (n, 3)."""
+        return self.position_enu_m if self.own_axes is None else self.position_enu_m @ self.own_axes
 
     def sound_power_db(self) -> Floats:
         """Sound power levels, dB re 1 pW; (n,)."""

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from mpmath import mp
 from support.microphones import SECTION_4, sounding
 
+from plotfeed.models.effects.readings import own_axes
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.models.sensors.acoustic_pair import AcousticPair, crossing
 from plotfeed.models.state import FALSE_ALARM, NS
@@ -36,6 +37,23 @@ def test_bearings_to_a_place_cross_there(
         return  # on the baseline
     assert met.range_m == pytest.approx(range_m, rel=1e-6)
     assert met.other_range_m == pytest.approx(float(other_m), rel=1e-6)
+
+
+def test_arrays_that_stand_askew_both_read_so_and_hear_as_much() -> None:
+    """A drone that flies: each array hears it elsewhere, by the true ground and by its own axes."""
+    was_m = np.array([[60.0, 400.0, 50.0]])
+    right = replace(
+        targets(was_m, true_enu_m=was_m + [[20.0, 5.0, 0.0]]), emitted_utc_ns=99 * NS * ONE
+    )
+    own = own_axes(azimuth_offset_deg=20.0, tilt_deg=5.0, tilt_azimuth_deg=70.0)
+    askew = replace(right, position_enu_m=was_m @ own.T, own_axes=own)
+    for array, skewed in (
+        (right, askew),
+        (PAIR.heard_by_second(right), PAIR.heard_by_second(askew)),
+    ):
+        np.testing.assert_allclose(skewed.position_enu_m, array.position_enu_m @ own.T, atol=1e-9)
+        np.testing.assert_allclose(skewed.sensed_enu_m, array.position_enu_m, atol=1e-9)
+    assert PAIR.predict(askew).snr == pytest.approx(PAIR.predict(right).snr, rel=1e-12)
 
 
 def test_bearings_that_meet_behind_do_not_meet() -> None:
