@@ -12,9 +12,11 @@ sensor's antenna; powers linear where no name says dB.
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -24,6 +26,7 @@ from scipy import special, stats
 from plotfeed.feeds.scene.fields import Location, Site
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.world_keys import HORIZONS
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -43,8 +46,8 @@ ONE_WIDTH_DB = 40 * np.log10(2)
 STEADY = np.inf
 # Terms of the series of a fluctuating target, and what is left of it that counts.
 MOST_TERMS, LEAST = 20_000, 1e-11
-# Widths of resolution beyond which two targets make one plot less often than once in 1e10.
-APART = 6.0
+# Widths of resolution beyond which two targets make one plot less often than once in 4,000 times.
+APART = 3.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,21 +127,16 @@ SIGMAS = ("sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "sigma_ra
 
 def asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     """What a scene asks of a sensor as it was then, of those looks."""
-    if not len(looks):
-        none: dict[str, Any] = dict.fromkeys(("pd", "snr_db", *SIGMAS), np.zeros(0))
-        return Asked(**none, known=np.zeros(0, np.bool_))
-    if looks.velocity_enu_m_s is not None or not _Look.needs_velocities(scene, sensor):
+    if looks.velocity_enu_m_s is not None or not _needs_velocities(scene, sensor):
         return _asked(scene, sensor, looks)
     before, after = _velocities(looks, sensor.scan.period_s)
-    ways = [before, after, (before + after) / 2]
+    ways = (before, after, (before + after) / 2)
     first, last, middle = (_asked(scene, sensor, replace(looks, velocity_enu_m_s=v)) for v in ways)
     steady = np.abs(first.pd - last.pd) <= 0.01 * np.maximum(middle.pd, 0.1)
-    steady |= np.isnan(middle.pd)
-    turns = middle.known & ~steady
-    why = [middle.why_not, "how fast a target was while it turned"] if turns.any() else []
-    return replace(
-        middle, known=middle.known & steady, why_not="; ".join(filter(None, why)) or middle.why_not
-    )
+    if (steady | ~middle.known).all():
+        return middle
+    why = [middle.why_not] * bool(middle.why_not) + ["how fast a target was while it turned"]
+    return replace(middle, known=middle.known & steady, why_not="; ".join(why))
 
 
 def _asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
@@ -153,43 +151,48 @@ def _asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     if worse is not None:
         found["pd"] = found["pd"] * worse.pd_factor
         found |= {name: found[name] * worse.error_factor for name in SIGMAS}
-    doubtful = ~np.isfinite(found["pd"])
-    if (doubtful & look.known).any():
-        look.doubt("a target's signature", doubtful & look.known)
+    look.doubt("a target's signature", look.known & ~np.isfinite(found["pd"]))
     return Asked(**found, known=look.known, why_not="; ".join(look.doubts))
 
 
 def false_alarms_per_scan(scene: Scene, sensor: Sensor) -> tuple[float, str]:
-    """Mean number of plots of nothing in a scan; NaN, and why, where that is not known.
+    """Mean number of plots of nothing in a scan (eq 9); NaN, and why, where that is not known.
 
     Those of a scene's clutter and side lobes are of something, and not counted.
     """
-    if sensor.type not in ALARMS:
-        return np.nan, f"sensors of type {sensor.type}"
-    found = ALARMS[sensor.type](scene, sensor)
-    if isinstance(found, str):
-        return np.nan, found
-    worse = sensor.degradation
-    return found * (1.0 if worse is None else worse.false_alarm_factor), ""
+    try:
+        worse = 1.0 if sensor.degradation is None else sensor.degradation.false_alarm_factor
+        return _alarms(scene, sensor) * worse, ""
+    except _NotKnownError as error:
+        return np.nan, str(error)
 
 
-def stated_sigmas(sensor: Sensor, snr: Floats, channel: Ints) -> dict[str, Floats]:
-    """What plots of a radar state of their errors, at each one's own ratio, linear; (n,) each."""
-    rate = _rate_cells_m_s(sensor)
-    widths: list[Any] = [_range_cell_m(sensor)[channel] / 1.63, _beam(sensor, "azimuth") / 1.6]
-    floors: list[Any] = [_range_floor_m(sensor)[channel], _floor(sensor, "azimuth")]
-    if getattr(sensor, "measures_elevation", False):
-        widths.append(_beam(sensor, "elevation") / 1.6)
-        floors.append(_floor(sensor, "elevation"))
-    else:
-        widths.append(np.nan)
-        floors.append(np.nan)
-    widths.append(np.nan if rate is None else rate[channel] * np.sqrt(3) / np.pi)
-    floors.append(np.nan if rate is None else _rate_floor_m_s(sensor)[channel])
-    return {
-        name: np.hypot(width / np.sqrt(2 * snr), floor)
-        for name, width, floor in zip(SIGMAS, widths, floors, strict=True)
-    }
+class _NotKnownError(Exception):
+    """What is not known of a sensor's false alarms."""
+
+
+def stated_sigmas(sensor: Any, snr: Floats, channel: Ints) -> dict[str, Floats]:
+    """What plots of a radar state of their errors, each by its own ratio, linear; (n,) each.
+
+    Eqs 13 to 15 in right form, and floors in quadrature: shares of cells and beams unless stated.
+    """
+    noise, passive = 1 / np.sqrt(2 * snr), _is_passive(sensor)
+    cell_m = _range_cells_m(sensor)[channel if passive else 0 * channel]
+    stated_m = sensor.bistatic_range_floor_m if passive else sensor.range_floor_m
+    found = {"sigma_range_m": np.hypot(noise * cell_m / 1.63, _or(stated_m, cell_m / 20))}
+    for angle in ("azimuth", *["elevation"] * getattr(sensor, "measures_elevation", False)):
+        beam_deg = getattr(sensor, f"{angle}_beamwidth_deg")
+        floor_deg = _or(getattr(sensor, f"{angle}_floor_deg"), beam_deg / 10)
+        found[f"sigma_{angle}_deg"] = np.hypot(noise * beam_deg / 1.6, floor_deg)
+    if sensor.doppler is not None:
+        cell = _rate_cells_m_s(sensor)[channel if passive else 0 * channel]
+        floor = _or(sensor.doppler.floor_m_s, cell / 20)
+        found["sigma_range_rate_m_s"] = np.hypot(noise * cell * np.sqrt(3) / np.pi, floor)
+    return found
+
+
+def _or(stated: Any, usual: Any) -> Any:
+    return usual if stated is None else stated
 
 
 # Places on the Earth.
@@ -497,6 +500,12 @@ def _velocities(looks: LooksGiven, period_s: float) -> tuple[Floats, Floats]:
 # One look: what is known of it, and what is on the way.
 
 
+def _about_up(azimuth_deg: float) -> Floats:
+    """What adds to azimuths; (3, 3)."""
+    c, s = np.cos(np.radians(azimuth_deg)), np.sin(np.radians(azimuth_deg))
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 class _Look:
     """Looks of one sensor, and what all kinds have to know of them; (n,) or (n, 3)."""
 
@@ -515,8 +524,9 @@ class _Look:
         strange = np.array([each is None for each in found])
         self.doubt("drones that the scene does not name", strange[self.of])
         self.signatures = [Signature() if each is None else each for each in found]
-        if scene.terrain is not None:
-            self.doubt("terrain")
+        self.horizons = _horizons(scene)
+        if scene.terrain is not None and not self.horizons:
+            self.doubt("ground and buildings, of which no recording has the horizons")
 
     def doubt(self, why: str, where: Bools | bool = True) -> None:
         """Have an effect that is not known here be in force, at those looks."""
@@ -535,28 +545,11 @@ class _Look:
         bias = self.sensor.bias
         if bias is None or not (bias.tilt_deg or bias.azimuth_offset_deg):
             return self.place_m
-        # About the level axis to the right of where it leans to, then about its vertical.
-        to, tilt = np.radians(bias.tilt_azimuth_deg), np.radians(bias.tilt_deg)
-        turn = np.radians(bias.azimuth_offset_deg)
-        towards = self.place_m @ [np.sin(to), np.cos(to), 0.0]
-        right = self.place_m @ [np.cos(to), -np.sin(to), 0.0]
-        up = self.place_m[:, 2]
-        towards, up = (
-            towards * np.cos(tilt) - up * np.sin(tilt),
-            up * np.cos(tilt) + towards * np.sin(tilt),
-        )
-        east, north = (
-            towards * np.sin(to) + right * np.cos(to),
-            towards * np.cos(to) - right * np.sin(to),
-        )
-        return np.stack(
-            [
-                east * np.cos(turn) + north * np.sin(turn),
-                north * np.cos(turn) - east * np.sin(turn),
-                up,
-            ],
-            axis=-1,
-        )
+        # Its vertical leans: about the level axis right of where to, then about itself.
+        to, turn = bias.tilt_azimuth_deg, bias.azimuth_offset_deg - bias.tilt_azimuth_deg
+        tilt = np.radians(bias.tilt_deg)
+        lean = [[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]]
+        return np.asarray(self.place_m @ (_about_up(turn) @ lean @ _about_up(to)).T)
 
     def offset_m(self, place: Location) -> Floats:
         """A place of the scene as it is seen from the sensor; (3,)."""
@@ -584,6 +577,7 @@ class _Look:
             longer = np.hypot(ground_m, high_m - low_m) + np.hypot(ground_m, high_m + low_m)
             phase = 2 * np.pi / wavelength_m * 4 * low_m * high_m / np.where(longer, longer, 1)
             found = np.abs(1 + keys.reflection * np.exp(1j * phase)) ** 2
+        found = found * self.behind(place_m + station_m, wavelength_m, start_m[0] + station_m)
         for mill in self.scene.turbine:
             if mill.tower_width_m:
                 top_m = self.offset_m(mill) - station_m
@@ -592,16 +586,38 @@ class _Look:
                 )
         return found
 
-    @staticmethod
-    def needs_velocities(scene: Scene, sensor: Sensor) -> bool:
-        """Whether how fast targets are changes anything of what is asked."""
-        pulses = getattr(sensor, "pulses", None)
-        return (
-            getattr(sensor, "doppler", None) is not None
-            or (pulses is not None and (pulses.canceller is not None or pulses.notch_m_s > 0))
-            or sensor.type == "acoustic_pair"
-            or (sensor.type in RADARS and any(target.aspect for target in scene.target))
-        )
+    def behind(self, place_m: Floats, wavelength_m: Any, start_m: Any = 0.0) -> Floats:
+        """Share of power that ground and buildings leave one way, of places seen from the sensor.
+
+        Slopes rise by what an Earth of another radius does to bent rays; behind the highest edge a
+        wave loses what ITU-R P.526, 4.1 says, or all.
+        """
+        keys = self.scene.terrain
+        if keys is None or not self.horizons:
+            return np.ones(len(place_m))
+        end_m = self.axes.place(np.zeros(3) + start_m)
+        horizon = min(self.horizons, key=lambda each: float(length(each.origin_m - end_m)))
+        if length(horizon.origin_m - end_m) > 1.0:
+            self.doubt("a horizon that the recording has not")
+        azimuth_deg, elevation_deg, range_m = directions(horizon.seen(self.axes.place(place_m)))
+        ground_m = np.maximum(range_m * np.cos(np.radians(elevation_deg)), 1e-3)
+        edge_m, slope = horizon.highest(azimuth_deg, ground_m)
+        bent = (1 - 1 / keys.earth_radius_factor) / (2 * 6_371_000)
+        over = slope - np.tan(np.radians(elevation_deg)) - bent * ground_m
+        if not keys.diffraction:
+            return np.where(over > 0, 1e-20, 1.0)
+        nu = edge_m * over * np.sqrt(2 / wavelength_m * (1 / edge_m + 1 / (ground_m - edge_m)))
+        lost_db = 6.9 + 20 * np.log10(np.sqrt((nu - 0.1) ** 2 + 1) + nu - 0.1)
+        return np.where(nu > -0.78, linear(-lost_db), 1.0)
+
+
+def _needs_velocities(scene: Scene, sensor: Any) -> bool:
+    """Whether how fast targets are changes anything of what is asked."""
+    pulses = getattr(sensor, "pulses", None)
+    filters = pulses is not None and (pulses.canceller is not None or pulses.notch_m_s > 0)
+    sides = sensor.type in RADARS and any(target.aspect for target in scene.target)
+    is_pair = sensor.type == "acoustic_pair"
+    return filters or sides or is_pair or getattr(sensor, "doppler", None) is not None
 
 
 def past_tower(
@@ -623,6 +639,47 @@ def past_tower(
     )
     shadow = (1 + 1j) / 2 * ((c2 - c1) - 1j * (s2 - s1))
     return np.where(stands, np.abs(1 - shadow) ** 2, 1.0)
+
+
+@dataclass(frozen=True)
+class _Horizon(Axes):
+    """Slopes of ground and walls about a place: each step is the highest from there on."""
+
+    parts: int
+    """Of the circle."""
+    steps: NDArray[Any]
+
+    def highest(self, azimuth_deg: Floats, ground_m: Floats) -> tuple[Floats, Floats]:
+        """Distance and slope of the highest edge before places; -inf where there is none."""
+        part = np.floor(azimuth_deg * self.parts / 360).astype(np.int64) % self.parts
+        edge_m, slope = np.full(len(part), 1.0), np.full(len(part), -np.inf)
+        first = np.searchsorted(self.steps["azimuth"], np.arange(self.parts + 1))
+        for i, (of, far_m) in enumerate(zip(part.tolist(), ground_m.tolist(), strict=True)):
+            mine = self.steps[first[of] : first[of + 1]]
+            number = int(np.searchsorted(mine["distance_m"], far_m))
+            if number:
+                edge_m[i], slope[i] = mine["distance_m"][number - 1], mine["slope"][number - 1]
+        return edge_m, slope
+
+
+def _horizons(scene: Scene) -> list[_Horizon]:
+    """Those of a recorded scene, about each place where its signals begin or end."""
+    if scene.terrain is None or not scene.is_enclosed:
+        return []
+    return _read_horizons(scene.file(HORIZONS))
+
+
+@lru_cache(maxsize=4)
+def _read_horizons(path: Path) -> list[_Horizon]:
+    told = zlib.decompress(path.read_bytes())
+    count = int(np.frombuffer(told, "<u4", 1)[0])
+    heads = np.frombuffer(told, "<f8", 4 * count, 4).reshape(-1, 4)
+    names = [("place", "<u4"), ("azimuth", "<u4"), ("distance_m", "<f4"), ("slope", "<f4")]
+    steps = np.frombuffer(told, np.dtype(names), offset=4 + heads.nbytes)
+    return [
+        _Horizon(lat, lon, height_m, int(parts), steps[steps["place"] == number])
+        for number, (lat, lon, height_m, parts) in enumerate(heads.tolist())
+    ]
 
 
 # What weather takes and sends back: ITU-R P.838-3 and P.676-10, Marshall and Palmer, Strasberg.
@@ -709,48 +766,16 @@ def _signals_hz(sensor: Any) -> tuple[Floats, Floats]:
     return frequency_hz, bandwidth_hz
 
 
-def _range_cell_m(sensor: Any) -> Floats:
-    """Cells of what is measured of range, by channel: c/B of a sum of ways, else the stated one."""
-    if _is_passive(sensor):
-        return LIGHT_M_S / _signals_hz(sensor)[1]
-    several = 2.0 if sensor.type == "multistatic_mimo" else 1.0
-    return np.full(len(getattr(sensor, "transmitters", "1")), several * sensor.range_resolution_m)
+def _range_cells_m(sensor: Any) -> Floats:
+    """Cells of what is measured of range: of a sum of ways c/B, by channel."""
+    hz = _signals_hz(sensor)[1]
+    return LIGHT_M_S / hz if _is_passive(sensor) else np.array([sensor.range_resolution_m])
 
 
-def _range_floor_m(sensor: Any) -> Floats:
-    """Error of range that stays: a twentieth of the cell, unless it is stated."""
-    if _is_passive(sensor):
-        stated = sensor.bistatic_range_floor_m
-    else:
-        stated = sensor.range_floor_m
-        if stated is not None and sensor.type == "multistatic_mimo":
-            stated = 2 * stated
-    cells_m = _range_cell_m(sensor)
-    return cells_m / 20 if stated is None else np.full(len(cells_m), stated)
-
-
-def _beam(sensor: Any, angle: str) -> float:
-    return float(getattr(sensor, f"{angle}_beamwidth_deg"))
-
-
-def _floor(sensor: Any, angle: str) -> float:
-    stated = getattr(sensor, f"{angle}_floor_deg")
-    return _beam(sensor, angle) / 10 if stated is None else float(stated)
-
-
-def _rate_cells_m_s(sensor: Any) -> Any:
-    """Doppler cells by channel: wavelength/2T, of a bistatic range wavelength/T."""
-    if getattr(sensor, "doppler", None) is None:
-        return None
+def _rate_cells_m_s(sensor: Any) -> Floats:
+    """Doppler cells: wavelength/2T, of a bistatic range, by channel, wavelength/T."""
     legs = 1 if _is_passive(sensor) else 2
-    cells = LIGHT_M_S / _signals_hz(sensor)[0] / (legs * sensor.integration_s)
-    return cells if _is_passive(sensor) else np.full(len(_range_cell_m(sensor)), cells[0])
-
-
-def _rate_floor_m_s(sensor: Any) -> Floats:
-    cells = _rate_cells_m_s(sensor)
-    stated = sensor.doppler.floor_m_s
-    return cells / 20 if stated is None else np.full(len(cells), stated)
+    return np.asarray(LIGHT_M_S / _signals_hz(sensor)[0] / (legs * sensor.integration_s))
 
 
 def _folding_prf_hz(sensor: Any) -> float | None:
@@ -766,7 +791,9 @@ def _gain_rx_db(sensor: Any) -> float:
     if sensor.gain_rx_dbi is not None:
         return float(sensor.gain_rx_dbi)
     gain = (
-        41253 * sensor.antenna_efficiency / (_beam(sensor, "azimuth") * _beam(sensor, "elevation"))
+        41253
+        * sensor.antenna_efficiency
+        / (sensor.azimuth_beamwidth_deg * sensor.elevation_beamwidth_deg)
     )
     cut = sensor.antenna and sensor.antenna.receive and sensor.antenna.receive.elevation
     if cut is not None and cut.kind == "cosecant-squared":
@@ -889,7 +916,7 @@ def _pattern(sensor: Any, keys: Any, azimuth_deg: Floats, elevation_deg: Floats)
     lost_db = np.zeros(len(azimuth_deg))
     if keys.azimuth is not None:
         cover = sensor.azimuth_min_deg, sensor.azimuth_max_deg
-        lost_db = lost_db + _cut_db(keys.azimuth, azimuth_deg, _beam(sensor, "azimuth"), *cover)
+        lost_db = lost_db + _cut_db(keys.azimuth, azimuth_deg, sensor.azimuth_beamwidth_deg, *cover)
     if keys.elevation is not None:
         width_deg = sensor.elevation_beamwidth_deg or high_deg - low_deg
         lost_db = lost_db + _cut_db(keys.elevation, elevation_deg, width_deg, low_deg, high_deg)
@@ -925,14 +952,11 @@ def _on_the_way(look: _Look, sent_m: Floats) -> Floats:
         told_m, rates = look.range_m[:, None], look.rate_m_s()[:, None]
         if _is_passive(sensor):
             told_m = ways_m - length(sent_m)
-            rates = np.stack([look.rate_m_s() + look.rate_m_s(m) for m in sent_m], axis=-1)
-        cells_m = _range_cell_m(sensor)[: told_m.shape[1]]
+            rates = rates + np.stack([look.rate_m_s(m) for m in sent_m], axis=-1)
         if straddling.range is not None:
-            left = left * _in_cell(straddling.range, told_m / cells_m)
+            left = left * _in_cell(straddling.range, told_m / _range_cells_m(sensor))
         if straddling.doppler is not None:
-            left = left * _in_cell(
-                straddling.doppler, rates / _rate_cells_m_s(sensor)[: rates.shape[1]]
-            )
+            left = left * _in_cell(straddling.doppler, rates / _rate_cells_m_s(sensor))
     if weather is not None:
         db_km = np.zeros(len(frequency_hz))
         if weather.rain_mm_h:
@@ -958,11 +982,12 @@ def _jamming(look: _Look, sent_m: Floats) -> Floats:
     over = np.zeros((len(azimuth_deg), len(frequency_hz)))
     for jammer in sensor.jamming.values():
         from_deg, above_deg, far_m = directions(look.offset_m(jammer))
-        off = (folded_180(azimuth_deg - from_deg) / _beam(sensor, "azimuth")) ** 2
+        off = (folded_180(azimuth_deg - from_deg) / sensor.azimuth_beamwidth_deg) ** 2
         if sensor.elevation_beamwidth_deg is not None:
             off = off + ((elevation_deg - above_deg) / sensor.elevation_beamwidth_deg) ** 2
         gain = np.maximum(linear(-ONE_WIDTH_DB * off), linear(jammer.sidelobe_db))
         told = float(far_m), _gain_rx_db(sensor), frequency_hz, bandwidth_hz
+        gain = gain * look.behind(look.offset_m(jammer)[None], LIGHT_M_S / jammer.frequency_hz)
         over += gain[:, None] * _jammer_over(jammer, *told) / noise_w_hz
     return over
 
@@ -976,7 +1001,7 @@ def _rain_over_noise(look: _Look, weather: Any, db_km: float) -> Floats:
     sensor: Any = look.sensor
     wavelength_m = LIGHT_M_S / sensor.frequency_hz
     eta = np.pi**5 * 0.93 * 200 * weather.rain_mm_h**1.6 * 1e-18 / wavelength_m**4
-    beams = np.radians(_beam(sensor, "azimuth")) * np.radians(_beam(sensor, "elevation"))
+    beams = np.radians(sensor.azimuth_beamwidth_deg) * np.radians(sensor.elevation_beamwidth_deg)
     range_m = np.maximum(look.range_m, NEAREST_M)
     volume_m3 = np.pi / (8 * np.log(2)) * range_m**2 * beams * sensor.range_resolution_m
     gains = linear(sensor.gain_tx_dbi + _gain_rx_db(sensor) - sensor.loss_db)
@@ -997,22 +1022,24 @@ def _jammer_over(
     return np.asarray(share * jammer.eirp_w / jammer.bandwidth_hz * linear(gain_db) * spread)
 
 
-def _aspects(look: _Look, sent_m: Floats) -> Floats:
-    """Cross-sections by the side that is seen; between sensor and transmitter, if they part."""
+def _aspects(look: _Look, sent_m: Floats, receiver_m: ArrayLike = 0.0) -> Floats:
+    """Cross-sections by the side that is seen; between receiver and transmitter, if they part."""
     left = np.ones((len(look.range_m), max(len(sent_m), 1)))
-    back = -look.place_m / look.range_m[:, None]
     course_deg = np.degrees(np.arctan2(look.velocity[:, 0], look.velocity[:, 1]))
-    sides = [back]
-    if len(sent_m):
-        sides = [back + (m - look.place_m) / length(m - look.place_m)[:, None] for m in sent_m]
+    ways = [np.asarray(end_m) - look.place_m for end_m in (receiver_m, *sent_m)]
+    back, *out = [way / length(way)[:, None] for way in ways]
     for number, signature in enumerate(look.signatures):
         mine = look.of == number
         if signature.aspect is None or not mine.any():
             continue
-        for k, side in enumerate(sides):
+        for k, side in enumerate([back + way for way in out] or [back]):
             angle_deg = np.degrees(np.arctan2(side[mine, 0], side[mine, 1])) - course_deg[mine]
             left[mine, k] = linear(aspect_db(signature.aspect, angle_deg))
     return left
+
+
+def _intervals_of(sensor: Any) -> int:
+    return int(sensor.pulses.intervals or len(sensor.pulses.prf_hz))
 
 
 def _intervals(look: _Look) -> Floats:
@@ -1021,7 +1048,7 @@ def _intervals(look: _Look) -> Floats:
     pulses = getattr(sensor, "pulses", None)
     if pulses is None:
         return np.ones((len(look.range_m), 1))
-    count = pulses.intervals or len(pulses.prf_hz)
+    count = _intervals_of(sensor)
     prf_hz = np.resize(np.array(pulses.prf_hz), count)
     left = np.ones((len(look.range_m), count))
     pulse_m = LIGHT_M_S / (2 * prf_hz)
@@ -1046,7 +1073,7 @@ def _intervals(look: _Look) -> Floats:
         clock_ns = max(round(sensor.integration_s * 1e9), 1)
         into = (look.looks.t_utc_ns % clock_ns) / clock_ns
         middle_deg = step_deg * (np.arange(count) - count // 2 + 0.5 - into[:, None])
-        slope = np.sqrt(2 * np.log(2)) / _beam(sensor, "azimuth")  # amplitude e^-(slope a)^2
+        slope = np.sqrt(2 * np.log(2)) / sensor.azimuth_beamwidth_deg  # amplitude e^-(slope a)^2
         ends = [special.erf(slope * (middle_deg + s * step_deg / 2)) for s in (-1, 1)]
         mean = np.sqrt(np.pi) / 2 * (ends[1] - ends[0]) / (slope * step_deg)
         left = left * mean**2
@@ -1093,7 +1120,7 @@ def _merged(look: _Look) -> None:
     sensor: Any = look.sensor
     if getattr(sensor, "merging", None) is None:
         return
-    keys, cell_m = sensor.merging, _range_cell_m(sensor)
+    keys = sensor.merging
     azimuth_deg, elevation_deg, _ = directions(look.own_m)
     order = np.argsort(look.looks.t_utc_ns, kind="stable")
     near = np.zeros(len(order), np.bool_)
@@ -1103,42 +1130,19 @@ def _merged(look: _Look) -> None:
         if not soon.any():
             break
         a, b = a[soon], b[soon]
-        width_m = keys.range_m or cell_m[look.channel[a]]
-        apart2 = ((look.range_m[a] - look.range_m[b]) / width_m) ** 2
-        if _is_passive(sensor):  # ways may be as long at any distance
-            apart2 = 0 * apart2
+        apart2 = np.zeros(len(a))
+        if not _is_passive(sensor):  # whose ways may be as long at any distance
+            width_m = keys.range_m or sensor.range_resolution_m
+            apart2 = ((look.range_m[a] - look.range_m[b]) / width_m) ** 2
         off_deg = folded_180(azimuth_deg[a] - azimuth_deg[b])
-        apart2 = apart2 + (off_deg / (keys.azimuth_deg or _beam(sensor, "azimuth"))) ** 2
+        apart2 = apart2 + (off_deg / (keys.azimuth_deg or sensor.azimuth_beamwidth_deg)) ** 2
         if getattr(sensor, "measures_elevation", False):
-            width_deg = keys.elevation_deg or _beam(sensor, "elevation")
+            width_deg = keys.elevation_deg or sensor.elevation_beamwidth_deg
             apart2 = apart2 + ((elevation_deg[a] - elevation_deg[b]) / width_deg) ** 2
         close = (apart2 <= APART**2) & (look.channel[a] == look.channel[b])
         close &= look.looks.drone[a] != look.looks.drone[b]
         near[a[close]] = near[b[close]] = True
     look.doubt("merging with another target", near)
-
-
-def _rms(widths: Sequence[tuple[str, Any, Any]], inverse: Floats) -> dict[str, Floats]:
-    """Rms errors over detections: what noise leaves, by the mean of 1/x, and what stays."""
-    return {name: np.sqrt(np.square(w) * inverse / 2 + np.square(f)) for name, w, f in widths}
-
-
-def _measured_sigmas(look: _Look, inverse: Floats) -> dict[str, Floats]:
-    """Rms errors of range, azimuth, elevation and rate of a radar's detections."""
-    sensor: Any = look.sensor
-    channel = look.channel if _is_passive(sensor) else np.zeros(len(look.range_m), np.int64)
-    cells = _rate_cells_m_s(sensor)
-    told = [
-        ("sigma_range_m", _range_cell_m(sensor)[channel] / 1.63, _range_floor_m(sensor)[channel]),
-        ("sigma_azimuth_deg", _beam(sensor, "azimuth") / 1.6, _floor(sensor, "azimuth")),
-    ]
-    if getattr(sensor, "measures_elevation", False):
-        width = _beam(sensor, "elevation") / 1.6
-        told.append(("sigma_elevation_deg", width, _floor(sensor, "elevation")))
-    if cells is not None:
-        width = cells[channel] * np.sqrt(3) / np.pi
-        told.append(("sigma_range_rate_m_s", width, _rate_floor_m_s(sensor)[channel]))
-    return _rms(told, inverse)
 
 
 def _polar(look: _Look) -> dict[str, Floats]:
@@ -1148,31 +1152,23 @@ def _polar(look: _Look) -> dict[str, Floats]:
     snrs = _echoes(look, np.zeros(3), sent_m) * _on_the_way(look, sent_m)
     every = _intervals(look)[:, :, None] * snrs[:, None]
     n, count, signals = every.shape
-    pulses = sensor.pulses
     if getattr(sensor, "mount", None) is not None and (sensor.antenna or sensor.jamming):
         look.doubt("where a mount turns an antenna")
     if sensor.scan.kind == "electronic":
         every = every * _search_gain(look)[:, None, None]
-    pd, inverse = (
-        (each.reshape(n, count) for each in _detected(look, every.reshape(-1, signals), signals))
-        if count == 1
-        else _by_interval(look, every)
-    )
-    if pulses is not None and count > 1:
-        first = _first_hits(pd, pulses.needed)
-        inverse = (first * inverse).sum(axis=1)[:, None]
-        pd = at_least(pd, pulses.needed)[:, None]
-    odds = pd[:, 0]
+    found = [_detected(look, every[:, i], signals) for i in range(count)]
+    each, inverse = (np.stack(column, axis=1) for column in zip(*found, strict=True))
+    needed = 1 if sensor.pulses is None else sensor.pulses.needed
+    pd = at_least(each, needed)
+    if count > 1:
+        inverse = inverse * _first_hits(each, needed)
     if sensor.doppler is not None:
-        odds = odds * _passed(look, look.rate_m_s(), 2, LIGHT_M_S / sensor.frequency_hz)
+        pd = pd * _passed(look, look.rate_m_s(), 2, LIGHT_M_S / sensor.frequency_hz)
     _merged(look)
     snr_db = 10 * np.log10(every.reshape(n, -1).mean(axis=1))
-    return {"pd": odds, "snr_db": snr_db} | _measured_sigmas(look, inverse[:, 0])
-
-
-def _by_interval(look: _Look, every: Floats) -> tuple[Floats, Floats]:
-    found = [_detected(look, every[:, i], every.shape[2]) for i in range(every.shape[1])]
-    return np.stack([pd for pd, _ in found], axis=1), np.stack([x for _, x in found], axis=1)
+    # Of errors that go as 1/x, the mean square is that at the mean of 1/x.
+    sigmas = stated_sigmas(sensor, 1 / inverse.sum(axis=1), look.channel)
+    return {"pd": pd, "snr_db": snr_db} | sigmas
 
 
 def _first_hits(pd: Floats, needed: int) -> Floats:
@@ -1196,8 +1192,8 @@ def _search_gain(look: _Look) -> Floats:
     level = np.cos(np.radians(elevation_deg))
     off2: Any = 0.0
     for angle, cover, width, level_or_1 in (
-        ((azimuth_deg - sensor.azimuth_min_deg) % 360, span, _beam(sensor, "azimuth"), level),
-        (elevation_deg - low, high - low, _beam(sensor, "elevation"), 1.0),
+        ((azimuth_deg - sensor.azimuth_min_deg) % 360, span, sensor.azimuth_beamwidth_deg, level),
+        (elevation_deg - low, high - low, sensor.elevation_beamwidth_deg, 1.0),
     ):
         beams = max(int(np.ceil(cover / (sensor.scan.beam_spacing * width) - 1e-9)), 1)
         step = cover / beams
@@ -1220,7 +1216,8 @@ def _passive(look: _Look) -> dict[str, Floats]:
         wavelength_m = (LIGHT_M_S / _signals_hz(sensor)[0])[look.channel]
         pd = pd * _passed(look, look.rate_m_s() + of_sent, 1, wavelength_m)
     _merged(look)
-    return {"pd": pd, "snr_db": 10 * np.log10(snr)} | _measured_sigmas(look, inverse)
+    sigmas = stated_sigmas(sensor, 1 / inverse, look.channel)
+    return {"pd": pd, "snr_db": 10 * np.log10(snr)} | sigmas
 
 
 def _correlated(sensor: Any, power: Floats) -> Floats:
@@ -1234,7 +1231,7 @@ def _several(look: _Look) -> dict[str, Floats]:
     receivers_m, sent_m = _stations(look)
     pairs = []
     for each_m in receivers_m:
-        power = _echoes(look, each_m, sent_m) * _aspects(look, sent_m)
+        power = _echoes(look, each_m, sent_m) * _aspects(look, sent_m, each_m)
         pairs.append(_correlated(sensor, power) if _is_passive(sensor) else power)
     snr = np.concatenate(pairs, axis=1)[np.arange(len(look.range_m)), look.channel]
     return {"pd": _detected(look, snr[:, None], 1)[0], "snr_db": 10 * np.log10(snr)}
@@ -1337,6 +1334,8 @@ def _acoustic(look: _Look) -> dict[str, Floats]:
     """A microphone array: a drone is heard where it was when its sound left it."""
     sensor: Any = look.sensor
     snr_db = _sound(sensor, look.place_m, look.each("sound_power_db"))
+    wavelength_m = _sound_speed_m_s(sensor) / sensor.frequency_hz
+    snr_db = snr_db + 10 * np.log10(look.behind(look.place_m, wavelength_m))
     azimuth, elevation = _bearing_sigmas(sensor, snr_db, look.own_m)
     return {
         "pd": _heard(sensor, snr_db),
@@ -1362,6 +1361,8 @@ def _pair(look: _Look) -> dict[str, Floats]:
     later_s = np.where(np.isfinite(later_s), later_s, rest / (-2 * half))
     there_m = there_m + look.velocity * later_s[:, None]
     snr_db = _sound(sensor, there_m, look.each("sound_power_db"))
+    wavelength_m = speed / sensor.frequency_hz
+    snr_db = snr_db + 10 * np.log10(look.behind(there_m + base_m, wavelength_m, base_m))
     second, _ = _bearing_sigmas(sensor, snr_db, there_m)
     one, other = (np.radians(directions(m)[0]) for m in (look.place_m, there_m))
     sine = np.sin(one - other)
@@ -1443,6 +1444,7 @@ def _emission_snr(look: _Look, frequency_hz: Floats, eirp_dbm: Floats) -> Floats
     for jammer in sensor.jamming.values():
         far_m, at_hz = float(length(look.offset_m(jammer))), np.array([jammer.frequency_hz])
         over = _jammer_over(jammer, far_m, sensor.gain_rx_dbi, at_hz, np.ones(1))
+        over = over * look.behind(look.offset_m(jammer)[None], LIGHT_M_S / at_hz)
         beside_hz = np.abs(frequency_hz - jammer.frequency_hz)
         density_w_hz = density_w_hz + np.where(beside_hz <= jammer.bandwidth_hz / 2, over, 0)
     way = look.way(look.place_m, wavelength_m, 0.0, np.zeros(3))
@@ -1547,83 +1549,50 @@ KINDS: dict[str, Callable[[_Look], dict[str, Floats]]] = {
 # False alarms.
 
 
-def _span(sensor: Any) -> float:
-    return float(min(sensor.azimuth_max_deg - sensor.azimuth_min_deg, 360.0))
-
-
-def _polar_alarms(_scene: Scene, sensor: Any) -> float | str:
-    """Cells of range, azimuth, elevation and velocity times Pfa (eq 9); none of a steered beam."""
-    if sensor.scan.kind == "electronic":
+def _alarms(scene: Scene, sensor: Any) -> float:
+    """Cells of what a sensor resolves times the chance that one alarms."""
+    kind = sensor.type
+    if kind in {"acoustic_pair", "multistatic_mimo", "multistatic_passive"}:
+        raise _NotKnownError("ghosts: detections that are joined wrongly")
+    if kind not in KINDS:
+        raise _NotKnownError(f"sensors of type {kind}")
+    if kind == "range_gate" or sensor.scan.kind == "electronic":  # which confirms none
         return 0.0
+    if getattr(sensor, "mount", None) is not None:
+        raise _NotKnownError("scans in which a mount turns")
+    if kind == "camera":
+        return float(sensor.false_alarms_per_frame)
+    span_deg = min(sensor.azimuth_max_deg - sensor.azimuth_min_deg, 360.0)
+    beams = max(span_deg / (sensor.azimuth_beamwidth_deg or span_deg), 1)
+    if kind == "acoustic":  # from horizon to zenith
+        return float(sensor.pfa * beams * max(90 / (sensor.elevation_beamwidth_deg or 90), 1))
+    if kind == "rf":  # channels that are received at once
+        band_hz = sensor.frequency_max_hz - sensor.frequency_min_hz
+        width_hz = sensor.instantaneous_bandwidth_hz or band_hz
+        beams = beams if sensor.measures_azimuth else 1.0
+        return float(sensor.pfa * beams * max(width_hz / sensor.channel_bandwidth_hz, 1))
+    if kind == "passive_radar":
+        return float(beams * sensor.doppler_cells * _passive_alarms(scene, sensor, span_deg))
     far_m, pfa = sensor.range_max_m, sensor.pfa
     if sensor.pulses is not None:
-        prf_hz = _folding_prf_hz(sensor)
+        prf_hz, count = _folding_prf_hz(sensor), _intervals_of(sensor)
         far_m = far_m if prf_hz is None else min(far_m, LIGHT_M_S / (2 * prf_hz))
-        count = sensor.pulses.intervals or len(sensor.pulses.prf_hz)
         pfa = float(stats.binom.sf(sensor.pulses.needed - 1, count, pfa))
-    if getattr(sensor, "mount", None) is not None:
-        return "scans in which a mount turns"
-    cells = max((far_m - sensor.range_min_m) / sensor.range_resolution_m, 1)
-    cells *= max(_span(sensor) / _beam(sensor, "azimuth"), 1)
     height_deg = sensor.elevation_max_deg - sensor.elevation_min_deg
-    return float(
-        cells * max(height_deg / _beam(sensor, "elevation"), 1) * sensor.doppler_cells * pfa
-    )
+    cells = beams * max(height_deg / sensor.elevation_beamwidth_deg, 1) * sensor.doppler_cells
+    return float(pfa * cells * max((far_m - sensor.range_min_m) / sensor.range_resolution_m, 1))
 
 
-def _passive_alarms(scene: Scene, sensor: Any) -> float:
-    """Cells of bistatic range and azimuth, as many as have a place within range on the ground."""
-    axes, total = Axes.of_sensor(scene, sensor), 0.0
-    beams = max(_span(sensor) / sensor.azimuth_beamwidth_deg, 1) * sensor.doppler_cells
-    share = (np.arange(36_000) + 0.5) / 36_000
-    azimuth_deg = sensor.azimuth_min_deg + share * _span(sensor)
+def _passive_alarms(scene: Scene, sensor: Any, span_deg: float) -> float:
+    """Alarms of a beam in cells of bistatic range that have a place within range on the ground."""
+    axes, most_m, total = Axes.of_sensor(scene, sensor), sensor.range_max_m, 0.0
+    azimuth_deg = sensor.azimuth_min_deg + (np.arange(36_000) + 0.5) / 36_000 * span_deg
     for source in sensor.transmitters:
-        sent_m, most_m = axes.of(scene.scene.site, source.place), sensor.range_max_m
-        ends = []
-        for range_m in (sensor.range_min_m, most_m):
-            place_m = places(azimuth_deg, 0.0, range_m)
-            longer_m = length(place_m - sent_m) + range_m - length(sent_m)
-            ends.append(np.minimum(longer_m, most_m).mean())
+        sent_m = axes.of(scene.scene.site, source.place)
+        low_m, high_m = (
+            np.minimum(length(place_m - sent_m) + length(place_m) - length(sent_m), most_m).mean()
+            for place_m in (places(azimuth_deg, 0.0, r) for r in (sensor.range_min_m, most_m))
+        )
         cells = max(most_m * source.bandwidth_hz / LIGHT_M_S, 1)
-        total += cells * beams * sensor.pfa * (ends[1] - ends[0]) / most_m
+        total += sensor.pfa * cells * (high_m - low_m) / most_m
     return float(total)
-
-
-def _sound_alarms(_scene: Scene, sensor: Any) -> float:
-    """Beams of the cover, from horizon to zenith if there are any above each other."""
-    beams = max(_span(sensor) / sensor.azimuth_beamwidth_deg, 1)
-    if sensor.elevation_beamwidth_deg is not None:
-        beams *= max(90 / sensor.elevation_beamwidth_deg, 1)
-    return float(beams * sensor.pfa)
-
-
-def _rf_alarms(_scene: Scene, sensor: Any) -> float:
-    """Channels that are received at once, each in every beam."""
-    band_hz = sensor.frequency_max_hz - sensor.frequency_min_hz
-    channels = max((sensor.instantaneous_bandwidth_hz or band_hz) / sensor.channel_bandwidth_hz, 1)
-    beams = 1.0
-    if sensor.measures_azimuth and sensor.azimuth_beamwidth_deg is not None:
-        beams = max(_span(sensor) / sensor.azimuth_beamwidth_deg, 1)
-    return float(channels * beams * sensor.pfa)
-
-
-def _camera_alarms(_scene: Scene, sensor: Any) -> float | str:
-    return "scans in which a mount turns" if sensor.mount else float(sensor.false_alarms_per_frame)
-
-
-def _ghosts(_scene: Scene, _sensor: Any) -> str:
-    return "ghosts: detections that are joined wrongly"
-
-
-ALARMS: dict[str, Callable[[Scene, Any], float | str]] = {
-    "acoustic": _sound_alarms,
-    "acoustic_pair": _ghosts,
-    "active_radar": _polar_alarms,
-    "camera": _camera_alarms,
-    "mimo_radar": _polar_alarms,
-    "multistatic_mimo": _ghosts,
-    "multistatic_passive": _ghosts,
-    "passive_radar": _passive_alarms,
-    "range_gate": lambda _scene, _sensor: 0.0,
-    "rf": _rf_alarms,
-}
