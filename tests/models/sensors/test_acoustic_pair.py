@@ -43,7 +43,7 @@ def test_arrays_that_stand_askew_both_read_so_and_hear_as_much() -> None:
     """A drone that flies: each array hears it elsewhere, by the true ground and by its own axes."""
     was_m = np.array([[60.0, 400.0, 50.0]])
     right = replace(
-        targets(was_m, true_enu_m=was_m + [[20.0, 5.0, 0.0]]), emitted_utc_ns=99 * NS * ONE
+        targets(was_m, true_enu_m=was_m + np.array([20.0, 5.0, 0.0])), emitted_utc_ns=99 * NS * ONE
     )
     own = own_axes(azimuth_offset_deg=20.0, tilt_deg=5.0, tilt_azimuth_deg=70.0)
     askew = replace(right, position_enu_m=was_m @ own.T, own_axes=own)
