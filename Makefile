@@ -96,7 +96,7 @@ audit: .venv-audit/.ready
 	touch $@
 
 proto: .venv/.ready-test
-	$(BIN)/python -m grpc_tools.protoc --proto_path=plotfeed/proto=proto --python_out=.typing --pyi_out=.typing plotfeed/proto/plotfeed.proto
+	$(BIN)/python -m grpc_tools.protoc --proto_path=plotfeed/proto=proto --python_out=.typing --pyi_out=.typing plotfeed/proto/plotfeed.proto plotfeed/proto/ledger.proto
 
 # Half an hour; nothing depends on the figures.
 bench: .venv/.ready-test

@@ -9,7 +9,8 @@ COT = "application/x-cot+xml"  # Cursor on Target has no registered name
 ASTERIX = "application/x-asterix"
 SCHEMA = "schema="
 MESSAGE_TYPE = "messageType="
-TELEMETRY, LEDGER = "plotfeed.v1.Telemetry", "plotfeed.v1.Ledger"
+TELEMETRY = "plotfeed.v1.Telemetry"
+LEDGER_BATCH, LEDGER = "plotfeed.v1.LedgerBatch", "plotfeed.v1.Ledger"
 PLOT_BATCH, TRACK_BATCH = "plotfeed.v1.PlotBatch", "plotfeed.v1.TrackBatch"
 # Full names of messages of protobuf.
 SAPIENT_MESSAGE = "sapient_msg.bsi_flex_335_v2_0.SapientMessage"

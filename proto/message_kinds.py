@@ -22,6 +22,7 @@ from plotfeed.proto.content_types import (
     GEOJSON,
     JSON,
     LEDGER,
+    LEDGER_BATCH,
     PLOT_BATCH,
     SAPIENT_MESSAGE,
     TELEMETRY,
@@ -29,6 +30,7 @@ from plotfeed.proto.content_types import (
     is_asterix_topic,
     message_type,
 )
+from plotfeed.proto.ledger_pb2 import LedgerBatch
 
 # Classes of the messages of ours that are sent by themselves, by their full names.
 OUR_MESSAGES: Mapping[str, Any] = {
@@ -38,6 +40,7 @@ OUR_MESSAGES: Mapping[str, Any] = {
         pb.PlotBatch,
         pb.TrackBatch,
         pb.Ledger,
+        LedgerBatch,
         pb.Refusal,
         pb.SensorStatus,
         pb.SensorDescription,
@@ -48,15 +51,24 @@ MEDIA_TYPES = (ASTERIX, JSON, GEOJSON, COT)
 # Kinds that a topic tells where senders choose the format: categories that they may publish in.
 #
 # No first octet of a TrackBatch is 62, nor of either message of protobuf a bracket.
-OPEN_TO: Mapping[str, Container[int]] = {TRACK_BATCH: {62}, TELEMETRY: {129}, "": CATEGORIES}
+OPEN_TO: Mapping[str, Container[int]] = {
+    TRACK_BATCH: {62},
+    TELEMETRY: {129},
+    LEDGER_BATCH: (),
+    "": CATEGORIES,
+}
 LAST_LEVELS = {
     **dict.fromkeys(("errors", "status", "settings", "description", "session"), JSON),
     "plots": PLOT_BATCH,
     "tracks": TRACK_BATCH,
-    "truth": LEDGER,
+    "truth": LEDGER_BATCH,
     "sapient": SAPIENT_MESSAGE,
     "cot": COT,
 }
+
+
+# The tag of the first field, which no LedgerBatch has.
+_OF_LEDGER = b"\n"
 
 
 def kind_of(topic: str, content_type: str, payload: bytes) -> str:
@@ -67,6 +79,8 @@ def kind_of(topic: str, content_type: str, payload: bytes) -> str:
     kind, is_open = _told(topic, content_type)
     if not is_open:
         return kind
+    if kind == LEDGER_BATCH:  # or of a version before there were columns
+        return LEDGER if payload.startswith(_OF_LEDGER) else kind
     if payload.lstrip(b" \t\r\n").startswith((b"{", b"[")):
         return JSON
     is_block = len(payload) >= int.from_bytes(payload[1:HEADER_OCTETS], "big") > HEADER_OCTETS

@@ -22,6 +22,7 @@ from plotfeed.proto.utc import NS
 
 TIMESTAMP = Timestamp.DESCRIPTOR.full_name
 NANOSECONDS = "_utc_ns"  # How the names of our times end that are not Timestamps
+WHOLE = (FieldDescriptor.TYPE_INT64, FieldDescriptor.TYPE_SFIXED64)
 # The years 1 to 9999, which a Timestamp can tell.
 EARLIEST_NS, LATEST_NS = -62_135_596_800 * NS, 253_402_300_800 * NS
 # Members of our JSON objects that tell a time.
@@ -103,8 +104,8 @@ def _found_moves(descriptor: Descriptor, above: tuple[str, ...]) -> list[_Move]:
     around = (*above, descriptor.full_name)
     for field in descriptor.fields:
         if field.message_type is None:
-            if field.name.endswith(NANOSECONDS) and field.type == FieldDescriptor.TYPE_INT64:
-                moves.append(_nanoseconds_mover(field.name))
+            if field.name.endswith(NANOSECONDS) and field.type in WHOLE:
+                moves.append(_nanoseconds_mover(field))
         elif field.message_type.full_name == TIMESTAMP:
             moves.append(_mover(field, [_move_timestamp]))
         elif field.message_type.full_name not in around:
@@ -114,10 +115,14 @@ def _found_moves(descriptor: Descriptor, above: tuple[str, ...]) -> list[_Move]:
     return moves
 
 
-def _nanoseconds_mover(name: str) -> _Move:
+def _nanoseconds_mover(field: FieldDescriptor) -> _Move:
+    name, is_repeated = field.name, field.is_repeated
+
     def move(message: Any, shift_ns: int) -> None:
         time_ns = getattr(message, name)
-        if time_ns:
+        if is_repeated:
+            time_ns[:] = [each + shift_ns if each else 0 for each in time_ns]
+        elif time_ns:
             setattr(message, name, time_ns + shift_ns)
 
     return move

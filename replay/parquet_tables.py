@@ -6,7 +6,7 @@ null is what was not told. Text is as it came: no spreadsheet opens such a file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from functools import partial
 from typing import Any, BinaryIO, TypeVar
 
@@ -14,7 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.content_types import message_type
+from plotfeed.proto.content_types import LEDGER, LEDGER_BATCH, TRACK_BATCH, message_type
+from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.measured_plots import ABSENT, MeasuredPlots
 from plotfeed.replay.plots_csv import COLUMNS, Selection, plots_in, table_of
 from plotfeed.replay.recorded import PLOT_TABLES, Recorded, RecordingWriter, TableName
@@ -170,21 +171,27 @@ M = TypeVar("M", pb.Ledger, pb.TrackBatch)
 
 
 def _rows_in(
-    kind: type[M], topic_end: str, rows_of: Callable[[M, Row], Iterable[Row]]
+    kinds: Container[str],
+    topic_end: str,
+    read: Callable[[bytes], Iterable[M]],
+    rows_of: Callable[[M, Row], Iterable[Row]],
 ) -> Callable[[Recorded], Iterable[Row] | None]:
-    """Rows of what messages of a kind say, by the sector that they say it of."""
-    name = kind.DESCRIPTOR.full_name
+    """Rows of what messages of those kinds say, by the sector that they say it of."""
 
     def rows(message: Recorded) -> Iterable[Row] | None:
         said = message_type(message.content_type)
-        if said != name and (said or not message.topic.endswith(topic_end)):
+        if said not in kinds and (said or not message.topic.endswith(topic_end)):
             return None
         try:
-            found = kind.FromString(message.payload)
+            return [
+                row
+                for found in read(message.payload)
+                for row in rows_of(
+                    found, {"sensor": found.sensor, "scan": found.scan, "sector": found.sector}
+                )
+            ]
         except Exception:  # noqa: BLE001 - of protobuf's own, in each of its implementations
             return None
-        of = {"sensor": found.sensor, "scan": found.scan, "sector": found.sector}
-        return list(rows_of(found, of))
 
     return rows
 
@@ -234,7 +241,12 @@ def _rows_of_batch(batch: pb.TrackBatch, of: Row) -> Iterable[Row]:
         yield of | kind | {"time_utc": _ns(track.time_utc_ns)} | _fields(track, names)
 
 
-_TRACKS_IN = _rows_in(pb.TrackBatch, "/tracks", _rows_of_batch)
+def _batch_in(payload: bytes) -> list[pb.TrackBatch]:
+    return [pb.TrackBatch.FromString(payload)]
+
+
+_TRACKS_IN = _rows_in((TRACK_BATCH,), "/tracks", _batch_in, _rows_of_batch)
+_OF_LEDGER = partial(_rows_in, (LEDGER, LEDGER_BATCH), "/truth", entries_in)
 
 
 def _message_rows(message: Recorded) -> Iterable[Row]:
@@ -254,9 +266,9 @@ def _message_rows(message: Recorded) -> Iterable[Row]:
 
 
 _ROWS_OF: Mapping[TableName, Callable[[Recorded], Iterable[Row] | None]] = {
-    TableName.TRUTHS: _rows_in(pb.Ledger, "/truth", _truth_rows),
-    TableName.LOOKS: _rows_in(pb.Ledger, "/truth", _look_rows),
+    TableName.TRUTHS: _OF_LEDGER(_truth_rows),
+    TableName.LOOKS: _OF_LEDGER(_look_rows),
     TableName.TRACKS: _track_rows,
     TableName.MESSAGES: _message_rows,
-    TableName.FATES: _rows_in(pb.Ledger, "/truth", _fate_rows),
+    TableName.FATES: _OF_LEDGER(_fate_rows),
 }

@@ -62,6 +62,7 @@ def test_the_wheel_holds_all_that_the_rooms_do_and_nothing_else(wheel: Path) -> 
         "plotfeed/replay/py.typed",
         "plotfeed/proto/plotfeed.proto",
         "plotfeed/proto/plotfeed_pb2.pyi",
+        "plotfeed/proto/ledger.proto",
     ):
         assert name in packed
 

@@ -6,16 +6,18 @@ python docs/commands/write_messages.py
 from __future__ import annotations
 
 import re
-from importlib.resources import files
 from pathlib import Path
+
+from plotfeed.feeds.schema.asyncapi import messages_schema
 
 PAGE = Path(__file__).parents[1] / "messages.md"
 INTRODUCTION = """# plotfeed's own messages
 
 Written by `python docs/commands/write_messages.py` from
-[plotfeed.proto](../proto/plotfeed.proto), which `plotfeed schema messages` prints. The unit of a
-field is the end of its name: `_m` metres, `_deg` degrees, `_m_s` metres a second, `_db` decibels,
-`_dbm` decibels over a milliwatt, `_hz` hertz, `_us` microseconds, `_utc_ns` nanoseconds of UTC
+[plotfeed.proto](../proto/plotfeed.proto) and [ledger.proto](../proto/ledger.proto), which
+`plotfeed schema messages` prints. The unit of a field is the end of its name: `_m` metres, `_deg`
+degrees, `_m_s` metres a second, `_db` decibels, `_dbm` decibels over a milliwatt, `_hz` hertz,
+`_us` microseconds, `_utc_ns` nanoseconds of UTC
 since 1970. Azimuth is clockwise from true north, elevation above the sensor's horizontal. An
 optional field that is absent was not measured or is not known; zero is a value. JSON is
 protobuf's own mapping, with these names.
@@ -31,7 +33,7 @@ def page() -> str:
     lines = [INTRODUCTION]
     comment: list[str] = []
     inside = False
-    for line in files("plotfeed.proto").joinpath("plotfeed.proto").read_text().splitlines():
+    for line in messages_schema().splitlines():
         if match := re.match(r"^(message|enum) (\w+) {$", line):
             lines += ["", f"## {match[2]}", "", *([" ".join(comment), ""] if comment else [])]
             inside, comment = True, []

@@ -36,7 +36,6 @@ from plotfeed.feeds.scene.sensors.mount_keys import CueError, cue_of, mount_of
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.beam import Sector
-from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
     from plotfeed.feeds.engine.cooperative_drones import CooperativeDrones
@@ -224,9 +223,8 @@ class Engine:
             said, truths = cooperative.said(self._claim)
             sector = Sector(self._claim, 0, due_ns - period_ns, due_ns, 0.0, 360.0)
             self._claim += 1
-            claims = pb.Ledger(claims=truths).SerializeToString()
             i = len(self._ids) - 1
-            batch = Batch.of_one(sector, sensor=i, sensors=self._ids, claims=claims)
+            batch = Batch.of_one(sector, sensor=i, sensors=self._ids, claims=truths)
             yield self._over_links(batch, [said])
         for i in self._link_script:
             self._follow_link_script(i, t_utc_ns)

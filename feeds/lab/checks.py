@@ -21,10 +21,10 @@ from plotfeed.feeds.lab.laws import (
     share_interval,
     z_score,
 )
-from plotfeed.feeds.lab.ledger_columns import LedgerTables, ToldPlots
 from plotfeed.feeds.lab.links import LinkFigures
 from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.models.tail_chances import p_of_normal, p_of_poisson, p_of_squares, p_of_trials
+from plotfeed.proto.ledger import LedgerTables, ToldPlots
 from plotfeed.proto.measured_plots import MeasuredPlots
 
 

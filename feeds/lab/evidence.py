@@ -14,15 +14,15 @@ import numpy as np
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab.asked import AskedByTime, RecordedSettings
-from plotfeed.feeds.lab.ledger_columns import LedgerTables, ToldLooks, ToldPlots, tables_of
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.recording.session_again import SessionRecord, recorded_scene
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.clutter import CLUTTER
 from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Ints, Texts
-from plotfeed.proto.content_types import LEDGER
+from plotfeed.proto.content_types import LEDGER, LEDGER_BATCH, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.ledger import LedgerTables, ToldLooks, ToldPlots, tables_of
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.plot_messages import batch_in, plots_of_batches
 from plotfeed.replay.mcap.channels import ChannelKey
@@ -32,6 +32,8 @@ from plotfeed.replay.recorded import Recorded, Stage
 
 NO_PLOTS = MeasuredPlots.of(())
 TRUTH = "/truth"
+# What messages there may be, by what they say of themselves.
+LEDGERS = ("", LEDGER, LEDGER_BATCH)
 AT_ONCE = 8192
 """Messages that are read together."""
 REMEMBERED = 65_536
@@ -272,7 +274,7 @@ class Evidence:
         if self.log.damage:
             return f"holds no ledger that is whole: {self.log.damage[0]}"
         return (
-            f"holds no ledger: expected {LEDGER} on a topic that ends in {TRUTH}, "
+            f"holds no ledger: expected {LEDGER_BATCH} on a topic that ends in {TRUTH}, "
             "as plotfeed run --record makes it"
         )
 
@@ -281,8 +283,7 @@ def truth_topics(series: Sequence[ChannelKey]) -> dict[tuple[str, Stage], str]:
     """Prefixes by topic and stage: what left, or else what was received of the same topic."""
     found: dict[str, Stage] = {}
     for each in series:
-        unlabelled = "messageType=" not in each.content_type
-        if each.topic.endswith(TRUTH) and (unlabelled or each.content_type.endswith(LEDGER)):
+        if each.topic.endswith(TRUTH) and message_type(each.content_type) in LEDGERS:
             best = found.get(each.topic, each.stage)
             found[each.topic] = Stage.AFTER if Stage.AFTER in (best, each.stage) else best
     return {(topic, stage): topic.removesuffix(TRUTH) for topic, stage in found.items()}

@@ -28,7 +28,6 @@ from plotfeed.feeds.lab.evidence import (
     names_of,
 )
 from plotfeed.feeds.lab.laws import TIME_OF_SENDING, TrueEchoes, TruePlots, compared, with_rounding
-from plotfeed.feeds.lab.ledger_columns import LedgerTables, tables_of
 from plotfeed.feeds.lab.tables import Table, TextColumn
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.chance import Chance
@@ -56,6 +55,7 @@ from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import OTHER, Bools, Floats, Ints
 from plotfeed.models.track_metrics import FlightPath
+from plotfeed.proto.ledger import LedgerTables, tables_of
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
 from plotfeed.proto.utc import NS
 from plotfeed.replay.recorded import Stage

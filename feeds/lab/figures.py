@@ -40,7 +40,6 @@ from plotfeed.feeds.lab.checks import (
 )
 from plotfeed.feeds.lab.evidence import Evidence, WaitingPlots, are_targets, names_of
 from plotfeed.feeds.lab.laws import CELLS
-from plotfeed.feeds.lab.ledger_columns import LedgerTables, ToldMessages
 from plotfeed.feeds.lab.links import (
     CURVE,
     LinkFigures,
@@ -52,6 +51,7 @@ from plotfeed.feeds.lab.links import (
 )
 from plotfeed.models.state import OTHER, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import LedgerTables, ToldMessages
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import WHAT_LEFT, Damage, Stage
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from plotfeed.feeds.lab.evidence import Evidence
-from plotfeed.feeds.lab.ledger_columns import LedgerTables, ToldLooks
 from plotfeed.feeds.lab.track_reports import TABLES, UNKNOWN_NS, is_table_of_tracks, read_tracks
 from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.recording.session_again import recorded_scene
@@ -26,6 +25,7 @@ from plotfeed.models.frames import LocalFrame, aer_to_enu, ecef_to_geodetic, geo
 from plotfeed.models.state import AltitudeReference, Floats, Ints
 from plotfeed.models.track_metrics import FlightPath
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.ledger import LedgerTables, ToldLooks
 from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import WHAT_LEFT

@@ -13,7 +13,6 @@ import numpy as np
 from pydantic import ValidationError
 
 from plotfeed.feeds.lab.laws import ENOUGH, law_distance, p_of_distance, z_score
-from plotfeed.feeds.lab.ledger_columns import ToldMessages
 from plotfeed.feeds.link.impairment import LinkExpectation
 from plotfeed.feeds.link.losses import LossChain
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -21,6 +20,7 @@ from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.models.state import Floats, Ints
 from plotfeed.models.tail_chances import Cumulants, p_of_binomial, p_of_lengths, p_of_whole
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import ToldMessages
 
 STEP = 1e-3
 

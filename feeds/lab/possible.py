@@ -11,7 +11,6 @@ import numpy as np
 
 from plotfeed.feeds.lab.evidence import Evidence, SectorKey, WaitingPlots
 from plotfeed.feeds.lab.flights import Truths, stands_of
-from plotfeed.feeds.lab.ledger_columns import ToldMessages, ToldPlots
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, ReportedTracks, TracksRead
 from plotfeed.feeds.scene.scene import Scene
@@ -20,6 +19,7 @@ from plotfeed.models.constant_velocity import predicted, updated
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.state import Columns, Floats, Ints, Texts
 from plotfeed.models.track_metrics import FlightPath, overtaken
+from plotfeed.proto.ledger import ToldMessages, ToldPlots
 from plotfeed.proto.utc import NS
 
 LEAST_SIGMA_M, UNMEASURED_SIGMA_M = 0.1, 300.0

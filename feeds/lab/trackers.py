@@ -19,7 +19,6 @@ import numpy as np
 from plotfeed.feeds.console.posix import end_group
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.lab.flights import FlightsTally
-from plotfeed.feeds.lab.ledger_columns import LedgerTables, tables_of
 from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, plots_of, possible
 from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
 from plotfeed.feeds.lab.score import ScoreLimit, limit_value
@@ -39,6 +38,7 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.ledger import LedgerTables, tables_of
 from plotfeed.proto.utc import NS
 from plotfeed.replay.recorded import Recorded
 

@@ -14,6 +14,7 @@ from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import FALSE_ALARM, Columns, Ints, Looks, Plots, TruthState
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.encode import Parts
 from plotfeed.proto.tracks.told_tracks import NO_TRACKS, ToldTracks
 
@@ -51,8 +52,8 @@ class Batch:
     """Messages of each sector, handed to its link at its end, with when that lets them leave."""
     links: Sequence[str] = ()
     """Keys of the link that each sector's messages passed, as JSON; empty where there is none."""
-    claims: bytes | None = None
-    """What drones said of themselves, as octets of the ledger's entry; None of a sensor's batch."""
+    claims: Sequence[pb.Claim] | None = None
+    """What drones said of themselves; None of a sensor's batch."""
     clock_ahead_ns: int = 0
     """By how much the times of sectors and plots are ahead of UTC; those of looks never are."""
     truth_at: Callable[[int, Ints], TruthState] = _no_truth
@@ -73,7 +74,7 @@ class Batch:
         sensors: Sequence[str] = (),
         messages: Sequence[Outgoing] = (),
         link: str = "",
-        claims: bytes | None = None,
+        claims: Sequence[pb.Claim] | None = None,
     ) -> Self:
         """What came of one sector of the sensor at that place among `sensors`."""
         return cls(

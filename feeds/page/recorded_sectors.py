@@ -22,13 +22,6 @@ from plotfeed.feeds.lab.evidence import (
     plot_topics,
     sector_plots,
 )
-from plotfeed.feeds.lab.ledger_columns import (
-    LedgerTables,
-    ToldLooks,
-    ToldMessages,
-    ToldPlots,
-    tables_of,
-)
 from plotfeed.feeds.recording.session_again import recorded_scene
 from plotfeed.feeds.replaying.replay_settings import Selection
 from plotfeed.feeds.scene.fields import frame_at
@@ -39,6 +32,13 @@ from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
 from plotfeed.models.truth import fit_velocity
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.ledger import (
+    LedgerTables,
+    ToldLooks,
+    ToldMessages,
+    ToldPlots,
+    tables_of,
+)
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.proto.utc import DAY_NS, NS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from google.protobuf import json_format
@@ -20,8 +20,15 @@ from plotfeed.feeds.recording.record_text import (
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode_lenient
-from plotfeed.proto.content_types import ASTERIX, COT, SAPIENT_MESSAGE
+from plotfeed.proto.content_types import (
+    ASTERIX,
+    COT,
+    LEDGER,
+    LEDGER_BATCH,
+    SAPIENT_MESSAGE,
+)
 from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of
 from plotfeed.proto.utc import iso_utc
 
@@ -117,11 +124,14 @@ def _told(kind: str, payload: bytes, categories: Categories, *, as_json: bool) -
     if kind not in OUR_MESSAGES:  # JSON, or nothing tells what
         value = json.loads(payload)
         return iter([value if as_json else json.dumps(value)[:MAX_TEXT]])
-    message = OUR_MESSAGES[kind].FromString(payload)
-    if as_json:
-        fields = json_format.MessageToDict(message, preserving_proto_field_name=True)
-        return iter([{type(message).__name__: fields}])
-    return _protobuf(message)
+    return _protobuf(_ours(kind, payload), as_json=as_json)
+
+
+def _ours(kind: str, payload: bytes) -> list[Any]:
+    """The message of ours in a payload; of the ledger one for each sector."""
+    if kind in (LEDGER, LEDGER_BATCH):
+        return entries_in(payload)
+    return [OUR_MESSAGES[kind].FromString(payload)]
 
 
 def _asterix(payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[Any]:
@@ -149,9 +159,9 @@ def _indented(kind: str, payload: bytes) -> Iterator[str]:
     if kind not in OUR_MESSAGES:
         yield json.dumps(json.loads(payload), indent=2)
         return
-    message = OUR_MESSAGES[kind].FromString(payload)
-    fields = json_format.MessageToJson(message, preserving_proto_field_name=True)
-    yield f"{message.DESCRIPTOR.name} {fields}"
+    for message in _ours(kind, payload):
+        fields = json_format.MessageToJson(message, preserving_proto_field_name=True)
+        yield f"{message.DESCRIPTOR.name} {fields}"
 
 
 def _sapient(payload: bytes, *, as_json: bool) -> Iterator[Any]:
@@ -168,7 +178,16 @@ def _sapient(payload: bytes, *, as_json: bool) -> Iterator[Any]:
     yield {"SapientMessage": message} if as_json else sapient_line(message)
 
 
-def _protobuf(message: ProtobufMessage) -> Iterator[str]:
+def _protobuf(messages: Iterable[ProtobufMessage], *, as_json: bool) -> Iterator[Any]:
+    for message in messages:
+        if as_json:
+            fields = json_format.MessageToDict(message, preserving_proto_field_name=True)
+            yield {type(message).__name__: fields}
+        else:
+            yield from _lines_of(message)
+
+
+def _lines_of(message: ProtobufMessage) -> Iterator[str]:
     if isinstance(message, pb.PlotBatch):
         place = f"scan {message.scan} sector {message.sector}"
         for plot in message.plots:

@@ -38,7 +38,8 @@ from plotfeed.replay.recorded import Recorded, Stage
 
 MAX_SERIES = 10_000
 OTHERS = "(others)"  # In place of the topic when there are more
-LEDGER = "Ledger"  # What is told of plots when there is time: its lateness is nobody's
+# What is told of plots when there is time: its lateness is nobody's
+LEDGERS = (("LedgerBatch",), ("Ledger",))
 STEPS = 1000  # Of lateness within a factor of e: it is known to 0.05 %
 
 
@@ -118,7 +119,7 @@ class Summary:
                 more = records.get(int(kind), 0)
                 have = series.records
                 series.records = None if have is None or more is None else have + more
-        if kinds == (LEDGER,):
+        if kinds in LEDGERS:
             return
         late_ns = message.log_time_ns - message.publish_time_ns
         if late_ns or message.stage in (Stage.BEFORE, Stage.AFTER):

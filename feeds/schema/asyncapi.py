@@ -15,6 +15,7 @@ from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S
 from plotfeed.feeds.schema.flows import OURS, Flow, flows
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON, PROTOBUF
+from plotfeed.proto.message_kinds import OUR_MESSAGES
 from plotfeed.proto.protobuf_json import json_schema
 
 BINDING = "0.2.0"
@@ -214,9 +215,16 @@ def _payload(flow: Flow) -> dict[str, Any]:
     return {"type": "string", "format": "binary", "description": flow.summary}
 
 
+IMPORT = 'import "plotfeed/proto/plotfeed.proto";\n'
+
+
 def messages_schema() -> str:
-    """The protobuf schema of our messages."""
-    return files("plotfeed.proto").joinpath("plotfeed.proto").read_text("utf-8").rstrip()
+    """The protobuf schema of our messages, the ledger's behind the others."""
+    ours, ledger = (
+        files("plotfeed.proto").joinpath(f"{name}.proto").read_text("utf-8").rstrip()
+        for name in ("plotfeed", "ledger")
+    )
+    return f"{ours}\n{ledger.partition(IMPORT)[2]}"
 
 
 def _schemas() -> dict[str, Any]:
@@ -232,7 +240,7 @@ def _schemas() -> dict[str, Any]:
 
 def _schema_of(root: str) -> str:
     """What our protobuf schema says of that message, and of what is in it."""
-    needed = _names_in(pb.DESCRIPTOR.message_types_by_name[root])
+    needed = _names_in(OUR_MESSAGES[f"{OURS}.{root}"].DESCRIPTOR)
     head, *blocks = DEFINITION.split(messages_schema())
     kept = [block for block in blocks if (found := NAME.search(block)) and found[1] in needed]
     return "\n\n".join([head.strip(), *(block.strip() for block in kept)])
@@ -244,6 +252,6 @@ def _names_in(message: Descriptor) -> set[str]:
     for field in message.fields:
         if field.enum_type is not None:
             names.add(field.enum_type.name)
-        elif field.message_type is not None and field.message_type.file is message.file:
+        elif field.message_type is not None and field.message_type.file.package == OURS:
             names |= _names_in(field.message_type)
     return names

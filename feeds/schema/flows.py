@@ -194,10 +194,9 @@ def _of_session() -> Iterator[Flow]:
     yield Flow(
         name="truth",
         address="{prefix}/truth",
-        content_type=f"{PROTOBUF}; messageType={OURS}.Ledger",
-        summary="The ledger of a sector: whose plot is whose, what was missed. Not for trackers.",
-        message=f"{OURS}.Ledger",
-        attributes=OF_SECTOR,
+        content_type=f"{PROTOBUF}; messageType={OURS}.LedgerBatch",
+        summary="The ledger of sectors: whose plot is whose, what was missed. Not for trackers.",
+        message=f"{OURS}.LedgerBatch",
         kind="plotfeed.truth",
         qos=0,
         needs="mqtt.truth is not false",

@@ -17,8 +17,8 @@ SPARE_NS = 1_000_000
 LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
 """What can wait is done together, at multiples of this, after what is due just then."""
 NEVER_NS = 1 << 63
-AT_ONCE = 50
-"""Entries written, or messages sent in simulated time, before anything else has its turn."""
+# Messages sent in simulated time, and entries written, before anything else has its turn.
+AT_ONCE, ENTRIES_AT_ONCE = 50, 200
 MAX_LATER = 2_000
 """Entries that may wait; with one more, the oldest are written however late the session is."""
 DRAIN_EVERY_NS = 20 * NS
@@ -92,7 +92,7 @@ class SessionLoop(Generic[T]):
         """Write it with others, soon, when nothing is due; or when too much waits for that."""
         waiting = self._later
         if len(waiting) >= MAX_LATER:
-            self._do_later(MAX_LATER if isinstance(self._clock, InstantClock) else AT_ONCE)
+            self._do_later(MAX_LATER if isinstance(self._clock, InstantClock) else ENTRIES_AT_ONCE)
         waiting.append(item)
         if self._later_ns is None:
             is_simulated = isinstance(self._clock, InstantClock)
@@ -193,7 +193,7 @@ class SessionLoop(Generic[T]):
             if takes_in:
                 self._inputs.take_in(self._clock.now_ns(), lambda: False)
             if self._later and (self._is_turn_of_later or stands_still):
-                self._do_later(AT_ONCE)
+                self._do_later(ENTRIES_AT_ONCE)
             elif not takes_in:
                 break
             await asyncio.sleep(0)

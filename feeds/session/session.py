@@ -24,7 +24,7 @@ from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.engine.intake import Input, Intake
 from plotfeed.feeds.engine.sensor_description import SensorDescriber, status_of
 from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.ledger_writer import Kept, LedgerWriter
+from plotfeed.feeds.link.ledger_messages import Kept, ledger_messages
 from plotfeed.feeds.link.outbox import Departure, Outbox, prepare_all, send_all
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
@@ -208,7 +208,6 @@ class Session:
 
         # What goes out.
         self._reported = who_care(observers, "report")
-        self._ledger = LedgerWriter(scene.mqtt.prefix)
         self._keeps_ledger = scene.mqtt.truth or any(o.wants_ledger for o in observers)
         self._outputs = Outputs(
             own,
@@ -641,7 +640,7 @@ class Session:
         for settled in who_care(self._observers, "settled"):
             for batch, row in kept:
                 settled(batch.one(row), records(batch.messages[row]))
-        messages = self._ledger.messages(kept)
+        messages = ledger_messages(self.scene.mqtt.prefix, kept)
         for observer in self._observers:
             for message in messages:
                 observer.ledger(message)

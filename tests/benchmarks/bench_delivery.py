@@ -15,6 +15,7 @@ import tempfile
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -26,14 +27,17 @@ from bench_engine import a_broker
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.ledger_messages import ledger_messages
 from plotfeed.feeds.link.outbox import Outbox, prepare_all, send_all
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.models.beam import Sectors
 from plotfeed.models.state import Looks, Plots
-from plotfeed.proto.ledger_octets import LedgerOctets, ledger
+from plotfeed.proto import plotfeed_pb2 as pb
 
 SENSORS, DEADLINES, RUNS = 200, 100, 3
 EVERY_S = 0.02
@@ -149,23 +153,38 @@ def ledger_us(sectors: int, drones: int) -> float:
         true_azimuth_deg=looks.azimuth_deg,
         true_elevation_deg=looks.elevation_deg,
     )
-    topics = [f"plotfeed/r{i}/asterix/{c}" for i in range(sectors) for c in ("048", "034")]
-    sent_ns, sizes = np.full(2 * sectors, due_ns[0]), np.full(2 * sectors, 60)
-    octets = LedgerOctets()
-
-    def entries() -> list[bytes]:
-        truths = octets.truths(looks, by, plots, by, names=names)
-        sent, ends = octets.sent(topics, sent_ns, sent_ns, sizes, np.arange(2 * sectors))
-        ends = ends[::2].tolist()
-        return [
-            ledger(f"r{i}", 7, 1, truth=truth, sent=sent[ends[i] : ends[i + 1]])
-            for i, truth in enumerate(truths)
-        ]
+    of = np.arange(sectors)
+    each = Sectors(
+        sensor=of,
+        scan=of,
+        index=of,
+        start_ns=due_ns[by[:-1]],
+        end_ns=due_ns[by[:-1]],
+        start_deg=np.zeros(sectors),
+        end_deg=np.zeros(sectors),
+        stares=np.zeros(sectors, np.bool_),
+    )
+    sensors = [f"r{i}" for i in range(sectors)]
+    sent = [[Outgoing(message) for message in messages(name, int(due_ns[0]))] for name in sensors]
+    for one in chain.from_iterable(sent):
+        one.fate, one.sent_utc_ns = pb.SENT, one.due_utc_ns
+    batch = Batch(
+        each,
+        plots,
+        by,
+        looks,
+        by,
+        sensors=sensors,
+        names=names,
+        messages=sent,
+        links=[""] * sectors,
+    )
+    kept = [(batch, row) for row in range(sectors)]
 
     took = []
     for _ in range(20):
         start = time.process_time()
-        entries()
+        ledger_messages("plotfeed", kept)
         took.append((time.process_time() - start) * 1e6)
     return statistics.median(took) / sectors
 

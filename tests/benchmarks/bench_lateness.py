@@ -25,7 +25,7 @@ from aims import aim, ratios, spread
 from demo_process import demo, subscriber
 from support.nanosleep import nanosleep_late_us
 
-from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger_pb2 import LedgerBatch
 
 NS = 1_000_000_000
 SECONDS, TURNS = 60.0, 5
@@ -45,8 +45,8 @@ class Listener:
         """One message."""
         now_ns = time.time_ns()
         if topic.endswith("/truth"):
-            sent = pb.Ledger.FromString(payload).messages
-            self.left_ns.extend(m.sent_utc_ns - m.due_utc_ns for m in sent)
+            sent = LedgerBatch.FromString(payload).messages
+            self.left_ns += np.subtract(sent.sent_utc_ns, sent.due_utc_ns).tolist()
         else:
             due = dict(properties["user_property"])["time"]
             self.arrived_ns.append(now_ns - _utc_ns(due))

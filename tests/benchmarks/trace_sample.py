@@ -4,9 +4,9 @@
 
 One rotating radar and one drone that reports ten times a second. A report goes in by
 `Engine.receive`; what ends until the next one comes out of `Engine.until` as octets of ASTERIX 048
-and 034, which leave at once, and `LedgerWriter` tells of them. Counted are the functions that run
-in a second of that, after five in which all is made that is kept; comprehensions and lambdas count
-for the function that holds them.
+and 034, which leave at once, and `ledger_messages` tells of them. Counted are the functions that
+run in a second of that, after five in which all is made that is kept; comprehensions and lambdas
+count for the function that holds them.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from aims import aim  # noqa: E402
 from bench_engine import radars  # noqa: E402
 
 from plotfeed import Engine  # noqa: E402
-from plotfeed.feeds.link.ledger_writer import LedgerWriter  # noqa: E402
+from plotfeed.feeds.link.ledger_messages import ledger_messages  # noqa: E402
 from plotfeed.feeds.messages.message import Message  # noqa: E402
 from plotfeed.feeds.scene.scene import from_tree  # noqa: E402
 from plotfeed.proto import plotfeed_pb2 as pb  # noqa: E402
+from plotfeed.proto.ledger import tables_of  # noqa: E402
 from plotfeed.proto.utc import NS, iso_utc  # noqa: E402
 
 START_NS, STEP_NS, WARM_S, COUNTED_S = 1_767_225_600 * NS, NS // 10, 5, 1
@@ -50,7 +51,7 @@ def report(step: int) -> bytes:
     return json.dumps(said).encode()
 
 
-def fly(engine: Engine, ledger: LedgerWriter, steps: range) -> list[Message]:
+def fly(engine: Engine, steps: range) -> list[Message]:
     """Ledger entries of all that is said from report to report."""
     entries = []
     for step in steps:
@@ -59,7 +60,7 @@ def fly(engine: Engine, ledger: LedgerWriter, steps: range) -> list[Message]:
         for batch in engine.until(START_NS + (step + 1) * STEP_NS):
             for one in [one for each in batch.messages for one in each]:
                 one.fate, one.sent_utc_ns = pb.SENT, one.due_utc_ns
-            entries += ledger.messages([(batch, row) for row in range(len(batch))])
+            entries += ledger_messages("plotfeed", [(batch, row) for row in range(len(batch))])
     return entries
 
 
@@ -101,13 +102,13 @@ def main() -> None:
         },
         HERE / "way.toml",
     )
-    engine, ledger = Engine(scene, START_NS), LedgerWriter("plotfeed")
+    engine = Engine(scene, START_NS)
     a_second = NS // STEP_NS
-    fly(engine, ledger, range(WARM_S * a_second))
+    fly(engine, range(WARM_S * a_second))
     counted = range(WARM_S * a_second, (WARM_S + COUNTED_S) * a_second)
-    places, entries = traced(lambda: fly(engine, ledger, counted))
-    told = [pb.Ledger.FromString(entry.payload) for entry in entries]
-    assert any(entry.looks and entry.messages for entry in told), "the beam has met no drone"
+    places, entries = traced(lambda: fly(engine, counted))
+    told = tables_of(entry.payload for entry in entries)
+    assert min(len(told.looks), len(told.messages)), "the beam has met no drone"
     files = sorted({file for file, _ in places})
     if "--list" in sys.argv:
         for file in files:

@@ -6,6 +6,7 @@ An item's digest is of its lines. Where a revision differs, the lines of both sh
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,7 +17,14 @@ from google.protobuf.message import Message as ProtobufMessage
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
-from plotfeed.proto import plotfeed_pb2
+from plotfeed.proto.content_types import protobuf_content_type
+from plotfeed.proto.ledger import entries_in
+from plotfeed.proto.ledger_pb2 import LedgerBatch
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.mcap.channels import properties_to_json
+from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.recorded import Recorded
 
 OCTETS_A_LINE = 32
 HASH = 16
@@ -56,12 +64,13 @@ def of_recording(path: Path) -> dict[str, Item]:
     """What an MCAP file holds, by topic and stage, in the order of the file; and that order.
 
     How messages are cut into chunks is left out: a session writes one every 0.25 s of real time.
-    The ledger is decoded, for only what it says may not change.
+    The ledger is decoded, for only what it says may not change. User properties, which come before
+    their message, stand behind the message before; of the ledger those of the first sector do.
     """
     found: dict[str, list[str]] = {}
     order, others, ledger = [], [], []
     channels: dict[int, list[object]] = {}
-    before = ""
+    before, properties = "", b""
     for record, channel, schema in _records(path):
         if isinstance(record, Attachment):
             others.append(
@@ -71,12 +80,17 @@ def of_recording(path: Path) -> dict[str, Item]:
             others.append(json.dumps([record.name, sorted(record.metadata.items())]))
         elif isinstance(record, Message) and channel is not None:
             if channel.topic.startswith(PROPERTIES):
-                if before in found:  # else it is of the ledger
-                    found[before][-1] += f" {record.data.hex()}"
+                properties = record.data
                 continue
             of = channel.metadata.get("plotfeed.topic", channel.topic)
+            is_ledger = of.rsplit("/", 1)[-1] == LEDGER
+            if properties and before in found:  # else the message before is of the ledger
+                if is_ledger:
+                    properties = _properties_of_first(of, record.data)
+                found[before][-1] += f" {properties.hex()}"
+            properties = b""
             before = name = f"{of} {channel.metadata.get('plotfeed.stage', '')}".strip()
-            if of.rsplit("/", 1)[-1] == LEDGER:
+            if is_ledger:
                 ledger.append(record.data)
                 continue
             if channel.id not in channels:
@@ -102,12 +116,60 @@ def without_pace(topic: str, payload: bytes) -> bytes:
 
 def _rows(payload: bytes) -> Iterator[str]:
     """The rows of a ledger's message, each by itself, with the sector that it is of."""
-    message = plotfeed_pb2.Ledger.FromString(payload)
-    of = f"{message.sensor} {message.scan} {message.sector}"
-    yield f"{of} link {message.link}"
-    for table in ("looks", "plots", "messages", "claims"):
-        for i, row in enumerate(getattr(message, table)):
-            yield f"{of} {table} {i} {json.dumps(_values(row))}"
+    for entry in entries_in(payload):
+        of = f"{entry.sensor} {entry.scan} {entry.sector}"
+        yield f"{of} link {entry.link}"
+        for table in ("looks", "plots", "messages", "claims"):
+            for i, row in enumerate(getattr(entry, table)):
+                yield f"{of} {table} {i} {json.dumps(_values(row))}"
+
+
+def write_by_sector(path: Path) -> None:
+    """Have a recording hold its ledger as earlier versions did: a message for each sector."""
+    found = path.read_bytes()
+    with McapReader(io.BytesIO(found)) as log, path.open("wb") as file:
+        held = map(log.attachment, [entry.name for entry in log.attachments()])
+        writer = McapWriter(file, attachments=[each for each in held if each is not None])
+        for message in log.messages():
+            for each in _by_sector(message):
+                writer.write(each)
+        writer.close()
+
+
+def _by_sector(message: Recorded) -> Iterator[Recorded]:
+    if message.topic.rsplit("/", 1)[-1] != LEDGER:
+        yield message
+        return
+    for entry, end_ns, properties in _sectors(message.topic, message.payload):
+        yield message._replace(
+            payload=entry.SerializeToString(),
+            publish_time_ns=end_ns,
+            content_type=protobuf_content_type("plotfeed.v1.Ledger"),
+            properties=properties,
+        )
+
+
+def _properties_of_first(topic: str, payload: bytes) -> bytes:
+    *_, properties = next(_sectors(topic, payload))
+    return properties_to_json(properties)
+
+
+def _sectors(topic: str, payload: bytes) -> Iterator[tuple[Any, int, Any]]:
+    """Each sector's entry, its end, and the user properties that its message once had."""
+    prefix = topic.removesuffix(f"/{LEDGER}")
+    ends_ns = LedgerBatch.FromString(payload).sectors.end_utc_ns
+    for entry, end_ns in zip(entries_in(payload), ends_ns, strict=True):
+        properties = (
+            ("specversion", "1.0"),
+            ("id", f"truth-{entry.scan}-{entry.sector}"),
+            ("source", f"{prefix}/{entry.sensor}"),
+            ("type", "plotfeed.truth"),
+            ("time", iso_utc(end_ns)),
+            ("sensor", entry.sensor),
+            ("scan", str(entry.scan)),
+            ("sector", str(entry.sector)),
+        )
+        yield entry, end_ns, properties
 
 
 def _values(row: ProtobufMessage) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from digest_bench import Bench, Change, json_without, one_count
-from digest_items import Item, of_messages
+from digest_items import Item, of_messages, write_by_sector
 from digest_listeners import broker, datagrams
 from digest_wrong import damage, wrong_scenes, wrong_uses
 
@@ -132,6 +132,7 @@ def _scene(bench: Bench, *, name: str) -> None:
     if name in CONVERTED:
         still = f"{name}-still.mcap"
         bench.run(name, "convert", record, still, *(f"--topic={topic}" for topic in OF_FEEDS))
+        write_by_sector(bench.folder / still)
         bench.run(name, "show", still, "--json", "--list", "--edition", "025-half-turn")
         _convert(bench, name, still)
         _replay(bench, name, still)

@@ -11,6 +11,7 @@ from plotfeed.proto.content_types import (
     GEOJSON,
     JSON,
     LEDGER,
+    LEDGER_BATCH,
     PLOT_BATCH,
     PROTOBUF,
     SAPIENT_MESSAGE,
@@ -20,6 +21,7 @@ from plotfeed.proto.content_types import (
     json_content_type,
     protobuf_content_type,
 )
+from plotfeed.proto.ledger_pb2 import LedgerBatch
 from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of
 
 UNTOLD = b"\n\x05radar\x10\x07"
@@ -76,6 +78,7 @@ def test_a_content_type_that_says_nothing_leaves_it_to_the_topic(
 
 BLOCK = bytes([62, 0, 4, 0])
 TOLD_BY_CONTENT = [
+    ("p/truth", LedgerBatch(sensors=["radar"]).SerializeToString(), LEDGER_BATCH),
     ("tracker/tracks", pb.TrackBatch(sensor="radar", scan=7).SerializeToString(), TRACK_BATCH),
     ("tracker/tracks", BLOCK, ASTERIX),
     ("tracker/tracks", BLOCK + BLOCK, ASTERIX),

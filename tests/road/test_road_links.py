@@ -20,8 +20,7 @@ MS = 1_000_000
 
 
 def sent(road: Road, sensor: str = "radar") -> list[pb.Sent]:
-    entries = (pb.Ledger.FromString(payload) for payload in road.payloads("truth"))
-    return [one for entry in entries if entry.sensor == sensor for one in entry.messages]
+    return [one for entry in road.ledgers if entry.sensor == sensor for one in entry.messages]
 
 
 def flight(
@@ -101,8 +100,7 @@ def test_the_ledger_tells_of_every_message_once() -> None:
 
 def test_the_ledger_says_what_the_link_was() -> None:
     road = flight({"latency_ms": 50.0}, 3.0)
-    entries = [pb.Ledger.FromString(payload) for payload in road.payloads("truth")]
-    assert {entry.link for entry in entries} == {'{"latency_ms":50.0}'}
+    assert {entry.link for entry in road.ledgers} == {'{"latency_ms":50.0}'}
 
 
 def test_an_impaired_link_costs_other_sensors_nothing() -> None:
@@ -197,7 +195,7 @@ def test_scans_with_jitter_begin_about_their_time_and_do_not_drift() -> None:
 def test_a_rotating_beam_with_jitter_still_meets_every_drone_once_a_turn() -> None:
     sensor = radar(scan=rotating(1.0, 32) | {"jitter_ms": 10.0}, pfa=1e-8)
     road = fly(scene([sensor], [held("d", 200.0, 5.0, 2000.0)], seed=11), 60.0)
-    looks = [look for p in road.payloads("truth") for look in pb.Ledger.FromString(p).looks]
+    looks = [look for entry in road.ledgers for look in entry.looks]
     assert len(looks) in (59, 60)
     gaps_s = np.diff([look.time_utc_ns for look in looks]) / NS
     assert 0.9 < gaps_s.min() < gaps_s.max() < 1.1

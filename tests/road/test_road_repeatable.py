@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -9,8 +10,9 @@ import pytest
 from support.road import NS, START_NS, Road, flown, fly, held, radar, rotating, scene, waypoint
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.ledger import entries_in
+from plotfeed.proto.ledger_pb2 import LedgerBatch
 
 SENSORS = (
     radar(id="turning", scan=rotating(1.0, 8), pfa=1e-5),
@@ -28,21 +30,25 @@ def drones(start_s: float = 0.0) -> list[dict[str, Any]]:
     ]
 
 
-def unnumbered(message: Message) -> Message:
-    """The ledger numbers messages from the beginning of the session."""
+def unnumbered(message: Message) -> Iterator[Message]:
+    """The ledger, by sector, numbers messages from the beginning of the session."""
     if not message.topic.endswith("/truth"):
-        return message
-    entry = pb.Ledger.FromString(message.payload)
-    for sent in entry.messages:
-        sent.number = 0
-    return replace(message, payload=entry.SerializeToString())
+        yield message
+        return
+    ends_ns = LedgerBatch.FromString(message.payload).sectors.end_utc_ns
+    for entry, end_ns in zip(entries_in(message.payload), ends_ns, strict=True):
+        for sent in entry.messages:
+            sent.number = 0
+        payload = entry.SerializeToString()
+        yield replace(message, payload=payload, due_utc_ns=end_ns, properties=())
 
 
 def told(road: Road, sensor: str | None = None, since_ns: int = 0) -> list[Message]:
     """What left from then on, of one sensor or of all with the ledger; its status is not told."""
     return [
-        unnumbered(m)
-        for m in road.messages
+        m
+        for each in road.messages
+        for m in unnumbered(each)
         if m.due_utc_ns > since_ns
         and not m.topic.endswith(("/status", "/settings", "/description", "/session"))
         and (sensor is None or m.topic.startswith(f"plotfeed/{sensor}/"))

@@ -15,6 +15,7 @@ from scipy import stats
 
 from plotfeed.feeds.link.lateness import LATENESS_KEPT
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import tables_of
 from plotfeed.replay.mcap.mcap_reader import FOOTER, McapReader
 from plotfeed.replay.recorded import Stage
 
@@ -114,16 +115,14 @@ def ledger_of(record: Path, zero_ns: int) -> Ledger:
 
 
 def _rows(payload: bytes, zero_ns: int) -> Iterator[tuple[str, float, float, int, bool]]:
-    entry = pb.Ledger.FromString(payload)
-    for sent in entry.messages:
-        late_ms = (sent.sent_utc_ns - sent.link_due_utc_ns) / 1e6
-        yield (
-            entry.sensor,
-            (sent.link_due_utc_ns - zero_ns) / NS,
-            late_ms if sent.fate == pb.SENT else float("nan"),
-            sent.fate,
-            sent.copy == 0,
-        )
+    told = tables_of([payload])
+    sent = told.messages
+    late_ms = np.where(
+        sent.fate == pb.SENT, (sent.sent_utc_ns - sent.link_due_utc_ns) / 1e6, np.nan
+    )
+    due_s = (sent.link_due_utc_ns - zero_ns) / NS
+    sensor = told.entries.sensor[sent.entry]
+    yield from zip(sensor, due_s, late_ms, sent.fate, sent.copy == 0, strict=True)
 
 
 def memory(run: Run) -> tuple[float, float]:

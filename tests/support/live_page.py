@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from bisect import bisect_left
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -21,6 +21,7 @@ from support.mqtt_client import Client, Heard, listening
 from support.scene_files import DRONE, RADAR, scene_file, scene_text
 
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import entries_in
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -115,8 +116,7 @@ class Broker:
 
     def _of(self, kind: type, sensor: str, since: int) -> list[Any]:
         for place in range(self._read, self.count):
-            told = _parsed(self.client.heard[place])
-            if told is not None:
+            for told in _parsed(self.client.heard[place]):
                 self._places[type(told), told.sensor].append(place)
                 self._told[type(told), told.sensor].append(told)
             self._read = place + 1
@@ -130,12 +130,10 @@ def _link(text: str) -> dict[str, Any]:
     return found
 
 
-def _parsed(message: Heard) -> pb.Ledger | pb.PlotBatch | None:
+def _parsed(message: Heard) -> Sequence[pb.Ledger] | Sequence[pb.PlotBatch]:
     if message.topic.endswith("/truth"):
-        return pb.Ledger.FromString(message.payload)
-    if message.topic.endswith("/plots"):
-        return pb.PlotBatch.FromString(message.payload)
-    return None
+        return entries_in(message.payload)
+    return [pb.PlotBatch.FromString(message.payload)] if message.topic.endswith("/plots") else []
 
 
 class Live:

@@ -15,6 +15,7 @@ from plotfeed.feeds.page.updates import TrackFlag
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import entries_in
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -109,13 +110,13 @@ class Beside:
         for message in heard:
             if message.topic != f"{self.scene.mqtt.prefix}/truth":
                 continue
-            entry = pb.Ledger.FromString(message.payload)
-            if not any(m.delivered and m.topic in topics[entry.sensor] for m in entry.messages):
-                continue
-            plots = Counter((entry.sensor, p.time_utc_ns / 1e6) for p in entry.plots)
-            told += plots
-            if self.began_s + LAG_S < message.at_s < ended_s - LAG_S:
-                in_time += plots
+            for entry in entries_in(message.payload):
+                if not any(m.delivered and m.topic in topics[entry.sensor] for m in entry.messages):
+                    continue
+                plots = Counter((entry.sensor, p.time_utc_ns / 1e6) for p in entry.plots)
+                told += plots
+                if self.began_s + LAG_S < message.at_s < ended_s - LAG_S:
+                    in_time += plots
         first_ms = min((at_ms for _, at_ms in in_time), default=0.0)
         for key in (page - told).elements():
             if key[1] > first_ms:  # the client came later than those that are older

@@ -23,6 +23,7 @@ from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.frames import LocalFrame, aer_to_enu, wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.ledger import entries_in
 
 NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
@@ -155,7 +156,7 @@ class Road:
 
     @cached_property
     def ledgers(self) -> list[pb.Ledger]:
-        return [pb.Ledger.FromString(payload) for payload in self.payloads("truth")]
+        return [entry for payload in self.payloads("truth") for entry in entries_in(payload)]
 
     @cached_property
     def _looks(self) -> dict[str, Table]:

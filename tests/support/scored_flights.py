@@ -10,10 +10,10 @@ import numpy as np
 from support.recordings import START_NS
 
 from plotfeed.feeds.lab.flights import FlightsTally, Truths, read_truths
-from plotfeed.feeds.lab.ledger_columns import tables_of
 from plotfeed.feeds.lab.track_reports import ToldTrack, TracksRead, TrackTable
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, enu_to_aer
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import tables_of
 
 NS = 1_000_000_000
 SITE = LocalFrame(40.45, -3.73, 650.0)

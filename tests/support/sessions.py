@@ -21,6 +21,7 @@ from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import Session, run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.utc import NS
 
 Start = Callable[[Path, int], AbstractContextManager["subprocess.Popen[bytes]"]]
@@ -85,7 +86,7 @@ class AtWork(Observer):
         self.taken += 1
 
     def ledger(self, message: Message) -> None:
-        self.entries.append(pb.Ledger.FromString(message.payload))
+        self.entries += entries_in(message.payload)
 
     @property
     def sent(self) -> list[pb.Sent]:

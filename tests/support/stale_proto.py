@@ -10,11 +10,12 @@ from pathlib import Path
 from grpc_tools import protoc
 
 PROTO = Path(__file__).resolve().parents[2] / "proto"
-GENERATED = ("plotfeed_pb2.py", "plotfeed_pb2.pyi")
+SCHEMAS = ("plotfeed", "ledger")
+GENERATED = tuple(f"{name}_pb2.{suffix}" for name in SCHEMAS for suffix in ("py", "pyi"))
 
 
 def generate(folder: Path) -> None:
-    """Make the modules from plotfeed.proto, in plotfeed/proto below a folder."""
+    """Make the modules from the schemas, in plotfeed/proto below a folder."""
     code = protoc.main(
         [
             "protoc",
@@ -22,11 +23,11 @@ def generate(folder: Path) -> None:
             f"--proto_path={files('grpc_tools') / '_proto'}",
             f"--python_out={folder}",
             f"--pyi_out={folder}",
-            "plotfeed/proto/plotfeed.proto",
+            *(f"plotfeed/proto/{name}.proto" for name in SCHEMAS),
         ]
     )
     if code:
-        sys.exit("proto/plotfeed.proto: protoc does not take it")
+        sys.exit("proto/*.proto: protoc does not take them")
 
 
 def stale(folder: Path) -> list[str]:

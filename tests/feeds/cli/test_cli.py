@@ -20,8 +20,8 @@ from support.recordings import block_048
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
-from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
+from plotfeed.proto.ledger import entries_in
 
 FAST = radar(period_s=0.2, sectors=8)
 START = "2026-01-01T12:00:00.05Z"
@@ -396,7 +396,7 @@ def srt_flight(folder: Path) -> Path:
 
 def looks_at(client: Client, drone: str) -> None:
     client.wait_for(
-        lambda m: drone in {look.drone for look in pb.Ledger.FromString(m.payload).looks}
+        lambda m: drone in {look.drone for entry in entries_in(m.payload) for look in entry.looks}
     )
 
 

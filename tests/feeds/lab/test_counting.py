@@ -26,10 +26,10 @@ from plotfeed.feeds.lab.checks import (
     sector_truths,
 )
 from plotfeed.feeds.lab.laws import CELLS, law_distance, p_of_distance, share_interval, z_score
-from plotfeed.feeds.lab.ledger_columns import tables_of
 from plotfeed.feeds.lab.links import Order, found_times, orders_of
 from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import tables_of
 from plotfeed.proto.measured_plots import MeasuredPlots
 
 MS = 1_000_000

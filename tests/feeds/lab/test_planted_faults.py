@@ -19,6 +19,8 @@ from support.scene_files import toml_of
 
 from plotfeed.feeds.lab.figures import LedgerReport
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import LEDGER, protobuf_content_type
+from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.recorded import Recorded
 
 Keys = dict[str, Any]
@@ -235,11 +237,12 @@ def planted(messages: Iterable[Recorded]) -> Iterator[Recorded]:
             on_the_wire[each.topic](batch)
             yield each._replace(payload=batch.SerializeToString())
         elif each.topic.endswith("/truth"):
-            entry = pb.Ledger.FromString(each.payload)
-            if entry.sensor in in_the_ledger:
-                in_the_ledger[entry.sensor](entry, rngs[entry.sensor])
-            if entry.sensor:
-                yield each._replace(payload=entry.SerializeToString())
+            for entry in entries_in(each.payload):
+                if entry.sensor in in_the_ledger:
+                    in_the_ledger[entry.sensor](entry, rngs[entry.sensor])
+                if entry.sensor:
+                    payload, kind = entry.SerializeToString(), protobuf_content_type(LEDGER)
+                    yield each._replace(payload=payload, content_type=kind)
         else:
             yield each
 

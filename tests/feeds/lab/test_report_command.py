@@ -168,7 +168,11 @@ def test_wrong_input_is_a_line_that_says_what_was_expected(tmp_path: Path) -> No
     for name, code, words in (
         ("none.mcap", 1, "No such file"),
         ("text.mcap", 2, "expected an MCAP file"),
-        ("plain.mcap", 2, "holds no ledger: expected plotfeed.v1.Ledger on a topic that ends in"),
+        (
+            "plain.mcap",
+            2,
+            "holds no ledger: expected plotfeed.v1.LedgerBatch on a topic that ends in",
+        ),
         ("other.mcap", 2, "holds no ledger"),
     ):
         done = plotfeed_here("report", tmp_path / name)

@@ -27,8 +27,8 @@ from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
 
@@ -113,8 +113,7 @@ async def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it()
     await show.play(6.0)
     expected: list[tuple[int, int, float]] = []
     for message, _ in show.messages:
-        if message.topic == "plotfeed/truth":
-            entry = pb.Ledger.FromString(message.payload)
+        for entry in entries_in(message.payload) if message.topic == "plotfeed/truth" else ():
             carriers = [m for m in entry.messages if m.topic.endswith(("/plots", "/048", "/015"))]
             for plot in entry.plots:
                 first_ns = min(m.sent_utc_ns for m in carriers if m.delivered)

@@ -35,6 +35,7 @@ from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
 
@@ -290,9 +291,10 @@ def recorded(run: Live, folder: Path) -> Told:
     ]
     handed_over = {(b.sensor, b.scan, b.sector) for _, stage, b in batches if stage == Stage.BEFORE}
     entries = [
-        (m.log_time_ns, pb.Ledger.FromString(m.payload))
+        (m.log_time_ns, entry)
         for m in messages
         if m.topic == "plotfeed/truth" and m.stage == Stage.AFTER
+        for entry in entries_in(m.payload)
     ]
     return Told(
         start_ns,
@@ -403,7 +405,7 @@ def test_another_scene_has_its_own_topics_alone(shared: Live) -> None:
     of_north = {f"plotfeed/north/{kind}" for kind in ("plots", "status", "settings", "description")}
     assert topics <= of_north | {"plotfeed/session", "plotfeed/truth"}
     assert run.broker.on("plotfeed/radar/status")[-1][1]["state"] == "OFFLINE"
-    assert {x.sensor for x in map(pb.Ledger.FromString, truths(run, at))} == {"north"}
+    assert {x.sensor for payload in truths(run, at) for x in entries_in(payload)} == {"north"}
 
 
 def truths(run: Live, since: int) -> list[bytes]:

@@ -29,6 +29,7 @@ from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
@@ -122,9 +123,10 @@ def messages(path: Path) -> list[Recorded]:
 def ledger(path: Path) -> list[tuple[int, pb.Ledger]]:
     """With the log times."""
     return [
-        (m.log_time_ns, pb.Ledger.FromString(m.payload))
+        (m.log_time_ns, entry)
         for m in messages(path)
         if m.topic == "plotfeed/truth"
+        for entry in entries_in(m.payload)
     ]
 
 

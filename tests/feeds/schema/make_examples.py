@@ -21,6 +21,7 @@ from support.sapient_tasks import task
 from plotfeed.feeds.schema.asyncapi import document
 from plotfeed.feeds.schema.flows import OURS, flows
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.message_kinds import OUR_MESSAGES
 
 FILE = Path(__file__).parents[3] / "feeds" / "schema" / "message_examples.json"
 MOST_OCTETS = 1200
@@ -87,7 +88,7 @@ def _told(content_type: str, kind: str, octets: bytes) -> Any:
     if content_type.startswith(("application/json", "application/geo+json")):
         return json.loads(octets)
     if kind.startswith(f"{OURS}."):
-        message = getattr(pb, kind.rpartition(".")[2]).FromString(octets)
+        message = OUR_MESSAGES[kind].FromString(octets)
         return MessageToDict(message, preserving_proto_field_name=True)
     return base64.b64encode(octets).decode()
 

@@ -16,8 +16,8 @@ from support.tools import NODE_MODULES, ROOT, needed, node_module
 
 from plotfeed.feeds.schema.asyncapi import document
 from plotfeed.feeds.schema.flows import OURS, flows
-from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
+from plotfeed.proto.message_kinds import OUR_MESSAGES
 
 
 def problems_of(api: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def test_asyncapis_own_parser_finds_nothing_wrong(tmp_path: Path) -> None:
 def test_the_parser_finds_what_is_wrong(tmp_path: Path) -> None:
     """Two messages in one text of protobuf, which its generator cannot choose from."""
     api = document()
-    api["components"]["schemas"]["Ledger"]["schema"] += "\n\nmessage Other {}"
+    api["components"]["schemas"]["LedgerBatch"]["schema"] += "\n\nmessage Other {}"
     (problem,) = problems_of(api, tmp_path)["problems"]
     assert "more than one root" in problem
 
@@ -61,7 +61,7 @@ def test_examples_are_what_they_are_examples_of(flow: Any) -> None:
         problems = [e.message for e in jsonschema.Draft202012Validator(schema).iter_errors(payload)]
         assert not problems, "make it anew: make_examples.py"
     elif flow.message.startswith(f"{OURS}."):
-        message = ParseDict(payload, getattr(pb, flow.message.rpartition(".")[2])())
+        message = ParseDict(payload, OUR_MESSAGES[flow.message]())
         assert message.ByteSize() > 20
     elif "asterix" in flow.content_type:
         records, errors = decode_lenient(base64.b64decode(payload, validate=True))

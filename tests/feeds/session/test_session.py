@@ -17,6 +17,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.ledger import entries_in
 
 S = 1_000_000_000
 START = "2026-01-01T12:00:00.05Z"
@@ -142,7 +143,7 @@ async def test_another_seed_is_another_scene(tmp_path: Path) -> None:
 @pytest.mark.asyncio
 async def test_each_drone_is_looked_at_once_a_turn(tmp_path: Path, sensors: str) -> None:
     totals, sent = await simulated(scene(tmp_path, sensors=sensors), 20.0)
-    ledgers = [pb.Ledger.FromString(m.payload) for m, _ in sent if m.topic == "plotfeed/truth"]
+    ledgers = [e for m, _ in sent if m.topic == "plotfeed/truth" for e in entries_in(m.payload)]
     scans = [entry.scan for entry in ledgers for _ in entry.looks]
     assert totals.looks == len(scans)
     assert len(scans) == len(set(scans))
@@ -268,7 +269,7 @@ async def test_a_path_that_outlasts_time_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.asyncio
 async def test_totals_are_what_was_sent(tmp_path: Path) -> None:
     totals, sent = await simulated(scene(tmp_path), 20.0)
-    ledgers = [pb.Ledger.FromString(m.payload) for m, _ in sent if m.topic == "plotfeed/truth"]
+    ledgers = [e for m, _ in sent if m.topic == "plotfeed/truth" for e in entries_in(m.payload)]
     plots = [plot for entry in ledgers for plot in entry.plots]
     assert totals.plots == len(plots)
     assert totals.false_alarms == sum(not plot.drone for plot in plots)

@@ -24,6 +24,7 @@ from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import tables_of
 from plotfeed.proto.sapient.encode_node import DEG_M, ELLIPSOID, LAT_LNG, TRUE_NORTH
 
 CUE, TASK = "plotfeed/camera/cue", "plotfeed/camera/sapient/task"
@@ -60,8 +61,8 @@ def looked_at(said: Sequence[Message]) -> list[tuple[float, str]]:
     found = []
     for message in said:
         if message.topic == "plotfeed/truth":
-            ledger = pb.Ledger.FromString(message.payload)
-            found += [((look.time_utc_ns - START_NS) / 1e9, look.drone) for look in ledger.looks]
+            looks = tables_of([message.payload]).looks
+            found += zip(((looks.t_utc_ns - START_NS) / 1e9).tolist(), looks.drone, strict=True)
     return sorted(found)
 
 

@@ -28,6 +28,7 @@ from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -54,8 +55,8 @@ class Ended:
         return [message for message in self.record if message.stage is stage]
 
     def ledger(self) -> list[pb.Sent]:
-        entries = [m.payload for m in self.of(Stage.AFTER) if m.topic.endswith("/truth")]
-        return [sent for entry in entries for sent in pb.Ledger.FromString(entry).messages]
+        payloads = [m.payload for m in self.of(Stage.AFTER) if m.topic.endswith("/truth")]
+        return [sent for p in payloads for entry in entries_in(p) for sent in entry.messages]
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,7 @@ from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.utc import NS
 
 FAR = -1
@@ -96,7 +97,7 @@ class Traffic(Observer):
             self.messages.append((message.topic, sent_utc_ns, message.payload))
 
     def ledger(self, message: Message) -> None:
-        self.entries.append(pb.Ledger.FromString(message.payload))
+        self.entries += entries_in(message.payload)
 
 
 def flown(scene: Scene, traffic: Traffic, seconds: float) -> SessionCounters:

@@ -26,6 +26,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.ledger import entries_in
 
 FAST = radar(period_s=0.2, sectors=8)
 
@@ -117,7 +118,7 @@ def test_messages_say_what_they_are_in_mqtt_5(tmp_path: Path) -> None:
     assert plots.user_properties["sector"] == str(batch.sector)
     assert plots.user_properties["time"].endswith("Z")
     assert service.content_type == "application/x-asterix; cat=34"
-    assert truth.content_type == "application/x-protobuf; messageType=plotfeed.v1.Ledger"
+    assert truth.content_type == "application/x-protobuf; messageType=plotfeed.v1.LedgerBatch"
     assert status.content_type == "application/json"
     assert plots.expiry_s is not None
     assert status.expiry_s is None  # it is retained for whoever comes however late
@@ -185,7 +186,7 @@ def test_telemetry_over_either_version_becomes_plots(tmp_path: Path) -> None:
             ears.wait_for(
                 lambda m, name=f"d{i}": (
                     name  # type: ignore[misc]
-                    in {look.drone for look in pb.Ledger.FromString(m.payload).looks}
+                    in {look.drone for entry in entries_in(m.payload) for look in entry.looks}
                 )
             )
         code, out, err = session.end(signal.SIGTERM)

@@ -18,6 +18,7 @@ from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import MOST_BEHIND_NS, Clock, InstantClock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import entries_in
 
 S = 1_000_000_000
 START = "2026-01-01T11:59:58.05Z"
@@ -101,10 +102,10 @@ def ledger(sent: Sent) -> dict[str, list[pb.Ledger]]:
     found: dict[str, list[pb.Ledger]] = {}
     for message, _ in sent:
         if message.topic.endswith("/truth"):
-            entry = pb.Ledger.FromString(message.payload)
-            for one in entry.messages:
-                one.ClearField("sent_utc_ns")
-            found.setdefault(entry.sensor, []).append(entry)
+            for entry in entries_in(message.payload):
+                for one in entry.messages:
+                    one.ClearField("sent_utc_ns")
+                found.setdefault(entry.sensor, []).append(entry)
     return found
 
 

@@ -23,7 +23,7 @@ from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.listening_transport import PortError
-from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import entries_in
 
 REPORT = ["air-traffic", "cot", "geojson"]
 
@@ -78,7 +78,7 @@ async def test_each_destination_gets_its_format_and_what_failed_is_in_the_ledger
     (name,) = totals.undelivered_to
     assert name.startswith("http[0] http://127.0.0.1")
     assert totals.undelivered_to[name] == 1
-    ledger = [pb.Ledger.FromString(m.payload) for m in sent if m.topic.endswith("/truth")]
+    ledger = [e for m in sent if m.topic.endswith("/truth") for e in entries_in(m.payload)]
     not_to = [list(each.not_to) for entry in ledger for each in entry.messages if each.not_to]
     assert not_to == [[name]]
 

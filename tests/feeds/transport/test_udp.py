@@ -33,6 +33,7 @@ from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.udp import UdpError, UdpTransport
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
+from plotfeed.proto.ledger import entries_in
 
 GROUP_4, GROUP_6 = "239.255.77.77", "ff11::7:7"
 """Of this machine or this interface alone, as far as scopes are kept."""
@@ -316,4 +317,4 @@ class Entries(Observer):
         self.made: list[pb.Ledger] = []
 
     def ledger(self, message: Message) -> None:
-        self.made.append(pb.Ledger.FromString(message.payload))
+        self.made += entries_in(message.payload)
