@@ -259,18 +259,15 @@ def table_lines(sensor: dict[str, Any]) -> list[str]:
         f"target of {sensor['target']}: "
         f"Pd 0.8 {reach}, {sensor['false_alarms_per_scan']:.3g} false alarms a scan"
     )
-    named = [_effect_line(name, keys) for name, keys in sensor["effects"].items()]
-    named += map(_event_line, sensor["events"])
+    named = [
+        f"  with {name}: {_keys_in_words(keys) or 'by its cells and beams'}"
+        for name, keys in sensor["effects"].items()
+    ]
+    for event in sensor["events"]:
+        until = f" to {event['to_s']:g} s" if "to_s" in event else " on"
+        keys = _keys_in_words(event["set"])
+        named.append(f"  from {event['from_s']:g} s{until}, not in this table: {keys}")
     return ["", heading, *named, *row_lines(sensor, sensor["id"])]
-
-
-def _event_line(event: dict[str, Any]) -> str:
-    until = f" to {event['to_s']:g} s" if "to_s" in event else " on"
-    return f"  from {event['from_s']:g} s{until}, not in this table: {_keys_in_words(event['set'])}"
-
-
-def _effect_line(name: str, keys: dict[str, Any]) -> str:
-    return f"  with {name}: {_keys_in_words(keys) or 'by its cells and beams'}"
 
 
 def _keys_in_words(keys: dict[str, Any]) -> str:

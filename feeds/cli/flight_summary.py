@@ -22,7 +22,10 @@ def summary_lines(flight: Flight) -> Iterator[str]:
     """The summary of a flight as it was recorded, a line for each thing."""
     reports = flight.reports
     first = reports[0]
-    length_km, away_km = (each / 1000 for each in _lengths_m(reports))
+    rows = np.array([(r.latitude_deg, r.longitude_deg, r.altitude_m) for r in reports])
+    places_m: Floats = geodetic_to_ecef(*rows.T)
+    length_km = float(np.linalg.norm(np.diff(places_m, axis=0), axis=1).sum()) / 1000
+    away_km = float(np.linalg.norm(places_m - places_m[0], axis=1).max()) / 1000
     yield (
         f"path       {length_km:.3g} km, up to {away_km:.3g} km from {first.latitude_deg:.5f}, "
         f"{first.longitude_deg:.5f}, where it begins at {iso_utc(first.t_utc_ns)[:19]}Z"
@@ -41,14 +44,6 @@ def summary_lines(flight: Flight) -> Iterator[str]:
         told = ", ".join(f"{why} {n}" for why, n in most[:MOST_REASONS])
         more = "" if len(most) <= MOST_REASONS else ", and others"
         yield f"dropped    {dropped} of {dropped + len(reports)} records: {told}{more}"
-
-
-def _lengths_m(reports: Sequence[PositionReport]) -> tuple[float, float]:
-    """How long the path is over all, and how far from its beginning it leads, metres."""
-    rows = np.array([(r.latitude_deg, r.longitude_deg, r.altitude_m) for r in reports])
-    places_m: Floats = geodetic_to_ecef(*rows.T)
-    steps_m = np.linalg.norm(np.diff(places_m, axis=0), axis=1)
-    return float(steps_m.sum()), float(np.linalg.norm(places_m - places_m[0], axis=1).max())
 
 
 def _rate(reports: Sequence[PositionReport]) -> str:

@@ -143,14 +143,10 @@ class ReplayOptions:
             laps=self.laps or None,
             stamps=Stamps.parse(self.stamps or ("now" if self.stage == "telemetry" else "keep")),
             topics=tuple(TopicRule.parse(text) for text in self.topics),
-            links=self._links(),
+            # Those of topics before those of all, whatever their order on the command line.
+            links=tuple(sorted(map(_link_rule, self.links), key=lambda rule: -len(rule.topic))),
             seed=self.seed,
         )
-
-    def _links(self) -> tuple[LinkRule, ...]:
-        """Links of topics before those of all, whatever their order on the command line."""
-        rules = [_link_rule(text) for text in self.links]
-        return tuple(sorted(rules, key=lambda rule: -len(rule.topic)))
 
 
 def _link_rule(text: str) -> LinkRule:

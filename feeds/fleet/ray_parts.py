@@ -8,6 +8,7 @@ import os
 import threading
 import time
 from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed
@@ -65,7 +66,8 @@ def start_parts(ray: Any, scene: Scene, *, parts: int, spares: int, **asked: Any
     """Actors for all parts, each of one processor; raises `PlotfeedError` where they are there."""
     actor = ray.remote(num_cpus=1, max_restarts=-1, scheduling_strategy="SPREAD")(PartActor)
     found = []
-    for name, k in _names(scene, parts, spares):
+    for n, k in product(range(1 + spares), range(1, parts + 1)):
+        name = f"{scene.mqtt.prefix}-part-{k}" + (f"-spare-{n}" if n else "")
         how = actor.options(name=name, namespace=NAMESPACE, lifetime="detached")
         try:
             found.append(how.remote(name, scene, f"{k}/{parts}", **asked))
@@ -92,12 +94,3 @@ def stop_parts(ray: Any, scene: Scene) -> int:
     for actor in actors:
         ray.kill(actor)
     return len(actors)
-
-
-def _names(scene: Scene, parts: int, spares: int) -> list[tuple[str, int]]:
-    """A name for each process, and the part that it runs."""
-    return [
-        (f"{scene.mqtt.prefix}-part-{k}" + (f"-spare-{n}" if n else ""), k)
-        for n in range(1 + spares)
-        for k in range(1, parts + 1)
-    ]

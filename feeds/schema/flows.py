@@ -68,10 +68,6 @@ def types_that_report(name: str) -> tuple[str, ...]:
     return tuple(kind for kind, keys in SENSORS.items() if name in keys.formats)
 
 
-def _with_illuminators(types: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(t for t in types if SENSORS[t].geometry is SensorGeometry.BISTATIC)
-
-
 def _of_format(name: str) -> Iterator[Flow]:
     sensors = types_that_report(name)
     facts = FORMATS[name].facts
@@ -82,7 +78,12 @@ def _of_format(name: str) -> Iterator[Flow]:
                 sent.summary,
                 address=f"{{prefix}}/{{sensor}}/asterix/{category:03d}",
                 attributes=OF_SECTOR,
-                sensors=_with_illuminators(sensors) if sent.has_illuminators else sensors,
+                sensors=tuple(
+                    kind
+                    for kind in sensors
+                    if SENSORS[kind].geometry is SensorGeometry.BISTATIC
+                    or not sent.has_illuminators
+                ),
             )
         return
     announces = FORMATS[name].announcer is not None

@@ -10,12 +10,14 @@ import asyncio
 from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from plotfeed.feeds.messages.outgoing import Transport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.mqtt.connection import OnMessage
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.transport.mqtt.client import MqttTransport
+    from plotfeed.feeds.transport.mqtt.connection import OnMessage
 
 FLEET = "fleet"
 """Level of topics behind the prefix."""

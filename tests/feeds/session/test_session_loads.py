@@ -8,14 +8,9 @@ from pathlib import Path
 
 from support.scene_files import scene_file, scene_text
 
-MOST = 132  # Modules of ours that a session of one radar and one drone loads
+MOST = 135  # Modules of ours that a session of one radar and one drone loads
 # Rooms of `feeds` that a session which nobody follows does without.
-OTHERS = frozenset(
-    {
-        *("accuracy_chart", "cli", "fleet", "page", "recording", "replaying", "report", "schema"),
-        *("score", "sweep", "workers"),
-    }
-)
+OTHERS = frozenset({"cli", "fleet", "lab", "page", "recording", "replaying", "schema"})
 LIBRARIES = frozenset(
     {"scipy", "starlette", "uvicorn", "httpx", "mcap", "ray", "matplotlib", "pyproj"}
 )
