@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -153,11 +152,14 @@ class FlightsTally:
         )
 
 
-def read_trial(paths: Sequence[Path], scene: Scene | None = None) -> Truths:
+def read_trial(
+    paths: Sequence[Path], scene: Scene | None = None, *, date_utc_ns: int = 0
+) -> Truths:
     """The flights of a trial: logs of drones, a drone a file, or records of tracks, a drone each.
 
-    Altitudes above take-off count from the site's height, or from the ellipsoid. Raises
-    `PlotfeedError` for a file that is none of either, and `OSError`.
+    `date_utc_ns` is midnight of the day on which records without dates begin. Altitudes above
+    take-off count from the site's height, or from the ellipsoid. Raises `PlotfeedError` for a file
+    that is none of either, and `OSError`.
     """
     site = None if scene is None else site_frame(scene.scene.site)
     drones: dict[str, FlightPath] = {}
@@ -168,7 +170,7 @@ def read_trial(paths: Sequence[Path], scene: Scene | None = None) -> Truths:
             with path.open(encoding="utf-8-sig", errors="replace") as file:
                 is_log = not is_table_of_tracks(file.readline())
         if not is_log:
-            read = read_tracks(path, scene, date_utc_ns=time.time_ns() // DAY_NS * DAY_NS)
+            read = read_tracks(path, scene, date_utc_ns=date_utc_ns)
             told = read.reports.rows(read.reports.t_utc_ns != UNKNOWN_NS)
             height_m = np.nan_to_num(told.height_m)
             place_m = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, height_m)

@@ -494,10 +494,8 @@ def charts(score: Score) -> dict[str, str]:
     drawn: dict[str, Callable[[Any, Score], None]] = {
         "Where drones had a track, and where not": _map,
         "GOSPA over time, and its parts": _gospa,
-        "Drones and tracks over time": _counts,
         "When each drone had a track": _drones,
         "Errors of reports over time": _errors,
-        "How large errors are": _spread,
     }
     if np.isfinite(score.errors.nees).any():
         drawn["NEES over its degrees of freedom: 1 for an honest tracker"] = _nees
@@ -555,20 +553,6 @@ def _gospa(axes: Any, score: Score) -> None:
     finish(axes, "", "s", "m")
 
 
-def _counts(axes: Any, score: Score) -> None:
-    steps = score.over_time.steps
-    x, drones, tracks, tracked = _thinned(
-        _since_s(score),
-        steps.drones.astype(np.float64),
-        steps.tracks.astype(np.float64),
-        steps.tracked.astype(np.float64),
-    )
-    axes.plot(x, drones, color=GREY, lw=2.4, label="drones")
-    axes.plot(x, tracks, color=ORANGE, lw=0.9, label="tracks")
-    axes.plot(x, tracked, color=BLUE, lw=1.1, label="drones that have one")
-    finish(axes, "", "s", "")
-
-
 def _drones(axes: Any, score: Score) -> None:
     shown, step_s = min(len(score.drones), MOST_DRONES), score.settings.step_s
     since_s = _since_s(score)
@@ -606,20 +590,6 @@ def _errors(axes: Any, score: Score) -> None:
     axes.axhline(score.reports.position_p95_m, color=RED, lw=1.2, label="95 %")
     axes.set_ylim(bottom=0)
     finish(axes, "", "s", f"m {score.distances}")
-
-
-def _spread(axes: Any, score: Score) -> None:
-    errors = score.errors
-    if not len(errors):
-        finish(axes, "", "", "", drawn=False, nothing="no track was of a drone")
-        return
-    for column, name, colour in ((0, "east", BLUE), (1, "north", ORANGE), (2, "up", GREEN)):
-        each_m = errors.error_enu_m[:, column]
-        each_m = each_m[np.isfinite(each_m)]
-        if len(each_m):
-            counts, edges = np.histogram(each_m, BINS)
-            axes.stairs(counts, edges, color=colour, lw=1.1, label=name)
-    finish(axes, "", "m", "reports")
 
 
 def _nees(axes: Any, score: Score) -> None:
@@ -764,8 +734,14 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
     profile = None if options.profile is None else load_profile(options.profile)
     settings = settings_of(profile, options.changes)
     scene = scene_of(recording)
-    truths = read_trial(options.truth, scene) if options.truth else read_truths(recording, scene)
     file = recording if options.tracks is None else options.tracks
+    if options.truth:
+        times_ns = read_tracks(file, scene, options.topics).reports.t_utc_ns
+        dated_ns = times_ns[times_ns > 2 * DAY_NS]  # those of raw files are of no day
+        midnight_ns = int(dated_ns.min()) // DAY_NS * DAY_NS if len(dated_ns) else 0
+        truths = read_trial(options.truth, scene, date_utc_ns=midnight_ns)
+    else:
+        truths = read_truths(recording, scene)
     midnight_ns = truths.start_utc_ns // DAY_NS * DAY_NS
     tracks = read_tracks(file, scene, options.topics, date_utc_ns=midnight_ns)
     score = score_run(truths, tracks, settings)

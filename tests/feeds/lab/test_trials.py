@@ -10,10 +10,15 @@ import pytest
 from support.command import plotfeed_here
 from support.recordings import START_NS
 from support.scored_flights import APART, NS, SITE, Flight
+from support.told_tracks import told_tracks
 
 from plotfeed.feeds.lab.flights import read_trial
+from plotfeed.proto.asterix.cat062 import TrackEncoder062
+from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.asterix_files import RawWriter
+from plotfeed.replay.recorded import Recorded
 
 FLIGHT = APART["a"]
 
@@ -73,6 +78,30 @@ def test_tracks_of_another_tracker_are_the_truth_too(tmp_path: Path) -> None:
         "score", tracks, "--truth", reference, "--set", 'leave_out=["b"]', "--json"
     )
     assert json.loads(done.stdout)["figures"]["completeness"] > 0.9
+
+
+def test_raw_asterix_of_a_reference_is_of_the_day_of_the_tracks(tmp_path: Path) -> None:
+    reference = tmp_path / "reference.ast"
+    one = told_tracks(1, np.random.default_rng(1))
+    with reference.open("wb") as file:
+        writer = RawWriter(file)
+        for second in range(61):
+            latitude_deg, longitude_deg, height_m = SITE.to_geodetic(FLIGHT.at(second)[None])
+            t_ns = START_NS + second * NS
+            told = one.but(t_utc_ns=np.array([t_ns]), track=np.array([7]), height_m=height_m,
+                           latitude_deg=latitude_deg, longitude_deg=longitude_deg,
+                           last=np.array([False]))  # fmt: skip
+            (block,) = TrackEncoder062(25, 10).blocks(told)
+            writer.write(
+                Recorded(topic="x", payload=block, log_time_ns=t_ns, publish_time_ns=t_ns,
+                         content_type=asterix_content_type(62))
+            )  # fmt: skip
+        writer.close()
+    done = plotfeed_here("score", tracks_of(tmp_path / "t.csv"), "--truth", reference, "--json")
+    told_score = json.loads(done.stdout)
+    assert [each["drone"] for each in told_score["drones"]] == ["25.10.7"]
+    assert told_score["figures"]["completeness"] > 0.95
+    assert told_score["figures"]["position_rms_m"] < 6.0
 
 
 def test_what_is_neither_a_log_nor_tracks_is_refused_in_a_line(tmp_path: Path) -> None:
