@@ -119,6 +119,10 @@ def _tracker() -> Iterator[bytes]:
     point = {"type": "Point", "coordinates": [-3.0, 40.0, 700.0]}
     feature = {"type": "Feature", "id": "a", "geometry": point, "properties": {"speed_m_s": 3.0}}
     yield b"\0" + json.dumps({"type": "FeatureCollection", "features": [feature]}).encode()
+    yield b'\0<event uid="a" time="2026-01-01T12:00:00Z"><point lat="40" lon="-3" ce="9"/>'
+    line = {"type": "LineString", "coordinates": [[-3.0, 40.0, 700.0]]}
+    timed = feature | {"geometry": line, "properties": {"coordTimes": ["2026-01-01T12:00:00Z"]}}
+    yield b"\0" + json.dumps(timed).encode()
     track = pb.Track(id="a-1", number=1, time_utc_ns=NS_2026, latitude_deg=40.0, sigma_up_m=3.0)
     yield b"\x01" + pb.TrackBatch(sensor="a", tracks=[track]).SerializeToString()
     yield from (b"\x02" + payload for payload in _payloads("sapient"))
