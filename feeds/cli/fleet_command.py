@@ -57,7 +57,7 @@ def run_fleet(path: Path, settings: FleetSettings) -> int:
         from plotfeed.feeds.fleet.ray_parts import start_parts
         from plotfeed.feeds.lab.runs import connected
 
-        with connected(settings.ray, None) as ray:
+        with connected(settings.ray) as ray:
             start_parts(ray, scene, **asked)
         say(f"scene {scene.scene.name}: Ray at {settings.ray} runs {workers} parts from {begins}")
         say(f"how they do: plotfeed fleet status {path} --broker {broker}")
@@ -100,7 +100,7 @@ def stop_fleet(path: Path, ray_address: str | None) -> int:
 
     if ray_address is None:
         raise PlotfeedError("stop ends what Ray runs: --ray HOST:PORT")
-    with connected(ray_address, None) as ray:
+    with connected(ray_address) as ray:
         ended = stop_parts(ray, load(path))
     say(f"{ended} processes have ended")
     return 0 if ended else 1

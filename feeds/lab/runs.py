@@ -35,68 +35,44 @@ from plotfeed.feeds.scene.problems import in_a_line
 from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree, load, parsed
 from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.world_keys import HORIZONS
-from plotfeed.feeds.transport.local_hosts import LOOPBACK
 from plotfeed.proto.errors import PlotfeedError
 
-OBJECT_STORE_OCTETS = 128 << 20
-"""Of shared memory: jobs and what comes of them are small."""
+# Of the environment, unless somebody has set it: Ray tells nobody of its use, asks for no graphics
+# processors, and its workers, which have deadlines, stand behind nobody else.
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_DEDUP_LOGS": "0",
     "RAY_worker_niceness": "0",
 }
-"""Of the environment, unless somebody has set it: Ray tells nobody of its use, asks for no graphics
-processors, and its workers, which have deadlines, stand behind nobody else."""
-ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
-"""For a machine alone: else Ray takes loopback for the machine's own address, and listens there."""
 CONNECT_S = 5.0
-ATTEMPTS = 3
-"""Ray gives its processes half a minute to start, which a busy machine may not have."""
 
 
 class EngineError(PlotfeedError):
-    """Ray that cannot be started, or joined."""
+    """Processes that die of their work, or Ray that cannot be joined."""
 
     exit_code = 1
 
 
 @contextlib.contextmanager
-def connected(address: str | None, processors: int | None) -> Iterator[Any]:
-    """Ray's module, connected meanwhile to a cluster, or to one of this machine alone.
+def connected(address: str) -> Iterator[Any]:
+    """Ray's module, connected meanwhile to the cluster whose head is at HOST:PORT.
 
-    ADDRESS is HOST:PORT of a cluster's head; without it Ray is started on loopback, for so many
-    processors or all that there are, and ends with this. Raises `PlotfeedError`.
+    Raises `PlotfeedError`.
     """
-    need_extra("ray", "work spread over processes and hosts", "fleet", load=False)
-    if address is not None:
-        _check_there(address)
-    for name, value in (QUIET | ({} if address else ALONE)).items():
+    need_extra("ray", "work spread over hosts", "fleet", load=False)
+    _check_there(address)
+    for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     import ray  # an extra, and a second to load
 
-    how: dict[str, Any] = {"logging_level": logging.ERROR, "log_to_driver": False}
-    if address is None:
-        how |= {
-            "address": "local",
-            "num_cpus": processors,
-            "include_dashboard": False,
-            "object_store_memory": OBJECT_STORE_OCTETS,
-            "_node_ip_address": LOOPBACK,
-        }
-    else:
-        how["address"] = address
-    for attempt in range(ATTEMPTS):
-        try:
-            ray.init(**how)
-            break
-        except Exception as error:  # noqa: BLE001 - a machine that was too slow is told by no other
-            ray.shutdown()
-            if attempt + 1 < ATTEMPTS and type(error) is Exception:
-                continue
-            where = "cannot be started" if address is None else f"at {address} does not answer"
-            said = next((line for line in str(error).splitlines() if line.strip()), "")
-            raise EngineError(f"Ray {where}: {said or type(error).__name__}") from None
+    try:
+        ray.init(address=address, logging_level=logging.ERROR, log_to_driver=False)
+    except Exception as error:  # noqa: BLE001 - a machine that was too slow is told by no other
+        ray.shutdown()
+        said = next((line for line in str(error).splitlines() if line.strip()), "")
+        what = said or type(error).__name__
+        raise EngineError(f"Ray at {address} does not answer: {what}") from None
     try:
         yield ray
     finally:
@@ -207,7 +183,7 @@ def _by_ray(
     work: Callable[[Job], Result], jobs: Iterable[Job], address: str
 ) -> Generator[tuple[Job, Result], None, None]:
     """Each job and its result by tasks of a cluster of Ray, as `spread` gives them."""
-    with connected(address, None) as ray:
+    with connected(address) as ray:
         task = ray.remote(num_cpus=1, max_retries=TRIES - 1)(_told(work))
         processors = max(1, int(ray.cluster_resources().get("CPU", 1)))
         left, handed_out = iter(jobs), dict[Any, Job]()
