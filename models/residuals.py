@@ -1,10 +1,13 @@
-"""Residuals of a sensor's plots beside what the sensor claims, each named and judged."""
+"""Residuals of a sensor's plots beside what is expected of it, each named and judged.
+
+Whatever is summed is summed part by part, so that a feed of any length is judged in little memory.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,26 +20,29 @@ from plotfeed.models.plain_tracker import least_sum
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.tail_chances import p_of_normal, p_of_poisson, p_of_squares, p_of_trials
 
+# Plots of targets, or as many as tell as much, from which on errors are judged.
 FEWEST = 8
-"""Plots of targets from which on errors are judged."""
+# Lateness that must be seen at 4.6 standard errors, or time is not judged: nine times in ten.
 SEEN_LATENESS_S = 1.0
-"""Lateness that must be seen at 4.6 standard errors, or time is not judged: nine times in ten."""
 BENEFIT = 4.6
+# Where time cannot be judged by itself: lateness that is usual, and standard errors from which on a
+# systematic error beside such lateness counts as one.
+USUAL_LATENESS_S = 3.0
+BESIDE = 3.3
+# Standard errors from which on successive errors count as correlated.
 CORRELATED = 2.33
-"""Standard errors from which on successive errors count as correlated."""
 MOST_CORRELATED = 0.98
+# Share of what tells of lateness that systematic errors do not explain, to be any.
 INDEPENDENT = 1e-9
-"""Share of what tells of lateness that systematic errors do not explain, to be any."""
-CELLS = 500
-"""Into which looks are sorted by their odds."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Residuals(Columns):
-    """Plots of targets, (n,), and k quantities of each, (n, k), in the order of `quantities`.
+    """Plots of targets, (n,), and k quantities of each, (n, k).
 
-    `error` is what was measured less what was true at the time that the plot states, NaN where that
-    is not measured; `rate` how fast the truth changed, a second; `kurtosis` that of errors.
+    `error` is what was measured less what was expected at the time that the plot states, NaN where
+    that is not measured; `rate` how fast the truth changed, a second, NaN or 0 where lateness is
+    not asked for; `kurtosis` that of errors.
     """
 
     target: Ints
@@ -47,9 +53,17 @@ class Residuals(Columns):
     kurtosis: Floats
 
 
+class MeasuredQuantity(NamedTuple):
+    """Something that plots measure; `follows` from others, whose noise it shares."""
+
+    name: str
+    unit: str
+    follows: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class LookOdds(Columns):
-    """Looks, (n,): at what, when, with which claimed probability of a plot, and whether it came."""
+    """Looks, (n,): at what, when, with which expected probability of a plot, and if one came."""
 
     target: Ints
     t_s: Floats
@@ -57,262 +71,52 @@ class LookOdds(Columns):
     hit: Bools
 
 
-class MeasuredQuantity(NamedTuple):
-    """Something that plots measure."""
-
-    name: str
-    unit: str
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualCheck:
-    """One claim beside what was found."""
+class Check:
+    """A figure beside what was expected; of a link, `link` is its number, else 0.
 
+    `sigma` is the standard error of what was found, NaN for none; `p` the probability of this or
+    more by chance, NaN if it is not judged, for which `why_not` has the reason. It follows from
+    `of` plots, looks or messages.
+    """
+
+    sensor: str = ""
+    link: int = 0
     name: str
-    """Such as "azimuth", "azimuth spread", "time", "Pd", "false alarms"."""
-    unit: str
-    claimed: float
-    found: float
-    sigma: float
-    """Standard error of what was found; NaN if there is none."""
-    p: float
-    """Probability of this or more by chance; NaN if it is not judged."""
-    of: int
-    """Plots or looks that it follows from."""
+    unit: str = ""
+    expected: float
+    found: float = math.nan
+    sigma: float = math.nan
+    p: float = math.nan
+    of: int = 0
     why_not: str = ""
-    """Why it is not judged."""
+    wrong: bool = False
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether chance, or that it never comes by chance, says anything of it."""
+        return not math.isnan(self.p)
+
+    @property
+    def is_never(self) -> bool:
+        """Whether it is of what can never be by chance, and was not."""
+        return self.p == 1 and math.isnan(self.sigma)
 
     @property
     def z(self) -> float:
-        """Standard deviations from what is claimed, of a normal number as improbable."""
+        """Standard deviations from what is expected, of a normal number as improbable."""
         if math.isnan(self.p):
             return math.nan
-        return math.copysign(-float(ndtri(max(self.p, 1e-300) / 2)), self.found - self.claimed)
+        return math.copysign(-float(ndtri(max(self.p, 1e-300) / 2)), self.found - self.expected)
 
 
-def not_judged(name: str, unit: str, claimed: float, why: str, of: int = 0) -> ResidualCheck:
-    """A claim that nothing is known of."""
-    return ResidualCheck(
-        name=name, unit=unit, claimed=claimed, found=math.nan, sigma=math.nan, p=math.nan, of=of,
-        why_not=why,
-    )  # fmt: skip
+def wrong_at(checks: Sequence[Check], false_rate: float) -> list[bool]:
+    """Which checks fail; where all is right any does with that chance at most (Holm 1979).
 
-
-class FalseInGates(NamedTuple):
-    """Plots of nobody that are taken for a target's: how many, and the gate's half widths (k,)."""
-
-    hits: float
-    gate: Floats
-
-
-def error_checks(
-    residuals: Residuals,
-    quantities: Sequence[MeasuredQuantity],
-    false: FalseInGates,
-    no_time: str = "",
-) -> list[ResidualCheck]:
-    """Systematic errors of each quantity, lateness, and the spread of each quantity.
-
-    `no_time` says why the times of plots tell nothing, if so.
+    What never comes by chance, p = 0, or always, takes no share of that.
     """
-    there = [k for k in range(len(quantities)) if np.isfinite(residuals.error[:, k]).any()]
-    if len(residuals) < FEWEST or not there:
-        few = f"{len(residuals)} plots of targets that it tells apart; {FEWEST} are needed"
-        return [
-            *(not_judged(q.name, q.unit, 0.0, few, len(residuals)) for q in quantities),
-            not_judged("time", "s", 0.0, few, len(residuals)),
-            *(not_judged(f"{q.name} spread", "", 1.0, few, len(residuals)) for q in quantities),
-        ]
-    fit = _Fit(residuals, with_time=True)
-    why = no_time or fit.why_no_time()
-    judged = fit if not why else _Fit(residuals, with_time=False)
-    confounded = bool(why) and why == fit.why_no_time() and fit.is_confounded
-    checks = [judged.bias(k, q, confounded=confounded) for k, q in enumerate(quantities)]
-    if why:
-        checks.append(not_judged("time", "s", 0.0, why, len(residuals)))
-    else:
-        checks.append(judged.time())
-    return checks + [judged.spread(k, q, false) for k, q in enumerate(quantities)]
-
-
-class _Fit:
-    """Errors fitted by a systematic one of each quantity, and by lateness."""
-
-    def __init__(self, r: Residuals, *, with_time: bool) -> None:
-        order = np.lexsort((r.t_s, r.target))
-        self._r = r = r.rows(order)
-        self._n, self._k = r.error.shape
-        self._has = np.isfinite(r.error) & np.isfinite(r.sigma) & (r.sigma > 0)
-        weight = np.where(self._has, 1 / np.where(self._has, r.sigma, 1.0) ** 2, 0.0)
-        error = np.where(self._has, r.error, 0.0)
-        slope = np.where(self._has & np.isfinite(r.rate), -r.rate, 0.0) if with_time else 0 * error
-        k = self._k
-        parts = np.zeros((k, k + 1, k + 1))
-        for i in range(k):
-            parts[i, i, i] = weight[:, i].sum()
-            parts[i, i, k] = parts[i, k, i] = weight[:, i] @ slope[:, i]
-            parts[i, k, k] = weight[:, i] @ slope[:, i] ** 2
-        right = np.append((weight * error).sum(axis=0), (weight * slope * error).sum())
-        inverse, is_told = _inverse(parts.sum(axis=0))
-        self.theta = inverse @ right
-        left = error - self.theta[:k] - slope * self.theta[k]
-        self._left = np.where(self._has, left * np.sqrt(weight), 0.0)
-        self._count = self._has.sum(axis=0)
-        self._free = np.maximum(self._count - 1 - (1 / k if with_time else 0.0), 1.0)
-        self._squares = (self._left**2).sum(axis=0)
-        self._spread = np.sqrt(self._squares / self._free)
-        self._rho = np.array(
-            [_correlation(self._left[:, i], self._has[:, i], r.target) for i in range(k)]
-        )
-        inflation = np.maximum(1.0, self._spread**2) * (1 + self._rho) / (1 - self._rho)
-        covariance = inverse @ np.tensordot(inflation, parts, 1) @ inverse
-        self.se = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-        if not is_told:
-            self.se[k] = math.inf
-        alone = float(parts[:, k, k].sum())
-        self._se_time_alone = math.sqrt(inflation.max() / alone) if alone > 0 else math.inf
-
-    @property
-    def is_confounded(self) -> bool:
-        """Whether lateness would be seen, were it not for systematic errors that look like it."""
-        se_s = float(self.se[self._k])
-        return self._se_time_alone * BENEFIT <= SEEN_LATENESS_S < se_s * BENEFIT
-
-    def why_no_time(self) -> str:
-        """Why lateness is not judged; nothing if it is."""
-        if self._se_time_alone * BENEFIT > SEEN_LATENESS_S:
-            return "targets hardly move as the sensor sees them"
-        if self.is_confounded:
-            return "on these paths lateness looks like a systematic error"
-        return ""
-
-    def bias(self, k: int, quantity: MeasuredQuantity, *, confounded: bool) -> ResidualCheck:
-        """The systematic error of a quantity."""
-        n = int(self._count[k])
-        if n < FEWEST:
-            few = f"{n} plots of targets measure it; {FEWEST} are needed"
-            return not_judged(quantity.name, quantity.unit, 0.0, few, n)
-        found, se = float(self.theta[k]), float(self.se[k])
-        return ResidualCheck(
-            name=f"{quantity.name} or time" if confounded else quantity.name,
-            unit=quantity.unit,
-            claimed=0.0,
-            found=found,
-            sigma=se,
-            p=p_of_normal(found / se),
-            of=n,
-        )
-
-    def time(self) -> ResidualCheck:
-        """How late plots are stamped."""
-        found, se = float(self.theta[self._k]), float(self.se[self._k])
-        return ResidualCheck(
-            name="time", unit="s", claimed=0.0, found=found, sigma=se, p=p_of_normal(found / se),
-            of=self._n,
-        )  # fmt: skip
-
-    def spread(self, k: int, quantity: MeasuredQuantity, false: FalseInGates) -> ResidualCheck:
-        """Errors over what is claimed of them."""
-        name, n = f"{quantity.name} spread", int(self._count[k])
-        if n < FEWEST:
-            few = f"{n} plots of targets measure it; {FEWEST} are needed"
-            return not_judged(name, "", 1.0, few, n)
-        free, rho, gate = float(self._free[k]), float(self._rho[k]), float(false.gate[k])
-        kurtosis = np.where(self._has[:, k], self._r.kurtosis[:, k], 1.0)
-        # Plots of nobody lie anywhere in the gate: uniform numbers, of which squares are known.
-        extra = min(false.hits, float(n))
-        mean = free + extra * (gate**2 / 3 - 1)
-        varied = float((kurtosis - 1).sum()) * free / n
-        variance = varied * (1 + rho**2) / (1 - rho**2) + extra * gate**4 / 5
-        found = float(self._spread[k])
-        return ResidualCheck(
-            name=name,
-            unit="",
-            claimed=1.0,
-            found=found,
-            sigma=math.sqrt(variance) / (2 * free),
-            p=p_of_squares(float(self._squares[k]), mean, max(variance, 1e-6 * free)),
-            of=n,
-        )
-
-
-def _inverse(normal: Floats) -> tuple[Floats, bool]:
-    """The inverse of normal equations, diagonal but for lateness, and whether that can be told.
-
-    Lateness is the last; where it cannot be told, it is left out.
-    """
-    k = len(normal) - 1
-    weight = np.diagonal(normal)[:k]
-    each = np.where(weight > 0, 1 / np.where(weight > 0, weight, 1.0), 0.0)
-    along = each * normal[:k, k]
-    own = float(normal[k, k] - normal[:k, k] @ along)
-    inverse = np.zeros_like(normal)
-    inverse[:k, :k] = np.diag(each)
-    is_told = own > INDEPENDENT * float(normal[k, k])
-    if is_told:
-        column = np.append(-along, 1.0)
-        inverse += np.outer(column, column) / own
-    return inverse, is_told
-
-
-def _correlation(left: Floats, has: Bools, target: Ints) -> float:
-    """Correlation of successive errors of one target; 0 where it may well be chance."""
-    left, target = left[has], target[has]
-    same = target[1:] == target[:-1]
-    pairs, squares = int(same.sum()), float(left @ left)
-    if pairs < FEWEST or not squares > 0:
-        return 0.0
-    rho = float((left[1:] * left[:-1])[same].sum()) / squares * len(left) / pairs
-    return min(rho, MOST_CORRELATED) if rho * math.sqrt(pairs) > CORRELATED else 0.0
-
-
-def detection_check(looks: LookOdds, false_per_look: float) -> ResidualCheck:
-    """How often targets had a plot, beside the sum of the probabilities that are claimed."""
-    n = len(looks)
-    if not n:
-        return not_judged("Pd", "", math.nan, "no target was looked at that it tells apart")
-    claimed = float(looks.pd.mean())
-    p = 1 - (1 - np.clip(looks.pd, 0.0, 1.0)) * (1 - min(false_per_look, 1.0))
-    hits, variance = int(looks.hit.sum()), float((p * (1 - p)).sum())
-    found = hits / n
-    if variance <= 0 and hits == round(float(p.sum())):
-        return not_judged("Pd", "", claimed, "every look is certain, one way or the other", n)
-    order = np.lexsort((looks.t_s, looks.target))
-    left = np.where(variance > 0, (looks.hit - p), 0.0)[order]
-    rho = _correlation(left, np.ones(n, np.bool_), looks.target[order])
-    if rho:
-        variance *= (1 + rho) / (1 - rho)
-        chance = p_of_normal((hits - float(p.sum())) / math.sqrt(variance))
-    else:
-        cells = np.array_split(np.sort(p), min(CELLS, len(p)))
-        counts = np.array([len(cell) for cell in cells], np.float64)
-        chance = p_of_trials(counts, np.array([cell.mean() for cell in cells]), hits)
-    return ResidualCheck(
-        name="Pd", unit="", claimed=claimed, found=found, sigma=math.sqrt(variance) / n, p=chance,
-        of=n,
-    )  # fmt: skip
-
-
-def clutter_check(left: int, expected: float, scans: float, false_hits: float) -> ResidualCheck:
-    """Plots that no target has, beside the number of false alarms that is claimed; in all scans."""
-    mean = max(expected - false_hits, 0.0)
-    if not scans > 0:
-        return not_judged("false alarms", "a scan", math.nan, "no scan was seen")
-    return ResidualCheck(
-        name="false alarms",
-        unit="a scan",
-        claimed=expected / scans,
-        found=(left + false_hits) / scans,
-        sigma=math.sqrt(max(mean, 1.0)) / scans,
-        p=p_of_poisson(left, mean),
-        of=max(left, round(mean)),
-    )
-
-
-def judged_wrong(checks: Sequence[ResidualCheck], false_rate: float) -> list[bool]:
-    """Which checks fail; where all is right any does with that chance at most (Holm 1979)."""
-    judged = sorted((c.p, i) for i, c in enumerate(checks) if not math.isnan(c.p))
-    wrong = [False] * len(checks)
+    judged = sorted((c.p, i) for i, c in enumerate(checks) if 0 < c.p < 1)
+    wrong = [c.p == 0 for c in checks]
     for done, (p, i) in enumerate(judged):
         if p >= false_rate / (len(judged) - done):
             break
@@ -320,7 +124,7 @@ def judged_wrong(checks: Sequence[ResidualCheck], false_rate: float) -> list[boo
     return wrong
 
 
-def always_valid(check: ResidualCheck, false_rate: float, *, at_once: float = 20.0) -> bool:
+def always_valid(check: Check, false_rate: float, *, at_once: float = 20.0) -> bool:
     """Whether a check that is looked at time and again fails: at that rate however often one looks.
 
     Robbins' bound (1970) for a sum of n standard normal numbers, sharpest about `at_once` of them:
@@ -331,6 +135,296 @@ def always_valid(check: ResidualCheck, false_rate: float, *, at_once: float = 20
         return False
     bound = (n + at_once) / n * math.log((n + at_once) / (at_once * false_rate**2))
     return abs(check.z) >= math.sqrt(bound)
+
+
+class ErrorSums:
+    """Sums of errors, of which systematic errors, lateness and spreads follow.
+
+    Errors of a quantity are fitted by a systematic one and by lateness, all quantities together, by
+    least squares; those that follow from others tell nothing of lateness.
+    """
+
+    def __init__(self, quantities: Sequence[MeasuredQuantity]) -> None:
+        self.quantities = quantities
+        k = len(quantities)
+        # Products of error, 1 and slope by lateness, over sigma: of each plot with itself, and with
+        # the one before it of the same target.
+        self._own, self._next = np.zeros((k, 3, 3)), np.zeros((k, 3, 3))
+        self._kurtosis = np.zeros(k)
+        self._pairs = np.zeros(k, np.int64)
+        self._extra, self._extra_squares, self._extra_fourths = np.zeros((3, k))
+        self.count = np.zeros(k, np.int64)
+        self.plots = 0
+
+    def add(self, r: Residuals, false_hits: float = 0.0, gate: Floats | None = None) -> None:
+        """Take plots, so many of them of nobody, anywhere in gates with those half widths (k,)."""
+        r = r.rows(np.lexsort((r.t_s, r.target)))
+        has = np.isfinite(r.error) & np.isfinite(r.sigma) & (r.sigma > 0)
+        share = np.where(has, 1 / np.where(has, r.sigma, 1.0), 0.0)
+        slope = np.where(has & np.isfinite(r.rate), -r.rate, 0.0)
+        terms = np.stack([np.where(has, r.error, 0.0), np.ones_like(slope), slope]) * share
+        for i in range(len(self.quantities)):
+            there = has[:, i]
+            of, target = terms[:, there, i], r.target[there]
+            same = np.flatnonzero(target[1:] == target[:-1])
+            self._own[i] += of @ of.T
+            self._next[i] += of[:, same] @ of[:, same + 1].T
+            self._pairs[i] += len(same)
+            self._kurtosis[i] += r.kurtosis[there, i].sum()
+            self.count[i] += of.shape[1]
+            if gate is not None:
+                extra = min(false_hits, float(of.shape[1]))
+                self._extra[i] += extra
+                self._extra_squares[i] += extra * (gate[i] ** 2 / 3 - 1)
+                self._extra_fourths[i] += extra * gate[i] ** 4 / 5
+        self.plots += len(r)
+
+    def checks(self, no_time: str = "") -> list[Check]:
+        """Systematic errors, lateness, and spreads, of what was measured; of all if nothing was.
+
+        `no_time` says why times tell nothing, if so.
+        """
+        fit = _Fit(self, with_time=not no_time)
+        why, may_be_late = no_time or fit.why_no_time(), None
+        if why and not no_time:
+            may_be_late = fit.may_be_late()
+            fit = _Fit(self, with_time=False)
+        there = np.flatnonzero(self.count).tolist() or range(len(self.quantities))
+        found = [fit.bias(i, may_be_late is not None and bool(may_be_late[i])) for i in there]
+        if self.count.max(initial=0) < FEWEST:
+            why = fit.too_few(self.plots)
+        late_s, se_s = fit.late_s, fit.se_time_s
+        time = Check(name="time", unit="s", expected=0.0, why_not=why, of=self.plots)
+        if not why:
+            time = replace(time, found=late_s, sigma=se_s, p=p_of_normal(late_s / se_s))
+        return [*found, time, *(fit.spread(i) for i in there)]
+
+
+class _Fit:
+    """Errors fitted by a systematic one of each quantity, and by lateness."""
+
+    def __init__(self, sums: ErrorSums, *, with_time: bool) -> None:
+        self._sums, own = sums, sums._own
+        self._weight = weight = np.where(own[:, 1, 1] > 0, own[:, 1, 1], 1.0)
+        self._mean_slope = own[:, 1, 2] / weight if with_time else 0 * weight
+        self._error = error = own[:, 0, 1] / weight
+        follows = np.array([q.follows for q in sums.quantities], np.bool_)
+        # What tells of lateness: slopes, and what of them is left about their means.
+        alone = np.where(follows, 0.0, own[:, 2, 2])
+        about = np.where(follows, 0.0, own[:, 2, 2] - own[:, 1, 2] ** 2 / weight)
+        along = np.where(follows, 0.0, own[:, 0, 2] - own[:, 0, 1] * own[:, 1, 2] / weight)
+        self._alone, self._about = float(alone.sum()), float(about.sum())
+        self._along = float(along.sum())
+        tells = with_time and self._about > INDEPENDENT * self._alone
+        self.late_s = self._along / self._about if tells else 0.0
+        self.bias_of = error - self.late_s * self._mean_slope
+        left = np.stack([np.ones_like(error), -self.bias_of, np.full_like(error, -self.late_s)])
+        squares, after = (np.einsum("ai,iab,bi->i", left, m, left) for m in (own, sums._next))
+        independent = max(int((~follows & (sums.count > 0)).sum()), 1)
+        self._free = np.maximum(sums.count - 1 - (1 / independent if tells else 0.0), 1.0)
+        self._squares = np.maximum(squares, 0.0)
+        each = zip(squares, after, sums.count.tolist(), sums._pairs.tolist(), strict=True)
+        self._rho = np.array([_correlation(*of) for of in each])
+        self._inflation = np.maximum(1.0, self._squares / self._free)
+        self._inflation = self._inflation * (1 + self._rho) / (1 - self._rho)
+        self.se_time_s = (
+            math.sqrt(float(self._inflation @ about)) / self._about if tells else math.inf
+        )
+        of_time = (self._mean_slope * self.se_time_s) ** 2 if tells else 0.0
+        self.se_of = np.sqrt(self._inflation / weight + of_time)
+        worst = float(self._inflation.max(initial=1.0))
+        self._se_alone_s = math.sqrt(worst / self._alone) if self._alone > 0 else math.inf
+
+    @property
+    def is_confounded(self) -> bool:
+        """Whether lateness would be seen, were it not for systematic errors that look like it."""
+        return self._se_alone_s * BENEFIT <= SEEN_LATENESS_S < self.se_time_s * BENEFIT
+
+    def why_no_time(self) -> str:
+        """Why lateness is not judged; nothing if it is."""
+        if self._se_alone_s * BENEFIT > SEEN_LATENESS_S:
+            return "targets hardly move as the sensor sees them"
+        if self.is_confounded:
+            return "on these paths lateness looks like a systematic error"
+        return ""
+
+    def may_be_late(self) -> Bools:
+        """Which systematic errors usual lateness may be instead, as far as paths tell; (k,)."""
+        told = self._about + 1 / USUAL_LATENESS_S**2
+        bias = self._error - self._along / told * self._mean_slope
+        se2 = self._inflation / self._weight + self._mean_slope**2 / told
+        return np.asarray((np.abs(bias) < BESIDE * np.sqrt(se2)) & (self._mean_slope != 0))
+
+    def too_few(self, n: int) -> str:
+        """What is said where there are less than needed."""
+        return f"{n} plots of targets that it tells apart; {FEWEST} are needed"
+
+    def bias(self, i: int, may_be_late: bool) -> Check:
+        """The systematic error of a quantity."""
+        quantity = self._sums.quantities[i]
+        blank = Check(
+            name=quantity.name, unit=quantity.unit, expected=0.0, of=int(self._sums.count[i])
+        )
+        if not self._is_enough(i):
+            return replace(blank, why_not=self.too_few(blank.of))
+        found, se = float(self.bias_of[i]), float(self.se_of[i])
+        name = f"{quantity.name} or time" if may_be_late else quantity.name
+        return replace(blank, name=name, found=found, sigma=se, p=p_of_normal(found / se))
+
+    def spread(self, i: int) -> Check:
+        """Errors over what is expected of them."""
+        sums, n = self._sums, int(self._sums.count[i])
+        blank = Check(name=f"{sums.quantities[i].name} spread", expected=1.0, of=n)
+        if not self._is_enough(i):
+            return replace(blank, why_not=self.too_few(n))
+        free, rho = float(self._free[i]), float(self._rho[i])
+        # Plots of nobody lie anywhere in the gate: uniform numbers, of which squares are known.
+        mean = free + float(sums._extra_squares[i])
+        varied = float(sums._kurtosis[i] - n) * free / n
+        if varied < 1e-6 * free:  # what is told as one of two steps does not vary
+            return replace(blank, why_not="its steps are too coarse")
+        variance = varied * (1 + rho**2) / (1 - rho**2) + float(sums._extra_fourths[i])
+        squares = float(self._squares[i])
+        return replace(
+            blank,
+            found=math.sqrt(squares / free),
+            sigma=math.sqrt(variance) / (2 * free),
+            p=p_of_squares(squares, mean, variance),
+        )
+
+    def _is_enough(self, i: int) -> bool:
+        """Whether there are plots enough, or as many normal numbers as vary as much."""
+        n = int(self._sums.count[i])
+        return n >= FEWEST and 3 * n**2 >= FEWEST * float(self._sums._kurtosis[i])
+
+
+CELL_M = 25.0
+# Up to 1000 km; what is further counts with the last.
+MAX_CELLS = 40_000
+
+
+def _correlation(squares: float, after: float, count: int, pairs: int) -> float:
+    """Correlation of successive errors of one target; 0 where it may well be chance."""
+    if pairs < FEWEST or not squares > 0:
+        return 0.0
+    rho = after / squares * count / pairs
+    return min(rho, MOST_CORRELATED) if rho * math.sqrt(pairs) > CORRELATED else 0.0
+
+
+class LookTally:
+    """Looks of one sensor, in cells of range that are equally wide."""
+
+    def __init__(self, cell_m: float, most_cells: int, *, at_once: int = 4096) -> None:
+        """What is further than the last cell counts with it; so many are counted together."""
+        self.cell_m = cell_m
+        self._most_cells = most_cells
+        self._at_once = at_once
+        self._cells = np.zeros((4, 0))
+        self._parts: list[tuple[Any, Any, Any]] = []
+        self._waiting = 0
+
+    def add(
+        self,
+        range_m: Floats | Sequence[float],
+        pd: Floats | Sequence[float],
+        detected: Bools | Sequence[bool],
+    ) -> None:
+        """Take some looks; (n,) each."""
+        if not len(pd):
+            return
+        self._parts.append((range_m, pd, detected))
+        self._waiting += len(pd)
+        if self._waiting >= self._at_once:
+            self._count()
+
+    def cells(self) -> Floats:
+        """Looks, sum of pd, sum of pd (1 - pd) and detections, by range from 0 on; (4, n).
+
+        There are as many cells as have been looked at. Looks without a range or odds tell nothing.
+        """
+        if self._parts:
+            self._count()
+        return self._cells
+
+    def _count(self) -> None:
+        range_m, pd, detected = (
+            np.concatenate(column, dtype=np.float64) for column in zip(*self._parts, strict=True)
+        )
+        self._parts.clear()
+        self._waiting = 0
+        good = (range_m >= 0) & (range_m < math.inf) & (pd >= 0) & (pd <= 1)
+        range_m, pd, detected = range_m[good], pd[good], detected[good]
+        if not len(pd):
+            return
+        cell = np.minimum(range_m / self.cell_m, self._most_cells - 1).astype(np.int64)
+        more = int(cell.max()) + 1 - self._cells.shape[1]
+        if more > 0:
+            self._cells = np.pad(self._cells, ((0, 0), (0, more)))
+        for row, values in enumerate((np.ones(len(pd)), pd, pd * (1 - pd), detected)):
+            self._cells[row] += np.bincount(cell, values, self._cells.shape[1])
+
+
+class LookSums:
+    """Looks at targets, and how many of them brought a plot."""
+
+    def __init__(self) -> None:
+        self.tally = LookTally(CELL_M, MAX_CELLS)
+        self._expected = self._squares = self._after = 0.0
+        self._pairs = 0
+
+    def add(
+        self,
+        looks: LookOdds,
+        range_m: Floats,
+        false_per_look: float = 0.0,
+    ) -> None:
+        """Take looks at those ranges, in whose gates are so many plots of nobody; (n,) each."""
+        order = np.lexsort((looks.t_s, looks.target))
+        pd, hit, target = looks.pd[order], looks.hit[order], looks.target[order]
+        p = 1 - (1 - np.clip(pd, 0.0, 1.0)) * (1 - min(false_per_look, 1.0))
+        left, same = hit - p, target[1:] == target[:-1]
+        self.tally.add(range_m[order], p, hit)
+        self._expected += float(pd.sum())
+        self._squares += float(left @ left)
+        self._after += float((left[1:] * left[:-1])[same].sum())
+        self._pairs += int(same.sum())
+
+    def check(self) -> Check:
+        """How often targets had a plot, beside the sum of the probabilities that are expected."""
+        cells = self.tally.cells()
+        n, total, variance, found = cells.sum(axis=1).tolist()
+        hits = round(found)
+        if not n:
+            return Check(
+                name="Pd", expected=math.nan, why_not="no target was looked at that it tells apart"
+            )
+        blank = Check(name="Pd", expected=self._expected / n, of=round(n))
+        if variance <= 0 and hits == round(total):
+            return replace(blank, why_not="every look is certain, one way or the other")
+        rho = _correlation(self._squares, self._after, round(n), self._pairs)
+        if rho:
+            variance *= (1 + rho) / (1 - rho)
+            chance = p_of_normal((hits - total) / math.sqrt(variance))
+        else:
+            mean = np.divide(cells[1], cells[0], out=np.zeros_like(cells[1]), where=cells[0] > 0)
+            chance = p_of_trials(cells[0], mean, hits)
+        return replace(blank, found=hits / n, sigma=math.sqrt(variance) / n, p=chance)
+
+
+def clutter_check(left: int, expected: float, scans: float, false_hits: float = 0.0) -> Check:
+    """Plots that no target has, beside how many false alarms are expected in all scans."""
+    mean = max(expected - false_hits, 0.0)
+    blank = Check(name="false alarms", unit="a scan", expected=math.nan, of=left)
+    if not scans > 0:
+        return replace(blank, why_not="no scan was seen")
+    return replace(
+        blank,
+        expected=expected / scans,
+        found=(left + false_hits) / scans,
+        sigma=math.sqrt(max(mean, 1.0)) / scans,
+        p=p_of_poisson(left, mean),
+        of=max(left, round(mean)),
+    )
 
 
 GATE = 5.0

@@ -27,7 +27,8 @@ from scipy.stats import binom
 
 import plotfeed.feeds.scene.examples
 from plotfeed.feeds.engine.simulation import simulate
-from plotfeed.feeds.lab.feed_checks import FALSE_RATE, check_feed, feed_checks, simulated_feed
+from plotfeed.feeds.lab.gathering import judged_recording
+from plotfeed.feeds.lab.judge import FALSE_RATES, FeedTally, Verdicts, simulated_feed
 from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.lab.live import LiveScore
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
@@ -35,7 +36,6 @@ from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.residuals import judged_wrong
 from plotfeed.proto.utc import NS
 
 DOCS = Path(__file__).parents[1]
@@ -47,6 +47,7 @@ SCENES = sorted(
     key=lambda path: path.stem,
 )
 START_UTC_NS = 1_767_268_800 * NS
+FALSE_RATE = FALSE_RATES["claimed"]
 SEEDS, CLEAN = 100, 1000
 SECONDS = (15.0, 30.0, 60.0)
 SCENE_SEEDS, SCENE_S = 20, 60.0
@@ -55,7 +56,7 @@ TITLES = {
     "late": ("stamped 1 s late", {"time"}),
     "blind": ("Pd × 0.6", {"Pd"}),
     "cluttered": ("false alarms × 4", {"false alarms"}),
-    "lying": ("errors × 2.5", {"range spread", "azimuth spread", "elevation spread"}),
+    "lying": ("errors × 2.5", {f"{q} spread" for q in ("range", "azimuth", "elevation", "height")}),
 }
 PLANTED: Mapping[str, Mapping[str, set[str]]] = {
     "airport": {"south": {"azimuth", "time"}},
@@ -110,7 +111,8 @@ def scene_verdicts(path: Path, seed: int, seconds: float) -> SceneVerdicts:
                 )
 
         asyncio.run(session())
-        recorded = {(each.sensor, each.check.name) for each in check_feed(record).wrong}
+        told = judged_recording(record, "claimed").verdicts
+        recorded = {(each.sensor, each.name) for each in told.wrong}
     return SceneVerdicts(recorded, every.wrong)
 
 
@@ -135,9 +137,9 @@ def called_wrong(scene: Scene, name: str, copies: int, seconds: float) -> list[s
     made = scene.model_copy(update={"sensor": many})
     found = []
     for seen in simulate(made, seconds, start_utc_ns=START_UTC_NS).values():
-        checks = feed_checks(simulated_feed(made, seen))
-        wrong = judged_wrong(checks, FALSE_RATE)
-        found.append({c.name for c, is_wrong in zip(checks, wrong, strict=True) if is_wrong})
+        tally = FeedTally("claimed")
+        tally.take(simulated_feed(made, seen))
+        found.append({c.name for c in Verdicts.of(tally.checks(), "claimed").wrong})
     return found
 
 

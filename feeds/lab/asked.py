@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from operator import itemgetter
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,9 +25,8 @@ from plotfeed.models.chance import Chance
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.sensor_model import JointSensor, SensorModel
-from plotfeed.models.state import Bools, Columns, Floats, Ints
+from plotfeed.models.state import Floats, Ints
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS, NS_IN_MS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import WHAT_LEFT
@@ -178,6 +177,22 @@ class AskedSensor:
         """Errors over the stated ones; NaN where plots do not err by what they state."""
         return self.model.error_factor if self.model.errs_as_stated else np.nan
 
+    @cached_property
+    def claimed(self) -> Self:
+        """The sensor as it takes itself to be: without errors and degradation."""
+        right = self.keys.model_copy(update={"bias": None, "drift": None, "degradation": None})
+        return type(self)(right, self.site, self.chance, self.sea_level)
+
+    @property
+    def pd_left(self) -> float:
+        """What of its claimed Pd it has."""
+        return 1.0 if self.keys.degradation is None else self.keys.degradation.pd_factor
+
+    def from_enu_m(self, channel: Ints) -> Floats:
+        """Where signals of channels come from, of one that measures bistatic ranges; (n, 3)."""
+        model: Any = self.model
+        return np.asarray(model.positions_enu_m[channel])
+
     @property
     def is_bistatic(self) -> bool:
         """Whether it measures bistatic ranges."""
@@ -245,66 +260,3 @@ class AskedByTime:
 
 MOST_LACKING = 100_000
 """In a row, that are looked at one by one."""
-
-
-class BelievedSensor(AskedSensor):
-    """A sensor as it takes itself to be."""
-
-    @classmethod
-    def by(cls, asked: AskedSensor) -> BelievedSensor:
-        """What a sensor that was asked for takes itself to be."""
-        right = asked.keys.model_copy(update={"bias": None, "drift": None, "degradation": None})
-        return cls(right, asked.site, asked.chance, asked.sea_level)
-
-
-def left_of_pd(asked: AskedSensor | None) -> float:
-    """What of its claimed Pd a sensor has."""
-    if asked is None or asked.keys.degradation is None:
-        return 1.0
-    return asked.keys.degradation.pd_factor
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClaimedLooks(Columns):
-    """Looks at targets, (n,): where they truly were, by the sensor, and the Pd that is claimed.
-
-    `sector` and `target` are numbers; a look counts for Pd if it `counts`.
-    """
-
-    sector: Ints
-    channel: Ints
-    target: Ints
-    t_utc_ns: Ints
-    range_m: Floats
-    azimuth_deg: Floats
-    elevation_deg: Floats
-    pd: Floats
-    counts: Bools
-
-
-class SensorFeed(NamedTuple):
-    """What came of a sensor, by sectors with numbers from 0, and what it claims."""
-
-    looks: ClaimedLooks
-    """In the order of sectors."""
-    plots: MeasuredPlots
-    plot_sector: Ints
-    """The sector of each plot, ascending."""
-    keys_of_sector: Ints
-    """Which of `believed` holds in each sector."""
-    believed: Sequence[BelievedSensor | None]
-    """None where no scene says what is claimed but the plots."""
-    scans: float
-    """That were seen, parts of one counted as such."""
-    why_no_clutter: str = ""
-    """Why false alarms are not judged."""
-
-    @property
-    def known(self) -> BelievedSensor | None:
-        """The sensor as its scene first has it; None where none says."""
-        return next((each for each in self.believed if each is not None), None)
-
-    @property
-    def model(self) -> SensorModel | None:
-        """The model of the sensor as its scene first has it; None where none says."""
-        return None if self.known is None else self.known.model

@@ -138,13 +138,15 @@ class WaitingPlots:
         """Count the plots of a sector."""
         return sum(map(len, self._sectors.get(key, {}).values()))
 
-    def take(self, key: SectorKey, t_utc_ns: Ints) -> MeasuredPlots | None:
+    def take(self, key: SectorKey, t_utc_ns: Ints | None = None) -> MeasuredPlots | None:
         """Plots of a sector, in order, which wait no longer; None if those times are of others.
 
         The sensor's clock may be ahead, but of all its plots by as much.
         """
         messages = self._forget(key)
         plots = MeasuredPlots.joined([NO_PLOTS, *(messages[n] for n in sorted(messages))])
+        if t_utc_ns is None:
+            return plots
         if len(plots) != len(t_utc_ns):
             return None
         is_exact = plots.category == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import kolmogorov, ndtr
@@ -17,7 +17,6 @@ from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution
-from plotfeed.models.sensors.passive_radar import PassiveRadar
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.proto.asterix.decode_plots import steps_of
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -290,9 +289,8 @@ def _places(
         true_enu_m = aer_to_enu(azimuth_deg, elevation_deg, range_m)
         if asked.own_axes is not None:
             azimuth_deg, elevation_deg, _ = enu_to_aer(true_enu_m @ asked.own_axes.T)
-        if isinstance(asked.model, PassiveRadar):
-            from_enu_m = asked.model.positions_enu_m[channel[of]]
-            range_m = bistatic_range(true_enu_m, from_enu_m)
+        if asked.is_bistatic:
+            range_m = bistatic_range(true_enu_m, asked.from_enu_m(channel[of]))
     is_whole = np.bincount(of, minlength=n) == plots.drones
     first = np.searchsorted(of, np.arange(n)).clip(max=max(len(of) - 1, 0))
     if len(of) == n:
@@ -368,9 +366,9 @@ def _expected(
         "elevation": gauss(elevation_deg, sigmas["elevation_deg"]),
         "range rate": gauss(rate_m_s, sigmas["range_rate_m_s"]),
     }
-    if asked is not None and isinstance(asked.model, PassiveRadar):
+    if asked is not None and asked.is_bistatic:
         found["bistatic range"] = gauss(range_m, sigmas["bistatic_range_m"])
-        found["range"] = _placed_range(asked.model, place, channel, sigmas)
+        found["range"] = _placed_range(asked, place, channel, sigmas)
     else:
         found["range"] = gauss(range_m, sigmas["range_m"])
     if asked is not None:
@@ -379,7 +377,7 @@ def _expected(
 
 
 def _placed_range(
-    model: PassiveRadar, place: Place, channel: Ints, sigmas: Mapping[str, Floats]
+    asked: AskedSensor, place: Place, channel: Ints, sigmas: Mapping[str, Floats]
 ) -> Expected:
     """Ranges where the sensor places plots, over the noise of what is measured for them.
 
@@ -389,7 +387,8 @@ def _placed_range(
     excess_m = place.range_m + sigmas["bistatic_range_m"] * FEW_NODES[:, None, None]
     azimuth_deg = place.azimuth_deg + sigmas["azimuth_deg"] * FEW_NODES[:, None]
     excess_m, azimuth_deg = np.broadcast_arrays(excess_m, azimuth_deg)
-    from_enu_m = np.tile(model.positions_enu_m[channel], (len(FEW_NODES) ** 2, 1))
+    from_enu_m = np.tile(asked.from_enu_m(channel), (len(FEW_NODES) ** 2, 1))
+    model: Any = asked.model
     measured = excess_m.ravel(), azimuth_deg.ravel(), from_enu_m
     prior = HeightPrior(model.expected_height_m, model.sigma_height_m)
     range_m, _ = prior.ground_range_m(*measured)
@@ -422,9 +421,8 @@ def _near_an_end(
     if asked is None or not isinstance(asked.model, Volume):
         return near
     range_m, sigma_m = place.range_m, sigmas["range_m"]
-    if isinstance(asked.model, PassiveRadar):  # it is the level solution that is to be in range
-        from_enu_m = asked.model.positions_enu_m[channel]
-        level = flat_solution(place.range_m, place.azimuth_deg, from_enu_m)
+    if asked.is_bistatic:  # it is the level solution that is to be in range
+        level = flat_solution(place.range_m, place.azimuth_deg, asked.from_enu_m(channel))
         range_m = level.range_m
         sigma_m = level.sigma_m(sigmas["bistatic_range_m"], sigmas["azimuth_deg"])
         near |= ~(sigma_m <= MOST_BENT * range_m)

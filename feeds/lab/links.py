@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from plotfeed.feeds.link.impairment import LinkExpectation
 from plotfeed.feeds.link.losses import LossChain
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.models.residuals import Check
 from plotfeed.models.state import Floats, Ints
 from plotfeed.models.tail_chances import Cumulants, p_of_binomial, p_of_lengths, p_of_whole
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -486,6 +487,31 @@ def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:
     if share == 0.0 and order.left:
         p = 0.0 if order.overtook else 1.0
     return _share(order.overtook, order.left, share, p=p)
+
+
+def link_checks(link: LinkFigures) -> Iterator[Check]:
+    """Delays as the link drew them, losses, bursts, copies, flipped bits and the order."""
+
+    def check(name: str, unit: str, of: int, p: float, *means: float) -> Check:
+        expected, found = means
+        found_of = Check(name=name, unit=unit, of=of, p=p, expected=expected, found=found)
+        return replace(found_of, sensor=link.sensor, link=link.number)
+
+    fit, delivered, asked = link.fit, link.delivered, link.asked
+    if asked is not None:
+        means = asked.mean_ms, delivered.mean_ms
+        yield check("delay", "ms", link.sent, fit.link_p_value, *means)
+        yield check("delay", "ms", fit.other or link.sent, 0.0 if fit.other else 1.0, *means)
+    for name, share in (
+        ("loss", link.loss),
+        ("duplicates", link.duplicates),
+        ("flipped bits", link.corrupted),
+        ("order", link.overtook),
+    ):
+        yield check(name, "%", share.of, share.p, 100 * share.asked, 100 * share.delivered)
+    bursts = link.bursts
+    means = bursts.asked_mean, bursts.delivered_mean
+    yield check("bursts of losses", "messages", bursts.bursts, bursts.p, *means)
 
 
 MAX_DELAYS_SHOWN = 5

@@ -7,7 +7,7 @@ import contextlib
 import json
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +39,7 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
 
 if TYPE_CHECKING:
-    from plotfeed.models.residuals import ResidualCheck
+    from plotfeed.models.residuals import Check
 
 # What judges is loaded a second after a session has begun, which does not wait for it.
 
@@ -84,7 +84,7 @@ class LiveScore(Observer):
         self._unreadable = self._reports = self._seconds = 0
         self._problem = ""
         self._feeds: dict[str, _FeedSoFar] = {}
-        self._checked: dict[str, Sequence[ResidualCheck]] = {}
+        self._checked: dict[str, Sequence[Check]] = {}
 
     # What the session tells.
 
@@ -165,7 +165,7 @@ class LiveScore(Observer):
 
     def score(self, now_utc_ns: int) -> dict[str, Any] | None:
         """The score as of now; None where nothing runs. To be asked once a second."""
-        from plotfeed.feeds.lab.feed_checks import FALSE_RATE
+        from plotfeed.feeds.lab.judge import FALSE_RATES
 
         session = self._session
         if session is None:
@@ -188,7 +188,7 @@ class LiveScore(Observer):
                 "now": now,
                 "window_s": len(self._window),
                 "window": _means(self._window),
-                "feed_false_rate": FALSE_RATE,
+                "feed_false_rate": FALSE_RATES["claimed"],
                 "feed": list(self._told_feeds()),
             }
         )
@@ -231,33 +231,25 @@ class LiveScore(Observer):
 
     def _check_feeds(self, session: RunningSession, now_ns: int) -> None:
         """Check those of which there is news."""
-        from plotfeed.feeds.lab.feed_checks import feed_checks, simulated_feed
+        from plotfeed.feeds.lab.judge import FeedTally, simulated_feed
 
         for name, feed in self._feeds.items():
             if feed.began_ns is not None and now_ns - feed.began_ns > BLOCK_NS:
                 self._feeds[name] = _FeedSoFar(since_ns=0)
             elif feed.is_news:
-                seen = feed.seen(session.sensors[name].sensor)
-                self._checked[name] = feed_checks(simulated_feed(session.scene, seen, feed.sectors))
+                seen, tally = feed.seen(session.sensors[name].sensor), FeedTally("claimed")
+                tally.take(simulated_feed(session.scene, seen, feed.sectors))
+                self._checked[name] = tally.checks()
 
     def _told_feeds(self) -> Any:
-        from plotfeed.feeds.lab.feed_checks import FALSE_RATE
+        from plotfeed.feeds.lab.judge import FALSE_RATES, check_json
         from plotfeed.models.residuals import always_valid
 
         count = sum(len(checks) for checks in self._checked.values())
         for sensor, checks in self._checked.items():
-            for check in checks:
-                yield {
-                    "sensor": sensor,
-                    "check": check.name,
-                    "unit": check.unit,
-                    "claimed": check.claimed,
-                    "found": check.found,
-                    "z": check.z,
-                    "of": check.of,
-                    "wrong": always_valid(check, FALSE_RATE / count),
-                    "why_not": check.why_not,
-                }
+            for each in checks:
+                wrong = always_valid(each, FALSE_RATES["claimed"] / count)
+                yield check_json(replace(each, sensor=sensor, wrong=wrong), "claimed")
 
 
 def _means(window: Sequence[Mapping[str, float]] | deque[dict[str, float]]) -> dict[str, float]:
@@ -319,7 +311,7 @@ OnScore = Callable[[dict[str, Any]], None]
 
 def load_judges() -> None:
     """Load what scores need, which takes longer than a session may be held up."""
-    for name in ("plotfeed.feeds.lab.feed_checks", "scipy.optimize"):
+    for name in ("plotfeed.feeds.lab.judge", "scipy.optimize"):
         import_module(name)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite
@@ -16,18 +16,19 @@ import numpy as np
 from plotfeed.feeds.console.extras import check_picture
 from plotfeed.feeds.console.printed import Row, printable, say, say_damage
 from plotfeed.feeds.console.process import refuse_if_there
-from plotfeed.feeds.lab.checks import PdFigures, Verdicts
-from plotfeed.feeds.lab.figures import LedgerReport, SensorFigures, as_values, report
-from plotfeed.feeds.lab.laws import QUANTITIES, share_interval
+from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures, judged_recording
+from plotfeed.feeds.lab.judge import NAMES, Against, Verdicts
+from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, link_text
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, finish, save_picture
 from plotfeed.feeds.lab.tables import NOTHING, Table, TextColumn, number, percent, table
+from plotfeed.models.residuals import Check
 from plotfeed.proto.utc import NS, iso_utc
 
 BURSTS_SHOWN = 10
 
 
-def lines(told: LedgerReport) -> Iterator[str]:
+def lines(told: FeedReport) -> Iterator[str]:
     """All lines of a report."""
     lasted_s = (told.last_utc_ns - told.first_utc_ns) / NS
     of_scene = f"scene {printable(told.scene)}, " if told.scene else ""
@@ -39,15 +40,43 @@ def lines(told: LedgerReport) -> Iterator[str]:
         yield f"  note: {printable(note)}"
     if told.links:
         yield from _link_tables(told)
-    yield from _detection(told)
-    yield from _errors(told)
-    yield from _false_alarms(told)
-    yield ""
-    yield "z: standard deviations from what was asked; -: none, too few, or not judged"
+    yield from feed_lines(told)
+
+
+def feed_lines(told: FeedReport) -> Iterator[str]:
+    """Checks of sensors, where their plots are from, and the verdict, last."""
+    verdicts, rows, before = told.verdicts, [], ""
+    for each in verdicts.checks:
+        if not (each.link or each.is_never):
+            rows.append(("" if each.sensor == before else each.sensor, each))
+            before = each.sensor
+    title, columns = WORDS[verdicts.against][0], checks_columns(verdicts, with_links=False)
+    yield from Table(f"Sensors beside what {title}", columns, rows).lines()
+    if not rows:
+        yield "  nothing that can be judged: no scene, or no plots that can be read"
     for sensor in told.sensors:
+        if sensor.plots:
+            yield f"  {printable(sensor.sensor)}: {_whence(sensor, verdicts)}"
         if sensor.unjudged:
-            yield f"{printable(sensor.sensor)}: not judged: {sensor.unjudged}"
-    yield from _verdicts(told.verdicts)
+            yield f"  {printable(sensor.sensor)}: not judged: {sensor.unjudged}"
+        if sensor.plots_of_others:
+            counts = (f"{n} of {printable(what)}" for what, n in sensor.plots_of_others.items())
+            named = f"  {printable(sensor.sensor)}: plots of no drone and no false alarms: "
+            yield named + ", ".join(counts)
+    wrong = [(each.sensor, each) for each in verdicts.wrong]
+    if wrong:
+        columns = checks_columns(verdicts, with_links=bool(told.links))
+        yield from Table(differs(verdicts).capitalize(), columns, wrong).lines()
+    yield ""
+    how = (
+        f"all as {verdicts.against}"
+        if not wrong
+        else f"{len(wrong)} {differs(verdicts, len(wrong))}"
+    )
+    yield (
+        f"{verdicts.judged} checks: {how}. "
+        f"Where all is right, one recording in {1 / verdicts.false_rate:.0f} says otherwise."
+    )
 
 
 def _fate(name: str, link: LinkFigures) -> int:
@@ -67,7 +96,7 @@ def _pair(of: str) -> list[TextColumn]:
     ]
 
 
-def _link_tables(told: LedgerReport) -> Iterator[str]:
+def _link_tables(told: FeedReport) -> Iterator[str]:
     """What links asked and delivered."""
     begin_ns = told.first_utc_ns
     settings = [
@@ -110,7 +139,7 @@ def _link_tables(told: LedgerReport) -> Iterator[str]:
         yield from Table("Messages that did not leave otherwise", [*NAMED, *fates], some).lines()
 
 
-def _delays(told: LedgerReport) -> Iterator[str]:
+def _delays(told: FeedReport) -> Iterator[str]:
     rows = [row for link in told.links for row in _delay_rows(link)]
     header = ("sensor", "link", "", "messages", "mean", "p50", "p90", "p99", "max", "KS", "p", "")
     title = "Delay from being handed over to sending, ms"
@@ -135,7 +164,7 @@ def _times(times: LatencyFigures | None) -> Iterator[str]:
     return (number(value, ".3f") for value in told)
 
 
-def _bursts(told: LedgerReport) -> Iterator[str]:
+def _bursts(told: FeedReport) -> Iterator[str]:
     rows = []
     for link in told.links:
         bursts = link.bursts
@@ -156,111 +185,68 @@ def _bursts(told: LedgerReport) -> Iterator[str]:
         )
 
 
-DETECTION = (
-    TextColumn("sensor", lambda row: row[0]),
-    TextColumn("range km", lambda row: row[1], "s"),
-    TextColumn("looks", lambda row: row[2].looks, "d"),
-    TextColumn("asked", lambda row: row[2].asked, ".3f"),
-    TextColumn("delivered", lambda row: row[2].delivered, ".3f"),
-    TextColumn("95 % of it", lambda row: "-".join(number(n, ".3f") for n in row[2].interval), "s"),
-    TextColumn("z", lambda row: row[2].z, "+.1f"),
-)
-ERRORS = (
-    TextColumn("sensor", lambda row: row[0]),
-    TextColumn("", lambda row: row[1].quantity),
-    TextColumn("unit", lambda row: row[1].unit),
-    TextColumn("plots", lambda row: row[1].plots, "d"),
-    TextColumn("mean", lambda row: row[1].mean, ".4g"),
-    TextColumn("rms", lambda row: row[1].rms, ".4g"),
-    TextColumn("sigma", lambda row: row[1].stated_rms, ".4g"),
-    TextColumn("mean", lambda row: row[1].normalised_mean, "+.3f"),
-    TextColumn("z", lambda row: row[1].z_mean, "+.1f"),
-    TextColumn("rms", lambda row: row[1].normalised_rms, ".3f"),
-    TextColumn("z", lambda row: row[1].z_rms, "+.1f"),
-    TextColumn("within 2", lambda row: row[1].within_2, "%"),
-)
-ALARMS = (
-    TextColumn("sensor", "sensor"),
-    TextColumn("scans", "false_alarms.scans", ".1f"),
-    TextColumn("asked", "false_alarms.asked", ".1f"),
-    TextColumn("delivered", "false_alarms.count", "d"),
-    TextColumn("asked", "false_alarms.asked_per_scan", ".4g"),
-    TextColumn("delivered", "false_alarms.delivered_per_scan", ".4g"),
-    TextColumn("z", "false_alarms.z", "+.1f"),
-)
+# Of each way to judge: what is expected, and what differs from it.
+WORDS: Mapping[Against, tuple[str, str]] = {
+    "asked": ("was asked of them", "what was asked"),
+    "claimed": ("they claim, as a tracker sees it", "its claims"),
+}
 
 
-def _detection(told: LedgerReport) -> Iterator[str]:
-    rows: list[tuple[str, str, PdFigures]] = []
-    for of in told.sensors:
-        if of.looks is not None:
-            rows.append((of.sensor, "all", of.looks))
-            by_range = of.looks_by_range if len(of.looks_by_range) > 1 else ()
-            rows += [("", f"{at.from_m / 1000:.2f}-{at.to_m / 1000:.2f}", at) for at in by_range]
-    if rows:
-        yield from Table("Detection", DETECTION, rows, {3: "probability"}).lines()
+def differs(verdicts: Verdicts, many: int = 1) -> str:
+    """That something is not as expected, in the words that the page has for it."""
+    return f"differ{'s' if many == 1 else ''} from {WORDS[verdicts.against][1]}"
 
 
-def _errors(told: LedgerReport) -> Iterator[str]:
-    rows = [
-        ("" if n else sensor.sensor, error)
-        for sensor in told.sensors
-        for n, error in enumerate(sensor.errors)
-    ]
-    if rows:
-        groups = {4: "error", 6: "stated", 7: "over sigma: asked 0, 1 and 95.45 %"}
-        yield from Table("Errors of plots", ERRORS, rows, groups).lines()
-    for sensor in told.sensors:
-        if sensor.plots:
-            where = (
-                f"{sensor.joined} found in {sensor.plots_from}"
-                if sensor.plots_from
-                else ("none was recorded in a format that is read here")
-            )
-            found = f"of {sensor.plots} plots of drones {where}{_rest(sensor)}"
-            yield f"  {printable(sensor.sensor)}: {found}"
+def checks_columns(verdicts: Verdicts, *, with_links: bool) -> Sequence[TextColumn]:
+    """Columns of pairs of a name and a check."""
+
+    def verdict(row: tuple[str, Check]) -> str:
+        check = row[1]
+        if not check.is_judged:
+            return f"not judged: {check.why_not or 'too few'}"
+        return differs(verdicts) if check.wrong else "ok"
+
+    def of(name: str) -> Callable[[tuple[str, Check]], Any]:
+        return lambda row: getattr(row[1], name)
+
+    link = TextColumn("link", lambda row: str(row[1].link or ""), "s")
+    return (
+        TextColumn("sensor", lambda row: row[0]),
+        *([link] if with_links else ()),
+        TextColumn("check", of("name")),
+        TextColumn(verdicts.against, of("expected"), ".4g"),
+        TextColumn("found", of("found"), ".4g"),
+        TextColumn("+-", of("sigma"), ".2g"),
+        TextColumn("", of("unit")),
+        TextColumn("z", lambda row: _z(row[1]), "s"),
+        TextColumn("of", of("of"), "d"),
+        TextColumn("", verdict),
+    )
 
 
-def _rest(sensor: SensorFigures) -> str:
-    """Plots that are in no row, and why: none is dropped without a word."""
+def _z(check: Check) -> str:
+    """Standard deviations, where they say anything; what cannot be by chance never is."""
+    if check.p == 0:
+        return "never"
+    return NOTHING if check.is_never else number(check.z, "+.1f")
+
+
+def _whence(sensor: SensorFigures, verdicts: Verdicts) -> str:
+    """From which messages plots are, and what is left out: nothing is without a word."""
+    if verdicts.against == "claimed":
+        lost = f"; {sensor.lost} sectors that did not arrive are left out" if sensor.lost else ""
+        return f"by {sensor.plots_from}{lost}"
+    where = (
+        f"{sensor.joined} found in {sensor.plots_from}"
+        if sensor.plots_from
+        else "none was recorded in a format that is read here"
+    )
     counts = {
         "in sectors whose plots are not those of the ledger": sensor.contradicted,
         "not compared, since noise decides whether they are there": sensor.not_compared,
-        "at another time than asked": sensor.times_off,
     }
-    return "".join(f"; {count} {what}" for what, count in counts.items() if count)
-
-
-def _false_alarms(told: LedgerReport) -> Iterator[str]:
-    some = [s for s in told.sensors if s.false_alarms.count or s.false_alarms.asked > 0]
-    if some:
-        yield from Table("False alarms", ALARMS, some, {2: "in all", 4: "a scan"}).lines()
-    for sensor in told.sensors:
-        if sensor.plots_of_others:
-            counts = (f"{n} of {printable(what)}" for what, n in sensor.plots_of_others.items())
-            told_of = f"  {printable(sensor.sensor)}: plots of no drone and no false alarms: "
-            yield told_of + ", ".join(counts)
-
-
-WRONG = (
-    TextColumn("sensor", "sensor"),
-    TextColumn("link", lambda wrong: str(wrong.link or ""), "s"),
-    TextColumn("what", "quantity"),
-    TextColumn("by chance", lambda wrong: number(wrong.p, ".2g") if wrong.p else "never", "s"),
-    TextColumn("", "what"),
-)
-
-
-def _verdicts(found: Verdicts) -> Iterator[str]:
-    """What is wrong, last: nobody has to look for it."""
-    if found.wrong:
-        yield from Table("NOT as it was asked", WRONG, found.wrong).lines()
-    yield ""
-    how = "all as it was asked" if not found.wrong else f"{len(found.wrong)} not as they were asked"
-    yield (
-        f"{found.judged} figures judged: {how}. "
-        f"Where all is right, one report in {1 / found.false_rate:.0f} says otherwise."
-    )
+    rest = "".join(f"; {count} {what}" for what, count in counts.items() if count)
+    return f"of {sensor.plots} plots of drones {where}{rest}"
 
 
 # The picture: what was asked as broken lines, what was delivered as whole ones.
@@ -269,7 +255,7 @@ INCHES = (16.5, 9.3)
 COLOURS = ("#1d4ed8", "#c2410c", "#15803d", "#7e22ce", "#0e7490", "#a16207", "#be123c", "#475569")
 ASKED: Mapping[str, Any] = {"ls": (0, (4, 2)), "lw": 2.2, "alpha": 0.55}
 DOTTED = (0, (3, 1, 1, 1, 1, 1))
-LINES = dict(zip(QUANTITIES, ("-", "-.", "--", ":", DOTTED, (0, (6, 3))), strict=True))
+LINES = dict(zip(NAMES, ("-", "-.", "--", ":", DOTTED, (0, (6, 3))), strict=True))
 BURSTS_DRAWN = 30
 FEWEST_LOOKS = 5
 """Of a bin of ranges that is drawn."""
@@ -292,7 +278,7 @@ class Chosen:
     edges: Sequence[float]
 
     @classmethod
-    def of(cls, told: LedgerReport) -> Chosen:
+    def of(cls, told: FeedReport) -> Chosen:
         """A sensor has the colour of its first link."""
         links = [link for link in told.links if link.messages][: len(COLOURS)]
         coloured = list(zip(COLOURS, links, strict=False))
@@ -307,7 +293,7 @@ class Chosen:
         return cls(coloured, sensors[: len(COLOURS)], left_out, told.curve, told.normalised_edges)
 
 
-def draw_report(told: LedgerReport, path: Path) -> None:
+def draw_report(told: FeedReport, path: Path) -> None:
     """Write the picture, in the format that its name says."""
     chosen = Chosen.of(told)
     panels = (
@@ -324,7 +310,7 @@ def draw_report(told: LedgerReport, path: Path) -> None:
         save_picture(figure, path)
 
 
-def _title(told: LedgerReport) -> str:
+def _title(told: FeedReport) -> str:
     name = told.scene or Path(told.file).name
     return f"{printable(name)}: asked and delivered, by {told.entries:,} entries of the ledger"
 
@@ -419,8 +405,8 @@ def _detection_by_range(axes: Any, chosen: Chosen) -> None:
             continue
         drawn = True
         x_km = np.array([(at.from_m + at.to_m) / 2000 for at in bins])
-        axes.plot(x_km, [at.asked for at in bins], color=colour, **ASKED)
-        delivered, *interval = np.array([(at.delivered, at.low, at.high) for at in bins]).T
+        axes.plot(x_km, [at.expected for at in bins], color=colour, **ASKED)
+        delivered, *interval = np.array([(at.found, at.low, at.high) for at in bins]).T
         _bars(axes, x_km, delivered, interval, colour)
     if drawn:
         axes.set_ylim(-0.03, 1.03)
@@ -443,12 +429,11 @@ def _error_spreads(axes: Any, chosen: Chosen) -> None:
     step = chosen.edges[2] - chosen.edges[0]
     used = []
     for colour, sensor in chosen.sensors:
-        for error in sensor.errors:
-            if error.compared:
-                counts = np.array(error.histogram).reshape(-1, 2).sum(axis=1)
-                density, line = counts / (error.compared * step), LINES[error.quantity]
-                axes.stairs(density, chosen.edges[::2], color=colour, ls=line, lw=1.1)
-                used.append(error.quantity)
+        for name, histogram in sensor.histograms.items():
+            counts = np.array(histogram).reshape(-1, 2).sum(axis=1)
+            density = counts / (counts.sum() * step)
+            axes.stairs(density, chosen.edges[::2], color=colour, ls=LINES[name], lw=1.1)
+            used.append(name)
     handles = [
         Line2D([], [], color=INK, ls=LINES[name], label=name) for name in dict.fromkeys(used)
     ]
@@ -516,11 +501,11 @@ def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool =
     if chart is not None:
         refuse_if_there(chart, force=force)  # before anything is read in vain
         check_picture(chart)
-    told = report(path)
+    told = judged_recording(path, "asked")
     if chart is not None:
         draw_report(told, chart)
     if as_json:
-        say(json.dumps(as_values(told)))
+        say(json.dumps(told.as_values()))
     else:
         for line in lines(told):
             say(line)

@@ -24,11 +24,12 @@ from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
 from plotfeed.feeds.lab.diagnosis import Diagnosis, diagnosed
-from plotfeed.feeds.lab.feed_checks import as_json, as_text, check_feed
 from plotfeed.feeds.lab.flights import read_trial, read_truths, scene_of
+from plotfeed.feeds.lab.gathering import judged_recording
 from plotfeed.feeds.lab.lab_settings import ScoreOptions
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
 from plotfeed.feeds.lab.possible import Possible, possible, recorded_plots, told_of
+from plotfeed.feeds.lab.report import feed_lines
 from plotfeed.feeds.lab.scoring import (
     FIGURE_NAMES,
     REPORTS,
@@ -765,13 +766,13 @@ def _check_feed(recording: Path, options: ScoreOptions) -> int:
         if getattr(options, name):
             option = {"topics": "topic", "changes": "set"}.get(name, name)
             raise PlotfeedError(f"--feed checks sensors, and --{option} is about a tracker")
-    verdict = check_feed(recording)
+    told = judged_recording(recording, "claimed")
     if options.as_json:
-        say(json.dumps(as_json(verdict)))
+        say(json.dumps(told.as_values()))
     else:
-        for line in as_text(verdict):
+        for line in feed_lines(told):
             say(line)
-    return BROKEN if verdict.wrong else KEPT
+    return BROKEN if told.verdicts.wrong else KEPT
 
 
 def settings_of(profile: ScoreProfile | None, changes: Sequence[str]) -> ScoreSettings:

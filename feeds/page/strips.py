@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.feeds.lab.checks import LookTally
 from plotfeed.feeds.lab.links import p_of_losses
 from plotfeed.feeds.link.losses import LossChain
+from plotfeed.models.residuals import LookTally
 from plotfeed.models.state import Floats
 from plotfeed.models.tail_chances import p_of_trials
 

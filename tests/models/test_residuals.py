@@ -10,20 +10,18 @@ from scipy import stats
 from support.significance import assert_chance
 
 from plotfeed.models.residuals import (
-    FalseInGates,
+    Check,
+    ErrorSums,
     LookOdds,
+    LookSums,
     MeasuredQuantity,
-    ResidualCheck,
     Residuals,
     always_valid,
     clutter_check,
-    detection_check,
-    error_checks,
-    judged_wrong,
+    wrong_at,
 )
 
-RANGE, AZIMUTH = MeasuredQuantity("range", "m"), MeasuredQuantity("azimuth", "deg")
-NO_FALSE = FalseInGates(0.0, np.array([5.0, 5.0]))
+BOTH = (MeasuredQuantity("range", "m"), MeasuredQuantity("azimuth", "deg"))
 
 
 def made_up(
@@ -55,13 +53,23 @@ def made_up(
     )
 
 
-def checks(residuals: Residuals) -> dict[str, ResidualCheck]:
-    return {c.name: c for c in error_checks(residuals, [RANGE, AZIMUTH], NO_FALSE)}
+def error_checks(
+    residuals: Residuals, quantities: tuple[MeasuredQuantity, ...] = BOTH
+) -> list[Check]:
+    """In two parts, as if they had been taken one after the other."""
+    sums, half = ErrorSums(quantities), len(residuals) // 2
+    sums.add(residuals.between(0, half))
+    sums.add(residuals.between(half, len(residuals)))
+    return sums.checks()
+
+
+def checks(residuals: Residuals) -> dict[str, Check]:
+    return {c.name: c for c in error_checks(residuals)}
 
 
 def wrong(residuals: Residuals) -> set[str]:
-    found = error_checks(residuals, [RANGE, AZIMUTH], NO_FALSE)
-    return {c.name for c, w in zip(found, judged_wrong(found, 0.01), strict=True) if w}
+    found = error_checks(residuals)
+    return {c.name for c, w in zip(found, wrong_at(found, 0.01), strict=True) if w}
 
 
 @pytest.mark.parametrize(
@@ -112,10 +120,7 @@ def test_errors_that_follow_each_other_are_not_taken_for_many() -> None:
 )
 def test_what_the_paths_cannot_tell_is_not_judged(rate: np.ndarray, why: str) -> None:
     found = {
-        c.name: c
-        for c in error_checks(
-            made_up(np.random.default_rng(5), rate=rate, late_s=3.0), [RANGE, AZIMUTH], NO_FALSE
-        )
+        c.name: c for c in error_checks(made_up(np.random.default_rng(5), rate=rate, late_s=3.0))
     }
     assert math.isnan(found["time"].p)
     assert why in found["time"].why_not
@@ -124,10 +129,10 @@ def test_what_the_paths_cannot_tell_is_not_judged(rate: np.ndarray, why: str) ->
 
 
 def test_few_plots_are_not_judged() -> None:
-    found = error_checks(made_up(np.random.default_rng(6), n=7), [RANGE, AZIMUTH], NO_FALSE)
+    found = error_checks(made_up(np.random.default_rng(6), n=7))
     assert len(found) == 5
     assert all(math.isnan(c.p) and "8 are needed" in c.why_not for c in found)
-    assert not any(judged_wrong(found, 0.01))
+    assert not any(wrong_at(found, 0.01))
 
 
 def odds(rng: np.random.Generator, pd: np.ndarray, factor: float = 1.0) -> LookOdds:
@@ -138,6 +143,12 @@ def odds(rng: np.random.Generator, pd: np.ndarray, factor: float = 1.0) -> LookO
         pd=pd,
         hit=rng.random(n) < factor * pd,
     )
+
+
+def detection_check(looks: LookOdds, false_per_look: float) -> Check:
+    sums = LookSums()
+    sums.add(looks, np.linspace(100.0, 9000.0, len(looks)), false_per_look)
+    return sums.check()
 
 
 def test_detections_fail_as_often_as_is_said_and_where_they_are_fewer() -> None:
@@ -177,10 +188,9 @@ def _bound(n: int, rate: float) -> float:
     low, high = 0.0, 30.0
     for _ in range(40):
         z = (low + high) / 2
-        check = ResidualCheck(
+        check = Check(
             name="x",
-            unit="",
-            claimed=0.0,
+            expected=0.0,
             found=1.0,
             sigma=1.0,
             p=2 * float(stats.norm.sf(z)),

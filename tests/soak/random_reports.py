@@ -24,7 +24,7 @@ from pages import between, table
 from support.judged_scenes import LINKS, JudgedScene, judged_scene
 from support.random_scenes import SECONDS
 
-from plotfeed.feeds.lab.checks import FALSE_VERDICTS
+from plotfeed.feeds.lab.judge import FALSE_RATES
 from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.scene.sensors import SENSORS
 
@@ -49,13 +49,14 @@ def text_of(scenes: list[JudgedScene]) -> str:
     ]
     rows.append(("cooperative drones", "", "", "", "", "", judged[LINKS, LINKS], wrong["-"]))
     head = ("type", *(f">{name}" for name in ("sensors", "plots", *SUBJECTS, "wrong")))
+    rate = FALSE_RATES["asked"]
     called = sum(bool(scene.wrong) for scene in scenes)
     low, high = share_interval(called, len(scenes))
-    p = float(stats.binomtest(called, len(scenes), FALSE_VERDICTS, alternative="greater").pvalue)
+    p = float(stats.binomtest(called, len(scenes), rate, alternative="greater").pvalue)
     told = (
         f"Of {len(scenes)} scenes of {SECONDS:.0f} s the report calls {called} wrong "
         f"(95 % interval {100 * low:.1f} to {100 * high:.1f} %); stated is "
-        f"{100 * FALSE_VERDICTS:g} %, and by a binomial test so many or more have p = {p:.2g}. "
+        f"{100 * rate:g} %, and by a binomial test so many or more have p = {p:.2g}. "
         f"Chance decides {judged.total()} figures. {plots.total()} plots are compared; "
         f"{sum(scene.not_compared for scene in scenes)} are not, since noise decides whether they "
         "are there."

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from plotfeed.feeds.engine.simulation import simulate
-from plotfeed.feeds.lab.feed_checks import FALSE_RATE, feed_checks, simulated_feed
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
+from plotfeed.feeds.lab.judge import FeedTally, Verdicts, simulated_feed
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.models.residuals import judged_wrong
+from plotfeed.models.residuals import Check
 
 SCENE = Path(__file__).parents[2] / "examples" / "scenes" / "feed-faults.toml"
 START_NS = 1_767_268_800 * 10**9
-SPREADS = {"range spread", "azimuth spread", "elevation spread"}
+SPREADS = {"range spread", "azimuth spread", "elevation spread", "height spread"}
 NAMED: Mapping[str, set[str]] = {
     "clean": set(),
     "askew": {"azimuth"},
@@ -22,6 +22,13 @@ NAMED: Mapping[str, set[str]] = {
     "lying": SPREADS,
 }
 """The checks that must fail, by radar."""
+
+
+def claims_of(scene: Scene, sensor: SimulatedSensor) -> list[Check]:
+    """What a simulated sensor claims, checked."""
+    tally = FeedTally("claimed")
+    tally.take(simulated_feed(scene, sensor))
+    return tally.checks()
 
 
 def many(faults: Sequence[str], copies: int) -> Scene:
@@ -44,8 +51,6 @@ def called_wrong(
     seen = simulate(scene, duration_s, seed=seed, start_utc_ns=START_NS)
     found: dict[str, list[set[str]]] = {}
     for name, sensor in seen.items():
-        checks = feed_checks(simulated_feed(scene, sensor))
-        wrong = judged_wrong(checks, FALSE_RATE)
-        named = {c.name for c, is_wrong in zip(checks, wrong, strict=True) if is_wrong}
-        found.setdefault(name.rpartition("-")[0], []).append(named)
+        wrong = Verdicts.of(claims_of(scene, sensor), "claimed").wrong
+        found.setdefault(name.rpartition("-")[0], []).append({check.name for check in wrong})
     return found

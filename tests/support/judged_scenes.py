@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +9,12 @@ from pathlib import Path
 from support.ledgers import record_session, told
 from support.random_scenes import SECONDS, written_scene
 
-from plotfeed.feeds.lab.checks import Judged
-from plotfeed.feeds.lab.figures import judged_of
 from plotfeed.feeds.scene.scene import load
+from plotfeed.models.residuals import Check
 
 LINKS = "links"
 OF_LINKS = {"delay", "loss", "duplicates", "flipped bits", "order", "bursts of losses"}
-NOT_OF_ERRORS = {"detection", "false alarms", "missed scans", "time", "plots"}
+NOT_OF_ERRORS = {"false alarms", "missed scans", "time", "plots"}
 
 
 @dataclass(frozen=True)
@@ -24,7 +22,7 @@ class JudgedScene:
     """What the report says of one of them."""
 
     seed: int
-    figures: list[Judged]
+    figures: list[Check]
     """That chance decides."""
     kinds: dict[str, str]
     """Of sensors, by id."""
@@ -42,10 +40,12 @@ class JudgedScene:
         return Counter((self.kinds.get(f.sensor, LINKS), _subject(f)) for f in self.figures)
 
 
-def _subject(figure: Judged) -> str:
-    if figure.quantity in OF_LINKS:
+def _subject(figure: Check) -> str:
+    if figure.name in OF_LINKS:
         return LINKS
-    return figure.quantity if figure.quantity in NOT_OF_ERRORS else "errors"
+    if figure.name.startswith("Pd"):
+        return "detection"
+    return figure.name if figure.name in NOT_OF_ERRORS else "errors"
 
 
 def judged_scene(seed: int, folder: Path) -> JudgedScene:
@@ -59,15 +59,14 @@ def judged_scene(seed: int, folder: Path) -> JudgedScene:
     plots: Counter[str] = Counter()
     for sensor in with_plots:
         plots[kinds[sensor.sensor]] += sensor.joined - sensor.not_compared
-    every = judged_of(found.links, found.sensors)
     return JudgedScene(
         seed,
-        [f for f in every if f.has_chance and not math.isnan(f.p)],
+        [c for c in found.verdicts.checks if 0 < c.p < 1],
         kinds,
         plots,
         [
-            f"{v.sensor} ({kinds.get(v.sensor, '-')}) {v.quantity}: {v.what}"
-            for v in found.verdicts.wrong
+            f"{c.sensor} ({kinds.get(c.sensor, '-')}) {c.name}: {c.found:.4g} of {c.expected:.4g}"
+            for c in found.verdicts.wrong
         ],
         list(found.notes),
         sum(sensor.not_compared for sensor in with_plots),

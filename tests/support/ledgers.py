@@ -10,7 +10,7 @@ from pathlib import Path
 from support.links import OCTETS, due_times, passed
 from support.road import START_NS
 
-from plotfeed.feeds.lab.figures import LedgerReport, report
+from plotfeed.feeds.lab.gathering import FeedReport, judged_recording
 from plotfeed.feeds.link.impairment import Fate, Outcome
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -127,12 +127,12 @@ def changed(
     return other
 
 
-def told(path: Path) -> LedgerReport:
+def told(path: Path) -> FeedReport:
     """What is reported of a file."""
-    return report(path)
+    return judged_recording(path, "asked")
 
 
-def told_of(folder: Path, ledgers: Sequence[pb.Ledger | bytes]) -> LedgerReport:
+def told_of(folder: Path, ledgers: Sequence[pb.Ledger | bytes]) -> FeedReport:
     """What is reported of those."""
     return told(written(folder / "ledger.mcap", recorded(ledgers)))
 

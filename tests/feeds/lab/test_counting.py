@@ -12,22 +12,12 @@ from scipy import stats
 from support.links import link
 from support.significance import assert_chance
 
-from plotfeed.feeds.lab.checks import (
-    CELL_M,
-    EDGES,
-    MAX_CELLS,
-    ErrorFigures,
-    ErrorsTally,
-    LookTally,
-    SectorTruth,
-    lacking_of,
-    pd_by_range,
-    pd_of_all,
-    sector_truths,
-)
+from plotfeed.feeds.lab.gathering import lacking_of, truths_of
+from plotfeed.feeds.lab.judge import EDGES, NAMES, FeedLooks, FeedTally, SensorFeed, pd_by_range
 from plotfeed.feeds.lab.laws import CELLS, law_distance, p_of_distance, share_interval, z_score
 from plotfeed.feeds.lab.links import Order, found_times, orders_of
 from plotfeed.feeds.link.delays import DelayLaw
+from plotfeed.models.residuals import CELL_M, MAX_CELLS, Check, LookTally
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -178,16 +168,15 @@ def test_detection_by_range_adds_up_and_is_within_chance() -> None:
     for r, p, hit in zip(range_m, pd, rng.random(5000) < pd, strict=True):
         tally.add([r], [p], [hit])
     tally.add([np.nan, 5.0], [0.5, 1.5], [False, False])
-    total, bins = pd_of_all(tally), pd_by_range(tally)
-    assert total is not None
-    assert total.looks == 5000 == sum(at.looks for at in bins)
+    bins = pd_by_range(tally)
+    assert sum(at.looks for at in bins) == 5000
     assert 8 <= len(bins) <= 13
-    for at in (total, *bins):
+    for at in bins:
         inside = (range_m >= at.from_m) & (range_m < at.to_m)
         assert at.looks == inside.sum()
-        assert at.asked == pytest.approx(pd[inside].mean())
-        assert at.low <= at.delivered <= at.high
-        assert_chance(2 * stats.norm.sf(abs(at.z)), f"{at.from_m} m")
+        assert at.expected == pytest.approx(pd[inside].mean())
+        assert at.low <= at.found <= at.high
+        assert_chance(at.p, f"{at.from_m} m")
 
 
 def test_looks_at_any_range_take_little_memory() -> None:
@@ -196,20 +185,10 @@ def test_looks_at_any_range_take_little_memory() -> None:
     assert tally.cells().nbytes < 2_000_000
     assert sum(at.looks for at in pd_by_range(tally)) == 3
     nothing = LookTally(CELL_M, MAX_CELLS)
-    assert pd_of_all(nothing) is None
     assert pd_by_range(nothing) == []
 
 
 COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
-
-
-def truth_of(true: np.ndarray) -> SectorTruth:
-    entry = pb.Ledger()
-    for row in true:
-        known = dict(zip(COLUMNS, row.tolist(), strict=True))
-        entry.plots.add(drone="d", **known)
-    ((_, truth),) = sector_truths(tables_of([entry.SerializeToString()]), [None])
-    return truth
 
 
 def measured_of(values: np.ndarray, sigma: float | None) -> MeasuredPlots:
@@ -218,50 +197,70 @@ def measured_of(values: np.ndarray, sigma: float | None) -> MeasuredPlots:
     return MeasuredPlots.of([{"t_utc_ns": 0, **row} for row in rows])
 
 
-def errors_of(normalised: np.ndarray, sigma: float, stated: float) -> list[ErrorFigures]:
-    tally = ErrorsTally()
+def take(tally: FeedTally, true: np.ndarray, measured: MeasuredPlots) -> None:
+    """The plots of a drone that was truly there, of a sensor that nobody knows."""
+    entry = pb.Ledger()
+    for row in true:
+        entry.plots.add(drone="d", **dict(zip(COLUMNS, row.tolist(), strict=True)))
+    n, told = len(true), tables_of([entry.SerializeToString()])
+    empty = np.zeros(0)
+    looks = dict.fromkeys(FeedLooks.__annotations__, empty)
+    sector = np.zeros(n, np.int64)
+    truths = truths_of(told, np.ones(n, np.bool_))
+    feed = SensorFeed(
+        FeedLooks.holding(looks).but(counts=np.zeros(0, np.bool_)), measured, sector,
+        np.zeros(1, np.int64), [None], 1.0, truths,
+    )  # fmt: skip
+    tally.take(feed)
+
+
+def errors_of(normalised: np.ndarray, sigma: float, stated: float) -> FeedTally:
+    tally = FeedTally("asked")
     for part in np.array_split(normalised, 7):
         true = np.tile([1000.0, 359.99, 10.0], (len(part), 1))
         measured = true + part * sigma
         measured[:, 1] %= 360
-        tally.add(truth_of(true), measured_of(measured, stated))
-    tally.count()
+        take(tally, true, measured_of(measured, stated))
     assert tally.joined == len(normalised)
-    return tally.figures()
+    return tally
+
+
+def by_name(tally: FeedTally) -> dict[str, Check]:
+    return {check.name: check for check in tally.checks()}
 
 
 def test_errors_are_told_in_units_of_what_is_stated() -> None:
     normalised = np.random.default_rng(9).standard_normal((6000, 3))
     for sigma, stated in ((0.5, 0.5), (0.5, 1.0)):
-        for i, found in enumerate(errors_of(normalised, sigma, stated)):
+        tally = errors_of(normalised, sigma, stated)
+        found = by_name(tally)
+        for i, name in enumerate(("range", "azimuth", "elevation")):
             expected = normalised[:, i] * sigma / stated
-            assert found.plots == found.stated == found.compared == sum(found.histogram) == 6000
-            assert found.rms == pytest.approx(np.sqrt((expected**2).mean()) * stated, rel=1e-6)
-            assert found.stated_rms == pytest.approx(stated)
-            assert found.normalised_rms == pytest.approx(np.sqrt((expected**2).mean()), rel=1e-6)
-            assert found.within_2 == pytest.approx((np.abs(expected) <= 2).mean(), abs=2e-4)
-            assert_chance(found.p_mean, found.quantity)
-            assert found.p_mean == pytest.approx(2 * stats.norm.sf(abs(found.z_mean)))
+            bias, spread = found[name], found[f"{name} spread"]
+            histogram = tally.histograms[NAMES.index(name)]
+            assert bias.of == spread.of == histogram.sum() == 6000
+            assert bias.found == pytest.approx(expected.mean() * stated, rel=1e-6)
+            assert spread.found == pytest.approx(expected.std(ddof=1), rel=1e-6)
+            assert_chance(bias.p, name)
+            assert bias.p == pytest.approx(2 * stats.norm.sf(abs(bias.z)))
             if sigma == stated:
-                assert_chance(found.p_rms, found.quantity)
+                assert_chance(spread.p, name)
                 counts = np.histogram(np.clip(expected, -5.99, 5.99), EDGES)[0]
-                assert np.abs(counts - found.histogram).sum() <= 4
+                assert np.abs(counts - histogram).sum() <= 4
             else:
-                assert found.p_rms < 1e-9
-                assert found.z_rms < -20
+                assert spread.p < 1e-9
+                assert spread.z < -20
 
 
-def test_errors_without_a_stated_sigma_are_told_in_their_own_unit() -> None:
-    tally = ErrorsTally()
+def test_errors_without_a_stated_sigma_are_not_judged() -> None:
+    tally = FeedTally("asked")
     true = np.tile([1000.0, 5.0, 0.0], (50, 1))
     measured = true + 2.0
     measured[:, 2] = np.nan
-    tally.add(truth_of(true), measured_of(measured, None))
-    tally.count()
-    figures = tally.figures()
-    assert [f.quantity for f in figures] == ["range", "azimuth"]
-    assert [(f.mean, f.rms, f.stated, f.compared) for f in figures] == [(2.0, 2.0, 0, 0)] * 2
-    assert np.isnan([figures[0].normalised_rms, figures[0].p_rms, figures[0].stated_rms]).all()
+    take(tally, true, measured_of(measured, None))
+    assert tally.joined == 50
+    assert not tally.errors.count.any()
+    assert not any("spread" in check.name for check in tally.checks())
 
 
 @given(st.permutations(range(200, 260)), st.sets(st.integers(201, 258)))

@@ -8,17 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
+from support.claimed_feeds import claims_of
 from support.doc_commands import doc_command
 from support.road import held, radar, scene
 from support.significance import assert_chance
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
-from plotfeed.feeds.lab.feed_checks import FALSE_RATE, feed_checks, simulated_feed
+from plotfeed.feeds.lab.judge import FALSE_RATES, simulated_feed
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys
-from plotfeed.models.residuals import ResidualCheck, judged_wrong
+from plotfeed.models.residuals import Check, wrong_at
 from plotfeed.models.sensors.electronic_radar import SEARCH
 
+FALSE_RATE = FALSE_RATES["claimed"]
 SEED, SECONDS = 1, 30.0
 NS = 10**9
 
@@ -36,8 +38,8 @@ def with_sensor(name: str, sensor: str, **keys: Any) -> tuple[Scene, SimulatedSe
     return made, simulate(made, 60.0, seed=SEED, start_utc_ns=1_767_268_800 * NS)[sensor]
 
 
-def checks_of(made: Scene, seen: SimulatedSensor) -> dict[str, ResidualCheck]:
-    return {check.name: check for check in feed_checks(simulated_feed(made, seen))}
+def checks_of(made: Scene, seen: SimulatedSensor) -> dict[str, Check]:
+    return {check.name: check for check in claims_of(made, seen)}
 
 
 def test_right_feeds_of_every_scene_pass_live_and_recorded_and_planted_faults_are_named() -> None:
@@ -86,7 +88,7 @@ def test_among_drones_closer_than_errors_a_fault_is_named(
     name: str, keys: dict[str, Any], named: str
 ) -> None:
     checks = checks_of(*with_sensor("field-day", name, **keys))
-    wrong = judged_wrong(list(checks.values()), FALSE_RATE)
+    wrong = wrong_at(list(checks.values()), FALSE_RATE)
     assert named in {each for each, is_wrong in zip(checks, wrong, strict=True) if is_wrong}
 
 
@@ -101,7 +103,7 @@ def test_drones_whose_echoes_merge_are_not_judged_and_it_is_said_why() -> None:
     alone = held("alone", 200.0, 5.0, 2000.0, rcs_m2=1.0)
     sensor = radar(merging={}, azimuth_beamwidth_deg=2.0)
 
-    def judged(*present: dict[str, Any]) -> dict[str, ResidualCheck]:
+    def judged(*present: dict[str, Any]) -> dict[str, Check]:
         made = scene([sensor], present, seed=3)
         return checks_of(made, simulate(made, 40.0, start_utc_ns=1_700_000_000 * NS)["radar"])
 

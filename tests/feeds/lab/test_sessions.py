@@ -15,9 +15,10 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import assert_chance
 
 from plotfeed.feeds.lab.asked import AskedByTime, RecordedSettings
-from plotfeed.feeds.lab.figures import LedgerReport, SensorFigures, as_values
+from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures
 from plotfeed.feeds.lab.links import LinkFigures
 from plotfeed.feeds.scene.scene import load
+from plotfeed.models.residuals import Check
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
@@ -54,23 +55,27 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def reported(session: Path) -> LedgerReport:
+def reported(session: Path) -> FeedReport:
     return told(session)
 
 
-def link_of(report: LedgerReport, sensor: str, number: int = 1) -> LinkFigures:
+def link_of(report: FeedReport, sensor: str, number: int = 1) -> LinkFigures:
     return next(x for x in report.links if (x.sensor, x.number) == (sensor, number))
 
 
-def sensor_of(report: LedgerReport, name: str) -> SensorFigures:
+def sensor_of(report: FeedReport, name: str) -> SensorFigures:
     return next(x for x in report.sensors if x.sensor == name)
+
+
+def checks_of(report: FeedReport, sensor: str) -> dict[str, Check]:
+    return {c.name: c for c in report.verdicts.checks if c.sensor == sensor and not c.link}
 
 
 def assert_z(z: float, of: str) -> None:
     assert_chance(2 * stats.norm.sf(abs(z)), f"{of}, z = {z:+.2f}")
 
 
-def test_the_link_delivers_what_the_scene_asks(reported: LedgerReport) -> None:
+def test_the_link_delivers_what_the_scene_asks(reported: FeedReport) -> None:
     lossy = link_of(reported, "lossy")
     assert lossy.sent > 2000
     assert_chance(lossy.fit.p_value, "delay")
@@ -82,44 +87,50 @@ def test_the_link_delivers_what_the_scene_asks(reported: LedgerReport) -> None:
     assert 0 < lossy.overtook.delivered < 0.5
 
 
-def test_a_scripted_outage_is_a_setting_of_its_own(reported: LedgerReport) -> None:
+def test_a_scripted_outage_is_a_setting_of_its_own(reported: FeedReport) -> None:
     down = link_of(reported, "lossy", 2)
     assert down.messages == down.other_fates["outage"] > 200
     assert down.last_utc_ns - down.first_utc_ns == pytest.approx(10e9, abs=0.2e9)
     assert len(reported.links) == 3
 
 
-def test_detection_is_by_the_odds_of_the_looks(reported: LedgerReport) -> None:
+def test_detection_is_by_the_odds_of_the_looks(reported: FeedReport) -> None:
     for sensor in reported.sensors:
-        assert sensor.looks is not None
-        assert sensor.looks.looks > 150
-        for at in (sensor.looks, *sensor.looks_by_range):
-            if not np.isnan(at.z):
-                assert_z(at.z, f"{sensor.sensor} from {at.from_m} m")
-    weak = sensor_of(reported, "weak").looks
-    assert weak is not None
-    assert 0.2 < weak.asked < 0.9
-    assert not np.isnan(weak.z)
+        found = checks_of(reported, sensor.sensor)
+        assert found["Pd"].of > 150
+        by_range = [each for name, each in found.items() if name.startswith("Pd ")]
+        assert len(by_range) == len(sensor.looks_by_range)
+        for each in (found["Pd"], *by_range):
+            if each.is_judged:
+                assert_chance(each.p, f"{sensor.sensor} {each.name}")
+    weak = checks_of(reported, "weak")["Pd"]
+    assert 0.2 < weak.expected < 0.9
+    assert weak.is_judged
 
 
-def test_errors_of_plots_are_as_stated(reported: LedgerReport) -> None:
+QUANTITIES = ["range", "azimuth", "elevation", "height"]
+
+
+def assert_errors(found: dict[str, Check], quantities: list[str]) -> None:
+    assert {name.removesuffix(" spread") for name in found if "spread" in name} == {*quantities}
+    for name in quantities:
+        assert_chance(found[name].p, name)
+        assert_chance(found[f"{name} spread"].p, f"{name} spread")
+
+
+def test_errors_of_plots_are_as_stated(reported: FeedReport) -> None:
     for sensor in reported.sensors:
         assert sensor.joined == sensor.plots > 80
         assert sensor.plots_from == "plots, before the link"
-        quantities = ["range", "azimuth", "elevation", "height"]
-        assert [error.quantity for error in sensor.errors] == quantities
-        for error in sensor.errors:
-            assert_z(error.z_mean, f"{sensor.sensor} {error.quantity} mean")
-            assert_z(error.z_rms, f"{sensor.sensor} {error.quantity} rms")
+        assert_errors(checks_of(reported, sensor.sensor), QUANTITIES)
 
 
-def test_false_alarms_are_those_of_the_scene_and_its_events(reported: LedgerReport) -> None:
-    lossy, weak = (sensor_of(reported, name).false_alarms for name in ("lossy", "weak"))
-    for alarms, scans in ((lossy, 200), (weak, 100)):
-        assert alarms.scans == pytest.approx(scans, abs=1.5)
-        assert_z(alarms.z, "false alarms")
+def test_false_alarms_are_those_of_the_scene_and_its_events(reported: FeedReport) -> None:
+    lossy, weak = (checks_of(reported, name)["false alarms"] for name in ("lossy", "weak"))
+    for alarms in (lossy, weak):
+        assert_chance(alarms.p, "false alarms")
     # Of 100 s, 30 s have five times as many.
-    assert lossy.asked_per_scan / weak.asked_per_scan == pytest.approx(220 / 100, rel=0.01)
+    assert lossy.expected / weak.expected == pytest.approx(220 / 100, rel=0.01)
 
 
 def rewritten(
@@ -130,42 +141,44 @@ def rewritten(
 
 
 def test_what_a_broker_has_heard_is_told_as_far_as_it_goes(
-    session: Path, reported: LedgerReport, tmp_path: Path
+    session: Path, reported: FeedReport, tmp_path: Path
 ) -> None:
     heard = told(rewritten(session, tmp_path / "heard.mcap", as_received))
     assert heard.scene == ""
-    assert as_values(heard)["links"] == as_values(reported)["links"]
+    assert heard.as_values()["links"] == reported.as_values()["links"]
     whole, lossy = sensor_of(reported, "lossy"), sensor_of(heard, "lossy")
     assert lossy.plots_from == "plots, as received"
     assert 0.6 * whole.joined < lossy.joined < 0.9 * whole.joined
-    for error in lossy.errors:
-        assert_z(error.z_mean, "mean")
-        assert_z(error.z_rms, "rms")
-    assert lossy.looks == whole.looks
-    assert np.isnan([lossy.false_alarms.asked, lossy.false_alarms.z]).all()
-    assert lossy.false_alarms.count == whole.false_alarms.count
+    assert not lossy.is_known
+    assert list(checks_of(heard, "lossy")) == ["plots"]
+    assert lossy.looks_by_range == whole.looks_by_range
+    assert {name: sum(n) for name, n in lossy.histograms.items()} == dict.fromkeys(
+        ("range", "azimuth", "elevation"), lossy.joined
+    )
+
+
+STEPS = {"range": 1852 / 256, "azimuth": 360 / 65536, "height": 25 * 0.3048}
 
 
 def test_plots_are_read_from_asterix_where_there_are_no_batches(
-    session: Path, reported: LedgerReport, tmp_path: Path
+    session: Path, reported: FeedReport, tmp_path: Path
 ) -> None:
     def without_batches(messages: Iterable[Recorded]) -> Iterable[Recorded]:
         return (each for each in messages if not each.topic.endswith("/plots"))
 
-    found = sensor_of(told(changed(session, tmp_path / "a.mcap", without_batches)), "lossy")
+    of_blocks = told(changed(session, tmp_path / "a.mcap", without_batches))
+    found = sensor_of(of_blocks, "lossy")
     whole = sensor_of(reported, "lossy")
     assert found.plots_from == "asterix/048, before the link"
     assert found.joined == whole.joined
-    assert [error.quantity for error in found.errors] == ["range", "azimuth", "height"]
-    exact_errors = {exact.quantity: exact for exact in whole.errors}
-    for error in found.errors:
-        steps = {"range": 1852 / 256, "azimuth": 360 / 65536, "height": 25 * 0.3048}
-        step, exact = steps[error.quantity], exact_errors[error.quantity]
-        assert error.stated == 0
-        assert error.compared > 0.8 * found.joined
-        assert_chance(error.p_mean, f"{error.quantity} mean")
-        assert_chance(error.p_rms, f"{error.quantity} rms")
-        assert error.rms**2 == pytest.approx(exact.rms**2 + step**2 / 12, rel=0.2)
+    checks = checks_of(of_blocks, "lossy")
+    assert_errors(checks, ["range", "azimuth", "height"])
+    for name, step in STEPS.items():
+        exact = checks_of(reported, "lossy")[name]
+        assert checks[name].of > 0.8 * found.joined
+        # What rounding adds is in the standard error: at most as much as a uniform error.
+        rounded, fine = (each.of * each.sigma**2 for each in (checks[name], exact))
+        assert fine < rounded < 1.2 * (fine + step**2 / 12)
 
 
 def test_without_what_was_measured_no_errors_are_told(session: Path, tmp_path: Path) -> None:
@@ -174,7 +187,7 @@ def test_without_what_was_measured_no_errors_are_told(session: Path, tmp_path: P
 
     found = told(rewritten(session, tmp_path / "a.mcap", ledger_alone))
     for sensor in found.sensors:
-        assert (sensor.joined, sensor.plots_from, list(sensor.errors)) == (0, "", [])
+        assert (sensor.joined, sensor.plots_from, [*sensor.histograms]) == (0, "", [])
         assert sensor.plots > 80
 
 
@@ -192,7 +205,7 @@ def test_plots_that_contradict_the_ledger_are_not_joined(session: Path, tmp_path
     found = told(rewritten(session, tmp_path / "a.mcap", shifted))
     for sensor in found.sensors:
         assert 0 < sensor.contradicted == sensor.plots - sensor.joined
-    wrong = [(verdict.sensor, verdict.quantity) for verdict in found.verdicts.wrong]
+    wrong = [(verdict.sensor, verdict.name) for verdict in found.verdicts.wrong]
     assert wrong == [("lossy", "plots"), ("weak", "plots")]
 
 

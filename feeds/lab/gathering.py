@@ -1,0 +1,528 @@
+"""What a recording holds of each sensor and link, gathered part by part, judged and told."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.lab.asked import AskedByTime, AskedSensor
+from plotfeed.feeds.lab.evidence import (
+    AS_DELIVERED,
+    MOST_COMPLETE,
+    NO_PLOTS,
+    Evidence,
+    SectorKey,
+    WaitingPlots,
+    are_targets,
+    names_of,
+)
+from plotfeed.feeds.lab.judge import (
+    EDGES,
+    NAMES,
+    Against,
+    FeedLooks,
+    FeedTally,
+    PdFigures,
+    SensorFeed,
+    ToldTruth,
+    Verdicts,
+    never,
+)
+from plotfeed.feeds.lab.laws import CELLS, TrueEchoes, TruePlots
+from plotfeed.proto.ledger import LedgerTables, ToldMessages, ToldPlots
+from plotfeed.feeds.lab.links import (
+    CURVE,
+    LinkFigures,
+    LinkMessages,
+    Order,
+    Setting,
+    link_checks,
+    link_figures,
+    orders_of,
+)
+from plotfeed.models.clutter import CLUTTER
+from plotfeed.models.residuals import Check
+from plotfeed.models.state import OTHER, Bools, Ints
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.measured_plots import MeasuredPlots
+from plotfeed.proto.utc import iso_utc
+from plotfeed.replay.recorded import WHAT_LEFT, Damage, Stage
+
+# Settings of one sensor's link; what is under further ones is not told.
+MAX_LINKS = 100
+MAX_SENSORS = 10_000
+# Looks and plots, of all sensors together, that are held until they are judged.
+MOST_HELD = 400_000
+# Of one sensor, from which on they are judged, however many sensors there are.
+FEWEST_HELD = 2000
+# In a row, of which is looked which are lacking although the sensor was at work.
+MOST_RUNS = 1000
+STAGES: Mapping[Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
+WHEN: Mapping[Against, Mapping[Stage, str]] = {
+    "asked": {
+        Stage.BEFORE: "before the link",
+        Stage.AFTER: "after the link",
+        Stage.RECEIVED: "as received",
+    },
+    "claimed": {
+        Stage.BEFORE: "before the link",
+        Stage.AFTER: "as delivered",
+        Stage.RECEIVED: "as received",
+    },
+}
+NEEDED = (
+    *("entry", "due_utc_ns", "link_due_utc_ns", "sent_utc_ns"),
+    *("fate", "number", "copy", "flipped_bit"),
+)
+
+
+class _Part(NamedTuple):
+    """Sectors that wait until all their plots are there; their numbers are from 0."""
+
+    keys: Sequence[SectorKey]
+    expected: list[int]
+    """What is expected in each."""
+    counts: Ints
+    """How many plots there are to be in each."""
+    is_read: Bools
+    """Whether its plots are looked for."""
+    looks: FeedLooks
+    t_utc_ns: Ints
+    """Of plots, by the ledger."""
+    told: ToldTruth
+    false_alarms: int
+
+
+_NONE: Ints = np.zeros(0, np.int64)
+# Of no plots.
+NOTHING_TOLD = ToldTruth(
+    np.zeros(0, np.bool_),
+    TruePlots(t_utc_ns=_NONE, drones=_NONE, range_rate_m_s=np.zeros(0)),
+    TrueEchoes(
+        plot=_NONE,
+        channel=_NONE,
+        **dict.fromkeys(("azimuth_deg", "elevation_deg", "range_m", "weight"), np.zeros(0)),
+    ),
+)
+
+
+def lacking_of(numbers: Ints) -> list[range]:
+    """Numbers of sectors between those that are there, run by run; of so many runs."""
+    there = np.unique(numbers)
+    gaps = np.flatnonzero(np.diff(there) > 1)[:MOST_RUNS]
+    return [range(int(there[i]) + 1, int(there[i + 1])) for i in gaps]
+
+
+class Gathering:
+    """What came of one sensor: its sectors until they are judged, and its messages."""
+
+    def __init__(
+        self, against: Against, asked: AskedByTime | None, waiting: WaitingPlots, topic: str | None
+    ) -> None:
+        """Plots of its sectors come to `waiting`, by the topic that ends so; None: none come."""
+        self.tally = FeedTally(against)
+        self.asked = asked
+        self.entries = self.plots = self.contradicted = self.lost = self.left_out = 0
+        # Plots of what is no drone, by what it is.
+        self.of_others: Counter[str] = Counter()
+        # By the JSON of their keys, in the order in which they came into force.
+        self.links: dict[str, Setting] = {}
+        self._against, self._waiting, self._topic = against, waiting, topic
+        self._sent: list[ToldMessages] = []
+        self._numbers: list[Ints] = []
+        self._targets: dict[str, int] = {}
+        self._expected: dict[int, tuple[int, AskedSensor | None, AskedSensor | None]] = {}
+        self._parts: list[_Part] = []
+        self._overdue = self.held = 0
+
+    def take(self, told: LedgerTables, keys: Sequence[SectorKey], spoilt: set[int]) -> None:
+        """Take entries, of which the plots of some are spoilt: of these nothing can be compared."""
+        if self._against == "asked":
+            self._take_messages(told)
+        else:
+            sent = told.messages
+            failed = (~sent.delivered | (sent.flipped_bit >= 0)) & (sent.copy == 0)
+            failed &= np.array([t == self._topic for t in sent.topic], np.bool_)
+            arrived = np.setdiff1d(np.arange(len(told)), sent.entry[failed])
+            self.lost += len(told) - len(arrived)
+            told, keys = told.of(arrived), [keys[i] for i in arrived.tolist()]
+        self.entries += len(told)
+        sensors = [self._sensor(key) for key in keys]
+        plots, names = told.plots, names_of(told.plots)
+        is_target, n = are_targets(names), len(told)
+        self.plots += int(is_target.sum())
+        self.of_others.update(name.partition(OTHER)[0] for name in plots.other if name)
+        is_read = np.full(n, self._topic is not None)
+        is_read[list(spoilt)] = False
+        truths = NOTHING_TOLD if self._against == "claimed" else truths_of(told, is_target)
+        part = _Part(
+            keys,
+            [number for number, _ in sensors],
+            np.bincount(plots.entry, minlength=n),
+            is_read,
+            self._looks(told, sensors),
+            plots.t_utc_ns,
+            truths,
+            int((names == "").sum()),
+        )
+        if self.asked is not None:
+            entries = told.entries
+            self._numbers.append(entries.scan * self.asked.sectors + entries.sector)
+        self._parts.append(part)
+        self.held += len(told.looks) + len(plots)
+
+    def _sensor(self, key: SectorKey) -> tuple[int, AskedSensor | None]:
+        """The number of what is expected in a sector, and what was asked there."""
+        asked = None if self.asked is None else self.asked.in_sector(key.scan, key.sector)
+        if id(asked) not in self._expected:
+            expected = asked if asked is None or self._against == "asked" else asked.claimed
+            self._expected[id(asked)] = (len(self._expected), asked, expected)
+        return self._expected[id(asked)][:2]
+
+    def _looks(
+        self, told: LedgerTables, sensors: Sequence[tuple[int, AskedSensor | None]]
+    ) -> FeedLooks:
+        looks, numbers = told.looks, self._targets
+        if self._against == "asked":
+            merges = np.array([s is not None and s.merges for _, s in sensors], np.bool_)
+            if merges.any():
+                # Those whose echoes merged have one outcome, of the very same odds.
+                alone = np.where(merges[looks.entry], -1, np.arange(len(looks)))
+                odds = np.stack([looks.entry, looks.pd, looks.channel, alone])[:, ::-1]
+                firsts = np.unique(odds, axis=1, return_index=True)[1]
+                looks = looks.rows(np.sort(len(looks) - 1 - firsts))
+            left = np.ones(len(looks))
+        else:
+            each = [1.0 if s is None else s.pd_left for _, s in sensors]
+            left = np.array(each, np.float64)[looks.entry]
+        names = names_of(looks).tolist()
+        pd = np.divide(looks.pd, left, out=np.zeros(len(looks)), where=left > 0)
+        return FeedLooks(
+            sector=looks.entry,
+            channel=looks.channel,
+            target=np.array([numbers.setdefault(n, len(numbers)) for n in names], np.int64),
+            t_utc_ns=looks.t_utc_ns,
+            range_m=looks.range_m,
+            azimuth_deg=looks.azimuth_deg,
+            elevation_deg=looks.elevation_deg,
+            pd=pd if self._against == "asked" else np.minimum(pd, 1.0),
+            counts=left > 0,
+            detected=looks.detected,
+        )
+
+    def settle(self, *, at_end: bool = False) -> None:
+        """Judge sectors whose plots are all there, or have been waited for since the last time."""
+        due: list[_Part] = []
+        left: list[_Part] = []
+        for i, part in enumerate(self._parts):
+            there = [self._waiting.count(key) for key in part.keys]
+            is_there = bool((part.counts <= there)[part.is_read].all())
+            (due if at_end or i < self._overdue or is_there else left).append(part)
+        self._parts, self._overdue = left, len(left)
+        self.held = sum(len(p.looks) + len(p.t_utc_ns) for p in left)
+        if due:
+            self._judge(due)
+
+    def _judge(self, parts: Sequence[_Part]) -> None:
+        looks, plots, sectors, told, first = [], [NO_PLOTS], [], [NOTHING_TOLD], 0
+        for part in parts:
+            is_kept = np.zeros(len(part.t_utc_ns), np.bool_)
+            ends = np.cumsum(part.counts).tolist()
+            for row in np.flatnonzero(part.is_read).tolist():
+                key, of = part.keys[row], slice(ends[row] - int(part.counts[row]), ends[row])
+                times_ns = part.t_utc_ns[of] if self._against == "asked" else None
+                is_there = self._waiting.count(key) > 0
+                found = self._waiting.take(key, times_ns)
+                if found is None:
+                    self.contradicted += int(part.told.is_target[of].sum()) if is_there else 0
+                    continue
+                is_kept[of] = True
+                plots.append(found)
+                sectors.append(np.full(len(found), first + row))
+            told.append(part.told.rows(is_kept))
+            looks.append(part.looks.but(sector=first + part.looks.sector))
+            first += len(part.keys)
+        self.tally.take(
+            SensorFeed(
+                looks=FeedLooks.joined(looks),
+                plots=MeasuredPlots.joined(plots),
+                plot_sector=np.concatenate([np.zeros(0, np.int64), *sectors]),
+                keys_of_sector=np.array([n for part in parts for n in part.expected], np.int64),
+                expected=[expected for *_, expected in self._expected.values()],
+                scans=first / (1 if self.asked is None else self.asked.sectors),
+                told=ToldTruth.joined(told) if self._against == "asked" else None,
+                false_alarms=sum(part.false_alarms for part in parts),
+                why_no_clutter=self._why_no_clutter,
+            )
+        )
+
+    @property
+    def _why_no_clutter(self) -> str:
+        if self._against == "claimed" and self.of_others[CLUTTER]:
+            return "clutter that the scene has beside is not claimed"
+        return ""
+
+    def missed(self) -> int:
+        """Sectors that are lacking although the sensor was at work."""
+        if self.asked is None or not self._numbers:
+            return 0
+        return sum(map(self.asked.missed, lacking_of(np.concatenate(self._numbers))))
+
+    def messages(self) -> Iterator[tuple[LinkMessages, Order]]:
+        """What became of messages, by link setting."""
+        if not self._sent:
+            return
+        sent = ToldMessages.joined(self._sent)
+        orders = orders_of(sent.rows(sent.copy == 0), len(self.links))
+        for number, setting in enumerate(self.links.values()):
+            yield LinkMessages(setting, sent.rows(sent.entry == number)), orders[number]
+
+    def _take_messages(self, told: LedgerTables) -> None:
+        links, sent = told.entries.link.tolist(), told.messages
+        for text in dict.fromkeys(links):
+            if text not in self.links and len(self.links) < MAX_LINKS:
+                self.links[text] = Setting.of(text)
+        numbers = {text: number for number, text in enumerate(self.links)}
+        number = np.array([numbers.get(text, -1) for text in links], np.int64)
+        self.left_out += int((number < 0).sum())
+        fate = np.where((sent.fate == 0) & sent.delivered, int(pb.SENT), sent.fate)
+        sent = sent.but(entry=number[sent.entry], fate=fate.astype(np.int8))
+        self._sent.append(sent.picked(np.flatnonzero(sent.entry >= 0), NEEDED))
+
+    def checks(self) -> list[Check]:
+        """All of the sensor that is judged; without a scene nothing is known of what was asked."""
+        if self._against == "claimed":
+            return self.tally.checks()
+        found = [never("plots", self.contradicted, self.plots)]
+        if self.asked is not None:
+            found += self.tally.checks()
+            found.append(never("missed scans", self.missed(), self.entries))
+        return found
+
+
+def truths_of(told: LedgerTables, is_target: Bools) -> ToldTruth:
+    """What is true of plots, of which those are of targets."""
+    plots = told.plots.rows(is_target)
+    merged = np.fromiter(map(len, plots.merged_drones), np.int64, len(plots))
+    return ToldTruth(
+        is_target,
+        TruePlots(t_utc_ns=plots.t_utc_ns, drones=1 + merged, range_rate_m_s=plots.range_rate_m_s),
+        echoes_of(told, plots),
+    )
+
+
+def echoes_of(told: LedgerTables, plots: ToldPlots) -> TrueEchoes:
+    """Where the drones in plots were: by the looks, where a plot's truth is another."""
+    looks, names, look_names = told.looks, names_of(plots), names_of(told.looks)
+    place = np.stack([plots.azimuth_deg, plots.elevation_deg, plots.range_m])
+    looked = np.stack([looks.azimuth_deg, looks.elevation_deg, looks.range_m])
+    if looks.emitted_utc_ns.any():
+        columns = (looks.entry.tolist(), look_names.tolist(), looks.t_utc_ns.tolist())
+        heard = np.flatnonzero(looks.emitted_utc_ns).tolist()
+        row_of = {tuple(column[row] for column in columns): row for row in reversed(heard)}
+        keys = zip(plots.entry.tolist(), names.tolist(), plots.t_utc_ns.tolist(), strict=True)
+        for n, key in enumerate(keys):
+            if key in row_of:
+                place[:, n] = looked[:, row_of[key]]
+    is_merged = np.array([bool(each) for each in plots.merged_drones], np.bool_)
+    alone = np.flatnonzero(~is_merged)
+    number, row = [alone], [np.zeros(0, np.int64)]
+    for n in np.flatnonzero(is_merged).tolist():
+        first, end = np.searchsorted(looks.entry, [plots.entry[n], plots.entry[n] + 1])
+        for drone in (names[n], *plots.merged_drones[n]):
+            row.append(first + np.flatnonzero(look_names[first:end] == drone))
+            number.append(np.full(len(row[-1]), n))
+    rows, numbers = np.concatenate(row), np.concatenate(number)
+    order = np.argsort(numbers, kind="stable")
+    azimuth_deg, elevation_deg, range_m = np.column_stack([place[:, alone], looked[:, rows]])
+    found = TrueEchoes(
+        plot=numbers,
+        channel=np.append(np.full(len(alone), -1), looks.channel[rows]),
+        azimuth_deg=azimuth_deg,
+        elevation_deg=elevation_deg,
+        range_m=range_m,
+        weight=np.append(np.ones(len(alone)), 10 ** (looks.snr_db[rows] / 10)),
+    )
+    return found if len(alone) == len(plots) else found.rows(order)
+
+
+def judged_recording(path: Path, against: Against) -> FeedReport:
+    """Judge a recording; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
+    with Evidence.of(path, STAGES[against]) as evidence:
+        if evidence.has_scene or against == "claimed":
+            evidence.ask()
+        found = _gathered(evidence, against)
+        scene = evidence.scene
+        places = {} if scene is None else {s.id: place for place, s in enumerate(scene.sensor)}
+        # As the scene has them, then by name.
+        sensors = sorted(found, key=lambda key: (key[0], places.get(key[1], len(places)), key[1]))
+        several = len({prefix for prefix, _ in sensors}) > 1
+        names = {key: "/".join(key) if several else key[1] for key in sensors}
+        plots_from = evidence.carrier_of(WHEN[against])
+        links = [
+            link_figures(names[key], number, link, order)
+            for key in sensors
+            for number, (link, order) in enumerate(found[key].messages(), 1)
+            if len(link.first)
+        ]
+        checks = [check for link in links for check in link_checks(link)]
+        for key in sensors:
+            checks += [replace(each, sensor=names[key]) for each in found[key].checks()]
+        first_ns, last_ns = evidence.first_ns or 0, evidence.last_ns or 0
+        return FeedReport(
+            file=str(path),
+            scene="" if scene is None else scene.scene.name,
+            entries=sum(each.entries for each in found.values()),
+            first_utc_ns=min((link.first_utc_ns for link in links), default=first_ns),
+            last_utc_ns=max([last_ns, *(link.last_utc_ns for link in links)]),
+            links=links,
+            sensors=[_figures(names[k], found[k], plots_from.get(k, "")) for k in sensors],
+            verdicts=Verdicts.of(checks, against),
+            notes=_notes(evidence, sum(each.left_out for each in found.values())),
+            damage=list(evidence.log.damage),
+            curve=[*CURVE.tolist(), 1.0],
+            normalised_edges=EDGES.tolist(),
+            resolution={"times": 0.0, "distance": 1 / CELLS},
+        )
+
+
+def _gathered(evidence: Evidence, against: Against) -> dict[tuple[str, str], Gathering]:
+    """What came of each sensor, by prefix and id; beside claims, of those with plots alone."""
+    carriers = {whose: topic for (topic, _), whose in evidence.carriers.items()}
+    found: dict[tuple[str, str], Gathering] = {}
+    waiting = WaitingPlots()
+
+    def of(whose: tuple[str, str]) -> Gathering:
+        asked = evidence.asked.get(whose[1])
+        made = Gathering(against, asked, waiting, carriers.get(whose))
+        return found.setdefault(whose, made)
+
+    for whose in carriers if against == "claimed" else ():
+        of(whose)
+    for part in evidence.parts():
+        for plots in part.plots:
+            waiting.add(plots)
+        for whose, told, keys in part.by_sensor():
+            if whose not in found and (against == "claimed" or len(found) >= MAX_SENSORS):
+                continue
+            spoilt = _spoilt(told, whose, evidence.carriers) if against == "asked" else set()
+            of(whose).take(told, keys, spoilt)
+        most = max(MOST_HELD // max(len(found), 1), FEWEST_HELD)
+        for each in found.values():
+            if each.held >= most:
+                each.settle()
+    for each in found.values():
+        each.settle(at_end=True)
+    return found
+
+
+def _spoilt(
+    told: LedgerTables,
+    whose: tuple[str, str],
+    carriers: Mapping[tuple[str, Stage], tuple[str, str]],
+) -> set[int]:
+    """Entries of which the link has flipped a bit of the very plots that are to be read."""
+    flipped = told.messages.rows(told.messages.flipped_bit >= 0)
+    return {
+        entry
+        for entry, topic in zip(flipped.entry.tolist(), flipped.topic, strict=True)
+        if any(carriers.get((topic, stage)) == whose for stage in WHAT_LEFT)
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorFigures:
+    """What there was of a sensor, beside its checks."""
+
+    sensor: str
+    entries: int
+    plots_from: str
+    """Where plots were found: their kind and whether before or after the link; empty for none."""
+    plots: int
+    """Of drones and what else was looked at, by the ledger."""
+    plots_of_others: Mapping[str, int]
+    """Of what is no drone, by what it is; of clutter, which is not looked at, too."""
+    joined: int
+    """Of these, the ones that were found with what was measured."""
+    contradicted: int
+    """Of the others, those in sectors whose recorded plots are not those of the ledger."""
+    not_compared: int
+    """Of those that were found: it is not known what they were to say."""
+    lost: int
+    """Sectors whose plots did not arrive, which a judge of claims leaves out."""
+    is_known: bool
+    """Whether the file has what the scene asks of the sensor."""
+    unjudged: str
+    """What of its plots is not judged, and why; empty where all is."""
+    looks_by_range: Sequence[PdFigures]
+    histograms: Mapping[str, Sequence[int]]
+    """Errors over their standard deviations between the report's edges, beyond in the last."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FeedReport:
+    """What a recording says of feeds."""
+
+    file: str
+    scene: str
+    """Of the session that was recorded; empty if the file has none."""
+    entries: int
+    first_utc_ns: int
+    """When the first message was handed over; without any, when the first entry was written."""
+    last_utc_ns: int
+    """When the last entry was written, or the last message handed over."""
+    links: Sequence[LinkFigures]
+    """None beside claims."""
+    sensors: Sequence[SensorFigures]
+    verdicts: Verdicts
+    notes: Sequence[str]
+    damage: Sequence[Damage]
+    curve: Sequence[float]
+    """Probabilities of the `curve_ms` of all distributions of times."""
+    normalised_edges: Sequence[float]
+    resolution: Mapping[str, float]
+    """Relative, of times that are quantiles; of Kolmogorov's distance."""
+
+    def as_values(self) -> dict[str, Any]:
+        """The report for JSON: times also as text, and null for what is not there."""
+        values: dict[str, Any] = finite(asdict(self))
+        values["verdicts"] = self.verdicts.as_json()
+        for each in (values, *values["links"]):
+            for end in ("first", "last"):
+                each[f"{end}_utc"] = iso_utc(each[f"{end}_utc_ns"])
+        return values
+
+
+def _figures(name: str, of: Gathering, plots_from: str) -> SensorFigures:
+    histograms = dict(zip(NAMES, of.tally.histograms.tolist(), strict=True))
+    return SensorFigures(
+        sensor=name,
+        entries=of.entries,
+        plots_from=plots_from,
+        plots=of.plots,
+        plots_of_others=dict(sorted(of.of_others.items())),
+        joined=of.tally.joined,
+        contradicted=of.contradicted,
+        not_compared=of.tally.left_out,
+        lost=of.lost,
+        is_known=of.asked is not None,
+        unjudged="" if of.asked is None else of.asked.unjudged,
+        looks_by_range=of.tally.by_range(),
+        histograms={name: counts for name, counts in histograms.items() if any(counts)},
+    )
+
+
+def _notes(evidence: Evidence, left_out: int) -> list[str]:
+    counts = {
+        "entries are no ledger and are left out": evidence.unreadable,
+        "entries were recorded twice and count once": evidence.repeated,
+        "entries are under more link settings than are told": left_out,
+    }
+    notes = [f"its scene cannot be used: {evidence.problem}"] if evidence.problem else []
+    return notes + [f"{count} {what}" for what, count in counts.items() if count]

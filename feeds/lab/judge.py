@@ -1,0 +1,783 @@
+"""The judge of feeds: what came of sensors beside what is expected of them, named and with a risk.
+
+Against what was *asked* a sensor is to be as the scene has it, biases, drifts and degradations
+among that, and the ledger says whose plot is whose. Against what it *claims* it is to be as it
+takes itself to be, and plots are paired with looks by place alone, as a tracker sees them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.engine.simulation import SimulatedSensor
+from plotfeed.feeds.lab.asked import AskedSensor
+from plotfeed.feeds.lab.laws import (
+    QUANTITIES,
+    TIME_OF_SENDING,
+    TrueEchoes,
+    TruePlots,
+    compared,
+    in_steps,
+    share_interval,
+    with_rounding,
+)
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.models.chance import Chance
+from plotfeed.models.effects.merging import Merging
+from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer, wrap_180
+from plotfeed.models.propagation import bistatic_range
+from plotfeed.models.residuals import (
+    CELL_M,
+    Candidates,
+    Check,
+    ErrorSums,
+    LookOdds,
+    LookSums,
+    LookTally,
+    MeasuredQuantity,
+    Residuals,
+    clutter_check,
+    look_groups,
+    plot_pairs,
+    wrong_at,
+)
+from plotfeed.models.sensors.electronic_radar import SEARCH, ElectronicRadar
+from plotfeed.models.state import Bools, Columns, Floats, Ints, Plots
+from plotfeed.models.tail_chances import p_of_trials
+from plotfeed.models.track_metrics import FlightPath
+from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
+from plotfeed.proto.utc import NS
+
+Against = Literal["asked", "claimed"]
+# Share of right recordings, all their sensors together, in which anything is called wrong.
+FALSE_RATES: Mapping[Against, float] = {"asked": 1e-3, "claimed": 1e-2}
+NAMES = [*QUANTITIES]
+# Heights are told by elevation and range, so that their noise is that of these.
+MEASURED = [MeasuredQuantity(n, unit, n == "height") for n, (_, unit) in QUANTITIES.items()]
+# By what plots are paired with looks, the first of which displaces gates, and how far off they are
+# looked for at least.
+REACH = {"azimuth": 8.0, "range": 500.0, "bistatic range": 1000.0, "elevation": 8.0}
+PAIRED = [NAMES.index(name) for name in REACH]
+# Pairs of a plot and a look that are compared at once.
+AT_ONCE = 500_000
+# Standard deviations within which plots of two targets may be taken for each other's.
+CONFUSED = 8.0
+# Widths of resolution within which echoes may merge: further apart, one pair in 60,000.
+MERGED = 4.0
+# Either way, for the rates of what is measured.
+STEP_S = 0.25
+# Usual times between looks at a target after which its way between them is not known.
+LONGEST_GAP = 5.0
+# In place of a sensor's site that nobody tells: only what is relative to it counts.
+ANYWHERE = LocalFrame(0.0, 0.0, 0.0)
+# Share of a format's step below which noise is lost in it, and variance that is but arithmetic's.
+FINEST, ROUNDING = 0.05, 1e-12
+# Of histograms of errors, in standard deviations; what is further counts with the last cells.
+STEP, FURTHEST = 0.25, 6.0
+EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
+MAX_BINS = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedLooks(Columns):
+    """Looks at targets, (n,): where they truly were, seen from the sensor, and the expected Pd.
+
+    `sector` and `target` are numbers; a look counts for Pd if it `counts`. `detected` is by the
+    ledger, which a judge of claims does not look at.
+    """
+
+    sector: Ints
+    channel: Ints
+    target: Ints
+    t_utc_ns: Ints
+    range_m: Floats
+    azimuth_deg: Floats
+    elevation_deg: Floats
+    pd: Floats
+    counts: Bools
+    detected: Bools
+
+
+class ToldTruth(NamedTuple):
+    """What the ledger says of plots, of each in its place: which are of targets, and of which."""
+
+    is_target: Bools
+    plots: TruePlots
+    """Of targets alone, and so are echoes."""
+    echoes: TrueEchoes
+
+    def rows(self, which: Bools) -> ToldTruth:
+        """What is said of some plots, (n,)."""
+        if which.all():
+            return self
+        kept = which[self.is_target]
+        anew, echoes = np.cumsum(kept) - 1, self.echoes.rows(kept[self.echoes.plot])
+        echoes = echoes.but(plot=anew[echoes.plot])
+        return ToldTruth(self.is_target[which], self.plots.rows(kept), echoes)
+
+    @classmethod
+    def joined(cls, parts: Sequence[ToldTruth]) -> ToldTruth:
+        """What is said of the plots of several parts."""
+        first = np.cumsum([0, *(len(part.plots) for part in parts)]).tolist()
+        echoes = [
+            part.echoes.but(plot=part.echoes.plot + at)
+            for part, at in zip(parts, first, strict=False)
+        ]
+        return cls(
+            np.concatenate([part.is_target for part in parts]),
+            TruePlots.joined([part.plots for part in parts]),
+            TrueEchoes.joined(echoes),
+        )
+
+
+class SensorFeed(NamedTuple):
+    """What came of a sensor in some sectors, with numbers from 0, and what is expected of it."""
+
+    looks: FeedLooks
+    """In the order of sectors."""
+    plots: MeasuredPlots
+    plot_sector: Ints
+    """The sector of each plot, ascending."""
+    keys_of_sector: Ints
+    """Which of `expected` holds in each sector."""
+    expected: Sequence[AskedSensor | None]
+    """None where no scene says what is expected, but the plots."""
+    scans: float
+    """That were seen, parts of one counted as such."""
+    told: ToldTruth | None = None
+    """None where plots are paired by place."""
+    false_alarms: int = 0
+    """By the ledger."""
+    why_no_clutter: str = ""
+    """Why false alarms are not judged."""
+
+    @property
+    def known(self) -> AskedSensor | None:
+        """The sensor as its scene first has it; None where none says."""
+        return next((each for each in self.expected if each is not None), None)
+
+    @property
+    def is_bistatic(self) -> bool:
+        """Whether it is known to measure bistatic ranges."""
+        return self.known is not None and self.known.is_bistatic
+
+    @property
+    def merging(self) -> Merging | None:
+        """How its echoes merge, None if they do not."""
+        model: Any = None if self.known is None else self.known.model
+        return getattr(getattr(model, "radar", model), "merging", None)
+
+
+class FeedTally:
+    """Takes what came of one sensor, part by part; `checks` says what is expected and was found."""
+
+    def __init__(self, against: Against) -> None:
+        self.errors = ErrorSums(MEASURED)
+        self.looks = LookSums()
+        # Plots with their truth; of these, those of which it is not known what they were to say,
+        # and those at another time than expected.
+        self.joined = self.left_out = self.times_off = 0
+        self.off: Counter[str] = Counter()
+        self.histograms = np.zeros((len(NAMES), len(EDGES) - 1), np.int64)
+        self.left, self.alarms, self.false_hits, self.scans = 0, 0.0, 0.0, 0.0
+        self.why_not = self.why_no_clutter = self._no_time = ""
+        self._against: Against = against
+        self._plots, self._is_compared = 0, False
+
+    def take(self, feed: SensorFeed) -> None:
+        """Take sectors."""
+        self.scans += feed.scans
+        self._plots += len(feed.plots)
+        self.why_no_clutter = self.why_no_clutter or feed.why_no_clutter
+        per_scan = [np.nan if e is None else e.false_alarms_per_scan for e in feed.expected]
+        sectors = max(len(feed.keys_of_sector), 1)
+        self.alarms += float(np.array(per_scan)[feed.keys_of_sector].sum()) * feed.scans / sectors
+        if self._against == "asked":
+            self._take_told(feed)
+        elif feed.known is not None and not feed.known.model.errs_as_stated:
+            self.why_not = "its plots do not err by the spread that they state"
+        else:
+            self._take_by_place(feed)
+
+    def checks(self) -> list[Check]:
+        """All that is expected, checked; with why what cannot be checked is not."""
+        is_asked, nothing = self._against == "asked", not self._is_compared
+        if nothing and not is_asked and not self.why_not:
+            self.why_not = self._why_nothing()
+        found = self.errors.checks("asked of each plot" if is_asked else self._no_time)
+        if nothing:
+            names = () if is_asked else (*REACH, "time")
+            found = [replace(c, why_not=self.why_not) for c in found if c.name in names]
+        if is_asked:
+            found = [c for c in found if c.name != "time"]
+            found += [never(f"{q} outliers", n, self.joined) for q, n in self.off.items()]
+            found.append(never("time", self.times_off, self.joined))
+        pd = self.looks.check()
+        if self.why_not and self._plots:
+            pd = Check(name="Pd", expected=math.nan, why_not=self.why_not)
+        return [*found, pd, *self._by_range(), self._clutter()]
+
+    def by_range(self) -> list[PdFigures]:
+        """Looks of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
+        return pd_by_range(self.looks.tally)
+
+    def _by_range(self) -> Iterator[Check]:
+        bins = self.by_range() if self._against == "asked" else ()
+        for at in bins if len(bins) > 1 else ():
+            where = f"Pd {at.from_m / 1000:.2f}-{at.to_m / 1000:.2f} km"
+            half = (at.high - at.low) / (2 * 1.96)
+            yield Check(
+                name=where, expected=at.expected, found=at.found, sigma=half, p=at.p, of=at.looks
+            )
+
+    def _why_nothing(self) -> str:
+        if not self._plots:
+            return "no plots came"
+        return "no plots near targets, or none that tells directions or ranges"
+
+    def _clutter(self) -> Check:
+        why = self.why_no_clutter or (self.why_not if self._plots else "")
+        if not why and math.isnan(self.alarms):
+            why = "it is not known how many are expected"
+        if why:
+            return Check(
+                name="false alarms", unit="a scan", expected=math.nan, why_not=why, of=self.left
+            )
+        return clutter_check(self.left, self.alarms, self.scans, self.false_hits)
+
+    # By the ledger.
+
+    def _take_told(self, feed: SensorFeed) -> None:
+        looks, told = feed.looks, feed.told
+        self.left += feed.false_alarms
+        counted = looks.rows(looks.counts)
+        odds = LookOdds(
+            target=counted.target, t_s=counted.t_utc_ns / NS, pd=counted.pd, hit=counted.detected
+        )
+        self.looks.add(odds, counted.range_m)
+        if told is None or not len(told.plots):
+            return
+        self._is_compared = True
+        self.joined += len(told.plots)
+        plots = feed.plots.rows(told.is_target)
+        keys = feed.keys_of_sector[feed.plot_sector[told.is_target]]
+        for which, category in {*zip(keys.tolist(), plots.category.tolist(), strict=True)}:
+            is_of = (keys == which) & (plots.category == category)
+            every = np.zeros(len(feed.plots), np.bool_)
+            every[np.flatnonzero(told.is_target)[is_of]] = True
+            of = told.rows(every)
+            with np.errstate(all="ignore"):  # whatever numbers others have recorded
+                self._compare_told(feed.expected[which], of, plots.rows(is_of))
+
+    def _compare_told(
+        self, expected: AskedSensor | None, told: ToldTruth, plots: MeasuredPlots
+    ) -> None:
+        found = compared(expected, told.echoes, told.plots, plots, in_steps)
+        self.left_out += found.left_out
+        self.times_off += found.off.pop("time", 0)
+        self.off.update(found.off)
+        n = len(plots)
+        error, sigma, kurtosis = (np.full((n, len(NAMES)), np.nan) for _ in range(3))
+        for i, name in enumerate(NAMES):
+            if name not in found.errors:
+                continue
+            law, each = found.expected[name], found.errors[name]
+            noisy = law.variance > max((FINEST * law.step) ** 2, ROUNDING)
+            judged = np.isfinite(each) & noisy & np.isfinite(law.variance + law.kurtosis)
+            error[judged, i] = each[judged]
+            sigma[judged, i] = np.sqrt(law.variance[judged])
+            kurtosis[judged, i] = law.kurtosis[judged]
+            shares = np.clip((error[judged, i] / sigma[judged, i] + FURTHEST) / STEP, 0, None)
+            cells = np.minimum(shares, len(EDGES) - 2).astype(np.int64)
+            self.histograms[i] += np.bincount(cells, minlength=len(EDGES) - 1)
+        # Of each plot anew: nothing hangs together with what came before.
+        self.errors.add(
+            Residuals(
+                target=np.arange(n),
+                t_s=np.zeros(n),
+                error=error,
+                sigma=sigma,
+                rate=np.zeros_like(error),
+                kurtosis=kurtosis,
+            )
+        )
+
+    # By place.
+
+    def _take_by_place(self, feed: SensorFeed) -> None:
+        if isinstance(feed.known.model if feed.known else None, ElectronicRadar):
+            # What searches brings no plot by itself.
+            looks = feed.looks.rows(np.flatnonzero(feed.looks.channel != SEARCH))
+            feed = feed._replace(looks=looks.but(channel=np.zeros(len(looks), np.int64)))
+        pairs, looks = compared_plots(feed), feed.looks
+        if not pairs.columns:
+            self.left += len(feed.plots)
+            if not len(feed.plots) and feed.merging is None:  # else several looks have one outcome
+                self._count_looks(feed, np.zeros(len(looks), np.bool_), looks.counts, 0.0)
+            return
+        self._is_compared = True
+        reach = np.array([REACH[NAMES[i]] for i in pairs.columns])
+        group, blurred, plots_of_blurred = _told_apart(feed, pairs)
+        sharp = np.flatnonzero(~blurred[pairs.candidates.look])
+        found = plot_pairs(pairs.candidates.rows(sharp), reach, len(looks))
+        chosen = sharp[found.chosen]
+        plot, look = pairs.candidates.plot[chosen], pairs.candidates.look[chosen]
+        false_hits = found.false_per_look * float((1 - looks.pd).sum())
+        hit = np.zeros(len(looks), np.bool_)
+        hit[look] = True
+        judged = ~_of_any(group, blurred | _near_an_end(feed))
+        whole = ~_of_any(group, ~(hit & judged))[look]
+        gate = np.full(len(NAMES), found.gate[0])
+        gate[pairs.columns] = found.gate
+        rows = _residuals(feed, pairs, chosen[whole])
+        self.errors.add(_means(rows, group[look[whole]]), false_hits, gate)
+        if _tells_sending(feed.plots):
+            self._no_time = "its times are those of sending"
+        self._count_looks(feed, hit, judged & ~_of_any(group, ~looks.counts), found.false_per_look)
+        left = np.setdiff1d(np.arange(len(feed.plots)), np.append(plot, plots_of_blurred))
+        self.left += len(left)
+        self.false_hits += false_hits
+
+    def _count_looks(self, feed: SensorFeed, hit: Bools, which: Bools, false: float) -> None:
+        odds = LookOdds(
+            target=feed.looks.target, t_s=feed.looks.t_utc_ns / NS, pd=feed.looks.pd, hit=hit
+        )
+        self.looks.add(odds.rows(which), feed.looks.range_m[which], false)
+
+
+def never(name: str, count: int, of: int) -> Check:
+    """What never is where all is right."""
+    return Check(name=name, expected=0.0, found=count, p=0.0 if count else 1.0, of=of)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PdFigures:
+    """Looks at some ranges, and how many of them detected."""
+
+    from_m: float
+    to_m: float
+    looks: int
+    expected: float
+    """Mean of the looks' own probabilities."""
+    found: float
+    """Share detected, and its 95 % interval."""
+    low: float
+    high: float
+    p: float
+    """Probability of such a share, or one further off, by chance."""
+
+
+def pd_by_range(looks: LookTally) -> list[PdFigures]:
+    """Figures of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
+    cells = looks.cells()
+    at = np.flatnonzero(cells[0])
+    if not len(at):
+        return []
+    first, end = int(at[0]), int(at[-1]) + 1
+    step = round(_round_up((end - first) * CELL_M / MAX_BINS) / CELL_M)
+    edges = range(first // step * step, end + step, step)
+    return [
+        _pd_figures(cells[:, low:high], low * CELL_M, high * CELL_M)
+        for low, high in pairwise(edges)
+        if cells[0, low:high].any()
+    ]
+
+
+def _pd_figures(cells: Floats, from_m: float, to_m: float) -> PdFigures:
+    count, sum_pd, *_ = cells
+    looks, pd, _, detected = cells.sum(axis=1).tolist()
+    mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
+    low, high = share_interval(round(detected), round(looks))
+    return PdFigures(
+        from_m=from_m,
+        to_m=to_m,
+        looks=round(looks),
+        expected=pd / looks,
+        found=detected / looks,
+        low=low,
+        high=high,
+        p=p_of_trials(count, mean_pd, round(detected)),
+    )
+
+
+def _round_up(width_m: float) -> float:
+    """A width of 1, 2 or 5 times a power of ten, where cells fit into it, and at least a cell."""
+    unit = 10.0 ** math.floor(math.log10(max(width_m, CELL_M)))
+    for times in (1, 2, 5, 10, 20, 50):
+        step = times * unit
+        if step >= width_m and step % CELL_M == 0:
+            return step
+    return 10 * CELL_M * math.ceil(width_m / (10 * CELL_M))
+
+
+class ComparedPlots(NamedTuple):
+    """Pairs of plots and looks of one sector, and how what was measured differs from the truth."""
+
+    candidates: Candidates
+    """By the quantities of `columns` alone."""
+    columns: list[int]
+    error: Floats
+    """Of all quantities, (n, k), with its sigma and kurtosis."""
+    sigma: Floats
+    kurtosis: Floats
+
+
+def compared_plots(feed: SensorFeed) -> ComparedPlots:
+    """All pairs of the feed's plots and looks that are not far from each other."""
+    parts = [_compare(feed, plot, look) for plot, look in _pairs(feed)]
+    plot, look, error, variance, kurtosis = (
+        np.concatenate(columns) if parts else np.zeros((0, len(NAMES)))
+        for columns in (zip(*parts, strict=True) if parts else [()] * 5)
+    )
+    known = np.isfinite(error) & np.isfinite(variance)
+    if feed.is_bistatic:
+        known[:, NAMES.index("range")] = False  # it follows from the others
+    known[:, NAMES.index("range rate")] = False
+    known = known.reshape(-1, len(NAMES))
+    columns = [i for i in PAIRED if known[:, i].any()]
+    rows = known[:, columns].any(axis=1) if columns else np.zeros(len(known), np.bool_)
+    error, sigma = np.where(known, error, np.nan)[rows], np.sqrt(np.maximum(variance, 1e-12))[rows]
+    candidates = Candidates(
+        plot=plot[rows].astype(np.int64),
+        look=look[rows].astype(np.int64),
+        error=error[:, columns],
+        sigma=sigma[:, columns],
+    )
+    usual = np.where(np.isfinite(kurtosis), kurtosis, 3.0)[rows]
+    return ComparedPlots(candidates, columns, error, sigma, usual)
+
+
+def _pairs(feed: SensorFeed) -> Iterator[tuple[Ints, Ints]]:
+    """Plots and looks of one sector that are not far from each other, some at a time."""
+    looks, plots = feed.looks, feed.plots
+    first = np.searchsorted(looks.sector, feed.plot_sector, side="left")
+    count = np.searchsorted(looks.sector, feed.plot_sector, side="right") - first
+    ends = np.cumsum(count)
+    start = 0
+    while start < len(count):
+        before = int(ends[start - 1]) if start else 0
+        end = max(int(np.searchsorted(ends, before + AT_ONCE, side="right")), start + 1)
+        n = count[start:end]
+        plot = np.repeat(np.arange(start, end), n)
+        within = np.arange(len(plot)) - np.repeat(np.cumsum(n) - n, n)
+        look = np.repeat(first[start:end], n) + within
+        kept = ~(np.abs(wrap_180(plots.azimuth_deg[plot] - looks.azimuth_deg[look])) > 90.0)
+        kept &= (plots.channel[plot] == NOT_TOLD) | (plots.channel[plot] == looks.channel[look])
+        yield plot[kept], look[kept]
+        start = end
+
+
+def _compare(feed: SensorFeed, plot: Ints, look: Ints) -> tuple[Ints, Ints, Floats, Floats, Floats]:
+    """Errors and their expected variances and kurtoses, by what was expected in each sector."""
+    error, variance, kurtosis = (np.full((len(plot), len(NAMES)), np.nan) for _ in range(3))
+    keys = feed.keys_of_sector[feed.plot_sector[plot]]
+    categories = feed.plots.category[plot]
+    for which, category in {*zip(keys.tolist(), categories.tolist(), strict=True)}:
+        rows = np.flatnonzero((keys == which) & (categories == category))
+        found = compared(
+            feed.expected[which],
+            *_truth_of(feed.looks.rows(look[rows])),
+            # One plot may be in many pairs, which is more rows than there are.
+            MeasuredPlots.holding({n: c[plot[rows]] for n, c in vars(feed.plots).items()}),
+            with_rounding,
+            keeps_ends=True,
+        )
+        for k, name in enumerate(NAMES):
+            if name in found.errors:
+                error[rows, k] = found.errors[name]
+                variance[rows, k] = found.expected[name].variance
+                kurtosis[rows, k] = found.expected[name].kurtosis
+    return plot, look, error, variance, kurtosis
+
+
+def _truth_of(looks: FeedLooks) -> tuple[TrueEchoes, TruePlots]:
+    """What was true of plots of those looks, one each."""
+    n = len(looks)
+    return (
+        TrueEchoes(
+            plot=np.arange(n),
+            channel=np.full(n, -1),
+            azimuth_deg=looks.azimuth_deg,
+            elevation_deg=looks.elevation_deg,
+            range_m=looks.range_m,
+            weight=np.ones(n),
+        ),
+        TruePlots(
+            t_utc_ns=looks.t_utc_ns,
+            drones=np.ones(n, np.int64),
+            range_rate_m_s=np.full(n, np.nan),
+        ),
+    )
+
+
+def _near_an_end(feed: SensorFeed) -> Bools:
+    """Looks of which noise decides whether there is a plot: near the ends of range, or a baseline.
+
+    By what a plot without noise would be, with the errors that plots usually state.
+    """
+    near = np.zeros(len(feed.looks), np.bool_)
+    keys = feed.keys_of_sector[feed.looks.sector]
+    usual = {
+        name: float(np.nanmedian(column))
+        for name, column in vars(feed.plots).items()
+        if name.startswith("sigma_") and np.isfinite(column).any()
+    }
+    for which in np.unique(keys).tolist():
+        expected = feed.expected[which]
+        if expected is None:
+            continue
+        rows = np.flatnonzero(keys == which)
+        looks = feed.looks.rows(rows)
+        place_m = aer_to_enu(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
+        values = _place_values(expected, place_m, looks.channel)
+        exact = MeasuredPlots.of([{**usual, "channel": 0}] * len(rows)).but(
+            channel=looks.channel,
+            **{QUANTITIES[NAMES[i]][0]: values[:, i] for i in PAIRED},
+        )
+        found = compared(expected, *_truth_of(looks), exact)
+        errors = np.stack([np.full(len(rows), np.nan), *found.errors.values()])
+        near[rows] = ~np.isfinite(errors).any(axis=0)
+        if expected.is_bistatic:  # along a baseline nothing can be placed
+            near[rows] |= ~np.isfinite(found.expected["range"].variance)
+    return near
+
+
+def _place_values(expected: AskedSensor | None, place_enu_m: Floats, channel: Ints) -> Floats:
+    """Quantities of places by the sensor, (n, k), heights over its own place."""
+    azimuth_deg, elevation_deg, range_m = enu_to_aer(place_enu_m)
+    found = {"azimuth": azimuth_deg, "elevation": elevation_deg, "range": range_m}
+    found["height"] = place_enu_m[:, 2]
+    if expected is not None and expected.is_bistatic:
+        found["bistatic range"] = bistatic_range(place_enu_m, expected.from_enu_m(channel))
+    return np.stack([found.get(name, np.full(len(range_m), np.nan)) for name in NAMES], axis=1)
+
+
+def _difference(later: Floats, earlier: Floats) -> Floats:
+    """Values less others, (n, k), azimuths within half a turn."""
+    difference, k = later - earlier, NAMES.index("azimuth")
+    difference[:, k] = wrap_180(difference[:, k])
+    return difference
+
+
+def _told_apart(feed: SensorFeed, pairs: ComparedPlots) -> tuple[Ints, Bools, Ints]:
+    """Groups of looks that plots may not tell apart; of which echoes merge; and plots there.
+
+    What is measured of a group is its sum, whichever plot is whose; of echoes that merge, nothing.
+    """
+    looks, candidates, merging = feed.looks, pairs.candidates, feed.merging
+    names = [NAMES[i] for i in pairs.columns]
+    width = CONFUSED * np.nanquantile(candidates.sigma, 0.9, axis=0)
+    if merging is not None:
+        cells = {
+            "azimuth": merging.azimuth_deg,
+            "elevation": merging.elevation_deg,
+            "range": max(merging.range_m),
+            "bistatic range": max(merging.range_m),
+        }
+        width = np.fmax(width, [MERGED * (cells[name] or 0.0) for name in names])
+    place_m = aer_to_enu(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
+    values = _place_values(feed.known, place_m, looks.channel)[:, pairs.columns] / width
+    since_ns = looks.t_utc_ns - looks.t_utc_ns.min(initial=0)
+    scan = looks.sector if feed.known is None else since_ns / (feed.known.keys.scan.period_ns / 2)
+    axes = [(scan.astype(np.float64), 0.0), (looks.channel.astype(np.float64), 0.0)]
+    for name, value, each in zip(names, values.T, width.tolist(), strict=True):
+        axes.append((value, 360.0 / each if name == "azimuth" else 0.0))
+    group = look_groups(axes)
+    if merging is None:
+        return group, np.zeros(len(looks), np.bool_), np.zeros(0, np.int64)
+    blurred = (np.bincount(group) > 1)[group]
+    beside = blurred[candidates.look] & ~(np.abs(candidates.error) > width).any(axis=1)
+    return group, blurred, candidates.plot[beside]
+
+
+def _of_any(group: Ints, of: Bools) -> Bools:
+    """Whether a look's group has any of those."""
+    return np.asarray(np.bincount(group, of, minlength=1)[group] > 0)
+
+
+def _means(rows: Residuals, group: Ints) -> Residuals:
+    """Means of whole groups, (m,): they do not depend on which plot is taken for whose."""
+    rows, group = rows.rows(np.argsort(group, kind="stable")), np.sort(group)
+    first = np.flatnonzero(np.diff(group, prepend=-1))
+    if len(first) == len(group):
+        return rows
+    n = np.diff(first, append=len(group))[:, None]
+    variance = np.add.reduceat(rows.sigma**2, first)
+    excess = np.add.reduceat((rows.kurtosis - 3) * rows.sigma**4, first)
+    return rows.rows(first).but(
+        error=np.add.reduceat(rows.error, first) / n,
+        sigma=np.sqrt(variance) / n,
+        rate=np.add.reduceat(rows.rate, first) / n,
+        kurtosis=3 + excess / variance**2,
+    )
+
+
+def _tells_sending(plots: MeasuredPlots) -> bool:
+    return bool((plots.category == TIME_OF_SENDING).any())
+
+
+def _residuals(feed: SensorFeed, pairs: ComparedPlots, chosen: Ints) -> Residuals:
+    """What was measured less what was true at the times that plots state."""
+    plot, look = pairs.candidates.plot[chosen], pairs.candidates.look[chosen]
+    looks = feed.looks.rows(look)
+    stamped_ns = looks.t_utc_ns
+    if not _tells_sending(feed.plots):
+        told = zip(feed.plots.t_utc_ns[plot].tolist(), stamped_ns.tolist(), strict=True)
+        stamped_ns = np.array([true if t is None else t for t, true in told], np.int64)
+    place_m, velocity_m_s = _true_states(feed.looks, looks.target, stamped_ns)
+    looked_m = aer_to_enu(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
+    as_looked = stamped_ns == looks.t_utc_ns
+    place_m[as_looked] = looked_m[as_looked]
+    channel = np.maximum(feed.plots.channel[plot], 0)
+
+    def values(place_enu_m: Floats) -> Floats:
+        return _place_values(feed.known, place_enu_m, channel)
+
+    step_m = velocity_m_s * STEP_S
+    rate = _difference(values(place_m + step_m), values(place_m - step_m))
+    return Residuals(
+        target=looks.target,
+        t_s=looks.t_utc_ns / NS,
+        error=pairs.error[chosen] - _difference(values(place_m), values(looked_m)),
+        sigma=pairs.sigma[chosen],
+        rate=rate / (2 * STEP_S),
+        kurtosis=pairs.kurtosis[chosen],
+    )
+
+
+def _true_states(looks: FeedLooks, target: Ints, t_utc_ns: Ints) -> tuple[Floats, Floats]:
+    """Places of targets at times and their velocities, east, north and up; (n, 3), NaN if unknown.
+
+    By where they were when they were looked at.
+    """
+    order = np.lexsort((looks.t_utc_ns, looks.target))
+    looks = looks.rows(order)
+    ecef_m = ANYWHERE.to_ecef(aer_to_enu(looks.azimuth_deg, looks.elevation_deg, looks.range_m))
+    between_ns = np.diff(looks.t_utc_ns)
+    between_ns = between_ns[(np.diff(looks.target) == 0) & (between_ns > 0)]
+    gap_ns = round(LONGEST_GAP * float(np.median(between_ns))) if len(between_ns) else 0
+    place_m, velocity_m_s = (np.full((len(target), 3), np.nan) for _ in range(2))
+    for each in np.unique(target).tolist():
+        first, end = np.searchsorted(looks.target, [each, each + 1])
+        path = FlightPath.of(looks.t_utc_ns[first:end], ecef_m[first:end], gap_ns)
+        rows = np.flatnonzero(target == each)
+        place, velocity = path.states_at(t_utc_ns[rows])
+        place_m[rows] = ANYWHERE.from_ecef(place)
+        velocity_m_s[rows] = ANYWHERE.rotate_from_ecef(velocity)
+    return place_m, velocity_m_s
+
+
+def simulated_feed(
+    scene: Scene, seen: SimulatedSensor, against: Against = "claimed", sectors: int = 0
+) -> SensorFeed:
+    """The feed of a simulated sensor, stamped by its own clock; links and formats are left out.
+
+    `sectors` is of how many it is, empty ones too, where the simulation does not tell.
+    """
+    keys, plots, looks = seen.sensor, seen.plots, seen.looks
+    asked = AskedSensor(keys, scene.scene.site, Chance(scene.scene.seed, keys.id), None)
+    expected = asked if against == "asked" else asked.claimed
+    per_scan = keys.scan.sectors
+    numbers = np.unique(
+        np.concatenate([each.scan * per_scan + each.sector for each in (plots, looks)])
+    )
+    looks = looks.rows(np.argsort(looks.scan * per_scan + looks.sector, kind="stable"))
+    plots = plots.rows(np.argsort(plots.scan * per_scan + plots.sector, kind="stable"))
+    measured = MeasuredPlots.of([{}] * len(plots)).but(
+        t_utc_ns=(plots.t_utc_ns + asked.clock_ahead_ns).astype(np.object_),
+        category=np.zeros(len(plots), np.int64),
+        **{name: np.ascontiguousarray(getattr(plots, name)) for name in _carried(plots)},
+    )
+    left = asked.pd_left
+    return SensorFeed(
+        FeedLooks(
+            sector=np.searchsorted(numbers, looks.scan * per_scan + looks.sector),
+            target=looks.drone,
+            pd=np.minimum(looks.pd / left, 1.0) if left > 0 else np.zeros(len(looks)),
+            counts=np.full(len(looks), left > 0),
+            **{
+                name: getattr(looks, name)
+                for name in (
+                    *("channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg"),
+                    "detected",
+                )
+            },
+        ),
+        measured,
+        np.searchsorted(numbers, plots.scan * per_scan + plots.sector),
+        np.zeros(max(len(numbers), 1), np.int64),
+        [expected],
+        (sectors or len(seen.sectors)) / per_scan,
+    )
+
+
+def _carried(plots: Plots) -> list[str]:
+    """Columns that plots as they are measured and as they are decoded both have."""
+    columns = [name for of, _ in QUANTITIES.values() for name in (of, f"sigma_{of}")]
+    held = MeasuredPlots.__annotations__
+    return ["channel", *(n for n in columns if n in held and getattr(plots, n, None) is not None)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdicts:
+    """All checks of a recording, judged together: in which of right ones any is called wrong."""
+
+    against: Against
+    checks: Sequence[Check]
+    false_rate: float
+
+    @classmethod
+    def of(cls, checks: Iterable[Check], against: Against) -> Verdicts:
+        """Judge checks together."""
+        every, rate = list(checks), FALSE_RATES[against]
+        wrong = wrong_at(every, rate)
+        judged = [replace(c, wrong=w) for c, w in zip(every, wrong, strict=True)]
+        return cls(against=against, checks=judged, false_rate=rate)
+
+    @property
+    def wrong(self) -> list[Check]:
+        """The checks that fail."""
+        return [each for each in self.checks if each.wrong]
+
+    @property
+    def judged(self) -> int:
+        """How many say anything."""
+        return sum(each.is_judged for each in self.checks)
+
+    def as_json(self) -> dict[str, Any]:
+        """The verdicts for JSON, what was expected under the name of what it is."""
+        return {
+            "against": self.against,
+            "false_rate": self.false_rate,
+            "wrong": [f"{each.sensor}: {each.name}" for each in self.wrong],
+            "checks": [check_json(each, self.against) for each in self.checks],
+        }
+
+
+def check_json(check: Check, against: Against) -> dict[str, Any]:
+    """A check for JSON."""
+    told: dict[str, Any] = finite(
+        {
+            "sensor": check.sensor,
+            "link": check.link,
+            "check": check.name,
+            "unit": check.unit,
+            against: check.expected,
+            "found": check.found,
+            "sigma": check.sigma,
+            "z": check.z,
+            "p": check.p,
+            "of": check.of,
+            "wrong": check.wrong,
+            "why_not": check.why_not,
+        }
+    )
+    return told
