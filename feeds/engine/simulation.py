@@ -52,6 +52,8 @@ class SimulatedSensor:
     """A row a drone and look, detected or not: geometry, SNR (linear) and Pd as they truly were."""
     sectors: Sectors = field(default_factory=lambda: Sectors.of([]))
     """Its sectors in the order of time, whether they brought anything or not."""
+    drones: Sequence[str] = ()
+    """Names of drones, by their numbers."""
 
 
 class Simulation(Mapping[str, SimulatedSensor]):
@@ -119,7 +121,7 @@ def simulate(
     for before_ns in range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS):
         found.take(engine.until(before_ns - 1, messages=False))
     found.take(engine.until(end_utc_ns, messages=False))
-    return Simulation(found.sensors(), engine.trajectories, start_utc_ns)
+    return Simulation(found.sensors(engine.trajectories.names), engine.trajectories, start_utc_ns)
 
 
 C = TypeVar("C", bound=Columns)
@@ -146,8 +148,8 @@ class _Found:
                 self._looks[i].append(looks.between(seen.of_looks[a], seen.of_looks[b]))
                 self._plots[i].append(plots.between(seen.of_plots[a], seen.of_plots[b]))
 
-    def sensors(self) -> dict[str, SimulatedSensor]:
-        """All of each, by id."""
+    def sensors(self, drones: Sequence[str]) -> dict[str, SimulatedSensor]:
+        """All of each, by id; `drones` are names, by their numbers."""
         nothing, none = Sectors.of([]), np.zeros(1, np.int64)
         no_looks = _of_sectors(SimulatedLooks, NO_LOOKS, none, nothing)
         no_plots = _of_sectors(SimulatedPlots, NO_PLOTS, none, nothing)
@@ -157,6 +159,7 @@ class _Found:
                 plots=SimulatedPlots.joined(plots or [no_plots]),
                 looks=SimulatedLooks.joined(looks or [no_looks]),
                 sectors=Sectors.joined(sectors or [nothing]),
+                drones=drones,
             )
             for sensor, looks, plots, sectors in zip(
                 self._sensors, self._looks, self._plots, self._sectors, strict=True

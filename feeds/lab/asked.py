@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
+from plotfeed.feeds.lab import oracle
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Site, frame_at
 from plotfeed.feeds.scene.scene import Scene
@@ -31,6 +32,8 @@ from plotfeed.proto.utc import NS, NS_IN_MS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import WHAT_LEFT
 
+# Sensors whose plots state errors that follow from their own ratios, as the oracle has them.
+RADARS = frozenset({"active_radar", "mimo_radar", "passive_radar"})
 MAX_CHANGES = 10_000
 """Of each sensor that are known; of later ones nothing is told."""
 
@@ -116,11 +119,17 @@ def _until(by_time: Sequence[tuple[int, Any]], t_utc_ns: int) -> int:
 class AskedSensor:
     """A sensor as it was to be while its keys stayed the same."""
 
+    scene: Scene
     keys: Sensor
-    site: Site
-    chance: Chance
-    sea_level: SeaLevel | None
-    """By which heights above mean sea level are told; None if its grid cannot be read here."""
+    # By which heights above mean sea level are told; None if its grid cannot be read here.
+    sea_level: SeaLevel | None = None
+    # Its keys as it stands and looks, where these are others than those by which it is judged.
+    standing: Sensor | None = None
+
+    @property
+    def site(self) -> Site:
+        """The site of its scene."""
+        return self.scene.scene.site
 
     @cached_property
     def model(self) -> SensorModel:
@@ -144,7 +153,8 @@ class AskedSensor:
     def readings(self) -> Readings | None:
         """The errors of its readings, None for none: the drift is the one that the seed draws."""
         keys = self.keys
-        return readings_of(keys.bias, keys.drift, self.chance, keys.scan.period_ns)
+        chance = Chance(self.scene.scene.seed, keys.id)
+        return readings_of(keys.bias, keys.drift, chance, keys.scan.period_ns)
 
     def undulation_m(self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats) -> Floats:
         """Heights of mean sea level above the ellipsoid at places; (n,), NaN if not known."""
@@ -180,13 +190,22 @@ class AskedSensor:
     @cached_property
     def claimed(self) -> Self:
         """The sensor as it takes itself to be: without errors and degradation."""
-        right = self.keys.model_copy(update={"bias": None, "drift": None, "degradation": None})
-        return type(self)(right, self.site, self.chance, self.sea_level)
+        whole = self.keys.model_copy(update={"degradation": None})
+        right = whole.model_copy(update={"bias": None, "drift": None})
+        return type(self)(self.scene, right, self.sea_level, whole)
 
-    @property
-    def pd_left(self) -> float:
-        """What of its claimed Pd it has."""
-        return 1.0 if self.keys.degradation is None else self.keys.degradation.pd_factor
+    def of_looks(self, looks: oracle.LooksGiven) -> oracle.Asked:
+        """What is asked of looks, (n,), worked out apart from what a session runs."""
+        return oracle.asked(self.scene, self.standing or self.keys, looks)
+
+    def stated_sigmas(self, snr: Floats, channel: Ints) -> Mapping[str, Floats]:
+        """What a radar's plots state of their errors at their own ratios, linear; (n,) each."""
+        if self.keys.type in RADARS:
+            found = oracle.stated_sigmas(self.keys, snr, channel)
+            if self.is_bistatic:
+                found["sigma_bistatic_range_m"] = found.pop("sigma_range_m")
+            return found
+        return self.model.sigmas_at(snr, channel)
 
     def from_enu_m(self, channel: Ints) -> Floats:
         """Where signals of channels come from, of one that measures bistatic ranges; (n, 3)."""
@@ -199,11 +218,9 @@ class AskedSensor:
         return self.keys.geometry is SensorGeometry.BISTATIC
 
     @cached_property
-    def false_alarms_per_scan(self) -> float:
-        """Mean number; NaN where ghosts are among them."""
-        if isinstance(self.model, JointSensor):
-            return np.nan
-        return self.model.false_alarms_per_scan
+    def false_alarms(self) -> tuple[float, str]:
+        """Mean number in a scan; NaN, and why, where that is not known."""
+        return oracle.false_alarms_per_scan(self.scene, self.keys)
 
 
 class AskedByTime:
@@ -215,16 +232,14 @@ class AskedByTime:
         self.sectors = sensor.scan.sectors
         """Of a scan."""
         self._sensor, self._settings, self._start_utc_ns = sensor.id, settings, start_utc_ns
-        self._site = scene.scene.site
+        self._scene = scene
         try:
             self._sea_level: SeaLevel | None = scene.sea_level()
         except PlotfeedError:
             self._sea_level = None
-        self._chance = Chance(scene.scene.seed, sensor.id)
-        scan = sensor.scan
-        self._timetable = Timetable(
-            scan.period_ns, scan.sectors, scan.jitter_ms * NS_IN_MS, self._chance
-        )
+        scan, chance = sensor.scan, Chance(scene.scene.seed, sensor.id)
+        jitter_ns = scan.jitter_ms * NS_IN_MS
+        self._timetable = Timetable(scan.period_ns, scan.sectors, jitter_ns, chance)
         self._asked: dict[int, AskedSensor] = {}
         """By the identity of the keys, which `settings` keeps."""
 
@@ -236,7 +251,7 @@ class AskedByTime:
         if keys is None:
             return None
         if id(keys) not in self._asked:
-            self._asked[id(keys)] = AskedSensor(keys, self._site, self._chance, self._sea_level)
+            self._asked[id(keys)] = AskedSensor(self._scene, keys, self._sea_level)
         return self._asked[id(keys)]
 
     @property

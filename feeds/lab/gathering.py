@@ -48,7 +48,7 @@ from plotfeed.feeds.lab.links import (
 )
 from plotfeed.models.clutter import CLUTTER
 from plotfeed.models.residuals import Check
-from plotfeed.models.state import OTHER, Bools, Ints
+from plotfeed.models.state import OTHER, Bools, Ints, Texts
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import iso_utc
@@ -76,6 +76,10 @@ WHEN: Mapping[Against, Mapping[Stage, str]] = {
         Stage.RECEIVED: "as received",
     },
 }
+OF_LOOKS = (
+    *("channel", "t_utc_ns", "emitted_utc_ns", "range_m", "azimuth_deg", "elevation_deg"),
+    *("pd", "detected"),
+)
 NEEDED = (
     *("entry", "due_utc_ns", "link_due_utc_ns", "sent_utc_ns"),
     *("fate", "number", "copy", "flipped_bit"),
@@ -103,7 +107,7 @@ _NONE: Ints = np.zeros(0, np.int64)
 # Of no plots.
 NOTHING_TOLD = ToldTruth(
     np.zeros(0, np.bool_),
-    TruePlots(t_utc_ns=_NONE, drones=_NONE, range_rate_m_s=np.zeros(0)),
+    TruePlots(t_utc_ns=_NONE, target=_NONE, drones=_NONE, range_rate_m_s=np.zeros(0)),
     TrueEchoes(
         plot=_NONE,
         channel=_NONE,
@@ -136,7 +140,7 @@ class Gathering:
         self._against, self._waiting, self._topic = against, waiting, topic
         self._sent: list[ToldMessages] = []
         self._numbers: list[Ints] = []
-        self._targets: dict[str, int] = {}
+        self._names: dict[str, int] = {}
         self._expected: dict[int, tuple[int, AskedSensor | None, AskedSensor | None]] = {}
         self._parts: list[_Part] = []
         self._overdue = self.held = 0
@@ -153,20 +157,21 @@ class Gathering:
             self.lost += len(told) - len(arrived)
             told, keys = told.of(arrived), [keys[i] for i in arrived.tolist()]
         self.entries += len(told)
-        sensors = [self._sensor(key) for key in keys]
         plots, names = told.plots, names_of(told.plots)
         is_target, n = are_targets(names), len(told)
         self.plots += int(is_target.sum())
         self.of_others.update(name.partition(OTHER)[0] for name in plots.other if name)
         is_read = np.full(n, self._topic is not None)
         is_read[list(spoilt)] = False
-        truths = NOTHING_TOLD if self._against == "claimed" else truths_of(told, is_target)
+        truths = NOTHING_TOLD
+        if self._against == "asked":
+            truths = truths_of(told, is_target, self._targets(names[is_target]))
         part = _Part(
             keys,
-            [number for number, _ in sensors],
+            [self._number(key) for key in keys],
             np.bincount(plots.entry, minlength=n),
             is_read,
-            self._looks(told, sensors),
+            self._looks(told),
             plots.t_utc_ns,
             truths,
             int((names == "").sum()),
@@ -177,44 +182,27 @@ class Gathering:
         self._parts.append(part)
         self.held += len(told.looks) + len(plots)
 
-    def _sensor(self, key: SectorKey) -> tuple[int, AskedSensor | None]:
-        """The number of what is expected in a sector, and what was asked there."""
+    def _number(self, key: SectorKey) -> int:
+        """The number of what is expected in a sector."""
         asked = None if self.asked is None else self.asked.in_sector(key.scan, key.sector)
         if id(asked) not in self._expected:
             expected = asked if asked is None or self._against == "asked" else asked.claimed
             self._expected[id(asked)] = (len(self._expected), asked, expected)
-        return self._expected[id(asked)][:2]
+        return self._expected[id(asked)][0]
 
-    def _looks(
-        self, told: LedgerTables, sensors: Sequence[tuple[int, AskedSensor | None]]
-    ) -> FeedLooks:
-        looks, numbers = told.looks, self._targets
-        if self._against == "asked":
-            merges = np.array([s is not None and s.merges for _, s in sensors], np.bool_)
-            if merges.any():
-                # Those whose echoes merged have one outcome, of the very same odds.
-                alone = np.where(merges[looks.entry], -1, np.arange(len(looks)))
-                odds = np.stack([looks.entry, looks.pd, looks.channel, alone])[:, ::-1]
-                firsts = np.unique(odds, axis=1, return_index=True)[1]
-                looks = looks.rows(np.sort(len(looks) - 1 - firsts))
-            left = np.ones(len(looks))
-        else:
-            each = [1.0 if s is None else s.pd_left for _, s in sensors]
-            left = np.array(each, np.float64)[looks.entry]
-        names = names_of(looks).tolist()
-        pd = np.divide(looks.pd, left, out=np.zeros(len(looks)), where=left > 0)
+    def _looks(self, told: LedgerTables) -> FeedLooks:
+        looks = told.looks
         return FeedLooks(
             sector=looks.entry,
-            channel=looks.channel,
-            target=np.array([numbers.setdefault(n, len(numbers)) for n in names], np.int64),
-            t_utc_ns=looks.t_utc_ns,
-            range_m=looks.range_m,
-            azimuth_deg=looks.azimuth_deg,
-            elevation_deg=looks.elevation_deg,
-            pd=pd if self._against == "asked" else np.minimum(pd, 1.0),
-            counts=left > 0,
-            detected=looks.detected,
+            target=self._targets(names_of(looks)),
+            counts=np.ones(len(looks), np.bool_),
+            **{name: getattr(looks, name) for name in OF_LOOKS},
         )
+
+    def _targets(self, names: Texts) -> Ints:
+        """Numbers of targets, (n,)."""
+        known = self._names
+        return np.array([known.setdefault(n, len(known)) for n in names.tolist()], np.int64)
 
     def settle(self, *, at_end: bool = False) -> None:
         """Judge sectors whose plots are all there, or have been waited for since the last time."""
@@ -256,6 +244,7 @@ class Gathering:
                 keys_of_sector=np.array([n for part in parts for n in part.expected], np.int64),
                 expected=[expected for *_, expected in self._expected.values()],
                 scans=first / (1 if self.asked is None else self.asked.sectors),
+                names=list(self._names),
                 told=ToldTruth.joined(told) if self._against == "asked" else None,
                 false_alarms=sum(part.false_alarms for part in parts),
                 why_no_clutter=self._why_no_clutter,
@@ -306,13 +295,18 @@ class Gathering:
         return found
 
 
-def truths_of(told: LedgerTables, is_target: Bools) -> ToldTruth:
-    """What is true of plots, of which those are of targets."""
+def truths_of(told: LedgerTables, is_target: Bools, target: Ints) -> ToldTruth:
+    """What is true of plots, of which those are of targets, with these numbers."""
     plots = told.plots.rows(is_target)
     merged = np.fromiter(map(len, plots.merged_drones), np.int64, len(plots))
     return ToldTruth(
         is_target,
-        TruePlots(t_utc_ns=plots.t_utc_ns, drones=1 + merged, range_rate_m_s=plots.range_rate_m_s),
+        TruePlots(
+            t_utc_ns=plots.t_utc_ns,
+            target=target,
+            drones=1 + merged,
+            range_rate_m_s=plots.range_rate_m_s,
+        ),
         echoes_of(told, plots),
     )
 
@@ -461,6 +455,9 @@ class SensorFigures:
     unjudged: str
     """What of its plots is not judged, and why; empty where all is."""
     looks_by_range: Sequence[PdFigures]
+    looks_unjudged: int
+    """Of which it is not known what Pd was asked."""
+    why_not_pd: str
     histograms: Mapping[str, Sequence[int]]
     """Errors over their standard deviations between the report's edges, beyond in the last."""
 
@@ -514,6 +511,8 @@ def _figures(name: str, of: Gathering, plots_from: str) -> SensorFigures:
         is_known=of.asked is not None,
         unjudged="" if of.asked is None else of.asked.unjudged,
         looks_by_range=of.tally.by_range(),
+        looks_unjudged=of.tally.unjudged,
+        why_not_pd=of.tally.why_not_pd,
         histograms={name: counts for name, counts in histograms.items() if any(counts)},
     )
 

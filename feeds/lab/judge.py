@@ -29,8 +29,8 @@ from plotfeed.feeds.lab.laws import (
     share_interval,
     with_rounding,
 )
+from plotfeed.feeds.lab.oracle import LooksGiven
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.chance import Chance
 from plotfeed.models.effects.merging import Merging
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
@@ -51,7 +51,7 @@ from plotfeed.models.residuals import (
 )
 from plotfeed.models.sensors.electronic_radar import SEARCH, ElectronicRadar
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Plots
-from plotfeed.models.tail_chances import p_of_trials
+from plotfeed.models.tail_chances import p_of_normal, p_of_trials
 from plotfeed.models.track_metrics import FlightPath
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
 from plotfeed.proto.utc import NS
@@ -84,6 +84,9 @@ FINEST, ROUNDING = 0.05, 1e-12
 STEP, FURTHEST = 0.25, 6.0
 EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
 MAX_BINS = 12
+# Plots from which on it is judged what they state of their errors, and by how much variances may
+# differ from what is expected to be the same: their mean over few plots is not normal.
+FEWEST_SIGMAS, SAME_SIGMA = 20, 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +101,7 @@ class FeedLooks(Columns):
     channel: Ints
     target: Ints
     t_utc_ns: Ints
+    emitted_utc_ns: Ints
     range_m: Floats
     azimuth_deg: Floats
     elevation_deg: Floats
@@ -152,6 +156,8 @@ class SensorFeed(NamedTuple):
     """None where no scene says what is expected, but the plots."""
     scans: float
     """That were seen, parts of one counted as such."""
+    names: Sequence[str]
+    """Of targets, by their numbers."""
     told: ToldTruth | None = None
     """None where plots are paired by place."""
     false_alarms: int = 0
@@ -191,21 +197,89 @@ class FeedTally:
         self.why_not = self.why_no_clutter = self._no_time = ""
         self._against: Against = against
         self._plots, self._is_compared = 0, False
+        # Of which it is not known what Pd is expected, and why.
+        self.unjudged, self.why_not_pd = 0, ""
+        # Number, sum and sum of squares of stated variances over expected ones.
+        self._sigmas = np.zeros((len(NAMES), 3))
+        self._why_no_alarms = ""
 
     def take(self, feed: SensorFeed) -> None:
         """Take sectors."""
         self.scans += feed.scans
         self._plots += len(feed.plots)
         self.why_no_clutter = self.why_no_clutter or feed.why_no_clutter
-        per_scan = [np.nan if e is None else e.false_alarms_per_scan for e in feed.expected]
+        per_scan = [np.nan if e is None else e.false_alarms[0] for e in feed.expected]
+        for each in feed.expected:
+            if each is not None and each.false_alarms[1]:
+                self._why_no_alarms = f"not known here: {each.false_alarms[1]}"
+        feed, sigmas = self._with_pd(feed)
         sectors = max(len(feed.keys_of_sector), 1)
         self.alarms += float(np.array(per_scan)[feed.keys_of_sector].sum()) * feed.scans / sectors
         if self._against == "asked":
-            self._take_told(feed)
+            self._take_told(feed, sigmas)
         elif feed.known is not None and not feed.known.model.errs_as_stated:
             self.why_not = "its plots do not err by the spread that they state"
         else:
-            self._take_by_place(feed)
+            self._take_by_place(feed, sigmas)
+
+    def _with_pd(self, feed: SensorFeed) -> tuple[SensorFeed, Floats]:
+        """The feed with Pd as it is expected, and what plots of looks are to state, (k, n).
+
+        Where nobody says what is expected, Pd is that of the ledger; where that is not known, looks
+        do not count.
+        """
+        looks, n = feed.looks, len(feed.looks)
+        pd, counts, sigmas = looks.pd.copy(), looks.counts.copy(), np.full((len(NAMES), n), np.nan)
+        keys, names = feed.keys_of_sector[looks.sector], np.array([*feed.names, ""], np.object_)
+        for which in np.unique(keys).tolist():
+            expected, rows = feed.expected[which], np.flatnonzero(keys == which)
+            if expected is None:
+                continue
+            of = looks.rows(rows)
+            found = expected.of_looks(
+                LooksGiven(
+                    t_utc_ns=of.t_utc_ns,
+                    azimuth_deg=of.azimuth_deg,
+                    elevation_deg=of.elevation_deg,
+                    range_m=of.range_m,
+                    drone=names[of.target],
+                    channel=of.channel,
+                    emitted_utc_ns=of.emitted_utc_ns if of.emitted_utc_ns.any() else None,
+                )
+            )
+            pd[rows] = np.where(found.known, found.pd, pd[rows])
+            counts[rows] &= found.known
+            self.unjudged += int((~found.known).sum())
+            self.why_not_pd = self.why_not_pd or found.why_not
+            for name in ("range", "azimuth", "elevation"):
+                sigma = getattr(found, f"sigma_{QUANTITIES[name][0]}") / expected.error_factor
+                of_name = "bistatic range" if expected.is_bistatic and name == "range" else name
+                sigmas[NAMES.index(of_name), rows] = np.where(found.known, sigma, np.nan)
+        return feed._replace(looks=looks.but(pd=pd, counts=counts)), sigmas
+
+    def _take_sigmas(self, plots: MeasuredPlots, expected: Floats) -> None:
+        """Count what plots state of their errors over what they are to, (k, n)."""
+        for k, name in enumerate(NAMES):
+            column = f"sigma_{QUANTITIES[name][0]}"
+            stated: Floats = getattr(plots, column, np.full(len(plots), np.nan))
+            # What is told in coarse steps cannot be compared.
+            is_exact = (plots.category == 0) & (stated > 0)
+            share = (stated / expected[k])[is_exact] ** 2
+            share = share[np.isfinite(share)]
+            self._sigmas[k] += len(share), share.sum(), share @ share
+
+    def _of_sigmas(self) -> Iterator[Check]:
+        """Whether plots state, on average, what they are to."""
+        for name, (n, total, squares) in zip(NAMES, self._sigmas.tolist(), strict=True):
+            if n < FEWEST_SIGMAS:
+                continue
+            mean = total / n
+            se = math.sqrt(max(squares / n - mean**2, ROUNDING) / n)
+            beyond = max(abs(mean - 1) - SAME_SIGMA, 0.0)
+            yield Check(
+                name=f"{name} sigma", expected=1.0, found=math.sqrt(mean), of=round(n),
+                sigma=se / (2 * math.sqrt(mean)), p=p_of_normal(beyond / se),
+            )  # fmt: skip
 
     def checks(self) -> list[Check]:
         """All that is expected, checked; with why what cannot be checked is not."""
@@ -223,7 +297,9 @@ class FeedTally:
         pd = self.looks.check()
         if self.why_not and self._plots:
             pd = Check(name="Pd", expected=math.nan, why_not=self.why_not)
-        return [*found, pd, *self._by_range(), self._clutter()]
+        if not pd.is_judged and self.why_not_pd and not self.why_not:
+            pd = replace(pd, why_not=f"not known here: {self.why_not_pd}")
+        return [*found, *self._of_sigmas(), pd, *self._by_range(), self._clutter()]
 
     def by_range(self) -> list[PdFigures]:
         """Looks of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
@@ -246,7 +322,7 @@ class FeedTally:
     def _clutter(self) -> Check:
         why = self.why_no_clutter or (self.why_not if self._plots else "")
         if not why and math.isnan(self.alarms):
-            why = "it is not known how many are expected"
+            why = self._why_no_alarms or "it is not known how many are expected"
         if why:
             return Check(
                 name="false alarms", unit="a scan", expected=math.nan, why_not=why, of=self.left
@@ -255,7 +331,7 @@ class FeedTally:
 
     # By the ledger.
 
-    def _take_told(self, feed: SensorFeed) -> None:
+    def _take_told(self, feed: SensorFeed, sigmas: Floats) -> None:
         looks, told = feed.looks, feed.told
         self.left += feed.false_alarms
         counted = looks.rows(looks.counts)
@@ -268,6 +344,13 @@ class FeedTally:
         self._is_compared = True
         self.joined += len(told.plots)
         plots = feed.plots.rows(told.is_target)
+        sector = feed.plot_sector[told.is_target]
+        own, row = _rows_in(
+            (sector, told.plots.target, np.maximum(plots.channel, 0)),
+            (looks.sector, looks.target, looks.channel),
+        )
+        alone = told.plots.drones[own] == 1
+        self._take_sigmas(plots.rows(own[alone]), sigmas[:, row[alone]])
         keys = feed.keys_of_sector[feed.plot_sector[told.is_target]]
         for which, category in {*zip(keys.tolist(), plots.category.tolist(), strict=True)}:
             is_of = (keys == which) & (plots.category == category)
@@ -312,10 +395,11 @@ class FeedTally:
 
     # By place.
 
-    def _take_by_place(self, feed: SensorFeed) -> None:
+    def _take_by_place(self, feed: SensorFeed, sigmas: Floats) -> None:
         if isinstance(feed.known.model if feed.known else None, ElectronicRadar):
             # What searches brings no plot by itself.
-            looks = feed.looks.rows(np.flatnonzero(feed.looks.channel != SEARCH))
+            kept = np.flatnonzero(feed.looks.channel != SEARCH)
+            looks, sigmas = feed.looks.rows(kept), sigmas[:, kept]
             feed = feed._replace(looks=looks.but(channel=np.zeros(len(looks), np.int64)))
         pairs, looks = compared_plots(feed), feed.looks
         if not pairs.columns:
@@ -341,6 +425,7 @@ class FeedTally:
         self.errors.add(_means(rows, group[look[whole]]), false_hits, gate)
         if _tells_sending(feed.plots):
             self._no_time = "its times are those of sending"
+        self._take_sigmas(feed.plots.rows(plot[whole]), sigmas[:, look[whole]])
         self._count_looks(feed, hit, judged & ~_of_any(group, ~looks.counts), found.false_per_look)
         left = np.setdiff1d(np.arange(len(feed.plots)), np.append(plot, plots_of_blurred))
         self.left += len(left)
@@ -351,6 +436,18 @@ class FeedTally:
             target=feed.looks.target, t_s=feed.looks.t_utc_ns / NS, pd=feed.looks.pd, hit=hit
         )
         self.looks.add(odds.rows(which), feed.looks.range_m[which], false)
+
+
+def _rows_in(keys: tuple[Ints, ...], among: tuple[Ints, ...]) -> tuple[Ints, Ints]:
+    """Which rows of some columns are among others, and the rows there; (m,) each."""
+    n = len(keys[0])
+    both = np.stack([np.concatenate(each) for each in zip(keys, among, strict=True)])
+    _, number = np.unique(both, axis=1, return_inverse=True)
+    number = number.reshape(-1)
+    row_of = np.full(number.max(initial=0) + 1, -1)
+    row_of[number[n:]] = np.arange(len(among[0]))
+    row = row_of[number[:n]]
+    return np.flatnonzero(row >= 0), row[row >= 0]
 
 
 def never(name: str, count: int, of: int) -> Check:
@@ -512,6 +609,7 @@ def _truth_of(looks: FeedLooks) -> tuple[TrueEchoes, TruePlots]:
         ),
         TruePlots(
             t_utc_ns=looks.t_utc_ns,
+            target=looks.target,
             drones=np.ones(n, np.int64),
             range_rate_m_s=np.full(n, np.nan),
         ),
@@ -675,16 +773,14 @@ def _true_states(looks: FeedLooks, target: Ints, t_utc_ns: Ints) -> tuple[Floats
     return place_m, velocity_m_s
 
 
-def simulated_feed(
-    scene: Scene, seen: SimulatedSensor, against: Against = "claimed", sectors: int = 0
-) -> SensorFeed:
-    """The feed of a simulated sensor, stamped by its own clock; links and formats are left out.
+def simulated_feed(scene: Scene, seen: SimulatedSensor, sectors: int = 0) -> SensorFeed:
+    """The feed of a simulated sensor beside its claims, stamped by its own clock.
 
-    `sectors` is of how many it is, empty ones too, where the simulation does not tell.
+    Links and formats are left out. `sectors` is of how many it is, empty ones too, where the
+    simulation does not tell.
     """
     keys, plots, looks = seen.sensor, seen.plots, seen.looks
-    asked = AskedSensor(keys, scene.scene.site, Chance(scene.scene.seed, keys.id), None)
-    expected = asked if against == "asked" else asked.claimed
+    asked = AskedSensor(scene, keys)
     per_scan = keys.scan.sectors
     numbers = np.unique(
         np.concatenate([each.scan * per_scan + each.sector for each in (plots, looks)])
@@ -696,26 +792,24 @@ def simulated_feed(
         category=np.zeros(len(plots), np.int64),
         **{name: np.ascontiguousarray(getattr(plots, name)) for name in _carried(plots)},
     )
-    left = asked.pd_left
+    emitted_ns = np.zeros(len(looks), np.int64)
+    if looks.emitted_utc_ns is not None:
+        emitted_ns = looks.emitted_utc_ns
+    columns = ("channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "pd", "detected")
     return SensorFeed(
         FeedLooks(
             sector=np.searchsorted(numbers, looks.scan * per_scan + looks.sector),
             target=looks.drone,
-            pd=np.minimum(looks.pd / left, 1.0) if left > 0 else np.zeros(len(looks)),
-            counts=np.full(len(looks), left > 0),
-            **{
-                name: getattr(looks, name)
-                for name in (
-                    *("channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg"),
-                    "detected",
-                )
-            },
+            counts=np.ones(len(looks), np.bool_),
+            emitted_utc_ns=emitted_ns,
+            **{name: getattr(looks, name) for name in columns},
         ),
         measured,
         np.searchsorted(numbers, plots.scan * per_scan + plots.sector),
         np.zeros(max(len(numbers), 1), np.int64),
-        [expected],
+        [asked.claimed],
         (sectors or len(seen.sectors)) / per_scan,
+        seen.drones,
     )
 
 

@@ -180,9 +180,13 @@ class TrueEchoes(Columns):
 
 @dataclass(frozen=True, kw_only=True)
 class TruePlots(Columns):
-    """Plots of drones as the ledger has them: how many drones are in each, and how fast one is."""
+    """Plots of drones as the ledger has them: the number of a drone in each, and how many are.
+
+    Of one drone, how fast it is.
+    """
 
     t_utc_ns: Ints
+    target: Ints
     drones: Ints
     range_rate_m_s: Floats
 
@@ -336,7 +340,7 @@ def _sigmas(
         snr_db = measured.snr_db
         if np.isnan(snr_db).all():
             snr_db = measured.amplitude_dbm - getattr(asked.model, "noise_dbm", np.nan)
-        by_ratio = asked.model.sigmas_at(10 ** (snr_db / 10), channel)
+        by_ratio = asked.stated_sigmas(10 ** (snr_db / 10), channel)
     found = {}
     for name in ("range_m", "bistatic_range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s"):
         column = f"sigma_{name}"

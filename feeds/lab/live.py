@@ -238,6 +238,7 @@ class LiveScore(Observer):
                 self._feeds[name] = _FeedSoFar(since_ns=0)
             elif feed.is_news:
                 seen, tally = feed.seen(session.sensors[name].sensor), FeedTally("claimed")
+                seen = replace(seen, drones=session.trajectories.names)
                 tally.take(simulated_feed(session.scene, seen, feed.sectors))
                 self._checked[name] = tally.checks()
 

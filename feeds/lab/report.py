@@ -57,6 +57,9 @@ def feed_lines(told: FeedReport) -> Iterator[str]:
     for sensor in told.sensors:
         if sensor.plots:
             yield f"  {printable(sensor.sensor)}: {_whence(sensor, verdicts)}"
+        if sensor.looks_unjudged:
+            looks = f"{sensor.looks_unjudged} looks whose Pd is not judged"
+            yield f"  {printable(sensor.sensor)}: {looks}: {sensor.why_not_pd}"
         if sensor.unjudged:
             yield f"  {printable(sensor.sensor)}: not judged: {sensor.unjudged}"
         if sensor.plots_of_others:
