@@ -402,7 +402,7 @@ class LookSums:
         if variance <= 0 and hits == round(total):
             return replace(blank, why_not="every look is certain, one way or the other")
         rho = _correlation(self._squares, self._after, round(n), self._pairs)
-        if rho:
+        if rho and variance > 0:
             variance *= (1 + rho) / (1 - rho)
             chance = p_of_normal((hits - total) / math.sqrt(variance))
         else:

@@ -48,6 +48,7 @@ from plotfeed.feeds.lab.links import (
 )
 from plotfeed.models.clutter import CLUTTER
 from plotfeed.models.residuals import Check
+from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Ints, Texts
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -253,8 +254,8 @@ class Gathering:
 
     @property
     def _why_no_clutter(self) -> str:
-        if self._against == "claimed" and self.of_others[CLUTTER]:
-            return "clutter that the scene has beside is not claimed"
+        if self._against == "claimed" and (self.of_others[CLUTTER] or self.of_others[SIDELOBE]):
+            return "clutter that the scene has beside, or side lobes bring, is not claimed"
         return ""
 
     def missed(self) -> int:

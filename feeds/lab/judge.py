@@ -18,7 +18,7 @@ import numpy as np
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.engine.simulation import SimulatedSensor
-from plotfeed.feeds.lab.asked import AskedSensor
+from plotfeed.feeds.lab.asked import RADARS, AskedSensor
 from plotfeed.feeds.lab.laws import (
     QUANTITIES,
     TIME_OF_SENDING,
@@ -253,20 +253,30 @@ class FeedTally:
             self.why_not_pd = self.why_not_pd or found.why_not
             for name in ("range", "azimuth", "elevation"):
                 sigma = getattr(found, f"sigma_{QUANTITIES[name][0]}") / expected.error_factor
-                of_name = "bistatic range" if expected.is_bistatic and name == "range" else name
-                sigmas[NAMES.index(of_name), rows] = np.where(found.known, sigma, np.nan)
+                sigmas[NAMES.index(name), rows] = np.where(found.known, sigma, np.nan)
         return feed._replace(looks=looks.but(pd=pd, counts=counts)), sigmas
 
-    def _take_sigmas(self, plots: MeasuredPlots, expected: Floats) -> None:
-        """Count what plots state of their errors over what they are to, (k, n)."""
-        for k, name in enumerate(NAMES):
-            column = f"sigma_{QUANTITIES[name][0]}"
-            stated: Floats = getattr(plots, column, np.full(len(plots), np.nan))
-            # What is told in coarse steps cannot be compared.
-            is_exact = (plots.category == 0) & (stated > 0)
-            share = (stated / expected[k])[is_exact] ** 2
-            share = share[np.isfinite(share)]
-            self._sigmas[k] += len(share), share.sum(), share @ share
+    def _take_sigmas(self, feed: SensorFeed, which: Ints, expected: Floats) -> None:
+        """Count what those plots state of their errors over what they are to, (k, m).
+
+        A radar's follow from the ratio that each tells; what is told in coarse steps is left out.
+        """
+        exact = feed.plots.category[which] == 0
+        which, expected = which[exact], expected[:, exact]
+        plots, keys = feed.plots.rows(which), feed.keys_of_sector[feed.plot_sector[which]]
+        for number in np.unique(keys).tolist():
+            sensor, rows = feed.expected[number], np.flatnonzero(keys == number)
+            if sensor is None or not sensor.model.errs_as_stated:
+                continue
+            of, by_ratio = plots.rows(rows), {}
+            if sensor.keys.type in RADARS:
+                by_ratio = sensor.stated_sigmas(10 ** (of.snr_db / 10), np.maximum(of.channel, 0))
+            for k, name in enumerate(NAMES):
+                column = f"sigma_{QUANTITIES[name][0]}"
+                stated: Floats = getattr(of, column, np.full(len(of), np.nan))
+                share = (stated / by_ratio.get(column, expected[k, rows])) ** 2
+                share = share[np.isfinite(share)]
+                self._sigmas[k] += len(share), share.sum(), share @ share
 
     def _of_sigmas(self) -> Iterator[Check]:
         """Whether plots state, on average, what they are to."""
@@ -350,7 +360,7 @@ class FeedTally:
             (looks.sector, looks.target, looks.channel),
         )
         alone = told.plots.drones[own] == 1
-        self._take_sigmas(plots.rows(own[alone]), sigmas[:, row[alone]])
+        self._take_sigmas(feed, np.flatnonzero(told.is_target)[own[alone]], sigmas[:, row[alone]])
         keys = feed.keys_of_sector[feed.plot_sector[told.is_target]]
         for which, category in {*zip(keys.tolist(), plots.category.tolist(), strict=True)}:
             is_of = (keys == which) & (plots.category == category)
@@ -425,7 +435,7 @@ class FeedTally:
         self.errors.add(_means(rows, group[look[whole]]), false_hits, gate)
         if _tells_sending(feed.plots):
             self._no_time = "its times are those of sending"
-        self._take_sigmas(feed.plots.rows(plot[whole]), sigmas[:, look[whole]])
+        self._take_sigmas(feed, plot[whole], sigmas[:, look[whole]])
         self._count_looks(feed, hit, judged & ~_of_any(group, ~looks.counts), found.false_per_look)
         left = np.setdiff1d(np.arange(len(feed.plots)), np.append(plot, plots_of_blurred))
         self.left += len(left)

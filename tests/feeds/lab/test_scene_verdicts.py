@@ -18,7 +18,6 @@ from plotfeed.feeds.lab.judge import FALSE_RATES, simulated_feed
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys
 from plotfeed.models.residuals import Check, wrong_at
-from plotfeed.models.sensors.electronic_radar import SEARCH
 
 FALSE_RATE = FALSE_RATES["claimed"]
 SEED, SECONDS = 1, 30.0
@@ -67,12 +66,13 @@ def test_right_feeds_of_every_scene_pass_live_and_recorded_and_planted_faults_ar
 def test_as_many_looks_are_hit_as_drones_were_plotted(name: str, sensor: str) -> None:
     made, seen = with_sensor(name, sensor)
     drones = int((seen.plots.drone >= 0).sum())
-    plottable = len(seen.looks)
-    if sensor == "north-gate":
-        plottable = int((seen.looks.channel != SEARCH).sum())
-    pd = checks_of(made, seen)["Pd"]
-    assert pd.of > 0.9 * plottable
-    assert pd.found == pytest.approx(drones / plottable, abs=0.02)
+    checks, plottable = checks_of(made, seen), len(seen.looks)
+    if sensor == "north-gate":  # where its beams pointed is not known, so Pd is not judged
+        assert "steered beam" in checks["Pd"].why_not
+        assert checks["azimuth spread"].of > 0.9 * drones
+        return
+    assert checks["Pd"].of > 0.9 * plottable
+    assert checks["Pd"].found == pytest.approx(drones / plottable, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_drones_whose_echoes_merge_are_not_judged_and_it_is_said_why() -> None:
 
     checks = judged(*drones)
     assert np.isnan(checks["Pd"].p)
-    assert "tells apart" in checks["Pd"].why_not
+    assert "merging" in checks["Pd"].why_not
     assert "tells apart" in checks["range"].why_not
     assert checks["false alarms"].p > 1e-4  # the merged plots are nobody's false alarms
     assert judged(*drones, alone)["Pd"].of == 40  # of the one that stands alone
