@@ -274,7 +274,8 @@ class FeedTally:
             for k, name in enumerate(NAMES):
                 column = f"sigma_{QUANTITIES[name][0]}"
                 stated: Floats = getattr(of, column, np.full(len(of), np.nan))
-                share = (stated / by_ratio.get(column, expected[k, rows])) ** 2
+                usual = np.full(len(of), np.nan) if by_ratio else expected[k, rows]
+                share = (stated / by_ratio.get(column, usual)) ** 2
                 share = share[np.isfinite(share)]
                 self._sigmas[k] += len(share), share.sum(), share @ share
 
