@@ -35,7 +35,6 @@ from plotfeed.feeds.lab.judge import (
     never,
 )
 from plotfeed.feeds.lab.laws import CELLS, TrueEchoes, TruePlots
-from plotfeed.proto.ledger import LedgerTables, ToldMessages, ToldPlots
 from plotfeed.feeds.lab.links import (
     CURVE,
     LinkFigures,
@@ -51,6 +50,7 @@ from plotfeed.models.residuals import Check
 from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Ints, Texts
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import LedgerTables, ToldMessages, ToldPlots
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import WHAT_LEFT, Damage, Stage
