@@ -45,7 +45,7 @@ DIPOLE_DB = 2.15
 ONE_WIDTH_DB = 40 * np.log10(2)
 STEADY = np.inf
 # Terms of the series of a fluctuating target, and what is left of it that counts.
-MOST_TERMS, LEAST = 20_000, 1e-11
+MOST_TERMS, LEAST, AT_ONCE = 20_000, 1e-11, 1024
 # Widths of resolution beyond which two targets make one plot less often than once in 4,000 times.
 APART = 3.5
 
@@ -195,6 +195,22 @@ def _or(stated: Any, usual: Any) -> Any:
     return usual if stated is None else stated
 
 
+def claims_of(sensor: Any, target_class: str) -> dict[str, tuple[float, float]]:
+    """What a classifier calls targets of a class: by claim, how often, and how surely it says so.
+
+    That is how often the claim would be right were all classes of its matrix as frequent. Nothing
+    where nothing is claimed.
+    """
+    keys: Any = getattr(sensor, "classifier", None)
+    row = None if keys is None else keys.confusion.get(target_class, keys.otherwise)
+    if row is None:
+        return {}
+    said = np.sum(list(keys.confusion.values()), axis=0)
+    right = [keys.confusion.get(c, np.zeros(len(said)))[k] for k, c in enumerate(keys.claims)]
+    sure = np.divide(right, said, out=np.zeros(len(said)), where=said > 0)
+    return dict(zip(keys.claims, zip(row, sure.tolist(), strict=True), strict=True))
+
+
 # Places on the Earth.
 
 
@@ -329,30 +345,30 @@ def fluctuating(
     if most > MOST_TERMS:
         return np.full(len(snr), np.nan), np.full(len(snr), np.nan)
     k = np.arange(int(most), dtype=np.float64)
-    weight = np.array([_weights(each, order, k) for each in mean]).reshape(len(mean), len(k))
     crosses = special.betainc(samples, looks + k, 1 / (1 + ratio))
     missed = special.betainc(looks + k, samples, ratio / (1 + ratio))
-    rest = np.maximum(1 - weight.sum(axis=1), 0.0)
-    rest[rest < LEAST] = 0.0
-    pd = np.where(rest > 0, 1 - weight @ missed, weight @ crosses)
     fewer = np.maximum(looks + k - 1, 1)
     inverse = special.betainc(samples, fewer, 1 / (1 + ratio)) / fewer
     unseen = special.betainc(fewer, samples, ratio / (1 + ratio)) / fewer
     if looks == 1:
         inverse[0] = pfa * unequal(np.zeros((1, 1)), pfa, samples)[1][0]
         unseen[0] = -inverse[0]
-    found = weight @ inverse
-    strong = rest > 0
-    if strong.any():
-        every = _mean_inverse(mean[strong], order, looks)
-        found[strong] = every - weight[strong] @ unseen
+    pd, found = np.empty((2, len(snr)))
+    for first in range(0, len(snr), AT_ONCE):
+        part = slice(first, first + AT_ONCE)
+        some = mean[part, None]
+        if order == STEADY:
+            log = special.xlogy(k, some) - some - special.gammaln(k + 1)
+        else:
+            log = special.gammaln(k + order) - special.gammaln(order) - special.gammaln(k + 1)
+            ends = some / (order + some)
+            log = log + order * np.log1p(-ends) + special.xlogy(k, ends)
+        weight = np.exp(log)
+        strong = 1 - weight.sum(axis=1) > LEAST
+        pd[part] = np.where(strong, 1 - weight @ missed, weight @ crosses)
+        every = _mean_inverse(some[:, 0], order, looks) if strong.any() else 0.0
+        found[part] = np.where(strong, every - weight @ unseen, weight @ inverse)
     return pd, found / pd
-
-
-def _weights(mean: float, order: float, k: Floats) -> Floats:
-    if order == STEADY:
-        return np.asarray(stats.poisson.pmf(k, mean))
-    return np.asarray(stats.nbinom.pmf(k, order, 1 / (1 + mean / order)))
 
 
 def _mean_inverse(mean: Floats, order: float, looks: int) -> Floats:
@@ -666,7 +682,10 @@ def _horizons(scene: Scene) -> list[_Horizon]:
     """Those of a recorded scene, about each place where its signals begin or end."""
     if scene.terrain is None or not scene.is_enclosed:
         return []
-    return _read_horizons(scene.file(HORIZONS))
+    try:
+        return _read_horizons(scene.file(HORIZONS))
+    except (ValueError, zlib.error):  # damaged
+        return []
 
 
 @lru_cache(maxsize=4)
@@ -839,7 +858,7 @@ def _noise_w(look: _Look, receiver_m: Floats, sent_m: Floats) -> Floats:
     """
     sensor: Any = look.sensor
     if not _is_passive(sensor):
-        return np.array([BOLTZMANN_J_K * ROOM_K * linear(sensor.noise_figure_db)])
+        return np.array([thermal_w_hz(sensor.noise_figure_db)])
     own = linear(sensor.line_loss_db + sensor.antenna_loss_db + sensor.receiver_noise_figure_db)
     heard_db = DIPOLE_DB + _gain_rx_db(sensor) + sensor.sidelobe_db + sensor.cancellation_db
     found = []
@@ -851,6 +870,19 @@ def _noise_w(look: _Look, receiver_m: Floats, sent_m: Floats) -> Floats:
         thermal_w = BOLTZMANN_J_K * ROOM_K * source.bandwidth_hz * (external + own)
         found.append(source.erp_w * linear(heard_db) * spread * way + thermal_w)
     return np.array(found)
+
+
+def thermal_w_hz(noise_figure_db: float) -> Floats:
+    """Density of a receiver's own noise (eq 5)."""
+    return BOLTZMANN_J_K * ROOM_K * linear(noise_figure_db)
+
+
+def radar_equation(
+    power_w: Any, gains_db: Any, wavelength_m: Any, rcs_m2: Any, ways_m2: Any
+) -> Floats:
+    """Power of echoes by the product of their ways; gains are less all losses (eqs 1, 17, 24)."""
+    spread = (4 * np.pi) ** 3 * np.square(ways_m2)
+    return np.asarray(power_w * linear(gains_db) * wavelength_m**2 * rcs_m2 / spread)
 
 
 def _echoes(look: _Look, receiver_m: Floats, sent_m: Floats) -> Floats:
@@ -872,10 +904,10 @@ def _echoes(look: _Look, receiver_m: Floats, sent_m: Floats) -> Floats:
         else:
             gain_db = sensor.gain_tx_dbi if source.gain_tx_dbi is None else source.gain_tx_dbi
             power_w = source.power_w * sensor.integration_s
-        gain = linear(gain_db + _gain_rx_db(sensor) - sensor.loss_db)
+        gain_db = gain_db + _gain_rx_db(sensor) - sensor.loss_db
         out_m, in_m = (np.maximum(length(m), NEAREST_M) for m in (back_m - start_m, back_m))
-        echo = power_w * gain * wavelength_m**2 * look.each("rcs_m2")
-        echo = echo / ((4 * np.pi) ** 3 * out_m**2 * in_m**2)
+        rcs_m2 = look.each("rcs_m2")
+        echo = radar_equation(power_w, gain_db, wavelength_m, rcs_m2, out_m * in_m)
         echo = echo * look.way(back_m, wavelength_m, 0.0, receiver_m)
         echo = echo * look.way(back_m, wavelength_m, start_m, receiver_m)
         found[:, k] = echo / np.resize(noise_w, k + 1)[k]
@@ -1004,10 +1036,10 @@ def _rain_over_noise(look: _Look, weather: Any, db_km: float) -> Floats:
     beams = np.radians(sensor.azimuth_beamwidth_deg) * np.radians(sensor.elevation_beamwidth_deg)
     range_m = np.maximum(look.range_m, NEAREST_M)
     volume_m3 = np.pi / (8 * np.log(2)) * range_m**2 * beams * sensor.range_resolution_m
-    gains = linear(sensor.gain_tx_dbi + _gain_rx_db(sensor) - sensor.loss_db)
-    of_unit = sensor.power_w * gains * wavelength_m**2 * sensor.integration_s
-    of_unit = of_unit / ((4 * np.pi) ** 3 * _noise_w(look, np.zeros(3), np.zeros((0, 3)))[0])
-    return np.asarray(of_unit / range_m**4 * eta * volume_m3 * linear(-2 * db_km * range_m / 1000))
+    gains_db = sensor.gain_tx_dbi + _gain_rx_db(sensor) - sensor.loss_db
+    power_w = sensor.power_w * sensor.integration_s * linear(-2 * db_km * range_m / 1000)
+    echo = radar_equation(power_w, gains_db, wavelength_m, eta * volume_m3, range_m**2)
+    return echo / thermal_w_hz(sensor.noise_figure_db)
 
 
 def _jammer_over(
@@ -1440,7 +1472,7 @@ def _emission_snr(look: _Look, frequency_hz: Floats, eirp_dbm: Floats) -> Floats
         drawn = np.minimum(chance, 1 - chance) > 1e-9
         look.doubt("whether houses hide a drone", drawn | bool(path.shadowing_db))
     heard_w = linear(eirp_dbm - 30 + sensor.gain_rx_dbi - sensor.loss_db - lost_db)
-    density_w_hz = BOLTZMANN_J_K * ROOM_K * linear(sensor.noise_figure_db)
+    density_w_hz: Any = thermal_w_hz(sensor.noise_figure_db)
     for jammer in sensor.jamming.values():
         far_m, at_hz = float(length(look.offset_m(jammer))), np.array([jammer.frequency_hz])
         over = _jammer_over(jammer, far_m, sensor.gain_rx_dbi, at_hz, np.ones(1))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.passive_equations import passive_snr
 
 from plotfeed.models import detection, propagation
 from plotfeed.models.propagation import C_M_S
@@ -32,27 +31,6 @@ def test_mimo_radar_of_three_transmitters():
     assert pd == pytest.approx([0.268, 0.739, 0.977], abs=5e-4)
     looks = np.repeat(snr[:, None], 3, axis=1)
     assert detection.pd_noncoherent_unequal(looks, PFA) == pytest.approx(pd, rel=1e-12)
-
-
-def test_passive_radar():
-    ranges = np.array([7e3, 5e3, 4e3, 3e3, 2e3])
-    snr = passive_snr(
-        erp_w=10e3,
-        gain_rx_dbi=2,
-        wavelength_m=C_M_S / 600e6,
-        rcs_m2=RCS_M2,
-        integration_s=0.3,
-        bandwidth_hz=7.61e6,
-        range_tx_m=np.hypot(20e3, ranges),
-        range_rx_m=ranges,
-        baseline_m=20e3,
-        loss_db=4,
-        external_noise_db=-4.45,
-        sidelobe_db=-22,
-        cancellation_db=-60,
-    )
-    pd = detection.pd_cfar_swerling1(snr, PFA, 16)
-    assert pd == pytest.approx([0.317, 0.560, 0.691, 0.813, 0.912], abs=5e-4)
 
 
 def test_microphone():

@@ -18,6 +18,7 @@ from scipy.special import exp1, gammaincc
 from support import mimo_equations
 from support.significance import assert_chance, assert_mean, assert_sum
 
+from plotfeed.feeds.lab import oracle
 from plotfeed.models import detection
 from plotfeed.models.numerics import unit_interval
 
@@ -60,6 +61,8 @@ def test_unequal_looks_agree_with_rational_arithmetic(snrs_db, n, pfa):
     n_samples = n * len(snrs)
     over = float(detection.threshold_noncoherent_cfar(pfa, len(snrs), n_samples))
     exact = mimo_equations.pd(snrs, over, n_samples)
+    of_oracle = oracle.of_unequal(1 + snrs[None], over, n_samples)
+    np.testing.assert_allclose(of_oracle, exact, rtol=1e-12)
     assert detection.pd_noncoherent_unequal_cfar(snrs, pfa, n_samples) == pytest.approx(
         exact, rel=1e-12, abs=0
     )
@@ -68,7 +71,7 @@ def test_unequal_looks_agree_with_rational_arithmetic(snrs_db, n, pfa):
 @pytest.mark.parametrize("snrs_db", [(15, 10, 5), (-100, 12, 20), (10, 10, 10.001, 3)])
 def test_unequal_looks_agree_with_an_integral_over_the_threshold(snrs_db):
     snrs, n_samples, pfa = linear(snrs_db), 16 * len(snrs_db), 1e-6
-    over = mimo_equations.multiplier(pfa, len(snrs), n_samples)
+    over = oracle.cfar_ratio(pfa, len(snrs), n_samples)
 
     def integrand(reference):
         tail = detection.pd_noncoherent_unequal(snrs, gammaincc(len(snrs), over * reference))
@@ -148,7 +151,7 @@ def test_draws_of_many_targets_are_each_their_own():
 @pytest.mark.parametrize(("snr", "n"), [(9.0, 1), (9.0, 16), (0.0, 2), (1e6, 16)])
 def test_mean_inverse_power_of_one_look_agrees_with_an_integral(snr, n):
     """Given a threshold y, the mean of 1/x over x > y is exp(y/m) E1(y/m)/m."""
-    over, mean = mimo_equations.multiplier(1e-6, 1, n), 1 + snr
+    over, mean = oracle.cfar_ratio(1e-6, 1, n), 1 + snr
 
     def integrand(log_reference):
         reference = np.exp(log_reference)

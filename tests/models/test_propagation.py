@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.given_files import reference
-from support.passive_equations import passive_snr, passive_target_power_w
 
 from plotfeed.models import propagation
 from plotfeed.models.frames import enu_to_aer, wrap_180
@@ -151,43 +150,32 @@ def test_range_from_bistatic_where_it_ends():
     assert propagation.range_from_bistatic(10.0, 0.0, 77.0) == pytest.approx(5)
 
 
-def passive_case(table):
-    return {
-        "erp_w": table["erp_w"],
-        "gain_rx_dbi": table["gr_dbi"],
-        "wavelength_m": C_M_S / 600e6,
-    }
-
-
 def test_passive_radar_agrees_with_the_reference():
     """The table leaves out 600 MHz and 0.01 m2."""
     table = reference("passive_snr.csv")
-    case = passive_case(table)
-    echo = {
-        "rcs_m2": 0.01,
-        "range_tx_m": table["r_tx_m"],
-        "range_rx_m": table["r_rx_m"],
-        "loss_db": table["loss_db"],
-    }
-    direct = {
-        "sidelobe_db": table["sidelobe_db"],
-        "cancellation_db": table["cancel_db"],
-        "baseline_m": table["baseline_m"],
-    }
-    target_w = passive_target_power_w(**case, **echo)
+    wavelength_m = C_M_S / 600e6
+    target_w = propagation.echo_power_w(
+        power_w=table["erp_w"],
+        gains_db=propagation.DIPOLE_GAIN_DBI + table["gr_dbi"] - table["loss_db"],
+        wavelength_m=wavelength_m,
+        rcs_m2=0.01,
+        range_tx_m=table["r_tx_m"],
+        range_rx_m=table["r_rx_m"],
+    )
     np.testing.assert_allclose(target_w, table["p_target_w"], rtol=1e-13)
-    direct_w = propagation.direct_signal_power_w(**case, **direct)
+    direct_w = propagation.direct_signal_power_w(
+        erp_w=table["erp_w"],
+        gain_rx_dbi=table["gr_dbi"],
+        wavelength_m=wavelength_m,
+        sidelobe_db=table["sidelobe_db"],
+        cancellation_db=table["cancel_db"],
+        baseline_m=table["baseline_m"],
+    )
     np.testing.assert_allclose(direct_w, table["p_direct_w"], rtol=1e-13)
     noise_w = propagation.passive_noise_power_w(table["bandwidth_hz"], table["fa_db"])
     np.testing.assert_allclose(noise_w, table["p_noise_w"], rtol=1e-13)
-    snr = passive_snr(
-        **case,
-        **echo,
-        **direct,
-        integration_s=table["t_int_s"],
-        bandwidth_hz=table["bandwidth_hz"],
-        external_noise_db=table["fa_db"],
-    )
+    time_bandwidth = table["t_int_s"] * table["bandwidth_hz"]
+    snr = propagation.correlated_snr(target_w, direct_w + noise_w, time_bandwidth)
     np.testing.assert_allclose(snr, table["snr"], rtol=1e-13)
 
 

@@ -24,6 +24,7 @@ from support.significance import (
     assert_uncorrelated,
 )
 
+from plotfeed.feeds.lab import oracle
 from plotfeed.models.frames import aer_to_enu
 
 TRANSMITTERS = [
@@ -108,8 +109,8 @@ def snrs() -> Array:
 @cache
 def expected_pd() -> Array:
     """Ring, drone."""
-    over = mimo_equations.multiplier(RADAR["pfa"], len(TRANSMITTERS), SAMPLES)
-    return np.array([[mimo_equations.pd(s, over, SAMPLES) for s in ring] for ring in snrs()])
+    each = snrs()
+    return oracle.unequal(each.reshape(-1, 3), RADAR["pfa"], SAMPLES)[0].reshape(each.shape[:2])
 
 
 @cache

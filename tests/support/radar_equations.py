@@ -1,7 +1,6 @@
-"""The active radar's equations, worked out from the numbers of a scene and apart from the models.
+"""The active radar by the keys of a scene: what the oracle has of it, and a detection's power.
 
-They follow the paper's section 3.1.1 in its right form: radar equation, Swerling 1, cell-averaging
-CFAR, and the law of a detection's power.
+That is the law of an echo that fluctuates and crossed a cell-averaging threshold.
 """
 
 from __future__ import annotations
@@ -9,38 +8,34 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammainc, gammaincc
 
-BOLTZMANN_J_K = 1.380649e-23
-LIGHT_M_S = 299_792_458.0
+from plotfeed.feeds.lab import oracle
+from plotfeed.feeds.lab.oracle import BOLTZMANN_J_K, LIGHT_M_S, Floats
 
-Floats = NDArray[np.float64]
-
-
-def linear(db: float) -> float:
-    return float(10 ** (db / 10))
+__all__ = ["BOLTZMANN_J_K", "LIGHT_M_S"]
 
 
 def mean_snr(sensor: dict[str, Any], range_m: ArrayLike, rcs_m2: ArrayLike = 0.01) -> Floats:
-    """Equation 1, with one range for both ways."""
-    wavelength_m = LIGHT_M_S / sensor["frequency_hz"]
-    gains = linear(sensor["gain_tx_dbi"] + sensor["gain_rx_dbi"] - sensor["loss_db"])
-    noise_w_hz = BOLTZMANN_J_K * 290.0 * linear(sensor["noise_figure_db"])
-    echo_w = sensor["power_w"] * gains * wavelength_m**2 * np.asarray(rcs_m2)
-    echo_w = echo_w / ((4 * np.pi) ** 3 * np.asarray(range_m) ** 4)
-    return np.asarray(echo_w * sensor["integration_s"] / noise_w_hz)
+    """Equation 1, with one range for both ways; no effect beside it counts."""
+    gains_db = sensor["gain_tx_dbi"] + sensor["gain_rx_dbi"] - sensor["loss_db"]
+    power_w = sensor["power_w"] * sensor["integration_s"]
+    law = power_w, gains_db, LIGHT_M_S / sensor["frequency_hz"], np.asarray(rcs_m2)
+    echo = oracle.radar_equation(*law, np.square(range_m))
+    return echo / oracle.thermal_w_hz(sensor["noise_figure_db"])
 
 
 def multiplier(sensor: dict[str, Any]) -> float:
     """Equation 7: of the sum of the reference cells."""
-    return float(sensor["pfa"] ** (-1 / sensor["n_reference"]) - 1)
+    return oracle.cfar_ratio(sensor["pfa"], 1, sensor["n_reference"])
 
 
 def pd(sensor: dict[str, Any], range_m: ArrayLike, rcs_m2: ArrayLike = 0.01) -> Floats:
     """Equation 6."""
-    snr = mean_snr(sensor, range_m, rcs_m2)
-    return np.asarray((1 + multiplier(sensor) / (1 + snr)) ** -sensor["n_reference"])
+    means = 1 + np.atleast_1d(mean_snr(sensor, range_m, rcs_m2))
+    found = oracle.of_unequal(means.reshape(-1, 1), multiplier(sensor), sensor["n_reference"])
+    return found.reshape(np.broadcast_shapes(np.shape(range_m), np.shape(rcs_m2)))
 
 
 def detected_power_cdf(sensor: dict[str, Any], power: ArrayLike, snr: ArrayLike) -> Floats:
