@@ -84,11 +84,9 @@ def read_dataflash(data: bytes, options: FlightOptions, log: Log) -> None:
         week, ms = _first(record, "GWk", "Week"), _first(record, "GMS", "TimeMS")
         log.take(
             where,
-            t_utc_ns=gps_to_utc_ns(int(week), int(ms)),
-            latitude_deg=record["Lat"],
-            longitude_deg=record["Lng"],
-            altitude_m=record["Alt"],
-            altitude_reference=reference,
+            gps_to_utc_ns(int(week), int(ms)),
+            (record["Lat"], record["Lng"]),
+            (record["Alt"], reference),
             velocity_enu_m_s=over_ground(record["Spd"], record["GCrs"], -record.get("VZ", math.nan))
             if {"Spd", "GCrs"} <= record.keys()
             else None,
@@ -208,23 +206,14 @@ def read_tlog(data: bytes, options: FlightOptions, log: Log) -> None:
         elif (message := decode(frame.octets)) is None:
             log.skip(where, "damaged: its checksum is wrong")
         else:
-            _take(where, frame.t_utc_ns, message, reference, log)
-
-
-def _take(where: str, t_utc_ns: int, message: Any, reference: AltitudeReference, log: Log) -> None:
-    if message.lat == 0 and message.lon == 0:
-        log.skip(where, "position 0, 0: no GPS fix")
-        return
-    log.take(
-        where,
-        t_utc_ns=t_utc_ns,
-        latitude_deg=message.lat * 1e-7,
-        longitude_deg=message.lon * 1e-7,
-        altitude_m=message.alt * 1e-3,
-        altitude_reference=reference,
-        # vx is north, vy east, vz down, cm/s
-        velocity_enu_m_s=(message.vy * 0.01, message.vx * 0.01, -message.vz * 0.01),
-    )
+            log.take(
+                where,
+                frame.t_utc_ns,
+                (message.lat * 1e-7, message.lon * 1e-7),
+                (message.alt * 1e-3, reference),
+                # vx is north, vy east, vz down, cm/s
+                velocity_enu_m_s=(message.vy * 0.01, message.vx * 0.01, -message.vz * 0.01),
+            )
 
 
 def mavlink_decoder() -> Decode:

@@ -30,20 +30,18 @@ def parse_time_ns(cell: str, utc_offset_h: float) -> int | None:
     Numbers may be seconds, ms, us or ns: which one, their size tells.
     """
     try:
-        return _epoch_ns(Decimal(cell.strip()))
+        since_1970 = Decimal(cell.strip())
     except InvalidOperation:
         pass
+    else:
+        if not since_1970.is_finite() or not _EARLIEST_EPOCH <= since_1970 < _LATEST_NS:
+            return None
+        unit_ns = next((unit for below, unit in _EPOCH_DIGITS if since_1970 < below), 1)
+        return round(since_1970 * unit_ns)
     try:
         return utc_ns(datetime.fromisoformat(cell.strip()), utc_offset_h)
     except (ValueError, OverflowError):
         return None
-
-
-def _epoch_ns(since_1970: Decimal) -> int | None:
-    if not since_1970.is_finite() or not _EARLIEST_EPOCH <= since_1970 < _LATEST_NS:
-        return None
-    unit_ns = next((unit for below, unit in _EPOCH_DIGITS if since_1970 < below), 1)
-    return round(since_1970 * unit_ns)
 
 
 def time_of_day_ns(cell: str) -> int | None:
@@ -104,24 +102,18 @@ def finer_times(
         if c is not None and e is not None
     ]
     if not both:
-        return _counted(coarse_ns, elapsed_ns, start_ns)
+        if start_ns is None or any(c is not None for c in coarse_ns):
+            return list(coarse_ns)
+        return [None if e is None else start_ns + e for e in elapsed_ns]
     if all(c % COARSE_NS for c, _ in both):  # the clock is fine enough by itself
         base_ns = round(median(c - e for c, e in both))
-        return [_either(c, e, base_ns) for c, e in zip(coarse_ns, elapsed_ns, strict=True)]
+        pairs = zip(coarse_ns, elapsed_ns, strict=True)
+        return [base_ns + e if c is None and e is not None else c for c, e in pairs]
     base_ns = _base_ns(both)
     agree = sum(-COARSE_NS // 10 <= base_ns + e - c < COARSE_NS * 11 // 10 for c, e in both)
     if agree >= AGREEING_SHARE * len(both):
         return [c if e is None else base_ns + e for c, e in zip(coarse_ns, elapsed_ns, strict=True)]
     return _parted(coarse_ns, elapsed_ns, base_ns)
-
-
-def _counted(
-    coarse_ns: Sequence[int | None], elapsed_ns: Sequence[int | None], start_ns: int | None
-) -> list[int | None]:
-    """The clock alone, or the count alone from its beginning."""
-    if start_ns is None or any(c is not None for c in coarse_ns):
-        return list(coarse_ns)
-    return [None if e is None else start_ns + e for e in elapsed_ns]
 
 
 def _base_ns(both: Sequence[tuple[int, int]]) -> int:
@@ -135,12 +127,6 @@ def _base_ns(both: Sequence[tuple[int, int]]) -> int:
         return both[0][0] - both[0][1]
     # A record comes up to an interval after the tick before it: the least late is nearest to it.
     return max(base for base, _ in ticks)
-
-
-def _either(coarse: int | None, elapsed: int | None, base_ns: int) -> int | None:
-    if coarse is not None or elapsed is None:
-        return coarse
-    return base_ns + elapsed
 
 
 def _parted(

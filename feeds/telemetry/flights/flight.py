@@ -85,9 +85,29 @@ class Log:
     stated: list[str] = field(default_factory=list)
     dropped: Counter[str] = field(default_factory=Counter)
 
-    def take(self, where: str, **values: Any) -> None:
-        """A record at `where`, with the fields of a report; skipped if a value is out of range."""
-        report = PositionReport(**values)
+    def take(
+        self,
+        where: str,
+        t_utc_ns: int,
+        place: tuple[float, float],
+        height: tuple[float, AltitudeReference],
+        **more: Any,
+    ) -> None:
+        """A record at `where`: latitude and longitude, altitude and above what, other fields.
+
+        Skipped if a value is out of range.
+        """
+        if not any(place):
+            self.skip(where, "position 0, 0: no GPS fix")
+            return
+        report = PositionReport(
+            t_utc_ns=t_utc_ns,
+            latitude_deg=place[0],
+            longitude_deg=place[1],
+            altitude_m=height[0],
+            altitude_reference=height[1],
+            **more,
+        )
         try:
             check(report)
         except Refused as refused:
@@ -97,7 +117,9 @@ class Log:
 
     def skip(self, where: str, why: str) -> None:
         """A record at `where` that is not taken."""
-        self.dropped[_kind_of(why)] += 1
+        # By the reason without its numbers and quotations, in a few words.
+        plain = re.sub(r"'[^']*'|-?\d+(\.\d+)?(e[+-]?\d+)?", "…", why)
+        self.dropped[" ".join(re.split(r"[;(]", plain)[0].split())[:60] or "unknown"] += 1
         if len(self.skipped) < MAX_SKIPPED:
             self.skipped.append(" ".join(f"{where}: {why}".split()))
         else:
@@ -153,12 +175,6 @@ class Log:
         return [self.found[i] for i in kept]
 
 
-def _kind_of(why: str) -> str:
-    """The reason without its numbers and quotations, in a few words."""
-    plain = re.sub(r"'[^']*'|-?\d+(\.\d+)?(e[+-]?\d+)?", "…", why)
-    return " ".join(re.split(r"[;(]", plain)[0].split())[:60] or "unknown"
-
-
 @dataclass(frozen=True, slots=True)
 class Courses:
     """What of reports was flown: all but `refused`, each with why it was not.
@@ -180,7 +196,8 @@ def courses(reports: Sequence[PositionReport], max_speed_m_s: float = MAX_SPEED_
     row, as long as most are right. A chain that lasts and lies wholly before or after it is flown
     too, from a new start; one that lies beside it is another source.
     """
-    where_m = _ecef_m(reports)
+    columns = np.array([(r.latitude_deg, r.longitude_deg, r.altitude_m) for r in reports])
+    where_m = geodetic_to_ecef(*columns.reshape(-1, 3).T).tolist()
 
     def follows(chain: list[int], i: int) -> bool:
         last = reports[chain[-1]]
@@ -214,12 +231,6 @@ def courses(reports: Sequence[PositionReport], max_speed_m_s: float = MAX_SPEED_
         i: _why(reports, where_m, taken, i) for i in set(range(len(reports))).difference(taken)
     }
     return Courses(refused, tuple(sorted(chain[0] for chain in flown))[1:], second)
-
-
-def _ecef_m(reports: Sequence[PositionReport]) -> list[list[float]]:
-    columns = np.array([(r.latitude_deg, r.longitude_deg, r.altitude_m) for r in reports])
-    positions_m: list[list[float]] = geodetic_to_ecef(*columns.reshape(-1, 3).T).tolist()
-    return positions_m
 
 
 def _why(

@@ -23,22 +23,16 @@ def read_gpx(text: str, options: FlightOptions, log: Log) -> None:
         reference = AltitudeReference.MEAN_SEA_LEVEL
         log.assume("elevations are above mean sea level (--altitude-reference)")
     for number, point in enumerate(_points(text, log), start=1):
-        where, elevation, above = f"track point {number}", point.elevation, reference
-        if elevation is None and options.stated_height is not None:
-            elevation, above = options.stated_height
+        where, height = f"track point {number}", options.stated_height
+        if point.elevation is not None:
+            height = point.elevation, reference
         if point.time is None:
             log.skip(where, "no time")
-        elif elevation is None:
+        elif height is None:
             log.skip(where, "no elevation")
         else:
-            log.take(
-                where,
-                t_utc_ns=utc_ns(point.time, options.utc_offset_h),
-                latitude_deg=point.latitude,
-                longitude_deg=point.longitude,
-                altitude_m=elevation,
-                altitude_reference=above,
-            )
+            t_utc_ns = utc_ns(point.time, options.utc_offset_h)
+            log.take(where, t_utc_ns, (point.latitude, point.longitude), height)
 
 
 def _points(text: str, log: Log) -> Iterator[Any]:
@@ -161,14 +155,7 @@ def _take_point(  # noqa: PLR0917
     log.state(f"height in metres, {REFERENCE_WORDS[reference]}: altitudeMode {mode or 'none'}")
     if mode == "relativeToGround" and options.altitude_reference is None:
         log.assume("heights above the ground are taken as above take-off (--altitude-reference)")
-    log.take(
-        where,
-        t_utc_ns=t_utc_ns,
-        latitude_deg=latitude_deg,
-        longitude_deg=longitude_deg,
-        altitude_m=altitude_m,
-        altitude_reference=reference,
-    )
+    log.take(where, t_utc_ns, (latitude_deg, longitude_deg), (altitude_m, reference))
 
 
 def _local(element: Any) -> str:

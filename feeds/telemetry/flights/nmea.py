@@ -43,18 +43,12 @@ def read_nmea(text: str, options: FlightOptions, log: Log) -> None:
             log.skip(where, "no time or position that can be read")
         else:
             about_ns = nearest_utc_ns(since_ns, about_ns)
-            altitude_m = _number(fields[8])
-            if altitude_m is None:
+            try:
+                altitude_m = float(fields[8])
+            except ValueError:
                 log.skip(where, "no altitude")
-                continue
-            log.take(
-                where,
-                t_utc_ns=about_ns,
-                latitude_deg=place[0],
-                longitude_deg=place[1],
-                altitude_m=altitude_m,
-                altitude_reference=reference,
-            )
+            else:
+                log.take(where, about_ns, place, (altitude_m, reference))
 
 
 def _sentences(text: str, log: Log) -> list[tuple[int, str, list[str]]]:
@@ -116,10 +110,3 @@ def _place(fields: list[str]) -> tuple[float, float] | None:
         angle = int(found[1]) + float(found[2]) / 60
         angles.append(-angle if side in "SW" else angle)
     return angles[0], angles[1]
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None

@@ -74,19 +74,10 @@ def read_srt(text: str, options: FlightOptions, log: Log) -> None:
             log.skip(where, "no time that can be read")
         elif position is None:
             log.skip(where, "no GPS position that can be read")
-        elif position == (0.0, 0.0):
-            log.skip(where, "position 0, 0: no GPS fix")
-        elif height_m is None:
+        elif any(position) and height_m is None:
             log.skip(where, f"no {heights.name}, which other blocks have")
         else:
-            log.take(
-                where,
-                t_utc_ns=t_utc_ns,
-                latitude_deg=position[0],
-                longitude_deg=position[1],
-                altitude_m=height_m,
-                altitude_reference=heights.reference,
-            )
+            log.take(where, t_utc_ns, position, (height_m or 0.0, heights.reference))
 
 
 def _blocks(text: str) -> Iterator[_Block]:

@@ -451,17 +451,12 @@ def _take(
         if math.isnan(values[quantity]):
             log.skip(where, f"{quantity} is missing or no number")
             return
-    if values["latitude_deg"] == 0 and values["longitude_deg"] == 0:
-        log.skip(where, "position 0, 0: no GPS fix")
-        return
     velocity = tuple(values.get(q, math.nan) for q in _VELOCITY)
     log.take(
         where,
-        t_utc_ns=t_utc_ns,
-        latitude_deg=values["latitude_deg"],
-        longitude_deg=values["longitude_deg"],
-        altitude_m=values["altitude_m"],
-        altitude_reference=reference,
+        t_utc_ns,
+        (values["latitude_deg"], values["longitude_deg"]),
+        (values["altitude_m"], reference),
         velocity_enu_m_s=None if all(map(math.isnan, velocity)) else velocity,
         **{q: values[q] for q in _ACCURACIES if q in values and not math.isnan(values[q])},
     )

@@ -48,16 +48,12 @@ def read_ulog(data: bytes, options: FlightOptions, log: Log) -> None:
         where = f"{name} {i + 1}"
         if t_us < fixed_us or (fix is not None and fix[i] < FIX_3D):
             log.skip(where, "no three-dimensional fix yet")
-        elif latitude[i] == 0 and longitude[i] == 0:
-            log.skip(where, "position 0, 0: no GPS fix")
         else:
             log.take(
                 where,
-                t_utc_ns=t_us * US_NS + offset_ns,
-                latitude_deg=float(latitude[i]),
-                longitude_deg=float(longitude[i]),
-                altitude_m=float(altitude[i]),
-                altitude_reference=reference,
+                t_us * US_NS + offset_ns,
+                (float(latitude[i]), float(longitude[i])),
+                (float(altitude[i]), reference),
                 velocity_enu_m_s=None if velocity is None else tuple(map(float, velocity[i])),
                 **{
                     key: float(column[i])

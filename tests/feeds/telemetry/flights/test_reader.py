@@ -84,8 +84,7 @@ def test_an_offset_that_no_zone_has_is_refused(tmp_path: Path) -> None:
 
 def test_the_list_of_what_was_skipped_is_bounded() -> None:
     log = Log()
-    values = {"latitude_deg": 1.0, "longitude_deg": 1.0, "altitude_m": 1.0}
-    log.take("line 1", t_utc_ns=1, altitude_reference=SEA, **values)
+    log.take("line 1", 1, (1.0, 1.0), (1.0, SEA))
     for i in range(MAX_SKIPPED + 5):
         log.skip(f"line {i}", "bad")
     flight = log.flight("a")
