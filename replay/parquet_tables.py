@@ -28,19 +28,6 @@ MOST_NS = (1 << 63) - 1
 Row = dict[str, Any]
 
 
-_OF_SECTOR = {"sensor": TEXT, "scan": WHOLE, "sector": WHOLE}
-_GEOMETRY = dict.fromkeys(("range_m", "azimuth_deg", "elevation_deg"), REAL)
-
-
-_TRACK_REALS = (
-    *("latitude_deg", "longitude_deg", "height_m"),
-    *("velocity_east_m_s", "velocity_north_m_s", "climb_m_s", "age_s"),
-    *("sigma_east_m", "sigma_north_m", "sigma_up_m"),
-    *("sigma_velocity_east_m_s", "sigma_velocity_north_m_s", "sigma_climb_m_s"),
-)
-_TRACK_FLAGS = ("coasted", "first", "last")
-
-
 _KINDS = {"f": REAL, "i": WHOLE, "O": TEXT}
 _PLOT_FIELDS = {
     **dict.fromkeys(COLUMNS, REAL),
@@ -49,39 +36,42 @@ _PLOT_FIELDS = {
     "topic": TEXT,
     "log_time_utc": TIME,
 }
+_LIST = pa.list_(TEXT)
+_TYPES = {int: WHOLE, float: REAL, str: TEXT, bool: TRUTH}
+
+
+def _columns(message: Any, names: str, **others: pa.DataType) -> Mapping[str, pa.DataType]:
+    """Columns that are called as fields of a message are, times without `_ns`; and others."""
+    fields = message.DESCRIPTOR.fields_by_name
+    found = {"sensor": TEXT, "scan": WHOLE, "sector": WHOLE}
+    for name in names.split():
+        is_time = name.endswith("_utc")
+        kind = TIME if is_time else others.get(name) or _TYPES[type(fields[name].default_value)]
+        found[name] = kind
+    return found
+
+
 # Columns of each table, in their order.
 FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
     **dict.fromkeys(PLOT_TABLES, _PLOT_FIELDS),
-    TableName.TRUTHS: {
-        **_OF_SECTOR,
-        "plot": WHOLE,
-        "drone": TEXT,
-        "time_utc": TIME,
-        **_GEOMETRY,
-        "range_rate_m_s": REAL,
-        "merged_drones": pa.list_(TEXT),
-    },
-    TableName.LOOKS: {
-        **_OF_SECTOR,
-        "drone": TEXT,
-        "time_utc": TIME,
-        "emitted_utc": TIME,
-        **_GEOMETRY,
-        "snr_db": REAL,
-        "pd": REAL,
-        "detected": TRUTH,
-        "channel": WHOLE,
-    },
-    TableName.TRACKS: {
-        **_OF_SECTOR,
-        "kind": TEXT,
-        "id": TEXT,
-        "number": WHOLE,
-        "time_utc": TIME,
-        **dict.fromkeys(_TRACK_REALS, REAL),
-        **dict.fromkeys(_TRACK_FLAGS, TRUTH),
-        "log_time_utc": TIME,
-    },
+    TableName.TRUTHS: _columns(
+        pb.PlotTruth,
+        "plot drone time_utc range_m azimuth_deg elevation_deg range_rate_m_s merged_drones",
+        plot=WHOLE,
+        merged_drones=_LIST,
+    ),
+    TableName.LOOKS: _columns(
+        pb.Look,
+        "drone time_utc emitted_utc range_m azimuth_deg elevation_deg snr_db pd detected channel",
+    ),
+    TableName.TRACKS: _columns(
+        pb.Track,
+        "kind id number time_utc latitude_deg longitude_deg height_m velocity_east_m_s "
+        "velocity_north_m_s climb_m_s age_s sigma_east_m sigma_north_m sigma_up_m "
+        "sigma_velocity_east_m_s sigma_velocity_north_m_s sigma_climb_m_s coasted first last "
+        "log_time_utc",
+        kind=TEXT,
+    ),
     TableName.MESSAGES: {
         "log_time_utc": TIME,
         "publish_time_utc": TIME,
@@ -93,19 +83,12 @@ FIELDS: Mapping[TableName, Mapping[str, pa.DataType]] = {
         "octets": WHOLE,
         "payload": pa.binary(),
     },
-    TableName.FATES: {
-        **_OF_SECTOR,
-        "topic": TEXT,
-        "fate": TEXT,
-        "due_utc": TIME,
-        "link_due_utc": TIME,
-        "sent_utc": TIME,
-        "octets": WHOLE,
-        "number": WHOLE,
-        "copy": WHOLE,
-        "flipped_bit": WHOLE,
-        "not_to": pa.list_(TEXT),
-    },
+    TableName.FATES: _columns(
+        pb.Sent,
+        "topic fate due_utc link_due_utc sent_utc octets number copy flipped_bit not_to",
+        fate=TEXT,
+        not_to=_LIST,
+    ),
 }
 
 
@@ -174,79 +157,40 @@ def _rows_in(
     kinds: Container[str],
     topic_end: str,
     read: Callable[[bytes], Iterable[M]],
-    rows_of: Callable[[M, Row], Iterable[Row]],
+    table: TableName,
+    told: Callable[[M], Iterable[tuple[Any, Row]]],
 ) -> Callable[[Recorded], Iterable[Row] | None]:
-    """Rows of what messages of those kinds say, by the sector that they say it of."""
+    """Rows of what messages of those kinds hold, each with what its fields do not say of it."""
 
     def rows(message: Recorded) -> Iterable[Row] | None:
         said = message_type(message.content_type)
         if said not in kinds and (said or not message.topic.endswith(topic_end)):
             return None
+        found: list[Row] = []
         try:
-            return [
-                row
-                for found in read(message.payload)
-                for row in rows_of(
-                    found, {"sensor": found.sensor, "scan": found.scan, "sector": found.sector}
-                )
-            ]
+            for of in read(message.payload):
+                sector = {"sensor": of.sensor, "scan": of.scan, "sector": of.sector}
+                sector["log_time_utc"] = _ns(message.log_time_ns)
+                found += [_row(each, table, sector | more) for each, more in told(of)]
         except Exception:  # noqa: BLE001 - of protobuf's own, in each of its implementations
             return None
+        return found
 
     return rows
 
 
-def _fields(message: Any, names: Iterable[str]) -> Row:
-    """Fields by name, those that are absent left out."""
-    told = {field.name for field in message.DESCRIPTOR.fields if field.has_presence}
-    return {n: getattr(message, n) for n in names if n not in told or message.HasField(n)}
-
-
-def _look_rows(ledger: pb.Ledger, of: Row) -> Iterable[Row]:
-    names = ("drone", *_GEOMETRY, "snr_db", "pd", "detected", "channel")
-    for look in ledger.looks:
-        times = {"time_utc": _ns(look.time_utc_ns), "emitted_utc": _ns(look.emitted_utc_ns)}
-        yield of | times | _fields(look, names)
-
-
-def _truth_rows(ledger: pb.Ledger, of: Row) -> Iterable[Row]:
-    names = (*_GEOMETRY, "range_rate_m_s")
-    for number, plot in enumerate(ledger.plots):
-        row = of | {"plot": number, "drone": plot.drone or None, "time_utc": _ns(plot.time_utc_ns)}
-        yield row | _fields(plot, names) | {"merged_drones": list(plot.merged_drones)}
-
-
-def _fate_rows(ledger: pb.Ledger, of: Row) -> Iterable[Row]:
-    names = ("topic", "octets", "number", "copy", "flipped_bit")
-    for sent in ledger.messages:
-        times = {
-            "due_utc": _ns(sent.due_utc_ns),
-            "link_due_utc": _ns(sent.link_due_utc_ns),
-            "sent_utc": _ns(sent.sent_utc_ns),
-        }
-        fate = {"fate": pb.Fate.Name(sent.fate), "not_to": list(sent.not_to)}
-        yield of | times | fate | _fields(sent, names)
-
-
-def _track_rows(message: Recorded) -> Iterable[Row] | None:
-    rows = _TRACKS_IN(message)
-    log_time = {"log_time_utc": _ns(message.log_time_ns)}
-    return None if rows is None else [row | log_time for row in rows]
-
-
-def _rows_of_batch(batch: pb.TrackBatch, of: Row) -> Iterable[Row]:
-    names = ("id", "number", *_TRACK_REALS, *_TRACK_FLAGS)
-    kind = {"kind": pb.TrackKind.Name(batch.kind).lower()}
-    for track in batch.tracks:
-        yield of | kind | {"time_utc": _ns(track.time_utc_ns)} | _fields(track, names)
-
-
-def _batch_in(payload: bytes) -> list[pb.TrackBatch]:
-    return [pb.TrackBatch.FromString(payload)]
-
-
-_TRACKS_IN = _rows_in((TRACK_BATCH,), "/tracks", _batch_in, _rows_of_batch)
-_OF_LEDGER = partial(_rows_in, (LEDGER, LEDGER_BATCH), "/truth", entries_in)
+def _row(message: Any, table: TableName, row: Row) -> Row:
+    """The row with the fields that columns are called after; those that are absent left out."""
+    may_lack = {field.name for field in message.DESCRIPTOR.fields if field.has_presence}
+    for name, kind in FIELDS[table].items():
+        if name in row:
+            continue
+        if kind is TIME:
+            row[name] = _ns(getattr(message, f"{name}_ns"))
+        elif name not in may_lack or message.HasField(name):
+            value = getattr(message, name)
+            row[name] = list(value) if kind is _LIST else value
+    return row
 
 
 def _message_rows(message: Recorded) -> Iterable[Row]:
@@ -265,10 +209,23 @@ def _message_rows(message: Recorded) -> Iterable[Row]:
     ]
 
 
+_OF_LEDGER = partial(_rows_in, (LEDGER, LEDGER_BATCH), "/truth", entries_in)
 _ROWS_OF: Mapping[TableName, Callable[[Recorded], Iterable[Row] | None]] = {
-    TableName.TRUTHS: _OF_LEDGER(_truth_rows),
-    TableName.LOOKS: _OF_LEDGER(_look_rows),
-    TableName.TRACKS: _track_rows,
+    TableName.TRUTHS: _OF_LEDGER(
+        TableName.TRUTHS,
+        lambda said: [(p, {"plot": n, "drone": p.drone or None}) for n, p in enumerate(said.plots)],
+    ),
+    TableName.LOOKS: _OF_LEDGER(TableName.LOOKS, lambda said: [(each, {}) for each in said.looks]),
+    TableName.TRACKS: _rows_in(
+        (TRACK_BATCH,),
+        "/tracks",
+        lambda payload: [pb.TrackBatch.FromString(payload)],
+        TableName.TRACKS,
+        lambda said: [(t, {"kind": pb.TrackKind.Name(said.kind).lower()}) for t in said.tracks],
+    ),
     TableName.MESSAGES: _message_rows,
-    TableName.FATES: _OF_LEDGER(_fate_rows),
+    TableName.FATES: _OF_LEDGER(
+        TableName.FATES,
+        lambda said: [(sent, {"fate": pb.Fate.Name(sent.fate)}) for sent in said.messages],
+    ),
 }

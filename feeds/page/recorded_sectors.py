@@ -31,7 +31,7 @@ from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, TruthState
 from plotfeed.models.truth import fit_velocity
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import (
     LedgerTables,
     ToldLooks,
@@ -40,9 +40,7 @@ from plotfeed.proto.ledger import (
     tables_of,
 )
 from plotfeed.proto.measured_plots import MeasuredPlots
-from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.proto.utc import DAY_NS, NS
-from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.plots_csv import plots_in
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
@@ -124,16 +122,6 @@ def _ratio(decibels: Floats) -> Floats:
     return ratio
 
 
-def measured_in(message: Recorded) -> MeasuredPlots:
-    """The plots in a message; none if it cannot be read."""
-    try:
-        is_batch = message.topic.endswith("/plots")
-        found = plots_in_batch(message.payload) if is_batch else plots_in(message)
-    except DecodeError:
-        found = None
-    return NO_PLOTS if found is None else found
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSession:
     """What there is to know of a recording before its messages are read one by one."""
@@ -164,8 +152,9 @@ class RecordedSession:
     def _of(cls, path: Path, log: McapReader) -> Self:
         summary = log.summary()
         scene = recorded_scene(path, log)
-        series = summary.counts.keys()
-        if summary.start_ns is None or summary.end_ns is None or not any(map(_is_sent, series)):
+        series, takes = summary.counts.keys(), Selection().takes
+        are_sent = any(takes(s.topic, s.content_type, s.stage) for s in series)
+        if summary.start_ns is None or summary.end_ns is None or not are_sent:
             raise PlotfeedError("expected messages that sensors sent; it holds none")
         if summary.end_ns > LATEST_UTC_NS:
             raise PlotfeedError("expected times before the year 2262")
@@ -191,10 +180,6 @@ class RecordedSession:
             settings=settings,
             notes=tuple(_notes(scene, carriers, len(log.damage), has_ledger=has_ledger)),
         )
-
-
-def _is_sent(series: ChannelKey) -> bool:
-    return Selection().takes(series.topic, series.content_type, series.stage)
 
 
 def _carriers(scene: Scene, topics: set[str]) -> dict[str, str]:
@@ -264,12 +249,10 @@ class RecordedSectors:
         self.read_ns, self._next = t_ns, message
         if self._recording.ledger is None:
             return [self._alone(each) for each in carried]
-        for found in sector_plots(carried, self._whose):
+        carriers = self._recording.carriers
+        for found in sector_plots(carried, lambda m: (self._prefix, carriers[m.topic])):
             self._waiting.add(found)
         return list(self._sectors(ledgers))
-
-    def _whose(self, message: Recorded) -> tuple[str, str]:
-        return self._prefix, self._recording.carriers[message.topic]
 
     def _sectors(self, ledgers: Sequence[Recorded]) -> Iterator[RecordedSector]:
         """Entries of the ledger with their plots; those of other times are passed over."""
@@ -301,7 +284,7 @@ class RecordedSectors:
 
     def _alone(self, message: Recorded) -> RecordedSector:
         """Plots as they were delivered, and nothing besides."""
-        measured, due_ns = measured_in(message), message.publish_time_ns
+        measured, due_ns = plots_in(message) or NO_PLOTS, message.publish_time_ns
         times_ns = [due_ns if t_ns is None else t_ns for t_ns in measured.t_utc_ns]
         sent = pb.Sent(
             topic=message.topic,

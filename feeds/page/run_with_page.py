@@ -270,10 +270,16 @@ async def run_with_page(
     view = View()
     switch = SessionSwitch(scene, view, Path.cwd())
     observer = PageObserver(view, switch)
-    server = PageServer(
-        address, view, observer, lambda: _shown_utc_ns(switch, observer), tokens=tokens
-    )
-    stopping = asyncio.create_task(_pass_on(stop, switch.ending), name="page-stop")
+
+    def shown_utc_ns() -> int:
+        return observer.now_utc_ns() if switch.replaying is None else switch.replaying.now_utc_ns
+
+    async def pass_on() -> None:
+        await stop.wait()
+        switch.ending.set()
+
+    server = PageServer(address, view, observer, shown_utc_ns, tokens=tokens)
+    stopping = asyncio.create_task(pass_on(), name="page-stop")
     totals = SessionCounters()
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
@@ -328,15 +334,6 @@ async def _replay(
     basemap = _basemap_of(switch.scene) if recording.scene.text == switch.scene.text else None
     async with tracks_of(recording.scene, view, brokers, time.time_ns, shown_ns):
         await switch.replay(recording, brokers[0], basemap)
-
-
-def _shown_utc_ns(switch: SessionSwitch, observer: PageObserver) -> int:
-    return observer.now_utc_ns() if switch.replaying is None else switch.replaying.now_utc_ns
-
-
-async def _pass_on(stop: asyncio.Event, ending: asyncio.Event) -> None:
-    await stop.wait()
-    ending.set()
 
 
 def _basemap_of(scene: Scene) -> Basemap | None:

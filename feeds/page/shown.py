@@ -66,7 +66,8 @@ class Drones:
         if more > 0:
             self._seen_utc_ns = np.concatenate([self._seen_utc_ns, np.zeros(more, np.int64)])
             self._enu = np.concatenate([self._enu, np.zeros((more, 5))])
-        classes = {} if target_class is None else _no_drones(target_class[: len(names)])
+        told = np.zeros(0, np.object_) if target_class is None else target_class[: len(names)]
+        classes = {str(i): str(told[i]) for i in np.flatnonzero(told != DRONE).tolist()}
         if classes != self.classes:
             self.classes, self.changed = classes, True
         self._now_ns = now_utc_ns
@@ -93,11 +94,6 @@ class Drones:
         return section(
             SectionKind.DRONES, {"drone": shown, "gone_ms": gone_ns[shown] / 1e6, **columns}
         )
-
-
-def _no_drones(target_class: Texts) -> dict[str, str]:
-    others = np.flatnonzero(target_class != DRONE).tolist()
-    return {str(number): str(target_class[number]) for number in others}
 
 
 # Plots and tracks that came longer ago are seen no more, however slowly a page lets them fade.
@@ -149,9 +145,14 @@ class PlotStore:
         public = b"".join(public for public, _ in self._new)
         truth = b"".join(truth for _, truth in self._new)
         if self._new:
-            self._keep(_Kept(now_utc_ns, self._rows_new, public, truth))
+            self._kept.append(_Kept(now_utc_ns, self._rows_new, public, truth))
+            self._rows_kept += self._rows_new
         self._new, self._rows_new = [], 0
-        self._forget_before(now_utc_ns - KEPT_NS)
+        while self._kept and (
+            (self._rows_kept > MAX_KEPT and len(self._kept) > 1)
+            or self._kept[0].at_utc_ns < now_utc_ns - KEPT_NS
+        ):
+            self._rows_kept -= self._kept.popleft().rows
         return public, truth
 
     def _work_out(self) -> None:
@@ -198,16 +199,6 @@ class PlotStore:
             "true_north_m": true_north_m,
             "merged": np.concatenate([_merged(p) for p in all_plots]),
         }
-
-    def _keep(self, kept: _Kept) -> None:
-        self._kept.append(kept)
-        self._rows_kept += kept.rows
-        while self._rows_kept > MAX_KEPT and len(self._kept) > 1:
-            self._rows_kept -= self._kept.popleft().rows
-
-    def _forget_before(self, t_utc_ns: int) -> None:
-        while self._kept and self._kept[0].at_utc_ns < t_utc_ns:
-            self._rows_kept -= self._kept.popleft().rows
 
 
 _TAKEN = (

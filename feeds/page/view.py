@@ -260,7 +260,11 @@ class View:
     def update(self, now_utc_ns: int, monotonic_s: float) -> Update:
         """What has changed since the last one."""
         self._number += 1
-        self._count_losses(now_utc_ns)
+        # Losses count when they would have been heard of, had they been deliveries.
+        while self._losses and self._losses[0].told_utc_ns <= now_utc_ns:
+            loss = heappop(self._losses)
+            self._rates.lost()
+            self._links[loss.sensor].lost(loss.number, loss.due_utc_ns, by_chain=loss.by_chain)
         seconds = self._rates.over(monotonic_s, now_utc_ns)
         if seconds:
             self._tell("totals", self._totals)
@@ -309,13 +313,6 @@ class View:
         self._totals = {}
         self._score = self._new_score = {}
         self._is_new = True
-
-    def _count_losses(self, now_utc_ns: int) -> None:
-        """Count the losses that would have been heard of by now, had they been deliveries."""
-        while self._losses and self._losses[0].told_utc_ns <= now_utc_ns:
-            loss = heappop(self._losses)
-            self._rates.lost()
-            self._links[loss.sensor].lost(loss.number, loss.due_utc_ns, by_chain=loss.by_chain)
 
     def _tell(self, key: str, value: Any) -> None:
         self._news[key] = value

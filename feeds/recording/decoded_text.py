@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 from google.protobuf import json_format
@@ -102,7 +103,9 @@ def message_lines(
     kind = kind_of(topic, content_type or "", payload)
     try:
         if verbose and kind == ASTERIX:
-            told = _asterix_trees(payload, categories)
+            records, errors = decode_lenient(payload, categories)
+            trees = (record_tree(record, categories) for record in records)
+            told: Iterator[Any] = chain(trees, map(str, errors))
         elif verbose and kind != SAPIENT_MESSAGE:
             told = _indented(kind, payload)
         else:
@@ -143,12 +146,6 @@ def _asterix(payload: bytes, categories: Categories, *, as_json: bool) -> Iterat
             yield record_line(record, categories)
     for error in errors:
         yield {"error": str(error)} if as_json else error
-
-
-def _asterix_trees(payload: bytes, categories: Categories) -> Iterator[str]:
-    records, errors = decode_lenient(payload, categories)
-    yield from (record_tree(record, categories) for record in records)
-    yield from map(str, errors)
 
 
 def _indented(kind: str, payload: bytes) -> Iterator[str]:

@@ -9,6 +9,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from hashlib import blake2b
+from itertools import repeat
 from operator import attrgetter
 from pathlib import Path
 
@@ -120,13 +121,16 @@ def _merged(
     A message that two files hold comes once, at the earlier time. One that a file holds twice, as
     of a link that doubles, comes twice, however many other files hold it so.
     """
-    numbered = (_numbered(log, n) for n, log in enumerate(logs))
+    numbered = (zip(log.messages(), repeat(n)) for n, log in enumerate(logs))
     seen: OrderedDict[bytes, tuple[int, dict[int, int]]] = OrderedDict()
     for path in sources:
         counts.of[str(path)] = 0
     for message, n in heapq.merge(*numbered, key=lambda each: _log_time(each[0])):
         counts.of[str(sources[n])] += 1
-        key = _identity(message)
+        # What makes messages the same, whenever they were recorded.
+        said = (message.topic, str(message.stage), message.content_type, *message.properties)
+        octets = repr(said).encode() + b"\n" + message.payload
+        key = blake2b(octets, digest_size=16).digest()
         written, of_file = seen.get(key, (0, {}))
         of_file[n] = of_file.get(n, 0) + 1
         if of_file[n] <= written:
@@ -138,16 +142,6 @@ def _merged(
         seen.move_to_end(key)
         if len(seen) > MAX_REMEMBERED:
             seen.popitem(last=False)
-
-
-def _numbered(log: McapReader, n: int) -> Iterator[tuple[Recorded, int]]:
-    return ((message, n) for message in log.messages())
-
-
-def _identity(message: Recorded) -> bytes:
-    """What makes messages the same, whenever they were recorded."""
-    said = (message.topic, str(message.stage), message.content_type, *message.properties)
-    return blake2b(repr(said).encode() + b"\n" + message.payload, digest_size=16).digest()
 
 
 def _print(sources: Sequence[Path], target: Path, counts: MergeCounts) -> None:

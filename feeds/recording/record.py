@@ -73,7 +73,7 @@ class UdpSource:
         self._topic = _topic(endpoint.address, endpoint.port)
         self._is_any = endpoint.address.is_unspecified
         self._socket: socket.socket | None = None
-        self._receive: Callable[[Recorded], None] = _forget
+        self._receive: Callable[[Recorded], object] = lambda _: None
         self._lost: int | None = None
         self._latest_ns = 0
         self._settled_s = 0.0
@@ -181,10 +181,6 @@ def _place(address: object, port: int) -> str:
 
 def _topic(address: object, port: int) -> str:
     return f"{UDP_TOPIC}{_place(address, port)}"
-
-
-def _forget(_recorded: Recorded) -> None:
-    """What a source that is not open does with datagrams."""
 
 
 CONNECT_S = 5.0

@@ -198,20 +198,20 @@ def _table(summary: Summary) -> Iterator[str]:
     for (topic, stage, kind), series in sorted(summary.series.items()):
         rate = f"{series.messages / summary.duration_s:.1f}" if summary.duration_s else ""
         named = (printable(topic), *([str(stage)] if staged else []), printable(kind))
-        counts = (str(series.messages), rate, _records(series), str(series.octets))
+        # A question mark where nothing tells where they end, nothing where it has none.
+        records = "?" if series.records is None else str(series.records or "")
+        counts = (str(series.messages), rate, records, str(series.octets))
         rows.append((*named, *counts))
     yield from (f"  {line}" for line in aligned(rows, f"{'<<<' if staged else '<<'}>>>>"))
-
-
-def _records(series: SeriesSummary) -> str:
-    """How many, a question mark where nothing tells where they end, nothing where it has none."""
-    return "?" if series.records is None else str(series.records or "")
 
 
 def figures(path: Path, recording: Recording, summary: Summary) -> dict[str, Any]:
     """What a file holds, as JSON."""
     dated = recording.has_dates
-    time = partial(_time_or_none, dated=dated)
+
+    def time(t_utc_ns: int | None) -> str | None:
+        return None if t_utc_ns is None else shown_time(t_utc_ns, dated=dated)
+
     return {
         "file": str(path),
         "format": str(recording.format),
@@ -258,10 +258,6 @@ def shown_time(t_utc_ns: int, *, dated: bool) -> str:
     return text if dated else text.partition("T")[2]
 
 
-def _time_or_none(t_utc_ns: int | None, *, dated: bool) -> str | None:
-    return None if t_utc_ns is None else shown_time(t_utc_ns, dated=dated)
-
-
 # What raw ASTERIX does not need is imported where it is needed: it takes longer than reading.
 
 LINES_AT_ONCE = 64
@@ -288,12 +284,11 @@ def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> 
     from plotfeed.feeds.recording.record import LIVE, show_live, source_of  # and what sends
 
     live = source_of(source, access, settings.interface, "plotfeed-show", f"a file, {LIVE}")
-    lines_of = partial(_chosen_lines, settings=settings)
+
+    def lines_of(message: Recorded) -> Iterator[str]:
+        return _content_lines(message, settings) if settings.chooses(message) else iter(())
+
     return show_live(live, lines_of, count=settings.count, duration_s=settings.duration)
-
-
-def _chosen_lines(message: Recorded, settings: ShowSettings) -> Iterator[str]:
-    return _content_lines(message, settings) if settings.chooses(message) else iter(())
 
 
 def show_file(path: Path, settings: ShowSettings) -> int:

@@ -63,13 +63,14 @@ class ReplayReader:
 
     def batch(self) -> list[ReplayItem]:
         """The next messages; there may be none in a batch, and more in the next."""
-        messages = self._opened()
         start_ns, end_ns = self._part()
+        if self._messages is None:
+            self._messages = self._source.messages(start_ns, end_ns)
         offset_ns = 0 if self.laps is None else self._lap * self.laps.period_ns
         lap, is_taken, takes = self._lap, self._is_taken, self._settings.selection.takes
         items: list[ReplayItem] = []
         looked = octets = 0
-        for recorded in islice(messages, BATCH):
+        for recorded in islice(self._messages, BATCH):
             looked += 1
             octets += len(recorded.payload)
             stage = recorded.stage
@@ -88,11 +89,6 @@ class ReplayReader:
         if looked < BATCH and octets <= BATCH_OCTETS:
             self._end_lap()
         return items
-
-    def _opened(self) -> Iterator[Recorded]:
-        if self._messages is None:
-            self._messages = self._source.messages(*self._part())
-        return self._messages
 
     def _part(self) -> tuple[int | None, int | None]:
         """Start and end of this lap as recorded times."""

@@ -80,7 +80,11 @@ class Restamper:
         if kind == JSON:
             return retime_json
         if kind == SAPIENT_MESSAGE:
-            return _sapient_mover()
+            try:
+                from plotfeed.proto.sapient.decode_sapient import retime_sapient
+            except ImportError:  # the extra is not installed
+                return None
+            return retime_sapient
         ours = OUR_MESSAGES.get(kind)
         if ours is None:
             return None
@@ -91,12 +95,3 @@ class Restamper:
         for what in done.left:
             self._leave(what)
         return done.octets
-
-
-def _sapient_mover() -> Mover | None:
-    """None where the extra is not installed."""
-    try:
-        from plotfeed.proto.sapient.decode_sapient import retime_sapient
-    except ImportError:
-        return None
-    return retime_sapient

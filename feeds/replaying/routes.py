@@ -189,7 +189,8 @@ class Routes:
             outbox.end()
 
     def _found(self, recorded: Recorded) -> Route:
-        topic = self._renamed(recorded.topic)
+        found = (rule.apply(recorded.topic) for rule in self._settings.topics)
+        topic = next((new for new in found if new is not None), recorded.topic)
         message = Message(
             topic=topic, payload=b"", content_type=recorded.content_type, due_utc_ns=0
         )
@@ -201,10 +202,6 @@ class Routes:
         if over is None and len(self._transports) == 1 and isinstance(first, ReplayUdp):
             return Route(topic, None, datagram=first.send)
         return Route(topic, over)
-
-    def _renamed(self, topic: str) -> str:
-        found = (rule.apply(topic) for rule in self._settings.topics)
-        return next((new for new in found if new is not None), topic)
 
     def _link_of(self, topic: str) -> tuple[Uplink, Outbox] | None:
         link = self._link(topic)

@@ -348,7 +348,11 @@ class Admission:
         """Take a report as the drone's latest; whether it starts anew there. Raises `Refused`."""
         t_utc_ns, course = row.t_utc_ns, self._known.get(drone)
         if course is None:
-            self._check_name(drone)
+            good = 0 < len(drone) <= MAX_DRONE_NAME and drone.isprintable()
+            if not good or NAME_SEPARATORS.intersection(drone):
+                shown = ascii(drone[: MAX_DRONE_NAME + 1])
+                expected = f"1 to {MAX_DRONE_NAME} printable characters without / + #"
+                raise Refused(Reason.NAME, f"drone name {shown}; expected {expected}")
             self._check_now(t_utc_ns, now_utc_ns)
             self._check_late(now_utc_ns - t_utc_ns)
             self._known.begin(drone, self._gate.first(row), now_utc_ns)
@@ -359,20 +363,18 @@ class Admission:
             or not self._surely_taken_ns <= t_utc_ns - now_utc_ns <= self._max_ahead_ns
         ):
             self._check_now(t_utc_ns, now_utc_ns)
-            if t_utc_ns <= last_utc_ns:
-                self._check_order(drone, t_utc_ns, last_utc_ns)
+            if t_utc_ns == last_utc_ns:
+                detail = f"drone {drone!r} has reported for this time before"
+                raise Refused(Reason.DUPLICATE, detail)
+            if t_utc_ns < last_utc_ns:
+                behind_s = (last_utc_ns - t_utc_ns) / NS
+                detail = f"time_utc is {behind_s:.3f} s before the last report of drone {drone!r}"
+                raise Refused(Reason.BACKWARDS, detail)
             self._check_late(now_utc_ns - t_utc_ns)
         starts = self._gate.take(course, row)
         if course.is_single:
             self._known.establish(drone, course)
         return starts
-
-    def _check_name(self, drone: str) -> None:
-        shown = ascii(drone[: MAX_DRONE_NAME + 1])
-        good = 0 < len(drone) <= MAX_DRONE_NAME and drone.isprintable()
-        if not good or NAME_SEPARATORS.intersection(drone):
-            expected = f"1 to {MAX_DRONE_NAME} printable characters without / + #"
-            raise Refused(Reason.NAME, f"drone name {shown}; expected {expected}")
 
     def _check_now(self, t_utc_ns: int, now_utc_ns: int) -> None:
         ahead_ns = t_utc_ns - now_utc_ns
@@ -384,13 +386,6 @@ class Admission:
             limit_s = self._max_age_ns / NS
             detail = f"time_utc is {-ahead_ns / NS:.3f} s old; at most {limit_s:g} s"
             raise Refused(Reason.STALE, detail)
-
-    def _check_order(self, drone: str, t_utc_ns: int, last_utc_ns: int) -> None:
-        if t_utc_ns == last_utc_ns:
-            raise Refused(Reason.DUPLICATE, f"drone {drone!r} has reported for this time before")
-        behind_s = (last_utc_ns - t_utc_ns) / NS
-        detail = f"time_utc is {behind_s:.3f} s before the last report of drone {drone!r}"
-        raise Refused(Reason.BACKWARDS, detail)
 
     def _check_late(self, age_ns: int) -> None:
         if self._max_late_ns is not None and age_ns > self._max_late_ns:

@@ -98,7 +98,9 @@ class QueuedTransport:
                     await self.send(one.message)
                 except SendError as error:
                     tries, failures = tries + 1, failures + 1
-                    self._tell_of(error)
+                    if not self._fails:
+                        self._fails = True
+                        log.warning("%s fails: %s; others get what is theirs", self.name, error)
                     gives_up = self._retries is not None and tries > self._retries
                     if error.is_final or gives_up:
                         self._settle(one, delivered=False)
@@ -125,8 +127,3 @@ class QueuedTransport:
             one.settle(delivered=delivered, to=self.name)
         if not self._queue:
             self._filled.clear()
-
-    def _tell_of(self, error: SendError) -> None:
-        if not self._fails:
-            self._fails = True
-            log.warning("%s fails: %s; others get what is theirs", self.name, error)

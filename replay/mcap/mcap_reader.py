@@ -696,7 +696,10 @@ class McapReader(RecordingReader):
                 continue
             key = channel.number << 32 | sequence
             if channel.holds_properties:
-                properties[key] = self._properties(offset, data[payload_at:at])
+                try:
+                    properties[key] = properties_of_json(data[payload_at:at])
+                except DecodeError as error:
+                    self.damage.add(offset, str(error))
                 continue
             if len(found) == MAX_MESSAGES:
                 self.damage.add(offset, f"a chunk: {MAX_MESSAGES} of its messages are read")
@@ -719,13 +722,6 @@ class McapReader(RecordingReader):
         if at > octets or at + HEAD.size > octets > at:
             self.damage.add(offset, "in a chunk: a record that does not end")
         return found
-
-    def _properties(self, offset: int, data: bytes) -> Properties:
-        try:
-            return properties_of_json(data)
-        except DecodeError as error:
-            self.damage.add(offset, str(error))
-            return ()
 
 
 class _Wanted(NamedTuple):

@@ -25,6 +25,7 @@ US_NS = 1000
 # 2001: a receiver that has no time yet says 0, or the beginning of its own.
 EARLIEST_UTC_US = 10**15
 
+OLD_PLACE, PLACE = ("lat", "lon", "alt"), ("latitude_deg", "longitude_deg", "altitude_msl_m")
 Rows = dict[str, Any]  # Columns of a topic, by name; arrays (n,)
 
 
@@ -78,7 +79,7 @@ def _topics(data: bytes, log: Log) -> dict[str, Rows]:
     topics: dict[str, Rows] = {}
     for each in found.data_list:
         rows = each.data
-        has_place = {"timestamp"} <= rows.keys() and _has_place(rows)
+        has_place = any({"timestamp", *names} <= rows.keys() for names in (OLD_PLACE, PLACE))
         if has_place and len(rows["timestamp"]) and each.name not in topics:
             topics[each.name] = rows
     return topics
@@ -109,16 +110,11 @@ def _wanted_messages(data: bytes, log: Log) -> bytes:
     return b"".join(parts)
 
 
-def _has_place(rows: Rows) -> bool:
-    old, new = {"lat", "lon", "alt"}, {"latitude_deg", "longitude_deg", "altitude_msl_m"}
-    return old <= rows.keys() or new <= rows.keys()
-
-
 def _positions(rows: Rows) -> tuple[Floats, Floats, Floats]:
     """Latitude, longitude and altitude; of old receivers' topics in 1e-7 degrees and mm."""
     if "latitude_deg" in rows:
         return rows["latitude_deg"], rows["longitude_deg"], rows["altitude_msl_m"]
-    latitude, longitude, altitude = rows["lat"], rows["lon"], rows["alt"]
+    latitude, longitude, altitude = (rows[name] for name in OLD_PLACE)
     if np.issubdtype(latitude.dtype, np.integer):
         return latitude * 1e-7, longitude * 1e-7, altitude * 1e-3
     return latitude, longitude, altitude

@@ -134,7 +134,7 @@ class SendQueue:
         if self._max_age_s is None:
             return
         before_s = self._now_s() - self._max_age_s
-        while self._order and self._first().since_s < before_s:
+        while self._order and next(iter(self._order.values())).first().outgoing.since_s < before_s:
             self._drop(self._drop_first())
 
     def give_up(self) -> None:
@@ -153,9 +153,6 @@ class SendQueue:
                 any_size_alone=True,
             )
         return queue
-
-    def _first(self) -> Outgoing:
-        return next(iter(self._order.values())).first().outgoing
 
     def _drop_first(self) -> Outgoing:
         return self._take_out(next(iter(self._order))).outgoing
