@@ -10,6 +10,7 @@ from typing import BinaryIO, NamedTuple
 
 CHUNK_OCTETS = 1 << 18
 LATEST_NS = (1 << 64) - 1  # In the year 2554; all that MCAP can hold
+SUFFIX, SCENE_NAME = ".mcap", "scene.toml"  # Of a session's record, and of the scene within it
 UDP_TOPIC = "udp/"  # How topics of datagrams begin: udp/ADDRESS/PORT of where they went
 
 

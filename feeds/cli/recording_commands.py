@@ -111,6 +111,6 @@ def merge(sources: tuple[Path, ...], target: Path, **options: Any) -> int:
     They are those of workers that each served some sensors of one scene. What two of them hold is
     in OUT once.
     """
-    from plotfeed.feeds.recording.merge import merge_recordings
+    from plotfeed.feeds.recording.convert import merge_recordings
 
     return merge_recordings(sources, target, **options)

@@ -73,7 +73,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
     serves_page, note = _page(settings)
     again: SessionRecord | None = None
     if settings.telemetry:
-        from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
+        from plotfeed.feeds.recording.recorder import RecordedTelemetry, SessionRecord
 
         again = SessionRecord.open(settings.telemetry)
         if not again.has_ticks:
@@ -167,7 +167,7 @@ def is_record(path: Path) -> bool:
 def run_again(path: Path, settings: RunSettings) -> int:
     """Run the record of a session again, with the scene that it holds; the exit code."""
     with own_folder() as folder:
-        from plotfeed.feeds.recording.session_again import SessionRecord
+        from plotfeed.feeds.recording.recorder import SessionRecord
 
         scene = SessionRecord.open(path).scene(folder)
         elsewhere = list(sent_elsewhere(scene, settings))

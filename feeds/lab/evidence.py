@@ -14,8 +14,7 @@ import numpy as np
 from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab.asked import AskedByTime, RecordedSettings
-from plotfeed.feeds.recording.recorder import SCENE_NAME
-from plotfeed.feeds.recording.session_again import SessionRecord, recorded_scene
+from plotfeed.feeds.recording.recorder import SessionRecord, recorded_scene
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.clutter import CLUTTER
 from plotfeed.models.sidelobe_echoes import SIDELOBE
@@ -28,7 +27,7 @@ from plotfeed.proto.plot_messages import batch_in, plots_of_batches
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.plots_csv import plots_in
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.recorded import SCENE_NAME, Recorded, Stage
 
 NO_PLOTS = MeasuredPlots.of(())
 TRUTH = "/truth"

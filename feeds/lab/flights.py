@@ -13,8 +13,7 @@ import numpy as np
 
 from plotfeed.feeds.lab.evidence import Evidence
 from plotfeed.feeds.lab.track_reports import TABLES, UNKNOWN_NS, is_table_of_tracks, read_tracks
-from plotfeed.feeds.recording.recorder import SCENE_NAME
-from plotfeed.feeds.recording.session_again import recorded_scene
+from plotfeed.feeds.recording.recorder import recorded_scene
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX
@@ -27,7 +26,7 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import LedgerTables, ToldLooks
 from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.recorded import WHAT_LEFT
+from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT
 
 DESCRIPTION = "/description"
 LEAST_GAP_S = 6.0

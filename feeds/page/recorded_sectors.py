@@ -22,7 +22,7 @@ from plotfeed.feeds.lab.evidence import (
     plot_topics,
     sector_plots,
 )
-from plotfeed.feeds.recording.session_again import recorded_scene
+from plotfeed.feeds.recording.recorder import recorded_scene
 from plotfeed.feeds.replaying.replay_settings import Selection
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene

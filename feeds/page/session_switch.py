@@ -19,6 +19,7 @@ from plotfeed.feeds.scene.scene import Scene, example, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.replay.recorded import SUFFIX
 
 if TYPE_CHECKING:
     from plotfeed.feeds.page.page_replay import PageReplay
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 # Recordings and replays are loaded once there is one.
 
-SUFFIX = ".mcap"  # Of recordings
 TELL_EVERY_S = 0.5
 
 

@@ -1,17 +1,25 @@
-"""Recordings from one format to another: what can be read and held, with a word on all else."""
+"""Recordings made of others: from one format to another, or of several of one session.
+
+What cannot be read or held is told in a word; what two recordings of a session hold is there once.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import heapq
 import json
 import re
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
 from datetime import UTC
 from functools import partial
+from hashlib import blake2b
+from itertools import repeat
+from operator import attrgetter
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from plotfeed.feeds.console.printed import say, say_damage
 from plotfeed.feeds.console.process import made_of
@@ -31,12 +39,18 @@ from plotfeed.replay.files import (
 )
 from plotfeed.replay.recorded import (
     PLOT_TABLES,
+    SCENE_NAME,
+    SUFFIX,
     WHAT_LEFT,
+    Attachment,
     Recorded,
     RecordingWriter,
     Stage,
     TableName,
 )
+
+if TYPE_CHECKING:
+    from plotfeed.replay.mcap.mcap_reader import McapReader
 
 TABLES = (FileFormat.CSV, FileFormat.PARQUET)
 MAX_REASONS = 100
@@ -247,5 +261,160 @@ def _print_json(
         "left_out": dict(counts.left_out),
         "notes": counts.notes,
         "damage": [asdict(each) for each in recording.reader.damage],
+    }
+    say(json.dumps(found))
+
+
+# Messages that are looked for in other files; the oldest are then forgotten.
+MAX_REMEMBERED = 1_000_000
+_log_time = attrgetter("log_time_ns")
+
+
+@dataclass(slots=True)
+class MergeCounts:
+    """What became of the messages."""
+
+    messages: int = 0  # That are in the new file
+    octets: int = 0  # Of their payload
+    of: dict[str, int] = field(default_factory=dict)  # Read, by file
+    twice: int = 0  # Left out, as another file had them
+    # That no such file can hold, by the reason why.
+    refused: Counter[str] = field(default_factory=Counter)
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+
+def merge_recordings(
+    sources: Sequence[Path], target: Path, *, force: bool = False, as_json: bool = False
+) -> int:
+    """Write `target` with what is in all `sources`, MCAP of one session; the exit code.
+
+    Raises `PlotfeedError` where they are of different scenes, and `OSError`.
+    """
+    if len(sources) < 2:
+        raise PlotfeedError("expected two recordings or more, and the file to be written")
+    if len({path.resolve() for path in sources}) < len(sources):
+        raise PlotfeedError("a recording is there twice")
+    if target.suffix != SUFFIX:
+        raise PlotfeedError(f"{target}: expected a name that ends in {SUFFIX}")
+    counts = MergeCounts()
+    with contextlib.ExitStack() as files:
+        logs = [files.enter_context(_opened(path)) for path in sources]
+        attachments = _attachments(sources, logs)
+        file, keep = files.enter_context(made_of(sources, target, force=force))
+        writer = writer_to(file, FileFormat.MCAP)
+        for attachment in attachments:
+            writer.attach(attachment)
+        every = with_progress(
+            _merged(sources, logs, counts),
+            target.name,
+            lambda: sum(log.at for log in logs),
+            sum(path.stat().st_size for path in sources),
+        )
+        for message in every:
+            why = writer.write(message)
+            if why is not None:
+                counts.refused[why] += 1
+                continue
+            counts.messages += 1
+            counts.octets += len(message.payload)
+            counts.last_ns = message.log_time_ns
+            counts.first_ns = counts.last_ns if counts.first_ns is None else counts.first_ns
+        writer.close()
+        keep(True)
+        for path, log in zip(sources, logs, strict=True):
+            say_damage(path, log.damage, all_in="; --json has all")
+        if as_json:
+            _say_json(sources, logs, target, counts)
+        else:
+            _say(sources, target, counts)
+    return 0
+
+
+def _opened(path: Path) -> McapReader:
+    from plotfeed.replay.mcap.mcap_reader import McapReader  # which other formats do not need
+
+    try:
+        return McapReader(path)
+    except PlotfeedError as error:
+        raise PlotfeedError(f"{path}: {error}") from None
+
+
+def _attachments(sources: Sequence[Path], logs: Sequence[McapReader]) -> list[Attachment]:
+    """What all have with them, the scene first, each once; raises `PlotfeedError`."""
+    found: dict[str, tuple[Path, Attachment]] = {}
+    for path, log in zip(sources, logs, strict=True):
+        if log.attachment(SCENE_NAME) is None:
+            raise PlotfeedError(f"{path}: holds no scene: expected the record of a session")
+        for name in dict.fromkeys([SCENE_NAME, *(entry.name for entry in log.attachments())]):
+            attachment = log.attachment(name)
+            if attachment is None:
+                continue
+            first, known = found.setdefault(name, (path, attachment))
+            if known.data != attachment.data:
+                what = "scene" if name == SCENE_NAME else ascii(name)
+                raise PlotfeedError(f"{path}: holds another {what} than {first}: not one session")
+    return [attachment for _, attachment in found.values()]
+
+
+def _merged(
+    sources: Sequence[Path], logs: Iterable[McapReader], counts: MergeCounts
+) -> Iterator[Recorded]:
+    """Messages of all by log time, and where times are the same by file.
+
+    A message that two files hold comes once, at the earlier time. One that a file holds twice, as
+    of a link that doubles, comes twice, however many other files hold it so.
+    """
+    numbered = (zip(log.messages(), repeat(n)) for n, log in enumerate(logs))
+    seen: OrderedDict[bytes, tuple[int, dict[int, int]]] = OrderedDict()
+    for path in sources:
+        counts.of[str(path)] = 0
+    for message, n in heapq.merge(*numbered, key=lambda each: _log_time(each[0])):
+        counts.of[str(sources[n])] += 1
+        # What makes messages the same, whenever they were recorded.
+        said = (message.topic, str(message.stage), message.content_type, *message.properties)
+        octets = repr(said).encode() + b"\n" + message.payload
+        key = blake2b(octets, digest_size=16).digest()
+        written, of_file = seen.get(key, (0, {}))
+        of_file[n] = of_file.get(n, 0) + 1
+        if of_file[n] <= written:
+            counts.twice += 1
+        else:
+            written += 1
+            yield message
+        seen[key] = written, of_file
+        seen.move_to_end(key)
+        if len(seen) > MAX_REMEMBERED:
+            seen.popitem(last=False)
+
+
+def _say(sources: Sequence[Path], target: Path, counts: MergeCounts) -> None:
+    say(
+        f"{target}: {counts.messages} messages of {len(sources)} recordings, {counts.octets} octets"
+    )
+    for path, number in counts.of.items():
+        say(f"  {number} of {path}")
+    if counts.twice:
+        say(f"  left out {counts.twice} messages that another recording has")
+    for why, number in counts.refused.items():
+        say(f"  left out {number} messages: {why}")
+
+
+def _say_json(
+    sources: Sequence[Path], logs: Sequence[McapReader], target: Path, counts: MergeCounts
+) -> None:
+    found = {
+        "target": str(target),
+        "messages": counts.messages,
+        "octets": counts.octets,
+        "of": counts.of,
+        "twice": counts.twice,
+        "left_out": dict(counts.refused),
+        "first_utc": None if counts.first_ns is None else iso_utc(counts.first_ns),
+        "last_utc": None if counts.last_ns is None else iso_utc(counts.last_ns),
+        "damage": {
+            str(path): [asdict(each) for each in log.damage]
+            for path, log in zip(sources, logs, strict=True)
+        },
     }
     say(json.dumps(found))

@@ -23,7 +23,7 @@ from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import refuse_if_there, stopped_by_signals
 from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
 from plotfeed.feeds.messages.message import ReceivedMessage, checked_topic_filter
-from plotfeed.feeds.recording.recorder import SUFFIX, Recorder
+from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.recording_settings import RecordSettings
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import (
@@ -38,7 +38,7 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.asterix_files import content_type
 from plotfeed.replay.pcap import SOURCE
-from plotfeed.replay.recorded import UDP_TOPIC, Recorded
+from plotfeed.replay.recorded import SUFFIX, UDP_TOPIC, Recorded
 
 IS_LINUX = sys.platform == "linux"
 # Of Linux, and unknown to Python.

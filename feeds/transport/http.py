@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
 from plotfeed.feeds.transport.octet_sources import OctetSource, OctetsTaker, SourceError
-from plotfeed.feeds.transport.queued_transport import QueuedTransport, SendError
+from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError
 from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_PORTS = {"http": 80, "https": 443}

@@ -15,8 +15,8 @@ from urllib.parse import parse_qs, unquote, urlsplit
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import RemoteIdService
 from plotfeed.feeds.transport.http import token_of
-from plotfeed.feeds.transport.listening_transport import ListeningTransport
 from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
+from plotfeed.feeds.transport.ways_out import ListeningTransport
 from plotfeed.proto.tracks.remote_id_answers import MAX_DIAGONAL_M, DisplayArea, KnownFlights
 
 MAX_HEAD_OCTETS = 8192

@@ -10,7 +10,7 @@ from pathlib import Path
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import TakServer, split_server
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess
-from plotfeed.feeds.transport.queued_transport import QueuedTransport, SendError
+from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError
 
 # One that turns its clients away, such as for want of a certificate, takes a first event first.
 STEADY_S = 5.0

@@ -12,8 +12,7 @@ from support.road import NS, SITE, START_NS, Road, flown, fly, radar, scene, way
 from support.significance import assert_standard_normal, assert_sum, assert_uncorrelated
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
-from plotfeed.feeds.recording.session_again import RecordedTelemetry
+from plotfeed.feeds.recording.recorder import RecordedTelemetry, Recorder, SessionRecorder
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import run

@@ -19,7 +19,7 @@ from support.road import fly
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.waiting import wait_until
 
-from plotfeed.feeds.recording.session_again import SessionRecord
+from plotfeed.feeds.recording.recorder import SessionRecord
 from plotfeed.feeds.scene.scene import load
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage

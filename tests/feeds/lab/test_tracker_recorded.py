@@ -13,8 +13,13 @@ from support.scene_files import radar, scene_file, scene_text
 from support.waiting import until
 
 from plotfeed.feeds.lab.track_reports import read_tracks
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
-from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
+from plotfeed.feeds.recording.recorder import (
+    RecordedTelemetry,
+    Recorder,
+    SessionRecord,
+    SessionRecorder,
+    attachments_of,
+)
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run

@@ -20,8 +20,7 @@ from plotfeed.feeds.page.run_with_page import PageObserver, alongside, receiving
 from plotfeed.feeds.page.scene_outline import cover_of
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
-from plotfeed.feeds.recording.session_again import RecordedTelemetry
+from plotfeed.feeds.recording.recorder import RecordedTelemetry, Recorder, SessionRecorder
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.session import run

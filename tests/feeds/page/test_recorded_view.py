@@ -25,14 +25,13 @@ from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE, RecordedSession
 from plotfeed.feeds.page.session_switch import MAX_LISTED, recordings_in
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recording.recorder import SCENE_NAME
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
-from plotfeed.replay.recorded import Attachment, Recorded, Stage
+from plotfeed.replay.recorded import SCENE_NAME, Attachment, Recorded, Stage
 
 NS = 1_000_000_000
 WHOLE_S = 32.0

@@ -14,8 +14,7 @@ from support.brokers import free_port, port_is_taken
 from support.command import plotfeed, plotfeed_here, running
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
-from plotfeed.feeds.recording.session_again import SessionRecord
+from plotfeed.feeds.recording.recorder import Recorder, SessionRecord, SessionRecorder
 from plotfeed.feeds.scene.scene import Scene, from_tree, load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock

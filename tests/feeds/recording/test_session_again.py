@@ -14,8 +14,13 @@ from support.sessions import AtWork
 from support.waiting import wait_until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
-from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
+from plotfeed.feeds.recording.recorder import (
+    RecordedTelemetry,
+    Recorder,
+    SessionRecord,
+    SessionRecorder,
+    attachments_of,
+)
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock, WallClock

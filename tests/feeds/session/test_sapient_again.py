@@ -13,8 +13,13 @@ from support.sapient_tasks import ONE, THREE, TWO, task
 from support.waiting import until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
-from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
+from plotfeed.feeds.recording.recorder import (
+    RecordedTelemetry,
+    Recorder,
+    SessionRecord,
+    SessionRecorder,
+    attachments_of,
+)
 from plotfeed.feeds.session.observer import Tap
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock

@@ -17,8 +17,13 @@ from support.sapient_tasks import ONE, TWO, task
 from support.sessions import Asked, Asks
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
-from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
+from plotfeed.feeds.recording.recorder import (
+    RecordedTelemetry,
+    Recorder,
+    SessionRecord,
+    SessionRecorder,
+    attachments_of,
+)
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.session import run

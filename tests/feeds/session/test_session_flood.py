@@ -14,11 +14,12 @@ from support.sessions import AtWork, Start, every_broker
 from support.waiting import until
 
 from plotfeed.feeds.recording.recorder import (
+    RecordedTelemetry,
     Recorder,
+    SessionRecord,
     SessionRecorder,
     attachments_of,
 )
-from plotfeed.feeds.recording.session_again import RecordedTelemetry, SessionRecord
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run

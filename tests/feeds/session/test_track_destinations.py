@@ -22,7 +22,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport.listening_transport import PortError
+from plotfeed.feeds.transport.ways_out import PortError
 from plotfeed.proto.ledger import entries_in
 
 REPORT = ["air-traffic", "cot", "geojson"]

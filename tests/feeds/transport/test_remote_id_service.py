@@ -21,10 +21,10 @@ from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport.listening_transport import PortError
 from plotfeed.feeds.transport.live_source import LiveSource
 from plotfeed.feeds.transport.mqtt.address import AccessError
 from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
+from plotfeed.feeds.transport.ways_out import PortError
 from plotfeed.proto.utc import NS, iso_utc_ms
 
 NOW = 1_767_225_600 * NS
