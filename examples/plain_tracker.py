@@ -27,7 +27,7 @@ from plotfeed.models.tracks import TrackStates
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.plot_messages import batch_in, plots_of_batches
-from plotfeed.proto.tracks.told_tracks import Tracks
+from plotfeed.proto.tracks.encode_tracks import Tracks
 
 NS = 1_000_000_000
 ACCELERATION_M_S2 = 3.0

@@ -23,7 +23,7 @@ from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, renamed
 from plotfeed.models.track_lives import TrackRule
 from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
-from plotfeed.proto.tracks.told_tracks import ToldTracks
+from plotfeed.proto.tracks.encode_tracks import ToldTracks
 
 if TYPE_CHECKING:
     from plotfeed.models.plain_tracker import LocatedPlots

@@ -19,6 +19,8 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.tracks.encode_tracks import (
     LiveFeatures,
+    ToldTracks,
+    TrackOrigin,
     air_traffic,
     cot_events,
     f3411_flights,
@@ -26,7 +28,6 @@ from plotfeed.proto.tracks.encode_tracks import (
     location_fixes,
     track_batch,
 )
-from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
 
 Encoder = Callable[[ToldTracks, TrackOrigin, SectorStamp], Sequence[bytes]]
 """What makes payloads of the tracks of a sector, of which there is at least one."""

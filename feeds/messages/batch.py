@@ -16,7 +16,7 @@ from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import FALSE_ALARM, Columns, Ints, Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.encode import Parts
-from plotfeed.proto.tracks.told_tracks import NO_TRACKS, ToldTracks
+from plotfeed.proto.tracks.encode_tracks import NO_TRACKS, ToldTracks
 
 C = TypeVar("C", bound=Columns)
 T = TypeVar("T")

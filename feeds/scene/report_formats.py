@@ -16,8 +16,8 @@ from plotfeed.proto.content_types import (
     json_content_type,
     protobuf_content_type,
 )
+from plotfeed.proto.json_schemas import JSON_SCHEMAS
 from plotfeed.proto.report_format import ReportFormat
-from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
 
 
 def tracks_in_json(name: str, schema: str, summary: str, kind: str = JSON) -> ReportFormat:

@@ -23,7 +23,7 @@ from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import FOOT_M, TIME_LSB_NS
 
 if TYPE_CHECKING:
-    from plotfeed.proto.tracks.told_tracks import Tracks
+    from plotfeed.proto.tracks.encode_tracks import Tracks
 
 CAT062 = category(
     62,

@@ -18,8 +18,14 @@ from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.retime import retime_protobuf
-from plotfeed.proto.sapient.encode_detections import AGE, BISTATIC_RANGE
-from plotfeed.proto.sapient.encode_node import DEG_M, ELLIPSOID, LAT_LNG, TRUE_NORTH
+from plotfeed.proto.sapient.encode_sapient import (
+    AGE,
+    BISTATIC_RANGE,
+    DEG_M,
+    ELLIPSOID,
+    LAT_LNG,
+    TRUE_NORTH,
+)
 from plotfeed.proto.sapient.envelope import envelope, set_stamp, stamp_ns
 from plotfeed.proto.utc import NS
 

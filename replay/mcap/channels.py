@@ -25,8 +25,7 @@ from plotfeed.proto.content_types import (
     schema_name,
 )
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.protobuf_json import json_schema
-from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
+from plotfeed.proto.json_schemas import JSON_SCHEMAS, json_schema
 from plotfeed.replay.recorded import Recorded, Stage
 
 Properties = tuple[tuple[str, str], ...]

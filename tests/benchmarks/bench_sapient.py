@@ -26,7 +26,7 @@ from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.beam import Timetable
 from plotfeed.models.state import Plots
-from plotfeed.proto.sapient.encode_detections import DetectionEncoder
+from plotfeed.proto.sapient.encode_sapient import DetectionEncoder
 
 REPEATS = 5
 SIZES = (1, 10, 100, 1000)

@@ -26,7 +26,7 @@ from plotfeed.proto.asterix.codec.layout import (
     Repetitive,
     is_time_of_day,
 )
-from plotfeed.proto.tracks.told_tracks import Tracks
+from plotfeed.proto.tracks.encode_tracks import Tracks
 
 ETHERNET, UDP = 14, 8
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
+from plotfeed.proto.tracks.encode_tracks import ToldTracks, TrackOrigin
 
 T_NS = 1_700_000_000_123_456_789
 NS = 1_000_000_000

@@ -23,7 +23,7 @@ from plotfeed.proto.sapient.decode_sapient import (
     error,
     task_ack,
 )
-from plotfeed.proto.sapient.encode_node import (
+from plotfeed.proto.sapient.encode_sapient import (
     MODE,
     REQUESTS,
     STANDBY,

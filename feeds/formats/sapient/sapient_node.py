@@ -21,17 +21,15 @@ from plotfeed.models.sensors.sensor_model import JointSensor, Prediction, Target
 from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.errors import DecodeError, EncodeError
 from plotfeed.proto.sapient.decode_sapient import restamped_later
-from plotfeed.proto.sapient.encode_detections import (
+from plotfeed.proto.sapient.encode_sapient import (
     AGE,
     BISTATIC_RANGE,
     BISTATIC_RANGE_RATE,
     RANGE_RATE,
     SNR,
     TRANSMITTER,
-    Manner,
-)
-from plotfeed.proto.sapient.encode_node import (
     FieldOfView,
+    Manner,
     Node,
     SapientQuantity,
 )

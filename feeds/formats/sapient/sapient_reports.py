@@ -23,7 +23,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.frames import WGS84_A_M, LocalFrame, aer_to_enu
 from plotfeed.models.state import Floats, Plots
-from plotfeed.proto.sapient.encode_detections import (
+from plotfeed.proto.sapient.encode_sapient import (
     MAX_ERROR_DEG,
     MAX_RANGE_M,
     DetectionEncoder,

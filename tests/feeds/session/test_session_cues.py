@@ -30,7 +30,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of
-from plotfeed.proto.sapient.encode_node import DEG_M, ELLIPSOID, LAT_LNG, TRUE_NORTH
+from plotfeed.proto.sapient.encode_sapient import DEG_M, ELLIPSOID, LAT_LNG, TRUE_NORTH
 
 CUE, TASK = "plotfeed/camera/cue", "plotfeed/camera/sapient/task"
 EAST = {"azimuth_deg": 90.0, "elevation_deg": 6.0}

@@ -13,10 +13,12 @@ from support.sapient_rules import ULID, UUID4, checked
 from plotfeed.models.state import Plots
 from plotfeed.proto.errors import DecodeError, EncodeError
 from plotfeed.proto.sapient.decode_sapient import decode, decode_heard, decode_task
-from plotfeed.proto.sapient.encode_detections import DetectionEncoder, Manner, Positions
-from plotfeed.proto.sapient.encode_node import (
+from plotfeed.proto.sapient.encode_sapient import (
+    DetectionEncoder,
     FieldOfView,
+    Manner,
     Node,
+    Positions,
     SapientQuantity,
     registration,
     status,

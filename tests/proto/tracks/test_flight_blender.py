@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from support.flight_blender import BlenderObservation, judged
 from support.told_tracks import NS, RADAR, any_tracks, told_tracks
 
-from plotfeed.proto.tracks.encode_tracks import air_traffic
-from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
-from plotfeed.proto.tracks.told_tracks import ToldTracks
+from plotfeed.proto.json_schemas import JSON_SCHEMAS
+from plotfeed.proto.tracks.encode_tracks import ToldTracks, air_traffic
 from plotfeed.proto.utc import utc_ns
 
 names = st.text(

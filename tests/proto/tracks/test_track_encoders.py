@@ -15,9 +15,12 @@ from jsonschema import Draft202012Validator
 from support.told_tracks import NS, RADAR, T_NS, any_tracks, told_tracks
 
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.json_schemas import JSON_SCHEMAS
 from plotfeed.proto.tracks.encode_tracks import (
     UNKNOWN,
     LiveFeatures,
+    ToldTracks,
+    TrackOrigin,
     air_traffic,
     cot_events,
     f3411_flights,
@@ -25,8 +28,6 @@ from plotfeed.proto.tracks.encode_tracks import (
     location_fixes,
     track_batch,
 )
-from plotfeed.proto.tracks.json_schemas import JSON_SCHEMAS
-from plotfeed.proto.tracks.told_tracks import ToldTracks, TrackOrigin
 from plotfeed.proto.utc import utc_ns
 
 names = st.text(
