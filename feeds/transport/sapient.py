@@ -24,7 +24,7 @@ from plotfeed.feeds.messages.outgoing import ImmediateTransport
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock
-from plotfeed.feeds.transport.patience import backoff_s, wait_while
+from plotfeed.feeds.transport.ways_out import backoff_s, wait_while
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.sapient.decode_sapient import Heard, decode_heard
 

@@ -6,15 +6,31 @@ import asyncio
 import contextlib
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 
 from plotfeed.feeds.console.printed import bracketed, printable
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Client, ImmediateTransport, Outgoing
 from plotfeed.feeds.scene.output_keys import ListeningDestination, QueuedDestination
-from plotfeed.feeds.transport.patience import backoff_s, wait_while
 from plotfeed.proto.errors import PlotfeedError
+
+BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)  # After the first failure, and the next ones in a row
+LOOK_EVERY_S = 0.001
+
+
+def backoff_s(failures: int) -> float:
+    """How long to wait after a failure that so many others in a row came before."""
+    return BACKOFF_S[min(failures, len(BACKOFF_S) - 1)]
+
+
+async def wait_while(waits: Callable[[], object], timeout_s: float) -> None:
+    """Return once nothing waits, or the time is up."""
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + timeout_s
+    while waits() and loop.time() <= deadline_s:  # noqa: ASYNC110 - of any condition
+        await asyncio.sleep(LOOK_EVERY_S)
+
 
 MAX_SAID = 200
 

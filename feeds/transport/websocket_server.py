@@ -13,8 +13,7 @@ from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import WebSocketKeys
 from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
-from plotfeed.feeds.transport.patience import wait_while
-from plotfeed.feeds.transport.ways_out import ListeningTransport
+from plotfeed.feeds.transport.ways_out import ListeningTransport, wait_while
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection

@@ -10,9 +10,11 @@ from pathlib import Path
 
 from plotfeed.feeds.telemetry.flights.autopilot_logs import (
     RECORD_START,
+    ULOG_START,
     looks_like_tlog,
     read_dataflash,
     read_tlog,
+    read_ulog,
 )
 from plotfeed.feeds.telemetry.flights.flight import MAX_OCTETS, Flight, FlightOptions, GpsOrder, Log
 from plotfeed.feeds.telemetry.flights.markup import read_gpx, read_kml
@@ -20,7 +22,6 @@ from plotfeed.feeds.telemetry.flights.nmea import LOOKS_LIKE, read_nmea
 from plotfeed.feeds.telemetry.flights.smoothed import smoothed
 from plotfeed.feeds.telemetry.flights.srt import read_srt
 from plotfeed.feeds.telemetry.flights.table import read_table
-from plotfeed.feeds.telemetry.flights.ulog import ULOG_START, read_ulog
 from plotfeed.proto.errors import PlotfeedError
 
 EXPORTERS = "Airdata, PhantomHelp or Flight Reader"

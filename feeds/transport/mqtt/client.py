@@ -17,7 +17,7 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
-from plotfeed.feeds.transport.patience import backoff_s, wait_while
+from plotfeed.feeds.transport.ways_out import backoff_s, wait_while
 
 log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from uuid import uuid4
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.transport.mqtt.client import CONNECT_TIMEOUT_S, MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError
-from plotfeed.feeds.transport.patience import backoff_s
+from plotfeed.feeds.transport.ways_out import backoff_s
 
 log = logging.getLogger(__name__)
 

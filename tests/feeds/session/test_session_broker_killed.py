@@ -15,7 +15,7 @@ from support.sessions import AtWork, Start, at_work, every_broker
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.transport import patience
+from plotfeed.feeds.transport import ways_out
 from plotfeed.proto import plotfeed_pb2 as pb
 
 KEPT = 12
@@ -29,7 +29,7 @@ async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promi
     start: Start, policy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the ledger of a whole session, with QoS 1; what arrived is heard by another client."""
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.02,))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.02,))
     queue = f'queue = {{ policy = "{policy}", messages = {KEPT} }}'
     plots = radar(period_s=6.0, sectors=240, more='report = ["plots"]')
     text = scene_text(port=1883, sensors=plots, drones="", mqtt=f"qos = 1\ntruth = false\n{queue}")

@@ -15,7 +15,7 @@ from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import HttpDestination
-from plotfeed.feeds.transport import patience
+from plotfeed.feeds.transport import ways_out
 from plotfeed.feeds.transport.http import HttpTransport
 from plotfeed.feeds.transport.mqtt.address import AccessError
 
@@ -25,7 +25,7 @@ TOKEN = {"PLOTFEED_HTTP_TOKEN_UTM": "s3cret"}
 
 @pytest.fixture(autouse=True)
 def _in_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.01,))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.01,))
 
 
 def posting(port: int, environment: Mapping[str, str] = TOKEN, **keys: Any) -> HttpTransport:

@@ -27,7 +27,7 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.transport import patience, sapient
+from plotfeed.feeds.transport import sapient, ways_out
 from plotfeed.feeds.transport.sapient import AT_ONCE_S, SapientIntake, SapientNews
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -37,7 +37,7 @@ ERROR = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] *
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     monkeypatch.setattr(sapient, "ACK_TIMEOUT_S", PATIENCE_S)
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.01, 0.05))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.01, 0.05))
     caplog.set_level(logging.INFO)
 
 

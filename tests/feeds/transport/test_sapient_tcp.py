@@ -29,7 +29,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport import patience, sapient
+from plotfeed.feeds.transport import sapient, ways_out
 from plotfeed.feeds.transport.sapient import (
     MAX_MESSAGE_OCTETS,
     MAX_UNSENT_OCTETS,
@@ -42,7 +42,7 @@ from plotfeed.proto.errors import DecodeError
 
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.01, 0.05))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.01, 0.05))
 
 
 @pytest.mark.asyncio
@@ -115,7 +115,7 @@ async def test_a_lost_connection_is_made_anew_and_registered_anew(behave: Any) -
 
 @pytest.mark.asyncio
 async def test_whoever_hangs_up_at_once_is_not_hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.05, 0.2))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.05, 0.2))
 
     began_s = asyncio.get_running_loop().time()
     async with listening(reset) as middleware, linked(middleware.address, wait=False):

@@ -17,7 +17,7 @@ from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import TakServer
-from plotfeed.feeds.transport import patience
+from plotfeed.feeds.transport import ways_out
 from plotfeed.feeds.transport.mqtt.address import AccessError
 from plotfeed.feeds.transport.tak import TakTransport
 from plotfeed.proto.content_types import COT
@@ -25,7 +25,7 @@ from plotfeed.proto.content_types import COT
 
 @pytest.fixture(autouse=True)
 def _in_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.01,))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.01,))
 
 
 def to(server: str, **keys: Any) -> TakTransport:

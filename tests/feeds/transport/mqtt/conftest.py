@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from plotfeed.feeds.transport import patience
+from plotfeed.feeds.transport import ways_out
 
 
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.01,))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.01,))

@@ -18,7 +18,7 @@ from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
-from plotfeed.feeds.transport import patience
+from plotfeed.feeds.transport import ways_out
 from plotfeed.feeds.transport.mqtt import connection, last_wills
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -150,7 +150,7 @@ async def test_connections_that_say_nothing_else_are_kept_alive(
 async def test_a_broker_that_does_not_take_so_many_connections_is_told_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.05,))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.05,))
     monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
     port = free_port()
     with iotcore(tmp_path, port):

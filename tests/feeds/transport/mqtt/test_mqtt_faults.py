@@ -20,7 +20,7 @@ from support.mqtt_client import Client, listening
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
-from plotfeed.feeds.transport import patience
+from plotfeed.feeds.transport import ways_out
 from plotfeed.feeds.transport.mqtt import client, connection, send_queue
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -49,7 +49,7 @@ def start(request: pytest.FixtureRequest) -> Start:
 
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.02,))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.02,))
 
 
 @asynccontextmanager

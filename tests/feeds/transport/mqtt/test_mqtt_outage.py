@@ -12,7 +12,7 @@ from support.mqtt_link import BUSY, end_connection, linked, numbers
 from support.scripted_broker import ScriptedBroker
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.transport import patience
+from plotfeed.feeds.transport import ways_out
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection
 
 pytestmark = pytest.mark.usefixtures("hurried")
@@ -195,7 +195,7 @@ async def test_thousands_that_waited_leave_in_slices_with_others_in_between() ->
 async def test_hundreds_of_connections_leave_nothing_behind(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(patience, "BACKOFF_S", (0.0,))
+    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.0,))
 
     def left() -> tuple[int, int]:
         gc.collect()
