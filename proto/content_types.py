@@ -27,7 +27,7 @@ def protobuf_content_type(message: str) -> str:
 
 
 def json_content_type(schema: str, kind: str = JSON) -> str:
-    """The content type of JSON that follows a schema of `proto.tracks.json_schemas`."""
+    """The content type of JSON that follows a schema of `proto.json_schemas`."""
     return f"{kind}; {SCHEMA}{schema}"
 
 

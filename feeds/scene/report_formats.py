@@ -21,7 +21,7 @@ from plotfeed.proto.report_format import ReportFormat
 
 
 def tracks_in_json(name: str, schema: str, summary: str, kind: str = JSON) -> ReportFormat:
-    """A format of tracks in JSON, by one of the schemas in `proto.tracks.json_schemas`."""
+    """A format of tracks in JSON, by one of the schemas in `proto.json_schemas`."""
     return ReportFormat(
         name=name,
         topic=name,
