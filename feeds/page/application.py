@@ -8,6 +8,7 @@ import hashlib
 import json
 import logging
 from collections.abc import Callable, Generator, Mapping
+from functools import partial
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import parse_qs
@@ -181,8 +182,8 @@ class Application:
                 Route(f"{AUDIENCE_PATH}/", self._file),
                 Route(AUDIENCE_PATH, self._audience_page),
                 Route("/{name}", self._file),
-                WebSocketRoute("/feed", self._presenters_feed),
-                WebSocketRoute(f"{AUDIENCE_PATH}/feed", self._audience_feed),
+                WebSocketRoute("/feed", partial(self._feed, role=Role.PRESENTER)),
+                WebSocketRoute(f"{AUDIENCE_PATH}/feed", partial(self._feed, role=Role.AUDIENCE)),
             ]
         )
 
@@ -201,12 +202,6 @@ class Application:
 
     async def _audience_page(self, _request: Request) -> Response:
         return RedirectResponse(f"{AUDIENCE_PATH}/", 303)
-
-    async def _presenters_feed(self, websocket: WebSocket) -> None:
-        await self._feed(websocket, Role.PRESENTER)
-
-    async def _audience_feed(self, websocket: WebSocket) -> None:
-        await self._feed(websocket, Role.AUDIENCE)
 
     async def _feed(self, websocket: WebSocket, role: Role) -> None:
         """Serve one viewer for as long as it stays."""

@@ -199,16 +199,12 @@ def load_basemap(settings: str | BasemapImage, path: Path, site: Site) -> Basema
         if isinstance(settings, str):
             shapes = _shapes(json.loads(content), frame)
             return Basemap("application/json", json.dumps(shapes, separators=(",", ":")).encode())
-        return Basemap(_image_type(content), content, _corners(settings, frame))
+        types = (kind for magic, kind in IMAGES.items() if content.startswith(magic))
+        if (media_type := next(types, None)) is None:
+            raise ValueError("expected a PNG, JPEG or WebP image")
+        return Basemap(media_type, content, _corners(settings, frame))
     except (ValueError, RecursionError) as error:
         raise PlotfeedError(f"page.basemap: {path}: {error}") from None
-
-
-def _image_type(content: bytes) -> str:
-    for magic, media_type in IMAGES.items():
-        if content.startswith(magic):
-            return media_type
-    raise ValueError("expected a PNG, JPEG or WebP image")
 
 
 def _corners(settings: BasemapImage, frame: LocalFrame) -> list[list[float]]:

@@ -186,6 +186,8 @@ class PlotStore:
         true = [column[f"true_{name}"] for name in ("azimuth_deg", "elevation_deg", "range_m")]
         east_m, north_m = self._placements.places_m(sensor, *measured)
         true_east_m, true_north_m = self._placements.places_m(sensor, *true)
+        nowhere = np.isnan(column["azimuth_deg"])
+        bearing = np.isnan(column["range_m"]) & ~nowhere
         latency_ns = np.where(sent_utc_ns, sent_utc_ns - column["t_utc_ns"], np.nan)
         return column | {
             "t_utc_ms": column["t_utc_ns"] / 1e6,
@@ -194,7 +196,7 @@ class PlotStore:
             "snr_db": decibels(column["snr"]),
             "latency_ms": latency_ns / 1e6,
             "sensor": sensor,
-            "flags": _flags(column["azimuth_deg"], column["range_m"]),
+            "flags": bearing * int(PlotFlag.BEARING) + nowhere * int(PlotFlag.NOWHERE),
             "true_east_m": true_east_m,
             "true_north_m": true_north_m,
             "merged": np.concatenate([_merged(p) for p in all_plots]),
@@ -213,13 +215,6 @@ _TAKEN = (
     "true_azimuth_deg",
     "true_elevation_deg",
 )
-
-
-def _flags(azimuth_deg: Floats, range_m: Floats) -> Ints:
-    nowhere = np.isnan(azimuth_deg)
-    bearing = np.isnan(range_m) & ~nowhere
-    flags: Ints = bearing * int(PlotFlag.BEARING) + nowhere * int(PlotFlag.NOWHERE)
-    return flags
 
 
 def _merged(plots: Plots) -> Ints:

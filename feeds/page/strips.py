@@ -164,10 +164,11 @@ def _histogram(latency_ms: Floats, asked_ms: Floats) -> dict[str, Any]:
     low_ms, high_ms = np.quantile(both, (0.003, 0.997)) if len(both) else (0.0, 1.0)
     low_ms, width_ms = _nice_bins(float(low_ms), float(high_ms))
     edges_ms: Floats = low_ms + width_ms * np.arange(BINS + 1, dtype=np.float64)
+    below = np.searchsorted(np.sort(latency_ms), edges_ms, side="left")
     return {
         "low_ms": low_ms,
         "width_ms": width_ms,
-        "delivered": _shares(_below(np.sort(latency_ms), edges_ms)),
+        "delivered": _shares(below / len(latency_ms) if len(latency_ms) else np.zeros(0)),
         "asked": _shares(_below_quantiles(asked_ms, edges_ms)),
     }
 
@@ -175,13 +176,6 @@ def _histogram(latency_ms: Floats, asked_ms: Floats) -> dict[str, Any]:
 def _shares(below: Floats) -> list[float]:
     """The share within each bin, of those below its edges."""
     return [round(float(x), 5) for x in np.diff(below)]
-
-
-def _below(ordered_ms: Floats, edges_ms: Floats) -> Floats:
-    """The share of an ordered sample below each edge; empty without a sample."""
-    if not len(ordered_ms):
-        return np.zeros(0)
-    return np.searchsorted(ordered_ms, edges_ms, side="left") / len(ordered_ms)
 
 
 def _below_quantiles(quantiles_ms: Floats, edges_ms: Floats) -> Floats:

@@ -112,7 +112,10 @@ class Summary:
         records = record_counts(message.payload, self.categories) if is_asterix else {}
         self.records += sum(filter(None, records.values()))
         for kind in kinds:
-            series = self._series_of(message, kind)
+            key = (message.topic, message.stage, kind)
+            if key not in self.series and len(self.series) >= MAX_SERIES:
+                key = (OTHERS, message.stage, "")
+            series = self.series.setdefault(key, SeriesSummary())
             series.messages += 1
             series.octets += len(message.payload)
             if is_asterix:
@@ -136,12 +139,6 @@ class Summary:
         if t_ns - self.last_ns > self.gap_ns:
             self.gap_ns, self.gap_from_ns = t_ns - self.last_ns, self.last_ns
         self.last_ns = t_ns
-
-    def _series_of(self, message: Recorded, kind: str) -> SeriesSummary:
-        key = (message.topic, message.stage, kind)
-        if key not in self.series and len(self.series) >= MAX_SERIES:
-            key = (OTHERS, message.stage, "")
-        return self.series.setdefault(key, SeriesSummary())
 
 
 def kinds_of(message: Recorded) -> tuple[tuple[str, ...], bool]:
