@@ -15,8 +15,8 @@ from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S
 from plotfeed.feeds.schema.flows import OURS, Flow, flows
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON, PROTOBUF
-from plotfeed.proto.message_kinds import OUR_MESSAGES
 from plotfeed.proto.json_schemas import json_schema
+from plotfeed.proto.message_kinds import OUR_MESSAGES
 
 BINDING = "0.2.0"
 # Where a definition of our protobuf schema begins, with what is said before it.
