@@ -6,7 +6,7 @@ What a client writes is made by a function for each packet. What a broker writes
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -148,24 +148,33 @@ def publish_packet(
     With `number` as its id it is of QoS 1, without of QoS 0.
     """
     payload, first = message.payload, PUBLISH | message.retain
-    octets, properties = pieces_of(message.properties) if version >= 5 else (0, ())
-    lasts_s = None if message.retain else expiry_s
-    front = _front(message.topic, message.content_type, lasts_s, octets, version)
+    octets, expiry = 0, b""
+    properties: Sequence[bytes] = ()
+    if version >= 5:
+        octets, properties = pieces_of(message.properties)
+        if not message.retain:
+            expiry = USUAL_EXPIRY
+            if expiry_s != MESSAGE_EXPIRY_S:
+                expiry = EXPIRY + expiry_s.to_bytes(4, "big")
+            octets += len(expiry)
+    front = _front(message.topic, message.content_type, octets, version)
     if number is not None:
         first |= 2
         end = 2 + (front[0] << 8 | front[1])  # of the topic, which it stands behind
         front = front[:end] + number.to_bytes(2, "big") + front[end:]
     head = _head(first, len(front) + octets + len(payload))
-    return b"".join([head, front, *properties, payload])
+    return b"".join([head, front, *properties, expiry, payload])
+
+
+USUAL_EXPIRY = EXPIRY + MESSAGE_EXPIRY_S.to_bytes(4, "big")
 
 
 @lru_cache(maxsize=1 << 14)  # what all messages of a sensor and kind have alike
-def _front(topic: str, content_type: str, expiry_s: int | None, octets: int, version: int) -> bytes:
-    """The topic and, of 5.0, properties to which so many octets of others belong."""
+def _front(topic: str, content_type: str, octets: int, version: int) -> bytes:
+    """The topic and, of 5.0, the first of its properties, before so many octets of others."""
     if version < 5:
         return packed_text(topic)
     own = CONTENT_TYPE + packed_text(content_type)
-    own += b"" if expiry_s is None else EXPIRY + expiry_s.to_bytes(4, "big")
     return packed_text(topic) + varint(len(own) + octets) + own
 
 
