@@ -481,19 +481,21 @@ def _edges(  # noqa: PLR0917
     positions_ecef_m, at_end = _positions_at(sectors.end_ns, trajectories)
     everybody, sensor = positions_ecef_m.shape[1], sectors.sensor
     about = np.arange(everybody)
-    if everybody < CULLED_FROM:
-        of_all = frames_at(frames, sensor[:, None])
-        end_deg = of_all.azimuths_deg(positions_ecef_m[at_end])
-    else:
+    of_all = frames_at(frames, sensor[:, None])
+    near = None
+    if everybody >= CULLED_FROM:
         between_s = (sectors.end_ns - sectors.start_ns) / NS
         within_m = (reach_m[sensor] if reach_m.ndim else reach_m) + FASTEST_M_S * between_s
-        about = rows_about(frames_at(frames, sensor), positions_ecef_m, within_m)
+        about = rows_about(of_all, positions_ecef_m, within_m)
         positions_ecef_m = positions_ecef_m[:, about]
-        near = frames_at(frames, sensor[:, None]).has_within(
-            positions_ecef_m[at_end], within_m[:, None]
-        )
+        near = of_all.has_within(positions_ecef_m[at_end], within_m[:, None])
+    if near is None or 2 * np.count_nonzero(near) > near.size:
+        end_deg = of_all.azimuths_deg(positions_ecef_m[at_end])
+        if near is not None:
+            end_deg[~near] = np.nan
+    else:
         row, column = np.nonzero(near)
-        end_deg = np.full((len(sectors), len(about)), np.nan)
+        end_deg = np.full(near.shape, np.nan)
         end_deg[row, column] = frames_at(frames, sensor[row]).azimuths_deg(
             positions_ecef_m[at_end[row], column]
         )

@@ -400,7 +400,7 @@ def rows_about(frames: Axes, positions_ecef_m: Floats, within_m: Floats) -> Ints
 
     By one sphere about all frames, which is quick; whoever is out of it, or NaN, is near none.
     """
-    origins_m = np.atleast_2d(frames.origin_ecef_m)
+    origins_m = frames.origin_ecef_m.reshape(-1, 3)
     centre_m = origins_m.mean(axis=0)
     from_centre_m = np.sqrt(((origins_m - centre_m) ** 2).sum(axis=1)).max()
     radius_m = from_centre_m + np.max(within_m) + A_HAIR_M

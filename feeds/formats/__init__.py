@@ -49,8 +49,8 @@ KEYS_OF_ITEMS = {
     "I205/050": PLACE,
 }
 """Of a sensor, by the item that says it; a place that is the site's is the site's key."""
-Blocks = list[tuple[int, bytes]]
-"""Data blocks of ASTERIX, each with its category."""
+Blocks = tuple[int, Sequence[Sequence[bytes]]]
+"""A category of ASTERIX, and its data blocks of each sector."""
 
 
 class MessageFormat(Protocol):
@@ -186,27 +186,39 @@ class AsterixFormat(ABC):
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
+        self._addresses: dict[int, dict[int, Address]] = {}
+        """By category, of each sensor."""
 
     @abstractmethod
     def blocks(self, batch: Batch) -> list[Blocks]:
-        """Blocks of each sector, in the order in which they are to leave."""
+        """Blocks of all sectors, category by category, in the order in which they are to leave."""
 
     def messages(self, batch: Batch) -> list[list[Message]]:
         """Messages of each sector; one that cannot be encoded is an `EncodeError`."""
         try:
-            blocks = self.blocks(batch)
+            found = self.blocks(batch)
         except EncodeError:
             if len(batch) == 1:
                 raise
             # What some of them measure and others do not cannot be encoded together.
             each = [batch.rows(np.array([i])) for i in range(len(batch))]
             return [messages for one in each for messages in self.messages(one)]
-        topics, stamps = self._topics, batch.stamps
-        sensors = batch.sectors.sensor.tolist()
-        return [
-            topics[sensor].asterix(stamp, found) if found else []
-            for sensor, stamp, found in zip(sensors, stamps, blocks, strict=True)
-        ]
+        made: list[list[Message]] = [[] for _ in range(len(batch))]
+        sectors = list(zip(made, batch.sectors.sensor.tolist(), batch.stamps, strict=True))
+        for category, blocks in found:
+            if category not in self._addresses:
+                self._addresses[category] = {
+                    i: topics.of_category(category) for i, topics in self._topics.items()
+                }
+            addresses = self._addresses[category]
+            for (messages, sensor, stamp), some in zip(sectors, blocks, strict=True):
+                if some:
+                    address, due_ns = addresses[sensor], stamp.due_ns
+                    topic, content_type, qos = address.topic, address.content_type, address.qos
+                    for number, block in enumerate(some):
+                        of = SectorProperties(address, stamp, number)
+                        messages.append(Message(topic, block, content_type, due_ns, of, False, qos))
+        return made
 
 
 def numbers_of(sensors: Sensors, n: int | None = None) -> Ints:
@@ -241,13 +253,16 @@ class Topics:
         messages = []
         for category, block in blocks:
             counts[category] = number = counts.get(category, -1) + 1
-            address = self._categories.get(category)
-            if address is None:
-                content_type = asterix_content_type(category)
-                address = self.address(f"asterix/{category:03d}", content_type)
-                self._categories[category] = address
-            messages.append(message_to(address, block, stamp, number))
+            messages.append(message_to(self.of_category(category), block, stamp, number))
         return messages
+
+    def of_category(self, category: int) -> Address:
+        """Where its messages of a category of ASTERIX go."""
+        address = self._categories.get(category)
+        if address is None:
+            address = self.address(f"asterix/{category:03d}", asterix_content_type(category))
+            self._categories[category] = address
+        return address
 
     def address(self, kind: str, content_type: str) -> Address:
         """Where its messages of a kind go."""

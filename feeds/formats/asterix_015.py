@@ -60,17 +60,19 @@ class Status025:
             category=EDITIONS[scene.asterix.longitude_025],
         )
 
-    def add_to(self, found: list[Blocks], sectors: Sectors) -> None:
-        """Add the reports that are due in sectors to the blocks of these."""
+    def blocks(self, sectors: Sectors) -> list[Blocks]:
+        """The reports that are due in sectors, if any are."""
         due = np.flatnonzero(
             (periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns) > 0)
             & (self._numbers[sectors.sensor] >= 0)
         )
-        if len(due):
-            numbers = self._numbers[sectors.sensor[due]]
-            blocks = self._encoder.blocks(sectors.end_ns[due], numbers)
-            for i, block in zip(due.tolist(), blocks, strict=True):
-                found[i].append((25, block))
+        if not len(due):
+            return []
+        found: list[list[bytes]] = [[] for _ in range(len(sectors))]
+        blocks = self._encoder.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
+        for i, block in zip(due.tolist(), blocks, strict=True):
+            found[i].append(block)
+        return [(25, found)]
 
 
 class Asterix015(AsterixFormat):
@@ -95,24 +97,25 @@ class Asterix015(AsterixFormat):
     def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 015, then those of 016 and 025 where they are due."""
         sectors = batch.sectors
-        found = batch.in_groups(self._manner[sectors.sensor], self._of_plots)
+        found: list[Blocks] = [(15, batch.in_groups(self._manner[sectors.sensor], self._of_plots))]
         due = periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns) > 0
-        for of, encoder in self._systems if due.any() else ():
-            numbers = of[sectors.sensor]
-            which = np.flatnonzero(due & (numbers >= 0))
-            systems = encoder.blocks_by(sectors.end_ns[which], numbers[which])
-            for i, blocks in zip(which.tolist(), systems, strict=True):
-                found[i].extend((16, block) for block in blocks)
-        self._status.add_to(found, sectors)
-        return found
+        if self._systems and due.any():
+            of_sectors: list[list[bytes]] = [[] for _ in range(len(batch))]
+            for of, encoder in self._systems:
+                numbers = of[sectors.sensor]
+                which = np.flatnonzero(due & (numbers >= 0))
+                systems = encoder.blocks_by(sectors.end_ns[which], numbers[which])
+                for i, blocks in zip(which.tolist(), systems, strict=True):
+                    of_sectors[i] = blocks
+            found.append((16, of_sectors))
+        return found + self._status.blocks(sectors)
 
-    def _of_plots(self, manner: int, batch: Batch) -> list[Blocks]:
+    def _of_plots(self, manner: int, batch: Batch) -> list[list[bytes]]:
         """Blocks of category 015 of sensors of one geometry that call classes alike."""
         numbers, encoder = self._plots[manner]
         parts = batch.parts(numbers[batch.sectors.sensor])
         first = batch.sectors.scan * OBSERVATIONS_A_SCAN
-        every = encoder.blocks_by(batch.plots, parts, first)
-        return [[(15, block) for block in blocks] for blocks in every]
+        return encoder.blocks_by(batch.plots, parts, first)
 
 
 def _manner(sensor: Sensor) -> tuple[SensorGeometry, tuple[tuple[str, int], ...]]:

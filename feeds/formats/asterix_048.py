@@ -62,23 +62,24 @@ class Asterix048(AsterixFormat):
         """Blocks of category 048, then those of category 034."""
         sectors = batch.sectors
         parts = batch.parts(self._numbers[sectors.sensor])
-        every = self._plots.blocks_by(batch.plots, parts, self._undulation_m(batch.plots, parts))
-        found = [[(48, block) for block in blocks] for blocks in every]
+        plots = self._plots.blocks_by(batch.plots, parts, self._undulation_m(batch.plots, parts))
         if self._service is None:
-            return found
+            return [(48, plots)]
         turning = self._turning[sectors.sensor]
         which = ALL if self._all_turn else np.flatnonzero(turning >= 0)
         end_ns, end_deg, turning = sectors.end_ns[which], sectors.end_deg[which], turning[which]
-        theirs = found if isinstance(which, slice) else [found[i] for i in which.tolist()]
-        north = end_deg >= 360.0
-        if north.any():
-            markers = self._service.north_markers(end_ns[north], turning[north])
-            for i, block in zip(np.flatnonzero(north).tolist(), markers, strict=True):
-                theirs[i].append((34, block))
         crossings = self._service.sector_crossings(end_ns, end_deg % 360.0, turning)
-        for blocks, crossing in zip(theirs, crossings, strict=True):
-            blocks.append((34, crossing))
-        return found
+        service = [[block] for block in crossings]
+        north = np.flatnonzero(end_deg >= 360.0)
+        if len(north):
+            markers = self._service.north_markers(end_ns[north], turning[north])
+            for i, block in zip(north.tolist(), markers, strict=True):
+                service[i].insert(0, block)
+        if not isinstance(which, slice):
+            theirs, service = service, [[] for _ in range(len(batch))]
+            for i, blocks in zip(which.tolist(), theirs, strict=True):
+                service[i] = blocks
+        return [(48, plots), (34, service)]
 
     def _undulation_m(self, plots: Plots, parts: Parts) -> Floats | float:
         """Height of mean sea level above the ellipsoid where the plots are; (n,)."""

@@ -38,7 +38,7 @@ class Asterix062(AsterixFormat):
 
     def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 062, then 063 where it is due."""
-        found: list[Blocks] = [[] for _ in range(len(batch))]
+        tracks_of: list[list[bytes]] = [[] for _ in range(len(batch))]
         filled = np.flatnonzero(np.diff(batch.of_tracks))
         # Heights are sent, or not, for all tracks of a sensor.
         is_flat = np.isnan(batch.tracks.height_m[batch.of_tracks[filled]])
@@ -48,14 +48,16 @@ class Asterix062(AsterixFormat):
                 parts = Parts(by, self._numbers[batch.sectors.sensor[which]])
                 blocks_by = self._encoder.blocks_by(tracks, parts)
                 for i, blocks in zip(which.tolist(), blocks_by, strict=True):
-                    found[i].extend((62, block) for block in blocks)
+                    tracks_of[i] = blocks
         sectors = batch.sectors
         due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
-        if len(due):
-            service = self._service.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
-            for i, block in zip(due.tolist(), service, strict=True):
-                found[i].append((63, block))
-        return found
+        if not len(due):
+            return [(62, tracks_of)]
+        service: list[list[bytes]] = [[] for _ in range(len(batch))]
+        blocks = self._service.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
+        for i, block in zip(due.tolist(), blocks, strict=True):
+            service[i].append(block)
+        return [(62, tracks_of), (63, service)]
 
 
 FORMAT = Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062, plots_in=None)

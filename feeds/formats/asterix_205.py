@@ -45,9 +45,7 @@ class Asterix205(AsterixFormat):
         parts = batch.parts(self._numbers[sectors.sensor])
         first = sectors.scan * REPORTS_A_SCAN
         bearings = self._bearings.blocks_by(batch.plots, parts, sectors.end_ns, first)
-        found = [[(205, block) for block in blocks] for blocks in bearings]
-        self._status.add_to(found, sectors)
-        return found
+        return [(205, bearings), *self._status.blocks(sectors)]
 
 
 FORMAT = Format(facts=REPORT_FORMATS["asterix-205"], maker=Asterix205, plots_in=plots_in_asterix)

@@ -212,10 +212,10 @@ class Batch:
         """The plots by sector, for encoders; `sources` are their sensors, (m,)."""
         return Parts(self.of_plots, sources)
 
-    def in_groups(self, groups: Ints, make: Callable[[int, Self], list[T]]) -> list[T]:
+    def in_groups(self, groups: Ints, make: Callable[[int, Self], Sequence[T]]) -> list[T]:
         """What `make` makes of the sectors of each group, (m,), put in the sectors' order."""
         if len(groups) and (groups == groups[0]).all():
-            return make(int(groups[0]), self)
+            return list(make(int(groups[0]), self))
         made: list[T | None] = [None] * len(groups)
         for group in np.unique(groups).tolist():
             which = np.flatnonzero(groups == group)

@@ -597,13 +597,21 @@ class Reports:
         if self._one_a_block:
             blocks = blocks_of_one(encoder, records)
             return [blocks[start:end] for start, end in parts.edges()]
-        found: list[list[bytes]] = []
-        for (first, after), source in zip(parts.edges(), parts.sources.tolist(), strict=True):
-            of_part, limit = records[first * length : after * length], self._limit(source, length)
+        found: list[list[bytes]] = [[] for _ in range(len(parts))]
+        filled = np.flatnonzero(parts.lengths())
+        of_filled = zip(
+            filled.tolist(),
+            (parts.by[filled] * length).tolist(),
+            (parts.by[filled + 1] * length).tolist(),
+            parts.sources[filled].tolist(),
+            strict=True,
+        )
+        for part, first, after, source in of_filled:
+            of_part, limit = records[first:after], self._limit(source, length)
             if len(of_part) > limit - HEADER_OCTETS:
-                found.append(blocks_of(number, of_part, length, limit))
+                found[part] = blocks_of(number, of_part, length, limit)
             else:
-                found.append([header(number, len(of_part)) + of_part] if of_part else [])
+                found[part] = [header(number, len(of_part)) + of_part]
         return found
 
     def _limit(self, source: int, record_length: int) -> int:
