@@ -204,15 +204,24 @@ class Timetables:
             sectors, duration_ns = self._sectors[sensor], end_ns - start_ns
             into_ns = np.minimum(t_utc_ns - start_ns, duration_ns + 1)
             last = np.maximum((into_ns - 1) * sectors // duration_ns, index)
+            # Sectors from the next one up to the last of a scan of each sensor.
+            number: Ints = index
+            counts, which = last - index, np.arange(len(sensor))
+            if not (counts == 1).all():
+                which = np.repeat(which, counts)
+                number = np.arange(len(which)) - (np.cumsum(counts) - counts - index)[which]
+            first_ns: Ints = start_ns[which]
+            lasts_ns, n = duration_ns[which], sectors[which]
             turns.append(
-                _of_turns(
-                    sensor=sensor,
-                    scan=scan,
-                    start_ns=start_ns,
-                    duration_ns=duration_ns,
-                    sectors=sectors,
-                    first=index,
-                    end=last,
+                Sectors(
+                    sensor=sensor[which],
+                    scan=scan[which],
+                    index=number,
+                    start_ns=first_ns - np.floor_divide(-number * lasts_ns, n),
+                    end_ns=first_ns - np.floor_divide(-(number + 1) * lasts_ns, n),
+                    start_deg=360.0 * number / n,
+                    end_deg=360.0 * (number + 1) / n,
+                    stares=n == 1,
                 )
             )
             over = np.flatnonzero(last == sectors)
@@ -246,35 +255,6 @@ class Timetables:
             for row in np.flatnonzero(sensor == jitters).tolist():
                 starts_ns[row] = self._timetables[jitters].turn(int(scan[row])).start_ns
         return starts_ns
-
-
-def _of_turns(
-    *,
-    sensor: Ints,
-    scan: Ints,
-    start_ns: Ints,
-    duration_ns: Ints,
-    sectors: Ints,
-    first: Ints,
-    end: Ints,
-) -> Sectors:
-    """Sectors from `first` up to `end` of a scan of each sensor; all (k,)."""
-    counts, index = end - first, first
-    if not (counts == 1).all():
-        which = np.repeat(np.arange(len(sensor)), counts)
-        index = np.arange(len(which)) - (np.cumsum(counts) - counts - first)[which]
-        sensor, scan, sectors = sensor[which], scan[which], sectors[which]
-        start_ns, duration_ns = start_ns[which], duration_ns[which]
-    return Sectors(
-        sensor=sensor,
-        scan=scan,
-        index=index,
-        start_ns=start_ns - (-index * duration_ns // sectors),
-        end_ns=start_ns - (-(index + 1) * duration_ns // sectors),
-        start_deg=360.0 * index / sectors,
-        end_deg=360.0 * (index + 1) / sectors,
-        stares=sectors == 1,
-    )
 
 
 def beam_times_ns(sector: Sector, azimuth_deg: Floats) -> Ints:

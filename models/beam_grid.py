@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from plotfeed.models.beam import AzimuthCover
-from plotfeed.models.false_alarms import cells_across
+from plotfeed.models.detection import cells_across
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Floats, Ints
 

@@ -11,7 +11,7 @@ are worked out at once.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from hashlib import blake2b
 from itertools import count
@@ -131,23 +131,14 @@ class ScanDraws:
             wanted = dict.fromkeys(
                 zip(sensors[missing].tolist(), scans[missing].tolist(), strict=True)
             )
-            self._fill(table, key, wanted, draw)
+            rows = table.values.shape[2]
+            for sensor, scan in wanted:
+                rng = self._chances[sensor].rng(self._purpose, scan, key[0])
+                table.values[sensor, scan % slots] = draw(rng, (rows, *key[1]))
+                table.scan_of[sensor, scan % slots] = scan
             if (table.scan_of[sensors, slot] != scans).any():  # two scans of one slot at once
                 slots *= 2
                 table = _DrawTable(len(self._chances), slots, table.values.shape[2], key[1])
-
-    def _fill(
-        self,
-        table: _DrawTable,
-        key: tuple[Any, ...],
-        wanted: Iterable[tuple[int, int]],
-        draw: Draw,
-    ) -> None:
-        slots, rows = table.values.shape[1:3]
-        for sensor, scan in wanted:
-            rng = self._chances[sensor].rng(self._purpose, scan, key[0])
-            table.values[sensor, scan % slots] = draw(rng, (rows, *key[1]))
-            table.scan_of[sensor, scan % slots] = scan
 
 
 class _StandIn(ABC):

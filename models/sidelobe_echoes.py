@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from plotfeed.models.beam import Sector, beam_times_ns
+from plotfeed.models.detection import cells_across, whole_cells
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
-from plotfeed.models.false_alarms import cells_across, whole_cells
 from plotfeed.models.frames import enu_to_aer, wrap_180, wrap_360
 from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets

@@ -8,16 +8,15 @@ that one flight can be seen from any number of sites.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import heapify, heappop
 from itertools import pairwise
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from plotfeed.models.emitters import EmitterTable
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import (
@@ -25,6 +24,8 @@ from plotfeed.models.state import (
     NS,
     OTHER,
     Bools,
+    Columns,
+    Emitter,
     Floats,
     Ints,
     PlaceState,
@@ -38,6 +39,145 @@ from plotfeed.models.state import (
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.target_echoes import TargetEcho, TargetEchoes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Emissions(Columns):
+    """What targets emit: `target` is a row of theirs, `channel` the emitter on that drone.
+
+    `emitter` is a row of the table that they are from, `share` what of their power a sensor
+    receives, where that is known.
+    """
+
+    target: Ints
+    channel: Ints
+    emitter: Ints
+    frequency_hz: Floats
+    bandwidth_hz: Floats
+    eirp_dbm: Floats
+    share: Floats | None = None
+
+
+class EmitterTable(Sequence[tuple[Emitter, ...]]):
+    """The emitters of every drone, by its index; a drone's may be set anew at little cost."""
+
+    def __init__(self, emitters: Iterable[tuple[Emitter, ...]] = ()) -> None:
+        self._of_drones = list(emitters)
+        self._columns: _EmitterColumns | None = None
+
+    @classmethod
+    def of(cls, emitters: Sequence[tuple[Emitter, ...]]) -> EmitterTable:
+        """The table that those are, or one of them."""
+        return emitters if isinstance(emitters, EmitterTable) else cls(emitters)
+
+    def __len__(self) -> int:
+        return len(self._of_drones)
+
+    @overload
+    def __getitem__(self, drone: int) -> tuple[Emitter, ...]: ...
+    @overload
+    def __getitem__(self, drone: slice) -> list[tuple[Emitter, ...]]: ...
+    def __getitem__(self, drone: Any) -> Any:
+        return self._of_drones[drone]
+
+    def __iter__(self) -> Iterator[tuple[Emitter, ...]]:
+        return iter(self._of_drones)
+
+    def __setitem__(self, drone: int, emitters: tuple[Emitter, ...]) -> None:
+        if emitters == self._of_drones[drone]:
+            return
+        self._of_drones[drone] = emitters
+        if self._columns is not None and not self._columns.put(drone, emitters):
+            self._columns = None
+
+    def append(self, emitters: tuple[Emitter, ...]) -> None:
+        """Add a drone's."""
+        self._of_drones.append(emitters)
+        drone = len(self._of_drones) - 1
+        if self._columns is not None and not self._columns.put(drone, emitters):
+            self._columns = None
+
+    def cut(self, drones: int) -> None:
+        """Keep those of so many drones, the first ones, and no room for more."""
+        del self._of_drones[drones:]
+        self._columns = None
+
+    def emissions(self, drones: Ints) -> Emissions:
+        """Emissions of targets that are those drones, a row an emitter, in the order of targets."""
+        columns = self._made()
+        first, count = columns.first[drones], columns.count[drones]
+        if (count == 1).all():
+            target, channel, emitter = np.arange(len(drones)), np.zeros(len(drones), int), first
+        else:
+            target = np.repeat(np.arange(len(drones)), count)
+            channel = np.arange(len(target)) - (np.cumsum(count) - count)[target]
+            emitter = first[target] + channel
+        return Emissions(
+            target=target,
+            channel=channel,
+            emitter=emitter,
+            frequency_hz=columns.numbers[0, emitter],
+            bandwidth_hz=columns.numbers[1, emitter],
+            eirp_dbm=columns.numbers[2, emitter],
+        )
+
+    def kinds(self, emissions: Emissions) -> Texts:
+        """Kinds of emissions that are from here; (n,)."""
+        return np.asarray(self._made().texts[0, emissions.emitter])
+
+    def identities(self, emissions: Emissions) -> Texts:
+        """What emissions that are from here say when they are decoded; (n,)."""
+        return np.asarray(self._made().texts[1, emissions.emitter])
+
+    def _made(self) -> _EmitterColumns:
+        if self._columns is None:
+            self._columns = _EmitterColumns.of(self._of_drones)
+        return self._columns
+
+
+@dataclass(slots=True)
+class _EmitterColumns:
+    """Numbers (3, rows) and texts (2, rows) of emitters; those of a drone follow each other.
+
+    What is put anew is put behind all others, as long as there is room for it.
+    """
+
+    numbers: Floats
+    texts: NDArray[np.object_]
+    first: Ints
+    count: Ints
+    used: int = 0
+
+    @classmethod
+    def of(cls, of_drones: Sequence[tuple[Emitter, ...]]) -> Self:
+        """Columns with room for as many emitters again."""
+        rows, drones = 2 * sum(map(len, of_drones)) + 16, len(of_drones)
+        made = cls(
+            np.zeros((3, rows)),
+            np.full((2, rows), "", np.object_),
+            np.zeros(drones, np.int64),
+            np.zeros(drones, np.int64),
+        )
+        for drone, emitters in enumerate(of_drones):
+            if emitters:
+                made.put(drone, emitters)
+        return made
+
+    def put(self, drone: int, emitters: tuple[Emitter, ...]) -> bool:
+        """Put a drone's emitters in; False if there is no room."""
+        start, end = self.used, self.used + len(emitters)
+        if end > self.numbers.shape[1]:
+            return False
+        if drone >= len(self.first):
+            self.first, self.count = (
+                with_room(column, drone + 1) for column in (self.first, self.count)
+            )
+        for i, e in enumerate(emitters, start):
+            self.numbers[:, i] = e.frequency_hz, e.bandwidth_hz, e.eirp_dbm
+            self.texts[:, i] = e.kind, e.identity
+        self.first[drone], self.count[drone] = start, len(emitters)
+        self.used = end
+        return True
 
 
 COLUMNS = ("_rcs_m2", "_sound_power_db", "_size_m", "_target_class", "_model")
@@ -89,34 +229,25 @@ class KnownSignatures:
         target_class, model = signatures.target_class, signatures.model
         self._target_class[rows] = DRONE if target_class is None else target_class
         self._model[rows] = "" if model is None else model
-        if self._echoes is not None:
-            self._put_echoes(self._echoes, rows, signatures.echoes)
-        for row, emitters in zip(rows.tolist(), signatures.emitters, strict=True):
-            self._emitters[row] = emitters
-
-    def _put_echoes(
-        self, known: list[TargetEcho | None], rows: Ints, echoes: TargetEchoes | None
-    ) -> None:
-        for i, row in enumerate(rows.tolist()):
+        known, echoes = self._echoes, signatures.echoes
+        for i, row in enumerate(() if known is None else rows.tolist()):
             from plotfeed.models.effects.target_echoes import NOT_STATED
 
             number = NOT_STATED if echoes is None else int(echoes.kind[i])
             echo = None if echoes is None or number == NOT_STATED else echoes.kinds[number]
-            if known[row] != echo:
+            if known is not None and known[row] != echo:
                 known[row], self._echo_columns = echo, None
-
-    def _told_echoes(self) -> TargetEchoes | None:
-        if self._echoes is None:
-            return None
-        if self._echo_columns is None or len(self._echo_columns.kind) != len(self._echoes):
-            from plotfeed.models.effects.target_echoes import TargetEchoes
-
-            self._echo_columns = TargetEchoes.of(self._echoes)
-        return self._echo_columns
+        for row, emitters in zip(rows.tolist(), signatures.emitters, strict=True):
+            self._emitters[row] = emitters
 
     @property
     def all(self) -> Signatures:
         """Signatures of every row."""
+        echoes = self._echo_columns
+        if self._echoes is not None and (echoes is None or len(echoes.kind) != len(self._echoes)):
+            from plotfeed.models.effects.target_echoes import TargetEchoes
+
+            echoes = self._echo_columns = TargetEchoes.of(self._echoes)
         return Signatures(
             rcs_m2=self._rcs_m2,
             sound_power_db=self._sound_power_db,
@@ -124,7 +255,7 @@ class KnownSignatures:
             size_m=self._size_m,
             target_class=self._target_class,
             model=self._model,
-            echoes=self._told_echoes(),
+            echoes=echoes,
         )
 
 
@@ -886,22 +1017,17 @@ class Trajectories:
             self.names = [*self.names]
         for drone in drones:
             if drone not in self._index:
-                self._index[drone] = self._new_row(drone)
-        self._make_room(len(self.names))
+                if self._free:
+                    row = heappop(self._free)
+                    self.names[row] = drone
+                else:
+                    row = len(self.names)
+                    self.names.append(drone)
+                    self._signatures.add_row()
+                self._index[drone] = row
+        self._at_hand.make_room(len(self.names))
+        self._signatures.make_room(len(self.names))
         return [self._index[drone] for drone in drones]
-
-    def _new_row(self, drone: str) -> int:
-        if self._free:
-            row = heappop(self._free)
-            self.names[row] = drone
-            return row
-        self.names.append(drone)
-        self._signatures.add_row()
-        return len(self.names) - 1
-
-    def _make_room(self, rows: int) -> None:
-        self._at_hand.make_room(rows)
-        self._signatures.make_room(rows)
 
     def _changed(self, rows: Ints, signatures: Signatures) -> None:
         """Samples of rows were added: the last of each row counts."""

@@ -13,6 +13,7 @@ from stability_case import Case, relative
 
 from plotfeed.feeds.link.losses import chain_of
 from plotfeed.feeds.scene.link_keys import GilbertElliott
+from plotfeed.models.detection import probability_at_least_one
 from plotfeed.models.effects.doppler import Doppler
 from plotfeed.models.effects.echo_effects import cell_factor
 from plotfeed.models.effects.line_of_sight import OPAQUE, STEEPEST
@@ -20,7 +21,6 @@ from plotfeed.models.effects.merging import MergedGroups
 from plotfeed.models.effects.pulse_intervals import filter_factor
 from plotfeed.models.effects.readings import Drift
 from plotfeed.models.effects.weather import LOG_K, rain_coefficients
-from plotfeed.models.false_alarms import probability_at_least_one
 from plotfeed.models.fluctuation import pd_fluctuating
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.movers import wander_variance_m2

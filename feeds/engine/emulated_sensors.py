@@ -60,7 +60,6 @@ from plotfeed.models.sensors.sensor_model import (
     stacked,
 )
 from plotfeed.models.state import (
-    Bools,
     Columns,
     Floats,
     Ints,
@@ -122,7 +121,12 @@ class FalseAlarmsDue:
             which = zip(sectors.sensor[begun].tolist(), sectors.scan[begun].tolist(), strict=True)
             for sensor, scan in dict.fromkeys(which):
                 if scan != self._scan[sensor]:
-                    self._draw(sensor, scan, models[sensor])
+                    turn = self._timetables[sensor].turn(scan)
+                    alarms = self._drawn(sensor, scan, turn, models[sensor])
+                    self._scan[sensor] = scan
+                    if len(alarms):
+                        kept = [self._due.get(sensor, NO_PLOTS), alarms]
+                        self._keep(sensor, Plots.joined(kept))
         is_due = self._next_ns[sectors.sensor] < sectors.end_ns
         if not is_due.any():
             return []
@@ -132,11 +136,6 @@ class FalseAlarmsDue:
             for sensor in due.tolist()
             if len(alarms := self._taken(sensor, sectors))
         ]
-
-    def _draw(self, sensor: int, scan: int, model: SensorModel) -> None:
-        alarms = self._drawn(sensor, scan, self._timetables[sensor].turn(scan), model)
-        self._scan[sensor] = scan
-        self._keep(sensor, Plots.joined([self._due.get(sensor, NO_PLOTS), alarms]))
 
     def _drawn(self, sensor: int, scan: int, sector: Sector, model: SensorModel) -> Plots:
         """False alarms of a scan, and what clutter adds to them."""
@@ -357,7 +356,11 @@ class SensorGroup:
         self._at_work = at_work
         self._is_alone = len(sensors) == 1
         self._frames = self.site.frame if self._is_alone else at_work.frames
+        self._axes: Axes = self.site.axes if self._is_alone else at_work.frames
         self._model = stacked(models)
+        self._measures_rates = self._model.measures_range_rate
+        self._travels = self._model.signal_speed_m_s is not None
+        self._held_ns = self._model.claims_held_ns
         self._merges = getattr(self._model, "merging", None) is not None
         from plotfeed.models.dwell_agenda import Agenda
 
@@ -488,11 +491,7 @@ class SensorGroup:
     def _needs_velocities(self) -> bool:
         """Whether what is seen of drones depends on how they fly."""
         echoes = self._at_work.trajectories.signatures.echoes
-        return self._model.measures_range_rate or (echoes is not None and echoes.has_aspects)
-
-    @property
-    def _axes(self) -> Axes:
-        return self.site.axes if self._is_alone else self._frames
+        return self._measures_rates or (echoes is not None and echoes.has_aspects)
 
     def _there_at_the_end(self, sectors: Sectors) -> tuple[Ints, PlaceState]:
         """Drones within reach at the ends of scans: the row of each, and its state."""
@@ -519,15 +518,14 @@ class SensorGroup:
 
     def _reach(self, sensor: Ints) -> Floats:
         """Beyond this a sensor senses nothing, metres."""
-        travels = self._model.signal_speed_m_s is not None
-        return self._reach_m[sensor] * (WHILE_IT_TRAVELS if travels else 1.0)
+        return self._reach_m[sensor] * (WHILE_IT_TRAVELS if self._travels else 1.0)
 
     def _targets(self, truth: PlaceState, row: Ints, sensors: Ints) -> tuple[Targets, Ints]:
         """Drones as they are and as they are sensed, and the row of each; `sensors` are by row."""
         frames = frames_at(self._frames, sensors[row])
         true_position_enu_m = frames.from_ecef(truth.position_ecef_m)
         sensed, t_utc_ns, position_enu_m = truth, truth.t_utc_ns, true_position_enu_m
-        if self._model.signal_speed_m_s is not None:
+        if self._travels:
             sensed, position_enu_m, there = self._when_it_left(truth, position_enu_m, sensors[row])
             t_utc_ns, true_position_enu_m = t_utc_ns[there], true_position_enu_m[there]
             row = row[there]
@@ -549,10 +547,10 @@ class SensorGroup:
             emitted_utc_ns=None if sensed is truth else sensed.t_utc_ns,
             sensor=None if self._is_alone else sensors[row],
         )
-        if held_ns := self._model.claims_held_ns:
+        if self._held_ns:
             from plotfeed.models.effects.classification import HeldClaims
 
-            held = HeldClaims(self._at_work.claims, int(self.sensors[0]), held_ns)
+            held = HeldClaims(self._at_work.claims, int(self.sensors[0]), self._held_ns)
             targets = replace(targets, claims=held)
         if self._model.draws_by_pair:
             pairs, names = self._at_work.pairs, self._at_work.trajectories.names
@@ -607,7 +605,12 @@ class SensorGroup:
     ) -> Batch:
         """Looks and plots by sector, plots with heights if any format tells them."""
         if alarms:
-            plots = Plots.joined([plots, *(self._told(sensor, found) for sensor, found in alarms)])
+            if not self._is_alone:  # each says whose it is
+                alarms = [
+                    (sensor, found.but(sensor=np.full(len(found), sensor)))
+                    for sensor, found in alarms
+                ]
+            plots = Plots.joined([plots, *(found for _, found in alarms)])
         looks, looks_by = self._by_sector(sectors, looks)
         plots, plots_by = self._by_sector(sectors, plots)
         if self.site.tells_heights and len(plots):
@@ -807,32 +810,23 @@ class EmulatedSensors:
 
         The script's changes come meanwhile.
         """
-        self._forget_gone()
-        while len(sectors := self._next.ending_before(before_ns)):
-            later = self._later_than_script(sectors)
-            if later.any():
-                sectors = sectors.rows(~later)
-            self._next.take(sectors)
-            yield from self._seen(sectors.rows(self._enabled[sectors.sensor]))
-            if not later.any():
-                return
-            self._follow_script_until(self._script[-1][0])
-
-    def _forget_gone(self) -> None:
-        """Keep nothing of drones that were forgotten, or whose rows are others' now."""
         names = self._trajectories.names
-        if names is not self._drones:
+        if names is not self._drones:  # some were forgotten, or their rows are others' now
             self._at_work.borders.forget(renamed(self._drones, names), len(names))
             self._at_work.draws.trim(len(names))
             self._at_work.claims.trim(len(names))
             self._drones = names
-
-    def _later_than_script(self, sectors: Sectors) -> Bools:
-        """Which sectors are worked out after the next change of the script."""
-        if not self._script:
-            return np.zeros(len(sectors), np.bool_)
-        known_ns = np.maximum(sectors.end_ns - AHEAD_NS, sectors.start_ns)
-        return known_ns >= self._script[-1][0]
+        while len(sectors := self._next.ending_before(before_ns)):
+            later = None
+            if self._script:
+                known_ns = np.maximum(sectors.end_ns - AHEAD_NS, sectors.start_ns)
+                later = known_ns >= self._script[-1][0]
+                sectors = sectors.rows(~later)
+            self._next.take(sectors)
+            yield from self._seen(sectors.rows(self._enabled[sectors.sensor]))
+            if later is None or not later.any():
+                return
+            self._follow_script_until(self._script[-1][0])
 
     def _seen(self, sectors: Sectors) -> Iterator[Batch]:
         if not len(sectors):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.chance import of_rows
-from plotfeed.models.false_alarms import cells_across
+from plotfeed.models.detection import cells_across
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, CellSensor, Prediction, Targets

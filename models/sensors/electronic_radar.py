@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models import false_alarms
+from plotfeed.models import detection
 from plotfeed.models.beam import Sector
 from plotfeed.models.beam_grid import BeamGrid
 from plotfeed.models.dwell_agenda import (
@@ -272,7 +272,7 @@ class ElectronicRadar(DwellingSensor):
         hit = np.zeros(most, np.bool_)
         hit[place[looks.detected]] = True
         cells = self.radar.resolution_cells / self.grid.side_by_side
-        alarms = false_alarms.draw_count(int(np.ceil(cells)) * most, self.radar.pfa, rng)
+        alarms = detection.draw_count(int(np.ceil(cells)) * most, self.radar.pfa, rng)
         hit[rng.integers(0, max(most, 1), alarms)] = True
         outcome = search_outcome(hit, left)
         done = np.flatnonzero(place < outcome.beams)

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from plotfeed.models import accuracy, detection, false_alarms
+from plotfeed.models import accuracy, detection
 from plotfeed.models.beam import Sector, Volume
 from plotfeed.models.effects.pulse_intervals import at_least
 from plotfeed.models.effects.surroundings import SeenFrom, Surroundings
@@ -224,7 +224,7 @@ class MultistaticRadar(Volume, JointSensor):
             signals = each.signals
             mine = np.flatnonzero(hit[:, p])
             azimuth_deg, elevation_deg, _ = enu_to_aer(place_m[mine] - np.array(each.place_enu_m))
-            alarms_deg = false_alarms.draw_azimuths(
+            alarms_deg = detection.draw_azimuths(
                 each.alarm_cells[k], signals.pfa, signals.azimuth_cover, sector, rng
             )
             a = len(alarms_deg)

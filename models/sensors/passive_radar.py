@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models import detection, false_alarms, propagation
+from plotfeed.models import detection, propagation
 from plotfeed.models.beam import Sector, beam_times_ns
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
@@ -221,7 +221,7 @@ class PassiveRadar(PassiveSignals):
         form). `placed_shares` of them have a solution within range; the others are no plots.
         """
         found = [
-            false_alarms.draw_azimuths(cells, self.pfa, self.azimuth_cover, sector, rng)
+            detection.draw_azimuths(cells, self.pfa, self.azimuth_cover, sector, rng)
             for cells in self.alarm_cells
         ]
         azimuth_deg = np.concatenate(found)

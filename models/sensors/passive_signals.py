@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam import Volume
-from plotfeed.models.false_alarms import cells_across
+from plotfeed.models.detection import cells_across
 from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import aer_to_enu, distance_m
 from plotfeed.models.numerics import as_floats, nan_without_warnings

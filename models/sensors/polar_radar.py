@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam import Volume
 from plotfeed.models.chance import of_rows
-from plotfeed.models.false_alarms import cells_across
+from plotfeed.models.detection import cells_across
 from plotfeed.models.frames import distance_m, enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.sensor_model import (

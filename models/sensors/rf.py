@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.chance import of_rows
+from plotfeed.models.detection import cells_across
 from plotfeed.models.effects.jamming import BandNoise, behind
-from plotfeed.models.emitters import Emissions, EmitterTable
-from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import C_M_S
@@ -30,6 +29,7 @@ from plotfeed.models.sensors.sensor_model import (
     sensor_property,
 )
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Texts, endless
+from plotfeed.models.truth import Emissions, EmitterTable
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.city import City

@@ -183,10 +183,10 @@ def targets(n: int, nearest_m: float, furthest_m: float) -> Any:
     """Drones of 0.01 m2, 80 dB and 20 dBm, 20 to 70 degrees from north, 2 to 20 above horizon."""
     import numpy as np
 
-    from plotfeed.models.emitters import EmitterTable
     from plotfeed.models.frames import aer_to_enu
     from plotfeed.models.sensors.sensor_model import Targets
     from plotfeed.models.state import Emitter, Signatures
+    from plotfeed.models.truth import EmitterTable
 
     rng = np.random.default_rng(1)
     enu_m = aer_to_enu(rng.uniform(20, 70, n), rng.uniform(2, 20, n),

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models.emitters import EmitterTable
 from plotfeed.models.state import Emitter
+from plotfeed.models.truth import EmitterTable
 
 emitters = st.builds(
     Emitter,

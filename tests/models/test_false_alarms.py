@@ -12,22 +12,22 @@ from scipy import stats
 from support.given_files import reference
 from support.significance import assert_counts, assert_sum
 
-from plotfeed.models import false_alarms
+from plotfeed.models import detection
 from plotfeed.models.beam import AzimuthCover, Timetable
 
 
 def test_binomial_agrees_with_the_reference():
     table = reference("false_alarm_binomial.csv")
     case = (table["cells"], table["pfa"])
-    some = false_alarms.probability_at_least_one(*case)
+    some = detection.probability_at_least_one(*case)
     np.testing.assert_allclose(some, table["p_at_least_one"], rtol=1e-13)
 
 
 def test_probabilities_at_their_ends_and_shape():
-    assert false_alarms.probability_at_least_one(100, 1.0) == 1
-    assert false_alarms.probability_at_least_one(0, 1e-3) == 0
-    assert np.isnan(false_alarms.probability_at_least_one(10, 1.5))
-    assert false_alarms.probability_at_least_one(np.ones((4, 1)), np.zeros(3)).shape == (4, 3)
+    assert detection.probability_at_least_one(100, 1.0) == 1
+    assert detection.probability_at_least_one(0, 1e-3) == 0
+    assert np.isnan(detection.probability_at_least_one(10, 1.5))
+    assert detection.probability_at_least_one(np.ones((4, 1)), np.zeros(3)).shape == (4, 3)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_probabilities_at_their_ends_and_shape():
 )
 def test_counts_are_binomial(cells, pfa):
     rng = np.random.default_rng(3)
-    counts = np.array([false_alarms.draw_count(cells, pfa, rng) for _ in range(40_000)])
+    counts = np.array([detection.draw_count(cells, pfa, rng) for _ in range(40_000)])
     law = stats.binom(cells, pfa) if pfa > 1e-8 else stats.poisson(cells * pfa)
     inner = np.unique(law.ppf(np.linspace(0, 1, 12)[1:-1]))
     share = np.diff(np.concatenate([[0.0], law.cdf(inner), [1.0]]))
@@ -58,22 +58,22 @@ def test_counts_are_binomial(cells, pfa):
 
 def test_almost_never_is_not_never():
     rng = np.random.default_rng(9)
-    counts = np.array([false_alarms.draw_count(10**12, 1e-15, rng) for _ in range(200_000)])
-    some = false_alarms.probability_at_least_one(1e12, 1e-15)
+    counts = np.array([detection.draw_count(10**12, 1e-15, rng) for _ in range(200_000)])
+    some = detection.probability_at_least_one(1e12, 1e-15)
     assert stats.binomtest(int((counts > 0).sum()), 200_000, float(some)).pvalue > 1e-3
 
 
 def test_counts_where_there_are_no_cells_or_all_alarm():
     rng = np.random.default_rng(4)
-    assert false_alarms.draw_count(0, 0.1, rng) == 0
-    assert false_alarms.draw_count(100, 0.0, rng) == 0
-    assert false_alarms.draw_count(100, 1.0, rng) == 100
-    assert isinstance(false_alarms.draw_count(100, 0.1, rng), int)
+    assert detection.draw_count(0, 0.1, rng) == 0
+    assert detection.draw_count(100, 0.0, rng) == 0
+    assert detection.draw_count(100, 1.0, rng) == 100
+    assert isinstance(detection.draw_count(100, 0.1, rng), int)
 
 
 @given(st.floats(1e-6, 1e12), st.floats(1e-15, 0.1))
 def test_whole_cells_alarm_as_often_on_average(cells, pfa):
-    whole, each = false_alarms.whole_cells(cells, pfa)
+    whole, each = detection.whole_cells(cells, pfa)
     assert isinstance(whole, int)
     assert whole * each == pytest.approx(cells * pfa, rel=1e-12)
     assert whole >= cells * (1 - 1e-11)
@@ -81,16 +81,16 @@ def test_whole_cells_alarm_as_often_on_average(cells, pfa):
 
 
 def test_cells_that_are_whole_stay_as_they_are():
-    assert false_alarms.whole_cells(8.0, 0.1) == (8, 0.1)
-    assert false_alarms.whole_cells(0.0, 0.1) == (0, 0.1)
+    assert detection.whole_cells(8.0, 0.1) == (8, 0.1)
+    assert detection.whole_cells(0.0, 0.1) == (0, 0.1)
     for width in np.arange(1, 361) / 10:  # 360 / 0.1 is a hair above 3600
-        whole, each = false_alarms.whole_cells(round(3600 / width) * width / width, 0.1)
+        whole, each = detection.whole_cells(round(3600 / width) * width / width, 0.1)
         assert (whole, each) == (round(3600 / width), pytest.approx(0.1, rel=1e-14))
 
 
 def test_a_beam_wider_than_the_cover_is_one_cell():
-    assert false_alarms.cells_across(10.0, 30.0) == 1
-    assert false_alarms.cells_across(110.0, 30.0) == pytest.approx(11 / 3, rel=1e-15)
+    assert detection.cells_across(10.0, 30.0) == 1
+    assert detection.cells_across(110.0, 30.0) == pytest.approx(11 / 3, rel=1e-15)
 
 
 @pytest.mark.parametrize("sectors", [1, 8])
@@ -101,11 +101,11 @@ def test_beams_that_do_not_fill_the_cover_evenly_alarm_as_often_as_it_holds_of_t
     """
     rng, cover = np.random.default_rng(8), AzimuthCover(-40.0, 70.0)
     turn = Timetable(1_000_000_000, sectors)
-    cells = false_alarms.cells_across(110.0, 30.0)
+    cells = detection.cells_across(110.0, 30.0)
     counts = np.array(
         [
             sum(
-                len(false_alarms.draw_azimuths(cells, 0.1, cover, turn.sector(scan, k), rng))
+                len(detection.draw_azimuths(cells, 0.1, cover, turn.sector(scan, k), rng))
                 for k in range(sectors)
             )
             for scan in range(10_000)
@@ -119,7 +119,7 @@ def test_beams_that_do_not_fill_the_cover_evenly_alarm_as_often_as_it_holds_of_t
 @given(st.integers(0, 10**12), st.lists(st.floats(0, 1), max_size=40))
 def test_sectors_share_a_scan_out_exactly(total, borders):
     edges = [0.0, *sorted(borders), 1.0]
-    parts = [false_alarms.cells_between(total, a, b) for a, b in pairwise(edges)]
+    parts = [detection.cells_between(total, a, b) for a, b in pairwise(edges)]
     assert sum(parts) == total
     assert min(parts) >= 0
 
@@ -127,7 +127,7 @@ def test_sectors_share_a_scan_out_exactly(total, borders):
 @given(st.integers(0, 10**9), st.integers(1, 720))
 def test_equal_sectors_are_equal_to_a_cell_and_meet_despite_rounding(total, n):
     parts = [
-        false_alarms.cells_between(total, i / n, 1.0 if i + 1 == n else (i + 1) * (1.0 / n))
+        detection.cells_between(total, i / n, 1.0 if i + 1 == n else (i + 1) * (1.0 / n))
         for i in range(n)
     ]
     assert sum(parts) == total

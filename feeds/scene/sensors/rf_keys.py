@@ -30,8 +30,8 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
 from plotfeed.feeds.scene.world_keys import JammerKeys
+from plotfeed.models.detection import cells_across
 from plotfeed.models.effects.jamming import BandNoise, jamming_over_noise
-from plotfeed.models.false_alarms import cells_across
 from plotfeed.models.frames import distance_m
 from plotfeed.models.sensors.rf import RfDirectionFinder
 

@@ -654,20 +654,14 @@ def measured(columns: Columns, names: Mapping[str, str]) -> dict[str, Floats]:
 
     The encoder finds a NaN among numbers by itself.
     """
-    held = vars(columns)
-    return {
-        path: column
-        for path, name in names.items()
-        if (column := held.get(name)) is not None and _is_measured(path, column)
-    }
-
-
-def _is_measured(path: str, column: Floats) -> bool:
-    if not math.isnan(column[0]):
-        return True
-    if np.isnan(column).all():
-        return False
-    raise EncodeError("NaN in some rows and not in others", field=path)
+    held, found = vars(columns), {}
+    for path, name in names.items():
+        if (column := held.get(name)) is not None:
+            if not math.isnan(column[0]):
+                found[path] = column
+            elif not np.isnan(column).all():
+                raise EncodeError("NaN in some rows and not in others", field=path)
+    return found
 
 
 def checked_position(latitude_deg: Any, longitude_deg: Any, *, field: str) -> None:
