@@ -161,7 +161,7 @@ class Timetables:
     def __init__(self, timetables: Sequence[Timetable]) -> None:
         self._timetables = timetables
         self.period_ns = np.array([each.period_ns for each in timetables], np.int64)
-        self._sectors = np.array([each.sectors for each in timetables], np.int64)
+        self.sectors = np.array([each.sectors for each in timetables], np.int64)
         self._jitters = [i for i, each in enumerate(timetables) if each.jitters]
         n = len(timetables)
         self._scan, self._index = np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -186,8 +186,14 @@ class Timetables:
     def next_end_ns(self) -> Ints:
         """When the next sector of each sensor ends; (n,)."""
         duration_ns = self._end_ns - self._start_ns
-        into_ns: Ints = np.floor_divide(-(self._index + 1) * duration_ns, self._sectors)
+        into_ns: Ints = np.floor_divide(-(self._index + 1) * duration_ns, self.sectors)
         return self._start_ns - into_ns
+
+    @property
+    def begins_scan(self) -> Bools:
+        """Whether the next sector of each sensor is the first of a scan; (n,)."""
+        begins: Bools = self._index == 0
+        return begins
 
     def sector(self, sensor: int) -> Sector:
         """The next one of a sensor."""
@@ -201,7 +207,7 @@ class Timetables:
         start_ns, end_ns = self._start_ns[sensor], self._end_ns[sensor]
         turns = []
         while len(sensor):
-            sectors, duration_ns = self._sectors[sensor], end_ns - start_ns
+            sectors, duration_ns = self.sectors[sensor], end_ns - start_ns
             into_ns = np.minimum(t_utc_ns - start_ns, duration_ns + 1)
             last = np.maximum((into_ns - 1) * sectors // duration_ns, index)
             # Sectors from the next one up to the last of a scan of each sensor.
@@ -239,7 +245,7 @@ class Timetables:
             return
         last = np.append(np.flatnonzero(sectors.first_of_sensors()[1:]), len(sectors) - 1)
         sensor, scan, index = sectors.sensor[last], sectors.scan[last], sectors.index[last] + 1
-        over = index == self._sectors[sensor]
+        over = index == self.sectors[sensor]
         scan, index = scan + over, np.where(over, 0, index)
         self._index[sensor] = index
         new = np.flatnonzero(scan != self._scan[sensor])

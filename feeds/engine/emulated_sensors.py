@@ -797,6 +797,27 @@ class EmulatedSensors:
         self._next.go_on_with(i, last)
         return MissedScans(last.scan - sector.scan, sector.end_ns, last.start_ns)
 
+    def skip_scan(self, i: int) -> MissedScans:
+        """Leave out the scan that a sensor is in or begins next, to its end: what it has missed."""
+        sector = self._next.sector(i)
+        following = self._at_work.timetables[i].sector(sector.scan + 1, 0)
+        self._next.go_on_with(i, following)
+        return MissedScans(1, sector.end_ns, following.start_ns)
+
+    @property
+    def sectors_per_ns(self) -> Floats:
+        """How many sectors each has to work out in a nanosecond; none that is not enabled; (n,)."""
+        return np.where(self._enabled, self._next.sectors / self._next.period_ns, 0.0)
+
+    def begins_before(self, before_ns: int) -> Bools:
+        """Which begin a scan next, of which the first sector ends before that time; (n,)."""
+        return self._next.begins_scan & (self._next.next_end_ns < before_ns) & self._enabled
+
+    @property
+    def amid_scans(self) -> Bools:
+        """Which have begun a scan that is not over; (n,)."""
+        return ~self._next.begins_scan & self._enabled
+
     def pointed(self, i: int) -> CuedState | PointedBeams | None:
         """Where a sensor's mount or beams pointed in the last scan; None where nothing turns."""
         return self.cueing.state_of(i) or self._groups[int(self._group_of[i])].beams()

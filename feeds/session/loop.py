@@ -71,6 +71,8 @@ class SessionLoop(Generic[T]):
         self.schedule = schedule
         self.waited = 0
         """How often the session waited for a way out to have room."""
+        self.slept_ns = 0
+        """For how long nothing was due."""
         self._clock = clock
         self._inputs = inputs
         self.on_input: Callable[[], object] | None = None
@@ -198,7 +200,9 @@ class SessionLoop(Generic[T]):
                 break
             await asyncio.sleep(0)
         exactly = len(self.schedule) > 0 and self.schedule.next_kind() >= ActionKind.SENDING
+        asleep_ns = self._clock.now_ns()
         await self._clock.sleep_until(due_ns, exactly=exactly)
+        self.slept_ns += max(0, min(due_ns, self._clock.now_ns()) - asleep_ns)
 
     def _stands_still(self) -> bool:
         """Whether the next deadline waits for somebody who lets time go on."""

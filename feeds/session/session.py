@@ -38,6 +38,7 @@ from plotfeed.feeds.session.outputs import Outputs
 from plotfeed.feeds.session.part import PartHold, SessionPart
 from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.running_sensor import RunningSensor
+from plotfeed.feeds.session.shedding import Shedding
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
@@ -225,6 +226,7 @@ class Session:
         self._outbox = self._outputs.of_session(topics, self._hear, will)
         self.sensors = self._running_sensors()
         self._of_index = list(self.sensors.values())
+        self._shedding = Shedding(engine.sensors, self._missed)
         self._cooperative = self._outputs.of_cooperative_drones()
         self._outboxes = [sensor.outbox for sensor in self._of_index]
         """By the index that batches have for whose sectors they hold."""
@@ -320,6 +322,8 @@ class Session:
     async def stand_by(self, is_over: Callable[[], bool]) -> None:
         """Work out what others send, or have sent since the scene began, until that is over."""
         self._shares, done_ns = True, self.start_ns
+        sensors = self.engine.sensors
+        self._shedding.spare([i for i in range(len(sensors.sensors)) if sensors.remembers(i)])
         while not is_over() or self.clock.now_ns() - done_ns > CAUGHT_UP_NS:
             if self.clock.now_ns() - done_ns < CAUGHT_UP_NS:
                 await asyncio.sleep(STAND_BY_S)
@@ -527,6 +531,9 @@ class Session:
         now_ns = self.clock.now_ns()
         too_late_ns = self._leave_out(now_ns)
         ticks = self._ticks_from(k)
+        if not self.clock.can_wait:
+            before_ns, slept_ns = (k + 1 + ticks) * TICK_NS, self._loop.slept_ns
+            self._shedding.look(now_ns, k * TICK_NS, before_ns, slept_ns)
         if too_late_ns:  # by steps as long as when it joins: else it would be late for ever
             ticks = max(ticks, min(now_ns // TICK_NS - k, LONGEST_NS // TICK_NS))
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
@@ -552,6 +559,7 @@ class Session:
         self._let_go()
         for due_ns, together in due.items():
             self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
+        self._shedding.worked_out(sectors)
         if sectors < MOST_SECTORS:
             self._at_once = min(2 * ticks, self._most_at_once)
         self._earliest_ns = (k + ticks) * TICK_NS

@@ -1,0 +1,111 @@
+"""More to do than there is time for: whole scans are left out in turn, the rest is on time."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import load
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.proto.utc import NS
+
+START = "2026-01-01T12:00:00Z"
+IN_STEP = "".join(radar(f"r{i:02}", period_s=1.0, sectors=32) for i in range(12))
+QUICK = "".join(radar(f"r{i:02}", period_s=0.2, sectors=4) for i in range(12))
+PERIODS = "".join(radar(f"r{i:02}", period_s=1.0 + 0.13 * i, sectors=16) for i in range(12))
+
+
+class Machine(InstantClock):
+    """Time goes by while sectors are worked out, and only then."""
+
+    leaps = False
+
+    def __init__(self, start_utc_ns: int, cost_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        super().__init__(start_utc_ns)
+        until = Engine.until
+
+        def costly(engine: Engine, t_utc_ns: int) -> Iterator[Batch]:
+            for batch in until(engine, t_utc_ns):
+                self.jump(self.now_ns() + cost_ns * len(batch))
+                yield batch
+
+        monkeypatch.setattr(Engine, "until", costly)
+
+
+class Sent(Observer):
+    """What was sent of each scan, how late, and what sensors say that they missed."""
+
+    def __init__(self, clock: InstantClock) -> None:
+        self.clock = clock
+        self.late_ns: list[int] = []
+        self.sectors: dict[str, Counter[int]] = defaultdict(Counter)
+        self.missed: dict[str, int] = {}
+
+    def report(self, batch: Batch) -> None:
+        self.sectors[batch.sensor][batch.sector.scan] += 1
+        self.late_ns.append(self.clock.now_ns() - batch.due_utc_ns)
+
+    def after_link(self, message: Message, _sent_utc_ns: int) -> None:
+        if message.topic.endswith("/status"):
+            told = json.loads(message.payload)
+            self.missed[told["sensor"]] = int(told["missed_scans"])
+
+
+def loaded(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, sensors: str, times: float, duration_s: float
+) -> tuple[Sent, SessionCounters]:
+    """A session that has so many times as much to do as it can."""
+    scene = load(
+        scene_file(folder, scene_text(start_utc=START, sensors=sensors, port=1, drones=""))
+    )
+    per_s = sum(s.scan.sectors / s.scan.period_s for s in scene.sensor)
+    clock = Machine(scene.scene.start_utc_ns or 0, round(times * NS / per_s), monkeypatch)
+    sent = Sent(clock)
+    running = run(scene, clock=clock, broker="none", duration_s=duration_s, observers=[sent])
+    return sent, asyncio.run(running)
+
+
+@pytest.mark.parametrize("times", [1.3, 2.0, 5.0])
+@pytest.mark.parametrize("sensors", [IN_STEP, QUICK, PERIODS], ids=["step", "quick", "periods"])
+def test_whole_scans_are_left_out_in_turn_and_what_is_sent_is_on_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sensors: str, times: float
+) -> None:
+    sent, totals = loaded(tmp_path, monkeypatch, sensors, times, 60.0)
+    assert float(np.median(sent.late_ns)) <= 0.05 * NS
+    # It is told, and nobody has lost two scans more or less than the share that all lose.
+    assert sum(sent.missed.values()) == totals.missed_scans > 0
+    sensors_of = load(tmp_path / "scene.toml").sensor
+    scans = {s.id: 60.0 / s.scan.period_s for s in sensors_of}
+    missed = np.array([sent.missed[name] for name in scans])
+    all_scans = np.array([*scans.values()])
+    assert abs(missed - all_scans * missed.sum() / all_scans.sum()).max() <= 2.0
+    # Most scans that are sent are whole, and none starves.
+    for sensor in sensors_of:
+        found = sent.sectors[sensor.id]
+        whole = [scan for scan, n in found.items() if n == sensor.scan.sectors]
+        assert len(whole) >= 0.9 * len(found) - 2
+        assert max(np.diff(sorted(whole))) <= 4 * times / 0.85 + 2
+    # What there is time for is done.
+    done = sum(map(len, sent.sectors.values())) / all_scans.sum()
+    assert done >= 0.7 / times
+
+
+def test_nothing_is_left_out_while_there_is_time_for_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent, totals = loaded(tmp_path, monkeypatch, IN_STEP, 0.9, 30.0)
+    assert totals.missed_scans == 0
+    assert sum(map(Counter.total, sent.sectors.values())) == 30 * 32 * 12
