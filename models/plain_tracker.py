@@ -81,6 +81,10 @@ class PlainTracker:
         """How many tracks there are, with those that have no number yet."""
         return len(self._tracks)
 
+    def end(self) -> None:
+        """End all tracks, of which nothing more is told; later ones have other numbers."""
+        self._tracks = self._begun(_NO_PLOTS, 0)
+
     def take(self, plots: LocatedPlots, *, start_ns: int, end_ns: int) -> TrackStates:
         """The tracks to report at the end of a sector: those that had a plot in it, or missed one.
 

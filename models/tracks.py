@@ -125,6 +125,10 @@ class SmoothedTruth:
         """The drones that have a track, or were detected of late."""
         return self._lives.drones
 
+    def end(self) -> None:
+        """End all tracks, of which nothing more is told; later ones have other numbers."""
+        self.forget(self.drones, len(self._covariance_m2))
+
     def forget(self, drone: Ints, n: int) -> None:
         """Take those drones for others; there are n, and no room is kept for many more."""
         self._lives.forget(drone, n)

@@ -887,6 +887,8 @@ class EmulatedSensors:
         """Let those be so from the next sector on."""
         for i, sensor in sensors.items():
             self.sensors[i] = sensor
+            if self._enabled[i] and not sensor.enabled:
+                self._formats.switched_off(i)
             self._enabled[i] = sensor.enabled
             self.sites[i] = self._site_of(i)
             self.models[i] = self.world.model_of(sensor)

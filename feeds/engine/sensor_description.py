@@ -116,12 +116,12 @@ def description_message(prefix: str, description: pb.SensorDescription, now_utc_
 
 
 def settings_message(
-    prefix: str, sensor: Sensor, controlled: Mapping[str, Any], now_utc_ns: int
+    prefix: str, sensor: Sensor, controlled: Mapping[str, Any], since_utc_ns: int, now_utc_ns: int
 ) -> Message:
-    """What a sensor's keys are at the moment, and which of them control has changed."""
+    """What a sensor's keys are since a time, and which of them control has changed."""
     said = {
         "sensor": sensor.id,
-        "time_utc": iso_utc(now_utc_ns),
+        "time_utc": iso_utc(since_utc_ns),
         "controlled": controlled,
         "in_force": sensor.model_dump(mode="json", exclude_unset=True, exclude={"event"}),
     }

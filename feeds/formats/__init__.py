@@ -375,6 +375,11 @@ class SceneFormats:
             return self._in_formats(0, batch)
         return batch.in_groups(self._report[batch.sectors.sensor], self._in_formats)
 
+    def switched_off(self, i: int) -> None:
+        """A sensor is at work no more: on-board tracks end with that."""
+        if self._tracks is not None:
+            self._tracks.end(i)
+
     def _in_formats(self, report: int, batch: Batch) -> list[list[Message]]:
         """Messages of sensors that report in the same formats."""
         made = [self._formats[name].messages(batch) for name in self._reports[report]]

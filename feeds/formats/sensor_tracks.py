@@ -40,6 +40,9 @@ class SensorTracker(Protocol):
     def take(self, batch: Batch) -> TrackStates:
         """The tracks at the end of a sector, east, north and up of the scene's site."""
 
+    def end(self) -> None:
+        """End all tracks, of which nothing more is told."""
+
 
 class SceneTracks:
     """The trackers of the sensors that report in a format of tracks."""
@@ -52,6 +55,11 @@ class SceneTracks:
                 is_plain = tracks_keys_of(sensor).kind == "plain"
                 kind = PlainTracks if is_plain else _SmoothedTruth
                 self._trackers[i] = kind(scene, sensor, self._site)
+
+    def end(self, i: int) -> None:
+        """End all tracks of a sensor, which is switched off: it tells nothing more of them."""
+        if i in self._trackers:
+            self._trackers[i].end()
 
     def tracked(self, batch: Batch) -> Batch:
         """Add the tracks at the ends of its sectors to the batch."""
@@ -115,6 +123,10 @@ class _SmoothedTruth:
         self._names: Sequence[str] = ()
         """Of drones by index, when it last knew of them."""
         self._chance = Chance(scene.scene.seed, sensor.id)
+
+    def end(self) -> None:
+        """End all tracks, of which nothing more is told."""
+        self._tracks.end()
 
     def take(self, batch: Batch) -> TrackStates:
         """The tracks at the end of a sector."""
@@ -182,6 +194,10 @@ class PlainTracks:
         )
         turns = by_sector and sensor.scan.sectors > 1
         self._tracker = PlainTracker(_rule_of(sensor), motion, turns=turns)
+
+    def end(self) -> None:
+        """End all tracks, of which nothing more is told."""
+        self._tracker.end()
 
     def take(self, batch: Batch) -> TrackStates:
         """The tracks at the end of a sector."""

@@ -62,12 +62,15 @@ class RunningSensor:
         self._prefix = engine.scene.mqtt.prefix
         self._announcer, self._describer = announcer, describer
         self._schedule, self._totals, self._changed = schedule, totals, changed
+        self._since_ns = 0
+        """Since when its keys, and what control asks of them, are so."""
         self._description = describer.description(self.sensor)
         self._status = status_of(self._description)
 
     def start(self, start_utc_ns: int, now_utc_ns: int) -> None:
         """Say what there is to say of the sensor, now and from now on; its script began before."""
         self._status.scan = self._sensors.next_sector(self._i).scan
+        self._since_ns = now_utc_ns
         for after_ns in instants_ns(self.sensor.event):
             at_utc_ns = start_utc_ns + after_ns
             if at_utc_ns >= now_utc_ns:
@@ -100,9 +103,12 @@ class RunningSensor:
         self._status.missed_scans += missed.scans
         self.outbox.counters.leave_out(missed.first_end_ns, missed.last_end_ns)
 
-    def follow(self, at_utc_ns: int) -> None:
-        """Be as script and control have it then, and say so; something was asked of it."""
-        before = self._description
+    def follow(self, at_utc_ns: int, *, since_ns: int | None = None) -> None:
+        """Be as script and control have it then, and say so; something was asked of it.
+
+        Control counts after that time; `since_ns` is given where it is so since another.
+        """
+        before, self._since_ns = self._description, since_ns or at_utc_ns + 1
         self._follow_script(at_utc_ns)
         self.outbox.send_past_link(self.settings)
         if self._description is not before:
@@ -111,7 +117,7 @@ class RunningSensor:
     def _change_by_script(self, at_utc_ns: int) -> None:
         """Do what an event of the scene asks for, and say so if it changes anything."""
         if self._as_of(at_utc_ns) != self.sensor:
-            self.follow(at_utc_ns)
+            self.follow(at_utc_ns, since_ns=at_utc_ns)
 
     def asked(self, payload: bytes, as_of_ns: int) -> None:
         """Do what somebody asks in the words of a format, and answer in them."""
@@ -171,8 +177,8 @@ class RunningSensor:
     @property
     def settings(self) -> Message:
         """The sensor's keys as they are now, as whoever comes later is told."""
-        now_ns = self.outbox.now_ns()
-        return settings_message(self._prefix, self.sensor, self._controlled, now_ns)
+        now_ns, sensor = self.outbox.now_ns(), self.sensor
+        return settings_message(self._prefix, sensor, self._controlled, self._since_ns, now_ns)
 
     @property
     def description(self) -> Message:

@@ -11,7 +11,7 @@ import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed_here
 from support.mqtt_client import listening
-from support.road import START_NS, Road, flown, fly, radar, rotating, scene, waypoint
+from support.road import NS, START_NS, Road, flown, fly, radar, rotating, scene, waypoint
 from support.waiting import wait_until
 
 from plotfeed.feeds.messages.message import Message
@@ -71,6 +71,24 @@ def test_all_formats_tell_of_the_same_tracks_and_numbers_are_of_one_sensor(road:
     assert {sensor for sensor, _ in expected} == {"first", "second"}
     assert len({number for _, number in expected}) == len(expected) == 8
     assert all(found == expected for found in tracks.values())
+
+
+@pytest.mark.parametrize("kind", ["plain", "smoothed-truth"])
+def test_a_sensor_that_was_off_for_a_minute_begins_its_tracks_anew(kind: str) -> None:
+    off = {"from_s": 10.0, "to_s": 70.0, "set": {"enabled": False}}
+    drone = flown("d", waypoint(90.0, 1, 900), waypoint(90.0, 100, 1000))
+    sensor = radar(report=["asterix-062"], scan=rotating(), tracks={"kind": kind}, event=[off])
+    told = [
+        (message.due_utc_ns, int(record.get("I062/040")))
+        for message in fly(scene([sensor], [drone], seed=401), 80.0).messages
+        if message.topic.endswith("/062")
+        for record in decode(message.payload)
+    ]
+    assert {track for due_ns, track in told if due_ns < START_NS + 20 * NS} == {1}
+    later = [(due_ns, track) for due_ns, track in told if due_ns > START_NS + 20 * NS]
+    assert {track for _, track in later} == {2}
+    # It takes as many looks to confirm as at the first time.
+    assert abs((later[0][0] - 70 * NS) - told[0][0]) <= NS
 
 
 def test_show_reads_every_one_of_them(road: Road) -> None:
