@@ -15,7 +15,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -82,22 +82,6 @@ class LooksGiven:
     emitted_utc_ns: Ints | None = None
     signatures: Mapping[str, Signature] = field(default_factory=dict)
 
-    @classmethod
-    def of_places(
-        cls,
-        scene: Scene,
-        sensor: Sensor,
-        latitude_deg: Floats,
-        longitude_deg: Floats,
-        height_m: Floats,
-        **columns: Any,
-    ) -> Self:
-        """Looks at places by WGS-84 latitude, longitude and height above the ellipsoid."""
-        seen_m = Axes.of_sensor(scene, sensor).seen(ecef(latitude_deg, longitude_deg, height_m))
-        azimuth_deg, elevation_deg, range_m = directions(seen_m)
-        here = {"azimuth_deg": azimuth_deg, "elevation_deg": elevation_deg, "range_m": range_m}
-        return cls(**{"channel": np.zeros(len(range_m), np.int64)} | here | columns)
-
     def __len__(self) -> int:
         return len(self.t_utc_ns)
 
@@ -151,7 +135,7 @@ def _asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     if worse is not None:
         found["pd"] = found["pd"] * worse.pd_factor
         found |= {name: found[name] * worse.error_factor for name in SIGMAS}
-    look.doubt("a target's signature", look.known & ~np.isfinite(found["pd"]))
+    look.doubt("what a target is, or how fast it flies", look.known & ~np.isfinite(found["pd"]))
     return Asked(**found, known=look.known, why_not="; ".join(look.doubts))
 
 
@@ -322,6 +306,13 @@ def linear(db: ArrayLike) -> Floats:
 # Detection: a sum of N looks against a threshold from M samples of noise, and 1/x of what crosses.
 
 
+@cache
+def _unit_interval(n: int) -> tuple[Floats, Floats]:
+    """Gauss and Legendre's nodes and weights from 0 to 1."""
+    node, weight = np.polynomial.legendre.leggauss(n)
+    return (node + 1) / 2, weight / 2
+
+
 def cfar_ratio(pfa: float, looks: int, samples: int) -> float:
     """Threshold over the sum of the samples: a ratio of gamma variables is a beta prime (eq 6)."""
     share = float(special.betaincinv(samples, looks, pfa))
@@ -376,9 +367,9 @@ def _mean_inverse(mean: Floats, order: float, looks: int) -> Floats:
 
     By the generating function of k, whose integral over z^(N-2) it is.
     """
-    node, step = np.polynomial.legendre.leggauss(400)
-    y = np.exp(22.5 * (node - 1))
-    step = step * 22.5 * y
+    node, step = _unit_interval(400)
+    y = np.exp(45 * (node - 1))
+    step = step * 45 * y
 
     def generating(one_less_z: Floats) -> Floats:
         lost = np.multiply.outer(mean, one_less_z)
@@ -701,7 +692,7 @@ def _read_horizons(path: Path) -> list[_Horizon]:
     ]
 
 
-# What weather takes and sends back: ITU-R P.838-3 and P.676-10, Marshall and Palmer, Strasberg.
+# What weather takes and sends back: ITU-R P.838-3 and P.676-10, Marshall and Palmer.
 
 # a, b and c of each bell of P.838-3, tables 1 to 4, then the line's slope and offset.
 RAIN_K = {
@@ -757,11 +748,6 @@ def gases_db_km(frequency_hz: Floats, vapour_g_m3: float) -> Floats:
         wing = 1 + ((f - centre) / (f + centre)) ** 2 if centre else 1
         water = water + strength * eta / ((f - line) ** 2 + width) * wing
     return np.where(f < 54, oxygen + water * f * f * w / 1e4, 0.0)
-
-
-def wind_db(wind_m_s: float, frequency_hz: float, screen_m: float) -> float:
-    """Level of wind in a third of an octave behind a screen, dB re 20 uPa (Strasberg 1988)."""
-    return float(40 * np.log10(wind_m_s) - 23 * np.log10(frequency_hz * screen_m / wind_m_s) + 15)
 
 
 # Radars.
@@ -955,13 +941,6 @@ def _pattern(sensor: Any, keys: Any, azimuth_deg: Floats, elevation_deg: Floats)
     return linear(-np.minimum(lost_db, keys.sidelobe_db))
 
 
-CELL_AMPLITUDES: dict[str, Callable[[Floats], Floats]] = {
-    "sinc": np.sinc,
-    "triangle": lambda x: 1 - np.abs(x),
-    "hann": lambda x: np.sinc(x) / (1 - x * x),
-}
-
-
 def _on_the_way(look: _Look, sent_m: Floats) -> Floats:
     """What is left of echoes by beams, cells, weather, jammers and aspect; (n, 1) or (n, K)."""
     sensor: Any = look.sensor
@@ -1025,7 +1004,10 @@ def _jamming(look: _Look, sent_m: Floats) -> Floats:
 
 
 def _in_cell(shape: str, place: Floats) -> Floats:
-    return np.asarray(CELL_AMPLITUDES[shape](place - np.round(place)) ** 2)
+    """What is left of a power off the middle of a cell, by the amplitude of its shape."""
+    off = place - np.round(place)
+    amplitude = 1 - np.abs(off) if shape == "triangle" else np.sinc(off)
+    return np.asarray((amplitude / (1 - off * off) if shape == "hann" else amplitude) ** 2)
 
 
 def _rain_over_noise(look: _Look, weather: Any, db_km: float) -> Floats:
@@ -1298,8 +1280,9 @@ def _sound(sensor: Any, place_m: Floats, power_db: Floats) -> Floats:
         gain_db = 10 * np.log10(sensor.microphones)
     noise = linear(sensor.noise_db)
     if sensor.weather is not None and sensor.weather.wind_m_s:
-        told = sensor.weather.wind_m_s, sensor.frequency_hz, sensor.windscreen_m
-        noise = noise + linear(wind_db(*told))
+        wind = sensor.weather.wind_m_s  # in a third of an octave (Strasberg 1988)
+        strouhal = sensor.frequency_hz * sensor.windscreen_m / wind
+        noise = noise + linear(40 * np.log10(wind) - 23 * np.log10(strouhal) + 15)
     return np.asarray(level_db + gain_db - 10 * np.log10(noise))
 
 
@@ -1495,8 +1478,7 @@ def _phase_variance(snr: Floats, samples: int, threshold: float) -> Floats:
     low, high = np.log(snr[known].min()), np.log(snr[known].max())
     grid = np.exp(np.linspace(low, max(high, low + 1e-9), 65 if known.sum() > 65 else known.sum()))
     at = grid if known.sum() > 65 else snr[known]
-    node, weight = np.polynomial.legendre.leggauss(64)
-    part, weight = (node + 1) / 2, weight / 2
+    part, weight = _unit_interval(64)
     tail = special.gammaincc(samples, threshold / (1 + at))[:, None]
     energy = (1 + at)[:, None] * special.gammainccinv(samples, (1 - part**3) * tail)
     shown = np.maximum(np.maximum(energy, threshold) / samples - 1, 1e-12)
