@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
@@ -33,8 +32,8 @@ NO_PLOTS = MeasuredPlots.of(())
 TRUTH = "/truth"
 # What messages there may be, by what they say of themselves.
 LEDGERS = ("", LEDGER, LEDGER_BATCH)
-AT_ONCE = 8192
-"""Messages that are read together."""
+# Messages that are read together, and their octets, as those of the ledger have many sectors.
+AT_ONCE, OCTETS_AT_ONCE = 8192, 4 << 20
 REMEMBERED = 65_536
 """Entries by which it is noticed that one was recorded twice."""
 MAX_WAITING_PLOTS = 200_000
@@ -240,7 +239,7 @@ class Evidence:
         found = self.log.messages(topics={t for t, _ in series}, stages={s for _, s in series})
         octets = self._path.stat().st_size
         messages = with_progress(found, self._path.name, self._file.tell, octets)
-        while several := list(islice(messages, AT_ONCE)):
+        while several := _some_of(messages):
             of = [(message.topic, message.stage) for message in several]
             ledgers = [m for m, key in zip(several, of, strict=True) if key in self._truths]
             carried = (m for m, key in zip(several, of, strict=True) if key in self.carriers)
@@ -278,6 +277,17 @@ class Evidence:
             f"holds no ledger: expected {LEDGER_BATCH} on a topic that ends in {TRUTH}, "
             "as plotfeed run --record makes it"
         )
+
+
+def _some_of(messages: Iterator[Recorded]) -> list[Recorded]:
+    """The next messages, few enough to be read together."""
+    some, octets = [], 0
+    for message in messages:
+        some.append(message)
+        octets += len(message.payload)
+        if len(some) == AT_ONCE or octets > OCTETS_AT_ONCE:
+            break
+    return some
 
 
 def truth_topics(series: Sequence[ChannelKey]) -> dict[tuple[str, Stage], str]:

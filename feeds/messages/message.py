@@ -105,22 +105,25 @@ class SectorProperties(Sequence[Pair]):
     `number` tells those of one kind and sector apart.
     """
 
-    __slots__ = ("address", "number", "stamp")
+    __slots__ = ("_pairs", "address", "number", "stamp")
 
     def __init__(self, address: Address, stamp: SectorStamp, number: int) -> None:
         self.address, self.stamp, self.number = address, stamp, number
+        self._pairs: tuple[Pair, ...] = ()
 
     def pairs(self) -> tuple[Pair, ...]:
-        """All of them."""
-        address, stamp = self.address, self.stamp
-        return (
-            ("id", f"{address.kind}-{stamp.scan}-{stamp.index}-{self.number}"),
-            *address.event,
-            ("time", iso_utc(stamp.end_ns)),
-            address.sensor,
-            ("scan", str(stamp.scan)),
-            ("sector", str(stamp.index)),
-        )
+        """All of them; the same tuple again."""
+        if not self._pairs:
+            address, stamp = self.address, self.stamp
+            self._pairs = (
+                ("id", f"{address.kind}-{stamp.scan}-{stamp.index}-{self.number}"),
+                *address.event,
+                ("time", iso_utc(stamp.end_ns)),
+                address.sensor,
+                ("scan", str(stamp.scan)),
+                ("sector", str(stamp.index)),
+            )
+        return self._pairs
 
     def __len__(self) -> int:
         """How many there are."""

@@ -6,6 +6,7 @@ import contextlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import import_module
 from json.encoder import encode_basestring as quoted
 
@@ -33,6 +34,7 @@ Properties = tuple[tuple[str, str], ...]
 _decode = json.JSONDecoder().raw_decode  # json.loads looks for other encodings first
 
 
+@lru_cache(maxsize=64)  # a message is written before its link and after it
 def properties_to_json(properties: Properties) -> bytes:
     """An object; a list of pairs if a name is there twice. Raises `UnicodeEncodeError`.
 
