@@ -22,7 +22,7 @@ import click
 import plotfeed
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.schema import text_of
-from plotfeed.proto import plotfeed_pb2
+from plotfeed.proto import ledger_pb2, plotfeed_pb2
 
 RECORD = Path(__file__).with_name("public_surface.txt")
 
@@ -74,9 +74,10 @@ def _channels() -> Iterator[str]:
 
 
 def _fields() -> Iterator[str]:
-    for message in plotfeed_pb2.DESCRIPTOR.message_types_by_name.values():
-        for field in message.fields:
-            yield f"field {message.name}.{field.name} {field.number}"
+    for file in (plotfeed_pb2, ledger_pb2):
+        for message in file.DESCRIPTOR.message_types_by_name.values():
+            for field in message.fields:
+                yield f"field {message.name}.{field.name} {field.number}"
 
 
 def _names() -> Iterator[str]:
