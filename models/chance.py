@@ -56,14 +56,9 @@ class Chance:
         sensor_key = int.from_bytes(blake2b(sensor.encode(), digest_size=8).digest(), "big")
         self.key = sensor_key
         """A number of the sensor's own, from its name alone."""
-        self._generators = {
-            purpose: np.random.Generator(np.random.Philox(key=(seed << 64) | sensor_key))
-            for purpose in Purpose
-        }
-        self._states: dict[Purpose, dict[str, Any]] = {
-            purpose: dict(generator.bit_generator.state)
-            for purpose, generator in self._generators.items()
-        }
+        self._key = (seed << 64) | sensor_key
+        # Of each purpose that was asked for.
+        self._generators: dict[Purpose, tuple[np.random.Generator, dict[str, Any]]] = {}
 
     def rng(self, purpose: Purpose, scan: int, sector: int = 0) -> np.random.Generator:
         """The generator for that purpose, at the start of its draws for that scan and sector.
@@ -71,7 +66,10 @@ class Chance:
         The one object a purpose is re-keyed at each call (2 us, where a new one takes 9): finish
         with it before asking for the next.
         """
-        generator, state = self._generators[purpose], self._states[purpose]
+        if purpose not in self._generators:
+            made = np.random.Generator(np.random.Philox(key=self._key))
+            self._generators[purpose] = made, dict(made.bit_generator.state)
+        generator, state = self._generators[purpose]
         counter = np.array([0, sector, purpose, scan], dtype=np.uint64)
         state["state"] = {"counter": counter, "key": state["state"]["key"]}
         generator.bit_generator.state = state

@@ -6,7 +6,7 @@ import ast
 import inspect
 import sys
 from dataclasses import fields
-from functools import cache
+from functools import cache, lru_cache
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
@@ -222,11 +222,13 @@ class Location(SceneTable):
         return self
 
 
+@lru_cache
 def site_frame(site: Site) -> LocalFrame:
     """East, north, up of the site."""
     return LocalFrame(site.latitude_deg, site.longitude_deg, site.height_m)
 
 
+@lru_cache(maxsize=4096)
 def frame_at(site: Site, position_enu_m: Enu) -> LocalFrame:
     """East, north, up of a sensor that stands off the site."""
     return LocalFrame(*(float(x) for x in site_frame(site).to_geodetic(np.array(position_enu_m))))

@@ -50,6 +50,7 @@ class RunningSensor:
         *,
         announcer: Announcer | None,
         describer: SensorDescriber,
+        description: pb.SensorDescription,
         schedule: Schedule,
         totals: SessionCounters,
         changed: Sequence[Callable[[Sensor], object]],
@@ -64,8 +65,7 @@ class RunningSensor:
         self._schedule, self._totals, self._changed = schedule, totals, changed
         self._since_ns = 0
         """Since when its keys, and what control asks of them, are so."""
-        self._description = describer.description(self.sensor)
-        self._status = status_of(self._description)
+        self._description, self._status = description, status_of(description)
 
     def start(self, start_utc_ns: int, now_utc_ns: int) -> None:
         """Say what there is to say of the sensor, now and from now on; its script began before."""

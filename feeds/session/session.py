@@ -238,7 +238,8 @@ class Session:
     def _running_sensors(self) -> Mapping[str, RunningSensor]:
         describer, found = SensorDescriber(self.scene), {}
         for i, sensor in enumerate(self.scene.sensor):
-            offline = status_of(describer.description(sensor))
+            description = describer.description(sensor)
+            offline = status_of(description)
             outbox, announcer = self._outputs.of_sensor(sensor, offline, self.start_ns)
             found[sensor.id] = RunningSensor(
                 self.engine,
@@ -246,6 +247,7 @@ class Session:
                 outbox,
                 announcer=announcer,
                 describer=describer,
+                description=description,
                 schedule=self._schedule,
                 totals=self.totals,
                 changed=who_care(self._observers, "settings"),
