@@ -25,6 +25,7 @@ FLAT = 0.14
 # Where nothing varies nobody knows how samples hang together: so many count as one.
 NEIGHBOURS = 10.0
 RESAMPLES = 1000
+FEWEST_RUNS = 3
 # One-sided critical values for so many looks at 5 %: Jennison and Turnbull, Group Sequential
 # Methods (2000), table 2.1.
 POCOCK = (1.645, 1.875, 1.992, 2.067, 2.122)
@@ -130,13 +131,16 @@ def _share_bounds(
 
 
 def seeds_interval(values: Floats, risk: float = RISK / 2) -> Interval:
-    """The mean of a figure over runs (n,), which are independent, by Student's t."""
+    """The mean of a figure over runs (n,), which are independent, by Student's t.
+
+    Two runs may be alike by chance, and tell no spread.
+    """
     from scipy.special import stdtrit
 
     values = values[np.isfinite(values)]
     n = len(values)
-    if n < 2:
-        return Interval(float(values[0]), -np.inf, np.inf) if n else NOTHING
+    if n < FEWEST_RUNS:
+        return Interval(float(values.mean()), -np.inf, np.inf) if n else NOTHING
     mean, spread = float(values.mean()), float(values.std(ddof=1)) / np.sqrt(n)
     reach = spread * -float(stdtrit(n - 1, risk))
     return Interval(mean, mean - reach, mean + reach)

@@ -533,9 +533,8 @@ def score_tracker(
     }
     levels = of_trackers(of_scene, names)
     given = [path for path in (settings.out, settings.junit) if path is not None]
-    if not (settings.folder / NAME).exists():
-        given += settings.files()
-    for path in given:
+    is_new = not (settings.folder / NAME).exists()
+    for path in [*given, *(settings.files() if is_new else [])]:
         refuse_if_there(path, force=settings.force)
     if settings.out is not None:
         need_extra("matplotlib.figure", "a chart", "charts")
@@ -587,7 +586,7 @@ def score_tracker(
     lines = [*curve_lines(points, survived)]
     if verdicts and not failures:
         lines.append(closing("", verdicts))
-    settings.tell(told, lines, [*settings.files(), *given[:2]] if given else settings.files())
+    settings.tell(told, lines, [*settings.files(), *given])
     if before and not settings.as_json:
         say(f"{before} runs were done before")
     return 1 if failures or any(v.status == "failed" for v in verdicts) else 0
