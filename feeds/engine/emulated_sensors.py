@@ -60,6 +60,7 @@ from plotfeed.models.sensors.sensor_model import (
     stacked,
 )
 from plotfeed.models.state import (
+    Bools,
     Columns,
     Floats,
     Ints,
