@@ -46,8 +46,10 @@ def _messages(prefix: str, kept: Sequence[Kept]) -> list[Message]:
     batch, row = kept[0]
     payload, end_utc_ns = _octets(kept)
     if len(payload) > MOST_OCTETS and len(kept) > 1:
-        half = len(kept) // 2
-        return [*_messages(prefix, kept[:half]), *_messages(prefix, kept[half:])]
+        # Sectors are not equally large: as many as would make messages a fifth smaller.
+        n = len(kept) * MOST_OCTETS * 4 // (len(payload) * 5) or 1
+        parts = [kept[i : i + n] for i in range(0, len(kept), n)]
+        return [message for part in parts for message in _messages(prefix, part)]
     of, sensor = batch.sectors, batch.sensors[batch.sectors.sensor[row]]
     properties = (
         ("specversion", "1.0"),

@@ -224,7 +224,7 @@ def main() -> None:
     ):
         us = statistics.median(statistics.median(getattr(one, attribute)) for one in found)
         print(aim(what, f"{limit:,g} µs", f"{us:,.3g} µs", is_met=us <= limit))
-    print("\nAn entry of the ledger, by how many are made at once, µs:\n")
+    print("\nA sector in the ledger, by how many are told of at once, µs:\n")
     print("| looks and plots in each | 1 | 50 | 200 | 1 beside 200 |\n|--:|--:|--:|--:|--:|")
     for drones in (1, 10, 1000):
         runs = [[ledger_us(sectors, drones) for sectors in (1, 50, 200)] for _ in range(RUNS)]
