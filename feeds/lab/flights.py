@@ -29,10 +29,10 @@ from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT
 
 DESCRIPTION = "/description"
+# Between places of a flight it is told where it was, if they are no further apart than this...
 LEAST_GAP_S = 6.0
-"""Between places of a flight it is told where it was, if they are no further apart than this..."""
+# ... or than so many of the longest scans.
 SCANS = 1.5
-"""... or than so many of the longest scans."""
 MAX_DRONES = 10_000
 
 
@@ -76,13 +76,13 @@ class FlightsTally:
     def __init__(self, sensors: Mapping[str, LocalFrame], longest_scan_s: float = 1.0) -> None:
         """`sensors` says where sensors stand: looks of others cannot be placed."""
         self.entries = 0
+        # Looks of sensors of which nobody says where they stand.
         self.unplaced: Counter[str] = Counter()
-        """Looks of sensors of which nobody says where they stand."""
         self._frames = dict(sensors)
         self._gap_ns = round(max(LEAST_GAP_S, SCANS * longest_scan_s) * NS)
         self._drones: dict[str, int] = {}
+        # Looks by sensor, with the drones' numbers in place of those of entries.
         self._rows: dict[str, list[ToldLooks]] = {}
-        """Looks by sensor, with the drones' numbers in place of those of entries."""
 
     def add(self, told: LedgerTables) -> None:
         """Take entries."""

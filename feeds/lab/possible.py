@@ -23,8 +23,8 @@ from plotfeed.proto.ledger import ToldMessages, ToldPlots
 from plotfeed.proto.utc import NS
 
 LEAST_SIGMA_M, UNMEASURED_SIGMA_M = 0.1, 300.0
-SPEED_M_S = 15.0
 # Standard deviation of a velocity before anything is known of it.
+SPEED_M_S = 15.0
 LEAST_DENSITY_M2_S3 = 1e-3
 
 

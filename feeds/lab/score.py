@@ -115,12 +115,12 @@ class ScoreProfile(SceneTable):
     limit: Annotated[list[ScoreLimit], Field(min_length=1, max_length=1000)]
 
 
+# Figures that need one more number.
 PARAMETERS = {
     "update_share": "period_s",
     "long_gap_share": "longer_than_s",
     "far_share": "beyond_m",
 }
-"""Figures that need one more number."""
 
 
 def shipped_profiles() -> list[str]:
@@ -382,8 +382,8 @@ class ScoreReport:
         return values
 
 
+# In text; JSON has all.
 DRONES_TOLD = 50
-"""In text; JSON has all."""
 
 
 def lines(told: ScoreReport) -> Iterator[str]:
@@ -481,10 +481,10 @@ def _told(value: float, form: str) -> str:
 
 
 INCHES = (11.0, 3.0)
+# Of a line: more are drawn as means.
 MOST_POINTS = 1200
-"""Of a line: more are drawn as means."""
+# In the chart of drones: the first ones.
 MOST_DRONES = 60
-"""In the chart of drones: the first ones."""
 BLUE, ORANGE, RED, GREY, GREEN = "#1d4ed8", "#c2410c", "#be123c", "#94a3b8", "#15803d"
 BINS = 60
 NAME = 16
@@ -631,6 +631,7 @@ svg { max-width: 100%; height: auto; } .wide { overflow-x: auto; }
 """
 
 
+# For who signs, not for who builds.
 GLOSSARY = {
     "GOSPA": "how far tracks and drones are apart as sets: errors, missed drones and false tracks.",
     "as stamped, as known": "by the times that reports are of, or by when they were there to use.",
@@ -641,7 +642,6 @@ GLOSSARY = {
     "lag": "how long ago the drone was where its track is.",
     "passed, failed": "decided with the stated risk; undecided: a longer run, or more, would tell.",
 }
-"""For who signs, not for who builds."""
 
 
 def page(title: str, verdict: str, mark: str, parts: Iterable[str]) -> bytes:
@@ -672,8 +672,8 @@ def html_of(told: ScoreReport) -> bytes:
     return page(title, told.closing(), mark, [*parts, *tables[first:]])
 
 
+# What no XML 1.0 document may hold, escaped or not.
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""What no XML 1.0 document may hold, escaped or not."""
 
 
 def junit_of(
@@ -714,8 +714,8 @@ def clean(text: str) -> str:
     return FORBIDDEN.sub("", text)
 
 
+# Exit codes.
 KEPT, BROKEN = 0, 1
-"""Exit codes."""
 NO_PROFILE = "no profile"
 
 

@@ -264,6 +264,8 @@ class Figures(dict[str, float]):
         return self[name]
 
 
+# Of sets of tracks beside the drones: names, titles and forms; % for shares. Those of order p are
+# means of that order over time: for p = 2 the squares of GOSPA's parts add up to its own.
 SETS: Mapping[str, tuple[str, str]] = {
     "gospa_m": ("GOSPA, m", ".2f"),
     "gospa_localisation_m": ("  by localisation, m", ".2f"),
@@ -285,8 +287,7 @@ SETS: Mapping[str, tuple[str, str]] = {
     "breaks": ("breaks", ".0f"),
     "swaps": ("swaps", ".0f"),
 }
-# Of sets of tracks beside the drones: names, titles and forms; % for shares. Those of order p are
-# means of that order over time: for p = 2 the squares of GOSPA's parts add up to its own.
+# Likewise of reports that are of a drone, each at its own time.
 REPORTS: Mapping[str, tuple[str, str]] = {
     "reports": ("", ""),
     "position_mean_m": ("position, mean, m", ".2f"),
@@ -313,7 +314,6 @@ REPORTS: Mapping[str, tuple[str, str]] = {
     "update_p50_s": ("between reports, 50 %, s", ".3f"),
     "update_p95_s": ("between reports, 95 %, s", ".3f"),
 }
-# Likewise of reports that are of a drone, each at its own time.
 FIGURES = {**SETS, **REPORTS}
 
 
@@ -436,6 +436,7 @@ class Score:
         }
 
 
+# As `Score.figures` has them.
 FIGURE_NAMES = (
     *SETS,
     *(f"known_{name}" for name in SETS),
@@ -444,7 +445,6 @@ FIGURE_NAMES = (
     *("initiation_median_s", "alert_median_m", "drones", "never_tracked", "tracks"),
     *("false_tracks", "left_out", "silent_s"),
 )
-# As `Score.figures` has them.
 
 
 def drone_scores(
@@ -565,13 +565,13 @@ def _p95(values: Floats) -> float:
     return float(np.quantile(values, 0.95)) if len(values) else float("nan")
 
 
+# Steps times drones.
 MOST_CELLS = 50_000_000
-"""Steps times drones."""
+# A tracker of which nothing comes for so long, and for so many times as long as it is usual from
+# one report to the next (95 %), has ended.
 SILENT_S, SILENT_TIMES = 10.0, 5.0
-"""A tracker of which nothing comes for so long, and for so many times as long as it is usual from
-one report to the next (95 %), has ended."""
+# Below it a drone has no way along which to err.
 LEAST_SPEED_M_S = 1.0
-"""Below it a drone has no way along which to err."""
 
 
 def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None = None) -> Score:
@@ -927,8 +927,8 @@ def report_figures(
     return found, samples
 
 
-SE_95 = 1.959964
 # Standard errors of which one bound of 95 % is, by the normal law.
+SE_95 = 1.959964
 
 
 def _lag_parts(errors: ReportErrors, dimensions: int) -> tuple[Floats, Floats]:

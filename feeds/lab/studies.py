@@ -89,10 +89,11 @@ from plotfeed.models.state import Floats
 from plotfeed.models.verdicts import POCOCK, RISK, breaking_level, look_risk, seeds_interval
 from plotfeed.proto.errors import PlotfeedError
 
+# Of distance, at least, up to the furthest range.
 CLASSES = 40
-"""Of distance, at least, up to the furthest range."""
+# Tables of a scene that make no difference where nothing is sent.
 NOT_SENT = ("asterix", "http", "mqtt", "page", "sapient", "tak", "udp", "websocket")
-"""Tables of a scene that make no difference where nothing is sent."""
+# Ends of paths of keys that make none.
 NOT_FELT = (
     "bias.time_offset_s",
     "link.corrupt",
@@ -103,7 +104,6 @@ NOT_FELT = (
     "sac",
     "sic",
 )
-"""Ends of paths of keys that make none."""
 
 
 def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
@@ -214,10 +214,10 @@ def _class_m(levels: Sequence[SweepLevel]) -> float:
 
 
 INCHES_WIDE, INCHES_A_ROW = 15.0, 3.7
+# That are drawn.
 MOST_SENSORS = 6
-"""That are drawn."""
+# In a class of distance that is drawn.
 FEWEST_LOOKS = 5
-"""In a class of distance that is drawn."""
 UNITS = {"range_rms_m": "range, m", "azimuth_rms_deg": "azimuth, degrees"}
 UNITS["elevation_rms_deg"] = "elevation, degrees"
 
@@ -301,6 +301,8 @@ def _sweep_title(
     return plain_text(f"{names}: {len(levels)} levels of {runs} runs, bars 95 % over runs{more}")
 
 
+# Figures of the printed table and the picture, with their titles and how they are printed: as known
+# at the time, so that lateness costs.
 SHOWN = {
     "known_gospa_m": ("GOSPA, m", ".1f"),
     "gospa_feed_m": ("by feed", ".1f"),
@@ -312,11 +314,9 @@ SHOWN = {
     "latency_p95_s": ("latency p95, s", ".2f"),
     "initiation_median_s": ("initiation, s", ".1f"),
 }
-# Figures of the printed table and the picture, with their titles and how they are printed: as known
-# at the time, so that lateness costs.
 INCHES = (15.0, 11.0)
-LATE_S, LATE_SHARE = 0.1, 0.1
 # A machine that is later than this, or than such a share of what is varied, tells of itself.
+LATE_S, LATE_SHARE = 0.1, 0.1
 
 
 class CurvePoint(NamedTuple):

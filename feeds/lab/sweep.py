@@ -23,10 +23,10 @@ from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import FALSE_ALARM, OTHER, Bools, Floats, Ints
 from plotfeed.proto.utc import NS
 
+# 2026-01-01T00:00:00Z: when scenes begin that do not say when.
 START_UTC_NS = 1_767_225_600 * NS
-"""2026-01-01T00:00:00Z: when scenes begin that do not say when."""
+# How long runs last of scenes that do not say for how long.
 USUAL_S = 60.0
-"""How long runs last of scenes that do not say for how long."""
 NEVER = np.iinfo(np.int64).max
 Row = list[Any]
 
@@ -171,8 +171,8 @@ class _RunFigures:
         self._plan, self._found, self._end_ns = plan, found, end_ns
         self._frame = site_frame(scene.scene.site)
         self._is_drone = np.array([OTHER not in name for name in found.drones], np.bool_)
+        # Drones and times of plots that arrived, of each sensor.
         self._arrived: list[tuple[Ints, Ints]] = []
-        """Drones and times of plots that arrived, of each sensor."""
         self._totals = np.zeros(6)
         self._looks = np.zeros((2, len(found.drones)), np.int64)
 
@@ -298,10 +298,10 @@ def _or_none(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+# Of runs, by level and run.
 Results = Mapping[tuple[int, int], Mapping[str, Any]]
-"""Of runs, by level and run."""
+# What tables for people call all sensors together.
 TOGETHER = "all"
-"""What tables for people call all sensors together."""
 ERRORS = ("range_rms_m", "azimuth_rms_deg", "elevation_rms_deg")
 
 
@@ -356,8 +356,8 @@ def figures_of(levels: Sequence[SweepLevel], results: Results) -> list[LevelFigu
     return sorted(found, key=lambda each: (each.level.number, each.sensor is not None))
 
 
+# Numbers of runs, and the columns that they have; (n,) each.
 OfRuns = tuple[list[int], dict[str, Floats]]
-"""Numbers of runs, and the columns that they have; (n,) each."""
 
 
 def _by_sensor(level: SweepLevel, results: Results) -> dict[str | None, OfRuns]:

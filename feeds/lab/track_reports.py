@@ -46,8 +46,8 @@ from plotfeed.proto.utc import NS, nearest_utc_ns, utc_ns
 from plotfeed.replay.files import FileFormat, open_recording
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
+# In place of a time that nobody told.
 UNKNOWN_NS = -(2**63)
-"""In place of a time that nobody told."""
 LATEST_NS = 2**63 - 1
 COVARIANCES = ("east_m2", "north_m2", "up_m2", "east_north_m2", "east_up_m2", "north_up_m2")
 
@@ -285,14 +285,14 @@ def _of_batch(payload: bytes) -> Iterator[ToldTrack]:
         )
 
 
+# Systems of SAPIENT in which places are angles, and how many degrees are one of theirs.
 IN_DEGREES = {
     "LOCATION_COORDINATE_SYSTEM_LAT_LNG_DEG_M": 1.0,
     "LOCATION_COORDINATE_SYSTEM_LAT_LNG_RAD_M": math.degrees(1.0),
 }
-"""Systems of SAPIENT in which places are angles, and how many degrees are one of theirs."""
 GEOID = "LOCATION_DATUM_WGS84_G"
+# Of a meridian: good enough for what an error of an angle is in metres.
 DEGREE_M = math.radians(1.0) * 6_371_000.0
-"""Of a meridian: good enough for what an error of an angle is in metres."""
 
 
 def _of_sapient(payload: bytes) -> Iterator[ToldTrack]:
@@ -504,8 +504,8 @@ TABLES, FEATURES = (".csv", ".tsv"), (".geojson", ".json", ".xml", ".cot")
 LINES = (".jsonl", ".ndjson")
 MAX_FILE_OCTETS = 1 << 30
 MOST_TOPICS = 1000
+# Messages of tracks, whoever sends them.
 OF_ASTERIX = asterix_content_type(62)
-"""Messages of tracks, whoever sends them."""
 
 
 def read_tracks(
@@ -539,8 +539,8 @@ def read_tracks(
     return table.read(f"{path.name}: {where}" if where else path.name)
 
 
-UNRECEIVED = (FileFormat.RAW,)
 # Formats of files whose messages are of the times that they tell: nobody knows when they came.
+UNRECEIVED = (FileFormat.RAW,)
 
 
 def take_message(
@@ -676,12 +676,12 @@ def _take(table: TrackTable, entries: Iterator[Mapping[str, Any]], path: Path) -
         table.refuse(f"{path.name} holds no tracks")
 
 
+# A number that is silent for so long is another track's when it comes again.
 FORGOTTEN_S = 60.0
-"""A number that is silent for so long is another track's when it comes again."""
+# Heights and velocities beyond these are not taken for any.
 HIGHEST_M, FASTEST_M_S = 1e5, 1e4
-"""Heights and velocities beyond these are not taken for any."""
+# Over which a velocity that is not told is taken from two reports.
 KEPT_S = 10.0
-"""Over which a velocity that is not told is taken from two reports."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
