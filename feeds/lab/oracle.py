@@ -51,7 +51,7 @@ APART = 3.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Signature:
+class TargetSignature:
     """What there is of a target to sense; NaN and () for what it lacks."""
 
     rcs_m2: float = np.nan
@@ -80,7 +80,7 @@ class LooksGiven:
     channel: Ints
     velocity_enu_m_s: Floats | None = None
     emitted_utc_ns: Ints | None = None
-    signatures: Mapping[str, Signature] = field(default_factory=dict)
+    signatures: Mapping[str, TargetSignature] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t_utc_ns)
@@ -223,7 +223,7 @@ def geodetic(place_m: Floats) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True)
-class Axes:
+class LevelAxes:
     """East, north and up at a place."""
 
     latitude_deg: float
@@ -232,12 +232,12 @@ class Axes:
 
     @classmethod
     def of_sensor(cls, scene: Scene, sensor: Sensor) -> Self:
-        """Those at a sensor's place."""
+        """Axes at a sensor's place."""
         return cls(*geodetic(cls.of_site(scene.scene.site).place(np.array(sensor.position_enu_m))))
 
     @classmethod
     def of_site(cls, site: Site) -> Self:
-        """Those of the site."""
+        """Axes of the site."""
         return cls(site.latitude_deg, site.longitude_deg, site.height_m)
 
     @cached_property
@@ -267,7 +267,7 @@ class Axes:
             at: Any = (place.latitude_deg, place.longitude_deg, place.height_m)
         else:
             level_m = np.array([place.east_m, place.north_m, 0.0], np.float64)
-            lat, lon, _ = geodetic(Axes.of_site(site).place(level_m))
+            lat, lon, _ = geodetic(LevelAxes.of_site(site).place(level_m))
             at = lat, lon, site.height_m + (place.above_site_m or 0.0)
         return self.seen(ecef(*at))
 
@@ -431,18 +431,22 @@ def at_least(pd: Floats, needed: int) -> Floats:
 # Targets.
 
 
-def signature_of(scene: Scene, name: str) -> Signature | None:
+def signature_of(scene: Scene, name: str) -> TargetSignature | None:
     """What there is of a target by its name in a ledger; None of one that the scene has not."""
     kind, _, own = name.rpartition("/")
     whole = own.rpartition("-")[0]
     if kind in {"bird", "vehicle"}:
         movers: Sequence[Any] = scene.birds if kind == "bird" else scene.road
-        found = [Signature(rcs_m2=m.rcs_m2, size_m=m.size_m) for m in movers if m.id == whole]
+        found = [TargetSignature(rcs_m2=m.rcs_m2, size_m=m.size_m) for m in movers if m.id == whole]
     elif kind == "turbine":
         mills = scene.turbine
         found = [
-            *(Signature(rcs_m2=m.tower_rcs_m2, size_m=m.radius_m) for m in mills if m.id == own),
-            *(Signature(rcs_m2=m.blade_rcs_m2, size_m=1.0) for m in mills if m.id == whole),
+            *(
+                TargetSignature(rcs_m2=m.tower_rcs_m2, size_m=m.radius_m)
+                for m in mills
+                if m.id == own
+            ),
+            *(TargetSignature(rcs_m2=m.blade_rcs_m2, size_m=1.0) for m in mills if m.id == whole),
         ]
     else:
         drones: Sequence[Any] = scene.fleet.kinds
@@ -454,25 +458,25 @@ def signature_of(scene: Scene, name: str) -> Signature | None:
     return found[0] if found and kind in {"", "bird", "vehicle", "turbine"} else None
 
 
-def usual_signature(scene: Scene, **said: Any) -> Signature:
-    """That of a drone of telemetry, which says so much of itself and no more."""
+def usual_signature(scene: Scene, **said: Any) -> TargetSignature:
+    """The signature of a drone of telemetry, which says so much of itself and no more."""
     usual = scene.telemetry
     own = {name: getattr(usual, name) for name in ("rcs_m2", "sound_power_db", "size_m")}
     return _with_echo(scene, said.pop("target_class", "drone"), **own | said)
 
 
-def _of_drone(scene: Scene, drone: Any) -> Signature:
+def _of_drone(scene: Scene, drone: Any) -> TargetSignature:
     said = {name: getattr(drone, name) for name in ("rcs_m2", "sound_power_db", "size_m")}
     said = {name: value for name, value in said.items() if value is not None}
     found = usual_signature(scene, target_class=drone.target_class, emitters=drone.emitters, **said)
     return found if drone.swerling is None else replace(found, swerling=drone.swerling)
 
 
-def _with_echo(scene: Scene, target_class: str, **own: Any) -> Signature:
+def _with_echo(scene: Scene, target_class: str, **own: Any) -> TargetSignature:
     for target in scene.target:
         if target.target_class == target_class:
-            return Signature(swerling=target.swerling, aspect=target.aspect, **own)
-    return Signature(**own)
+            return TargetSignature(swerling=target.swerling, aspect=target.aspect, **own)
+    return TargetSignature(**own)
 
 
 def aspect_db(aspect: Any, angle_deg: Floats) -> Floats:
@@ -518,7 +522,7 @@ class _Look:
 
     def __init__(self, scene: Scene, sensor: Sensor, looks: LooksGiven) -> None:
         self.scene, self.sensor, self.looks = scene, sensor, looks
-        self.axes = Axes.of_sensor(scene, sensor)
+        self.axes = LevelAxes.of_sensor(scene, sensor)
         self.place_m = places(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
         self.range_m = np.asarray(looks.range_m, np.float64)
         self.channel = looks.channel
@@ -530,7 +534,7 @@ class _Look:
         found = [looks.signatures.get(n) or signature_of(scene, n) for n in self.names.tolist()]
         strange = np.array([each is None for each in found])
         self.doubt("drones that the scene does not name", strange[self.of])
-        self.signatures = [Signature() if each is None else each for each in found]
+        self.signatures = [TargetSignature() if each is None else each for each in found]
         self.horizons = _horizons(scene)
         if scene.terrain is not None and not self.horizons:
             self.doubt("ground and buildings, of which no recording has the horizons")
@@ -649,7 +653,7 @@ def past_tower(
 
 
 @dataclass(frozen=True)
-class _Horizon(Axes):
+class _Horizon(LevelAxes):
     """Slopes of ground and walls about a place: each step is the highest from there on."""
 
     parts: int
@@ -670,7 +674,7 @@ class _Horizon(Axes):
 
 
 def _horizons(scene: Scene) -> list[_Horizon]:
-    """Those of a recorded scene, about each place where its signals begin or end."""
+    """Horizons of a recorded scene, about each place where its signals begin or end."""
     if scene.terrain is None or not scene.is_enclosed:
         return []
     try:
@@ -1599,7 +1603,7 @@ def _alarms(scene: Scene, sensor: Any) -> float:
 
 def _passive_alarms(scene: Scene, sensor: Any, span_deg: float) -> float:
     """Alarms of a beam in cells of bistatic range that have a place within range on the ground."""
-    axes, most_m, total = Axes.of_sensor(scene, sensor), sensor.range_max_m, 0.0
+    axes, most_m, total = LevelAxes.of_sensor(scene, sensor), sensor.range_max_m, 0.0
     azimuth_deg = sensor.azimuth_min_deg + (np.arange(36_000) + 0.5) / 36_000 * span_deg
     for source in sensor.transmitters:
         sent_m = axes.of(scene.scene.site, source.place)

@@ -32,8 +32,8 @@ from plotfeed.models.sensors.sensor_model import (
 )
 from plotfeed.models.state import Floats, rows_where
 
+# In place of an order: each signal's echo fluctuates by itself, about a mean of its own.
 OF_EACH = float("nan")
-"""In place of an order: each signal's echo fluctuates by itself, about a mean of its own."""
 
 
 @dataclass(frozen=True, kw_only=True)

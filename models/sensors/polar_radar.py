@@ -105,7 +105,7 @@ class EchoRadar(RadioSensor, ABC):
 
     @property
     def usual_order(self) -> float:
-        """By which a target fluctuates that states nothing: by one look, Swerling 1."""
+        """Order by which a target fluctuates that states nothing: by one look, Swerling 1."""
         return 1.0
 
     @property

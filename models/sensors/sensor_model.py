@@ -295,7 +295,7 @@ class Targets:
 
     @property
     def sensed_enu_m(self) -> Floats:
-        """From where drones are sensed, by true east, north and up; (n, 3)."""
+        """Places from which drones are sensed, by true east, north and up; (n, 3)."""
         return self.position_enu_m if self.own_axes is None else self.position_enu_m @ self.own_axes
 
     def sound_power_db(self) -> Floats:

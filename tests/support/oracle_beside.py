@@ -20,6 +20,7 @@ from plotfeed.models.state import Looks, Plots
 from plotfeed.proto.utc import NS
 
 START_NS = 1_800_000_000 * NS
+# What the oracle may leave open of scenes: what sensors draw or do by themselves.
 NOT_KNOWN = {
     "how fast a target was while it turned",
     "merging with another target",
@@ -27,7 +28,6 @@ NOT_KNOWN = {
     "whether houses hide a drone",
     "the zoom of a mount",
 }
-"""What the oracle may leave open of the scenes here: what sensors draw or do by themselves."""
 
 
 def sensors_of(scene: Scene, seconds: int) -> Iterator[tuple[Sensor, Looks, Plots, Any]]:

@@ -181,7 +181,7 @@ def test_echoes_are_exact() -> None:
 @EXACT
 def test_places_are_exact() -> None:
     for row in reference_rows("geodesy_local.csv"):
-        here = oracle.Axes(*(float(row[f"sensor_{name}"]) for name in ("lat", "lon", "h")))
+        here = oracle.LevelAxes(*(float(row[f"sensor_{name}"]) for name in ("lat", "lon", "h")))
         there = oracle.ecef(*(float(row[f"target_{name}"]) for name in ("lat", "lon", "h")))
         expected = [float(row[name]) for name in ("east_m", "north_m", "up_m")]
         np.testing.assert_allclose(here.seen(there), expected, rtol=0, atol=1e-8)
