@@ -159,13 +159,15 @@ def sensor_report(
     """One sensor's table and warnings, in free space unless its model says otherwise."""
     model = model or sensor.model(site)
     ranges_m, predicted = _predicted(sensor, model, target, ROWS)
+    fine_m, fine = _predicted(sensor, model, target, RANGES_SEARCHED)
+    reached = np.flatnonzero(fine.pd >= 0.8)
     return {
         "id": sensor.id,
         "type": sensor.type,
         "sac": sensor.sac,
         "sic": sensor.sic,
         "target": _described(target.signature, sensor),
-        "range_at_pd_80_percent_m": _range_of_pd(sensor, model, target, 0.8),
+        "range_at_pd_80_percent_m": float(fine_m[reached[-1]]) if len(reached) else None,
         "false_alarms_per_scan": model.false_alarms_per_scan,
         "effects": effects_named(sensor),
         "events": [event.model_dump(exclude_none=True) for event in sensor.event],
@@ -227,13 +229,6 @@ def _targets_at(sensor: Sensor, target: TestTarget, ranges_m: Floats) -> Targets
     azimuth = np.radians(target.azimuth_deg)
     enu_m = np.stack([ground_m * np.sin(azimuth), ground_m * np.cos(azimuth), up_m], axis=-1)
     return Targets.of_one(target.signature, enu_m, -target.speed_m_s * enu_m / ranges_m[:, None])
-
-
-def _range_of_pd(sensor: Sensor, model: SensorModel, target: TestTarget, pd: float) -> float | None:
-    """The furthest range at which Pd is at least that; None if it is nowhere."""
-    ranges_m, predicted = _predicted(sensor, model, target, RANGES_SEARCHED)
-    reached = np.flatnonzero(predicted.pd >= pd)
-    return float(ranges_m[reached[-1]]) if len(reached) else None
 
 
 def _rows(ranges_m: Floats, predicted: Prediction) -> list[dict[str, float | None]]:

@@ -274,11 +274,14 @@ def _line(totals: SessionCounters) -> str:
         f"messages {totals.messages}  late p50 {p50_us / 1e3:.2f} p99 {p99_us / 1e3:.2f} ms"
     )
     asked, reached = totals.speed or 1.0, totals.speed_reached or 1.0
+    most = Counter(totals.refused_by).most_common(REASONS_TOLD)
+    why = ", ".join(f"{reason} {number}" for reason, number in most)
     more = {
         f"speed x{reached:.3g}{f' of x{asked:g}' if reached < 0.98 * asked else ''}": asked != 1,
         f"forgotten {totals.forgotten}": totals.forgotten,
-        f"telemetry {totals.telemetry} refused {_refused(totals)}": totals.telemetry
-        + totals.refused,
+        f"telemetry {totals.telemetry} refused {totals.refused}{f' ({why})' if why else ''}": (
+            totals.telemetry + totals.refused
+        ),
         f"lost {totals.lost} doubled {totals.duplicated}": totals.lost + totals.duplicated,
         f"too late for SAPIENT {totals.stale}": totals.stale,
         f"SAPIENT errors {totals.sapient_errors}": totals.sapient_errors,
@@ -291,14 +294,6 @@ def _line(totals: SessionCounters) -> str:
         f"other sessions on the prefix {totals.other_sessions}": totals.other_sessions,
     }
     return "  ".join([text, *(told for told, count in more.items() if count)])
-
-
-def _refused(totals: SessionCounters) -> str:
-    """How many were refused, and for which reasons most."""
-    most = Counter(totals.refused_by).most_common(REASONS_TOLD)
-    return f"{totals.refused}" + (
-        f" ({', '.join(f'{reason} {number}' for reason, number in most)})" if most else ""
-    )
 
 
 def _summary(totals: SessionCounters) -> dict[str, Any]:

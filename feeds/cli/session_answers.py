@@ -54,7 +54,10 @@ class SessionAnswers:
         try:
             told = json.loads(payload)
             if kind == "errors":
-                self._refusal(told)
+                if told.get("drone") == self._drone:
+                    self.refused += 1
+                    if len(self.details) < MOST_REFUSALS_KEPT:
+                        self.details.append(str(told.get("detail")))
             elif kind == "session":
                 self._running.pop(topic, None)
                 if told["state"] == "RUNNING" and len(self._running) < MOST_SENSORS:
@@ -82,12 +85,6 @@ class SessionAnswers:
                 self._statuses += 1
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             log.warning("%s: something came that no session says", topic)
-
-    def _refusal(self, told: dict[str, Any]) -> None:
-        if told.get("drone") == self._drone:
-            self.refused += 1
-            if len(self.details) < MOST_REFUSALS_KEPT:
-                self.details.append(str(told.get("detail")))
 
     async def begin(self) -> None:
         """Wait a moment for what is retained, and note what was refused before."""
