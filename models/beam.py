@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from plotfeed.models.chance import Chance, Purpose
-from plotfeed.models.frames import Axes, frames_at, rows_about, wrap_180, wrap_360
+from plotfeed.models.frames import Axes, are_all_within, frames_at, rows_about, wrap_180, wrap_360
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, TruthState, trimmed
 from plotfeed.models.truth import Trajectories
 
@@ -474,7 +474,8 @@ def _edges(  # noqa: PLR0917
         within_m = (reach_m[sensor] if reach_m.ndim else reach_m) + FASTEST_M_S * between_s
         about = rows_about(of_all, positions_ecef_m, within_m)
         positions_ecef_m = positions_ecef_m[:, about]
-        near = of_all.has_within(positions_ecef_m[at_end], within_m[:, None])
+        if not are_all_within(of_all, positions_ecef_m, within_m):
+            near = of_all.has_within(positions_ecef_m[at_end], within_m[:, None])
     if near is None or 2 * np.count_nonzero(near) > near.size:
         end_deg = of_all.azimuths_deg(positions_ecef_m[at_end])
         if near is not None:

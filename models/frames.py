@@ -400,13 +400,26 @@ def rows_about(frames: Axes, positions_ecef_m: Floats, within_m: Floats) -> Ints
 
     By one sphere about all frames, which is quick; whoever is out of it, or NaN, is near none.
     """
+    centre_m, radius_m = _sphere_about(frames)
+    reach_m = radius_m + np.max(within_m) + A_HAIR_M
+    return np.flatnonzero((distance_m(positions_ecef_m - centre_m) <= reach_m).any(axis=0))
+
+
+def are_all_within(frames: Axes, positions_ecef_m: Floats, within_m: Floats) -> bool:
+    """Whether all positions (..., 3) are within distances (m,) of all frames, which is quick.
+
+    By the same sphere: where it says no, they may be.
+    """
+    centre_m, radius_m = _sphere_about(frames)
+    furthest_m = np.max(distance_m(positions_ecef_m - centre_m), initial=0.0)
+    return bool(radius_m + furthest_m + A_HAIR_M <= np.min(within_m))
+
+
+def _sphere_about(frames: Axes) -> tuple[Floats, float]:
+    """The centre, (3,), and the radius of a sphere that holds all origins of frames, metres."""
     origins_m = frames.origin_ecef_m.reshape(-1, 3)
     centre_m = origins_m.mean(axis=0)
-    from_centre_m = np.sqrt(((origins_m - centre_m) ** 2).sum(axis=1)).max()
-    radius_m = from_centre_m + np.max(within_m) + A_HAIR_M
-    x, y, z = np.moveaxis(positions_ecef_m - centre_m, -1, 0)
-    within = x * x + y * y + z * z <= radius_m * radius_m
-    return np.flatnonzero(within.any(axis=0))
+    return centre_m, float(distance_m(origins_m - centre_m).max())
 
 
 # Mean sea level: how high the EGM96 geoid lies above the WGS-84 ellipsoid.

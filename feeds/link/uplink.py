@@ -44,7 +44,7 @@ class Uplink:
         A copy that the link makes comes behind its message.
         """
         first, self._number = self._number, self._number + len(messages)
-        made = [Outgoing(message, number) for number, message in enumerate(messages, first)]
+        made = list(map(Outgoing, messages, range(first, self._number)))
         if self._impairment is None:
             return made
         found: list[Outgoing] = []
