@@ -806,6 +806,11 @@ class EmulatedSensors:
         return MissedScans(1, sector.end_ns, following.start_ns)
 
     @property
+    def period_ns(self) -> Ints:
+        """Period of each; (n,)."""
+        return self._next.period_ns
+
+    @property
     def sectors_per_ns(self) -> Floats:
         """How many sectors each has to work out in a nanosecond; none that is not enabled; (n,)."""
         return np.where(self._enabled, self._next.sectors / self._next.period_ns, 0.0)

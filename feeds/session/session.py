@@ -561,7 +561,7 @@ class Session:
         self._let_go()
         for due_ns, together in due.items():
             self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
-        self._shedding.worked_out(sectors)
+        self._shedding.took(self.clock.now_ns() - now_ns, sectors)
         if sectors < MOST_SECTORS:
             self._at_once = min(2 * ticks, self._most_at_once)
         self._earliest_ns = (k + ticks) * TICK_NS
@@ -631,7 +631,7 @@ class Session:
 
     def _send(self, sectors: Sequence[tuple[int, Batch, int]]) -> None:
         """Hand over what is due now; the ledger has it when its fate is known."""
-        departures: list[Departure] = []
+        began_ns, departures = self.clock.now_ns(), list[Departure]()
         for i, batch, row in sectors:
             keep = partial(self._loop.later, (batch, row)) if self._keeps_ledger else None
             departures.append((self._outboxes[i], batch.messages[row], keep))
@@ -644,6 +644,7 @@ class Session:
         for tell in self._reported:
             for _, batch, row in reported:
                 tell(batch.one(row))
+        self._shedding.took(self.clock.now_ns() - began_ns)
 
     def _write_ledger(self, kept: Sequence[Kept]) -> None:
         """Make entries of all sectors whose turn has come, which leave together."""

@@ -13,6 +13,8 @@ from plotfeed.proto.utc import NS_IN_MS
 # A tick that is later than the first is behind. No stall, which is made up for, but too much to do
 # is what leaves it as late after the second, without a moment in which nothing was due.
 LATE_NS, PROOF_NS = 20 * NS_IN_MS, 100 * NS_IN_MS
+# A scan that has begun is given up only where it is late by a period over this.
+WORTH_WAITING = 4
 # So often it is looked up what a sector costs.
 LOOK_NS = 250 * NS_IN_MS
 # Share of its time for which a session that leaves scans out is busy, on average and at most.
@@ -37,8 +39,11 @@ class Shedding:
         self._may: Bools = np.ones(n, np.bool_)
         # Of all scans, what is worked out; and what a sector costs of the session's time.
         self._share, self._cost_ns = 1.0, 0.0
-        # Since the cost was looked up: sectors worked out, when that was, what had been slept.
-        self._sectors, self._looked_ns, self._slept_ns = 0, -1, 0
+        # Since the cost was looked up: sectors worked out and the time that they took, when that
+        # was, what had been slept.
+        self._sectors, self._took_ns, self._looked_ns, self._slept_ns = 0, 0, -1, 0
+        # Whether sectors are what takes the time.
+        self._is_by_sectors = False
         # Since when it is behind, how late it was then, and what had been slept.
         self._behind: tuple[int, int, int] | None = None
 
@@ -46,9 +51,10 @@ class Shedding:
         """Leave nothing out of those sensors, by index."""
         self._may[list(which)] = False
 
-    def worked_out(self, sectors: int) -> None:
-        """So many more sectors were."""
+    def took(self, duration_ns: int, sectors: int = 0) -> None:
+        """So long it took to send sectors, or to work out so many more."""
         self._sectors += sectors
+        self._took_ns += duration_ns
 
     def look(self, now_ns: int, due_ns: int, before_ns: int, slept_ns: int) -> None:
         """Leave out what there is no time for, at a tick that was due then.
@@ -65,9 +71,9 @@ class Shedding:
             self._behind = None
         elif self._behind is None or slept_ns > self._behind[2]:
             self._behind = now_ns, late_ns, slept_ns
-        elif now_ns - self._behind[0] >= PROOF_NS:
+        elif now_ns - self._behind[0] >= max(PROOF_NS, late_ns // 2):
             if late_ns >= self._behind[1]:
-                self._give_up(now_ns, slept_ns)
+                self._give_up(now_ns, late_ns, slept_ns)
             self._behind = now_ns, late_ns, slept_ns
 
     def _begin_scans(self, before_ns: int) -> None:
@@ -99,7 +105,8 @@ class Shedding:
             if self._cost_ns:  # one stall makes little of a difference
                 cost_ns = min((self._cost_ns + cost_ns) / 2, 2 * self._cost_ns)
             self._cost_ns = cost_ns
-        self._sectors, self._looked_ns, self._slept_ns = 0, now_ns, slept_ns
+        self._is_by_sectors = 2 * self._took_ns > busy_ns
+        self._sectors, self._took_ns, self._looked_ns, self._slept_ns = 0, 0, now_ns, slept_ns
         if self._share < 1.0:
             self._follow_cost()
 
@@ -108,17 +115,26 @@ class Shedding:
         needed = self._cost_ns * self._sensors.sectors_per_ns.sum()
         self._share = min(1.0, BUSY / max(needed, BUSY))
 
-    def _give_up(self, now_ns: int, slept_ns: int) -> None:
-        """Have as many sensors give up their scans as there is no time for, and one in ten more."""
-        self._look_up_cost(now_ns, slept_ns)
+    def _give_up(self, now_ns: int, late_ns: int, slept_ns: int) -> None:
+        """Have as many sensors give up their scans as there is no time for, and one in ten more.
+
+        None does so before it is late by a part of its period: a long scan is worth waiting for.
+        """
+        if self._sectors:
+            self._look_up_cost(now_ns, slept_ns)
+        if not self._is_by_sectors:
+            return  # but by what comes in, or by others: it passes
         self._follow_cost()
         per_ns = self._sensors.sectors_per_ns
         overdue = self._sensors.begins_before(now_ns)
-        amid = np.flatnonzero(self._may & (self._sensors.amid_scans | overdue))
-        amid = amid[np.lexsort((self._owed[amid], self._lost_ns[amid]))]
-        keeps = min(self._share * per_ns.sum(), 0.9 * per_ns[amid].sum())
-        left = per_ns[amid].sum() - np.cumsum(per_ns[amid])
-        for i in amid[: np.count_nonzero(left > keeps) + 1].tolist():
+        amid = self._may & (self._sensors.amid_scans | overdue)
+        amid &= self._sensors.period_ns <= WORTH_WAITING * late_ns
+        late = np.flatnonzero(amid)
+        late = late[np.lexsort((self._owed[late], self._lost_ns[late]))]
+        per_ns, all_ns = per_ns[late], per_ns.sum()
+        keeps = min(self._share * all_ns, 0.9 * per_ns.sum())
+        left = per_ns.sum() - np.cumsum(per_ns)
+        for i in late[: np.count_nonzero(left > keeps) + 1].tolist():
             self._leave_out(i)
 
     def _leave_out(self, i: int) -> None:
