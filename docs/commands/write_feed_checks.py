@@ -1,12 +1,13 @@
 """Writes the tables of docs/feed-checks.md: which faults are named, and what right feeds fail.
 
-python docs/commands/write_feed_checks.py [faults] [scenes]
+python docs/commands/write_feed_checks.py [faults] [kinds] [scenes]
 
 Faults: the radars of examples/scenes/feed-faults.toml, a hundred of each with draws of their own,
-in simulated time; a minute and a half of processor time. Scenes: every scene that comes with
-plotfeed or is an example, each a session of a minute with 20 seeds, judged from its recording and
-by the score that runs beside it; six minutes of processor time, on
-as many processes as there are cores.
+in simulated time; a minute and a half of processor time. Kinds: a sensor of each kind of the
+shipped scenes, 16 with each fault, over 40 and 120 s; five minutes of processor time. Scenes: every
+scene that comes with plotfeed or is an example, each a session of a minute with 20 seeds, judged
+from its recording and by the score that runs beside it; six minutes of processor time, on as many
+processes as there are cores.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ import os
 import platform
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
@@ -26,7 +29,8 @@ from pages import between, table
 from scipy.stats import binom
 
 import plotfeed.feeds.scene.examples
-from plotfeed.feeds.engine.simulation import simulate
+from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
+from plotfeed.feeds.lab.asked import AskedSensor
 from plotfeed.feeds.lab.gathering import judged_recording
 from plotfeed.feeds.lab.judge import FALSE_RATES, FeedTally, Verdicts, simulated_feed
 from plotfeed.feeds.lab.laws import share_interval
@@ -63,6 +67,39 @@ PLANTED: Mapping[str, Mapping[str, set[str]]] = {
     "feed-faults": {sensor: names for sensor, (_, names) in TITLES.items()},
 }
 """The sensors of scenes that are not as they claim, and the checks that say so."""
+
+
+class Kind(NamedTuple):
+    """A sensor of a scene, and by how much its azimuth is set off."""
+
+    scene: str
+    sensor: str
+    azimuth_deg: float = 2.0
+
+
+KINDS = {
+    "radar": Kind("field-day", "tower"),
+    "steered beams": Kind("perimeter", "north-gate"),
+    "MIMO": Kind("section-4", "mimo"),
+    "passive": Kind("section-4", "passive"),
+    "microphones": Kind("field-day", "ears", 5.0),
+    "RF": Kind("field-day", "rf", 5.0),
+    "camera": Kind("field-day", "camera"),
+}
+COPIES, LENGTHS = 16, (40.0, 120.0)
+# Heights above mean sea level that are taken for those above the ellipsoid.
+DATUM_M = 51.0
+# By fault: the keys that a sensor has in truth, and which names are right.
+OF_KINDS: Mapping[str, tuple[Mapping[str, Mapping[str, float]], Sequence[str]]] = {
+    "azimuth off": ({"bias": {"azimuth_offset_deg": 1.0}}, ("azimuth", "azimuth or time")),
+    "1 s late": ({"bias": {"time_offset_s": 1.0}}, ("time", "or time")),
+    "Pd × 0.6": ({"degradation": {"pd_factor": 0.6}}, ("Pd",)),
+    "clutter × 4": ({"degradation": {"false_alarm_factor": 4.0}}, ("false alarms",)),
+    "σ × 2.5": ({"degradation": {"error_factor": 2.5}}, ("spread",)),
+    "σ ÷ 2": ({"degradation": {"error_factor": 0.5}}, ("spread",)),
+    "height datum": ({}, ("height",)),
+    "none": ({}, ()),
+}
 
 
 class _EverySecond(Observer):
@@ -166,6 +203,68 @@ def write_faults() -> None:
     between(PAGE, "rates", "\n".join(table(head, rows)))
 
 
+def faulty(kind: Kind) -> Iterator[tuple[str, Scene, SimulatedSensor]]:
+    """Each fault, the scene that says nothing of it, and what its sensor did, time and again."""
+    path = next(path for path in SCENES if path.stem == kind.scene)
+    scene = load(path)
+    own = next(s for s in scene.sensor if s.id == kind.sensor)
+    tree, copies = own.model_dump(exclude_unset=True), []
+    for n, (keys, _) in enumerate(OF_KINDS.values()):
+        does = tree | {name: dict(table) for name, table in keys.items()}
+        if "azimuth_offset_deg" in does.get("bias", {}):
+            does["bias"]["azimuth_offset_deg"] = kind.azimuth_deg
+        made = type(own).model_validate(does)
+        copies += [made.model_copy(update={"id": f"fault-{n}-{i}"}) for i in range(COPIES)]
+    whole = scene.model_copy(update={"sensor": tuple(copies)})
+    found = simulate(whole, max(LENGTHS), start_utc_ns=START_UTC_NS)
+    for sensor in copies:
+        fault = list(OF_KINDS)[int(sensor.id.split("-")[1])]
+        seen = found[sensor.id]
+        if fault == "height datum":
+            seen = replace(seen, plots=seen.plots.but(height_m=seen.plots.height_m - DATUM_M))
+        yield fault, whole, seen
+
+
+def until(seen: SimulatedSensor, seconds: float) -> SimulatedSensor:
+    """What a sensor did until then."""
+    end_ns = START_UTC_NS + round(seconds * NS)
+    return replace(
+        seen,
+        plots=seen.plots.rows(seen.plots.t_utc_ns < end_ns),
+        looks=seen.looks.rows(seen.looks.t_utc_ns < end_ns),
+        sectors=seen.sectors.rows(seen.sectors.end_ns < end_ns),
+    )
+
+
+def write_kinds() -> None:
+    """Count how often each fault of each kind of sensor is named, and write the table."""
+    rows = []
+    for name, kind in KINDS.items():
+        named: dict[tuple[str, float], Counter[str]] = {}
+        for fault, scene, seen in faulty(kind):
+            says = seen.sensor.model_copy(update={"bias": None, "degradation": None})
+            for seconds in LENGTHS:
+                feed = simulated_feed(scene, until(seen, seconds))
+                right = AskedSensor(scene, says)
+                tally = FeedTally("claimed")
+                tally.take(feed._replace(expected=[right.claimed]))
+                wrong = {c.name for c in Verdicts.of(tally.checks(), "claimed").wrong}
+                ends = OF_KINDS[fault][1]
+                is_named = any(each.endswith(end) for each in wrong for end in ends)
+                others = {each for each in wrong if not any(map(each.endswith, ends))}
+                counts = named.setdefault((fault, seconds), Counter())
+                counts.update({"named": is_named, "other": bool(others)})
+        cells = []
+        for fault in OF_KINDS:
+            each = [named[fault, seconds] for seconds in LENGTHS]
+            counted = "other" if fault == "none" else "named"
+            cells.append(" / ".join(str(counts[counted]) for counts in each))
+        rows.append((name, *cells))
+        print(*rows[-1], flush=True)
+    head = ("kind", *(f">{fault}" for fault in OF_KINDS))
+    between(PAGE, "kinds", "\n".join(table(head, rows)))
+
+
 def write_scenes() -> None:
     """Count the wrong verdicts on every scene, live and recorded, and write the table."""
     rows, sums, seeds = [], {"recorded": 0, "live": 0}, range(1, SCENE_SEEDS + 1)
@@ -206,9 +305,11 @@ def _as_many(count: int, of: int) -> float:
 
 def main() -> None:
     """Count, and write."""
-    asked = sys.argv[1:] or ["faults", "scenes"]
+    asked = sys.argv[1:] or ["faults", "kinds", "scenes"]
     if "faults" in asked:
         write_faults()
+    if "kinds" in asked:
+        write_kinds()
     if "scenes" in asked:
         write_scenes()
 
