@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.detection import cells_between, draw_count, whole_cells
 from plotfeed.models.frames import Axes, are_all_within, frames_at, rows_about, wrap_180, wrap_360
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, TruthState, trimmed
 from plotfeed.models.truth import Trajectories
@@ -564,3 +565,20 @@ def beam_is_late_by(sector: Sector | Sectors, share: Floats, azimuth_deg: Floats
     """The share of a sector by which the beam has yet to turn to reach those azimuths."""
     width_deg = sector.end_deg - sector.start_deg
     return wrap_180(azimuth_deg - (sector.start_deg + share * width_deg)) / width_deg
+
+
+def draw_azimuths(
+    cells: float, pfa: float, cover: AzimuthCover, sector: Sector, rng: np.random.Generator
+) -> Floats:
+    """Azimuths of the false alarms of a sector, degrees, uniform over what it has of the cover.
+
+    Over a scan their mean number is cells times Pfa exactly.
+    """
+    whole, pfa_each = whole_cells(cells, pfa)
+    found = []
+    for start, end in cover.shares_in(sector):
+        if n := draw_count(cells_between(whole, start, end), pfa_each, rng):
+            found.append(rng.uniform(start, end, n))  # eqs 10, 11
+    if not found:
+        return np.zeros(0)
+    return wrap_360(cover.min_deg + np.concatenate(found) * cover.span_deg)

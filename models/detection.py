@@ -21,8 +21,6 @@ from numpy.typing import ArrayLike
 
 from plotfeed.models import special
 from plotfeed.models.accuracy import paired_snr
-from plotfeed.models.beam import AzimuthCover, Sector
-from plotfeed.models.frames import wrap_360
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Bools, Floats, Ints
 
@@ -612,23 +610,6 @@ def cells_between(total_cells: int, start_fraction: float, end_fraction: float) 
     Sectors that meet share no cell and leave none out: those of a scan sum to its cells exactly.
     """
     return _cells_before(total_cells, end_fraction) - _cells_before(total_cells, start_fraction)
-
-
-def draw_azimuths(
-    cells: float, pfa: float, cover: AzimuthCover, sector: Sector, rng: np.random.Generator
-) -> Floats:
-    """Azimuths of the false alarms of a sector, degrees, uniform over what it has of the cover.
-
-    Over a scan their mean number is cells times Pfa exactly.
-    """
-    whole, pfa_each = whole_cells(cells, pfa)
-    found = []
-    for start, end in cover.shares_in(sector):
-        if n := draw_count(cells_between(whole, start, end), pfa_each, rng):
-            found.append(rng.uniform(start, end, n))  # eqs 10, 11
-    if not found:
-        return np.zeros(0)
-    return wrap_360(cover.min_deg + np.concatenate(found) * cover.span_deg)
 
 
 def _cells_before(total_cells: int, fraction: float) -> int:

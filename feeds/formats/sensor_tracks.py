@@ -179,7 +179,7 @@ class PlainTracks:
     def __init__(
         self, scene: Scene, sensor: Sensor, site: LocalFrame, *, by_sector: bool = True
     ) -> None:
-        """Its plots come sector by sector, or whole scans at once."""
+        """Make tracks of plots that come sector by sector, or of whole scans at once."""
         # A tenth of the time that a session takes to begin, which other scenes do not pay.
         from plotfeed.models.plain_tracker import PlainMotion, PlainTracker
 

@@ -363,7 +363,7 @@ class _Sensed:
         return found
 
     def figures(self, read_back: str) -> list[float]:
-        """By `METRICS`; NaN for what the sensor has not."""
+        """What is compared, in the order of `METRICS`; NaN for what the sensor has not."""
         period_ns = self.sensor.scan.period_ns
         scans = max(len({int(b.sectors.scan[row]) for b, row in self.sectors}), 1)
         found = dict.fromkeys(METRICS, np.nan)
@@ -390,7 +390,7 @@ class _Sensed:
 
     @property
     def sensor(self) -> Sensor:
-        """Its keys."""
+        """The keys of the sensor."""
         return self.engine.scene.sensor[self.index]
 
     @property
@@ -422,7 +422,7 @@ class _Sensed:
         return MeasuredPlots.joined(parts or [NOTHING_READ])
 
     def _errors(self, plots: Plots, read: Any) -> dict[str, float]:
-        """Of what is measured, rms over plots of drones, at the times that are read."""
+        """Rms errors of what is measured, over plots of drones, at the times that are read."""
         if len(plots) < FEWEST_PLOTS:
             return {}
         there = self.engine.trajectories.position_at(read.t_utc_ns.astype(np.int64), plots.drone)

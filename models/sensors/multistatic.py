@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from plotfeed.models import accuracy, detection
-from plotfeed.models.beam import Sector, Volume
+from plotfeed.models.beam import Sector, Volume, draw_azimuths
 from plotfeed.models.effects.pulse_intervals import at_least
 from plotfeed.models.effects.surroundings import SeenFrom, Surroundings
 from plotfeed.models.fluctuation import FluctuatingCfar
@@ -224,7 +224,7 @@ class MultistaticRadar(Volume, JointSensor):
             signals = each.signals
             mine = np.flatnonzero(hit[:, p])
             azimuth_deg, elevation_deg, _ = enu_to_aer(place_m[mine] - np.array(each.place_enu_m))
-            alarms_deg = detection.draw_azimuths(
+            alarms_deg = draw_azimuths(
                 each.alarm_cells[k], signals.pfa, signals.azimuth_cover, sector, rng
             )
             a = len(alarms_deg)

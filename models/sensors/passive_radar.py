@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.models import detection, propagation
-from plotfeed.models.beam import Sector, beam_times_ns
+from plotfeed.models.beam import Sector, beam_times_ns, draw_azimuths
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
@@ -221,7 +221,7 @@ class PassiveRadar(PassiveSignals):
         form). `placed_shares` of them have a solution within range; the others are no plots.
         """
         found = [
-            detection.draw_azimuths(cells, self.pfa, self.azimuth_cover, sector, rng)
+            draw_azimuths(cells, self.pfa, self.azimuth_cover, sector, rng)
             for cells in self.alarm_cells
         ]
         azimuth_deg = np.concatenate(found)

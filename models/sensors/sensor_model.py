@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plotfeed.models import detection
-from plotfeed.models.beam import AzimuthCover, Sector, beam_times_ns
+from plotfeed.models.beam import AzimuthCover, Sector, beam_times_ns, draw_azimuths
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, Signatures, endless
 
@@ -559,7 +558,7 @@ class CellSensor(SensorModel, ABC):
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector: binomial over its cells, uniform in azimuth (eq 9)."""
-        azimuth_deg = detection.draw_azimuths(
+        azimuth_deg = draw_azimuths(
             self.alarm_cells, self.alarm_pfa, self.azimuth_cover, sector, rng
         )
         if not len(azimuth_deg):

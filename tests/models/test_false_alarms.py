@@ -13,7 +13,7 @@ from support.given_files import reference
 from support.significance import assert_counts, assert_sum
 
 from plotfeed.models import detection
-from plotfeed.models.beam import AzimuthCover, Timetable
+from plotfeed.models.beam import AzimuthCover, Timetable, draw_azimuths
 
 
 def test_binomial_agrees_with_the_reference():
@@ -105,7 +105,7 @@ def test_beams_that_do_not_fill_the_cover_evenly_alarm_as_often_as_it_holds_of_t
     counts = np.array(
         [
             sum(
-                len(detection.draw_azimuths(cells, 0.1, cover, turn.sector(scan, k), rng))
+                len(draw_azimuths(cells, 0.1, cover, turn.sector(scan, k), rng))
                 for k in range(sectors)
             )
             for scan in range(10_000)
