@@ -196,7 +196,7 @@ WORDS: Mapping[Against, tuple[str, str]] = {
 
 
 def differs(verdicts: Verdicts, many: int = 1) -> str:
-    """That something is not as expected, in the words that the page has for it."""
+    """Say that something is not as expected, in the words that the page has for it."""
     return f"differ{'s' if many == 1 else ''} from {WORDS[verdicts.against][1]}"
 
 
@@ -235,7 +235,7 @@ def _z(check: Check) -> str:
 
 
 def _whence(sensor: SensorFigures, verdicts: Verdicts) -> str:
-    """From which messages plots are, and what is left out: nothing is without a word."""
+    """Say from which messages plots are, and what is left out: nothing is without a word."""
     if verdicts.against == "claimed":
         lost = f"; {sensor.lost} sectors that did not arrive are left out" if sensor.lost else ""
         return f"by {sensor.plots_from}{lost}"

@@ -52,7 +52,7 @@ class Shedding:
         self._may[list(which)] = False
 
     def took(self, duration_ns: int, sectors: int = 0) -> None:
-        """So long it took to send sectors, or to work out so many more."""
+        """Count the time that it took to send sectors, or to work out so many more."""
         self._sectors += sectors
         self._took_ns += duration_ns
 
