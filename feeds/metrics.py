@@ -25,6 +25,7 @@ log = logging.getLogger(__name__)
 
 TOKEN_VARIABLE = "PLOTFEED_METRICS_TOKEN"  # noqa: S105 - its name  # nosec B105
 PATH = "/metrics"
+# Of the session, by the name in its totals.
 COUNTERS = {
     "looks": "Looks at drones within cover",
     "plots": "Plots reported, false alarms among them",
@@ -51,7 +52,6 @@ COUNTERS = {
     "sapient_tasks": "SAPIENT tasks accepted",
     "sapient_rejected": "SAPIENT tasks rejected",
 }
-"""Of the session, by the name in its totals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +144,7 @@ class SessionCollector(Observer):
             yield gauge
 
 
-Application = Callable[..., Iterable[bytes]]
-"""Of WSGI, PEP 3333."""
+Application = Callable[..., Iterable[bytes]]  # Of WSGI, PEP 3333
 
 
 def _for_who_may_ask(

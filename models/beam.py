@@ -15,11 +15,10 @@ from plotfeed.models.frames import Axes, are_all_within, frames_at, rows_about, 
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, TruthState, trimmed
 from plotfeed.models.truth import Trajectories
 
-MOST_SIGMAS = 4.0
-"""Bound of the jitter of a scan."""
+MOST_SIGMAS = 4.0  # Bound of the jitter of a scan
 WHOLE_NUMBERS = ("scan", "index", "start_ns", "end_ns")
+# Twice as long as any stretch of time whose sectors are worked out at once, half an hour.
 SPAN_NS = 1 << 42
-"""Twice as long as any stretch of time whose sectors are worked out at once, half an hour."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +165,8 @@ class Timetables:
         self._jitters = [i for i, each in enumerate(timetables) if each.jitters]
         n = len(timetables)
         self._scan, self._index = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        # Of the scans under way.
         self._start_ns, self._end_ns = np.zeros(n, np.int64), self.period_ns.copy()
-        """Of the scans under way."""
 
     def start(self, t_utc_ns: int) -> None:
         """Let the first whole sector of each after that time be its next."""
@@ -338,15 +337,13 @@ class Volume:
 
 
 # Which drones the beams of rotating sensors meet in their sectors, and exactly when.
-ON_BEAM_DEG = 1e-7
-"""How near a look's instant brings beam and target."""
+ON_BEAM_DEG = 1e-7  # How near a look's instant brings beam and target
+# A target that never comes as near as this leapt over the beam: it flew over the sensor.
 LEAP_DEG = 5.0
-"""A target that never comes as near as this leapt over the beam: it flew over the sensor."""
 MAX_STEPS = 50
+# Drones, of which those out of reach are left out before anything is computed of them.
 CULLED_FROM = 32
-"""Drones, of which those out of reach are left out before anything is computed of them."""
-FASTEST_M_S = 1000.0
-"""Speed that no drone exceeds between one border and the next."""
+FASTEST_M_S = 1000.0  # Speed that no drone exceeds between one border and the next
 NEVER_NS = np.iinfo(np.int64).min
 NOBODY = TruthState(
     drone=np.zeros(0, np.int64),
@@ -365,8 +362,8 @@ class Borders:
 
     def __init__(self, sensors: int) -> None:
         self.t_utc_ns = np.full(sensors, NEVER_NS, np.int64)
+        # NaN where that is not known; (sensors, drones).
         self.azimuth_deg = np.full((sensors, 0), np.nan)
-        """NaN where that is not known; (sensors, drones)."""
 
     def make_room(self, drones: int) -> None:
         """Have columns for at least so many drones."""

@@ -16,12 +16,9 @@ from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats
 
 RESAMPLES, FEWEST_SAMPLES = 2000, 200
-MAX_DRAWN = 2_000_000
-"""Runs times samples that are held."""
-SHARE = 0.95
-"""Of the interval."""
-FEWEST = 2
-"""Runs, below which there is no interval."""
+MAX_DRAWN = 2_000_000  # Runs times samples that are held
+SHARE = 0.95  # Of the interval
+FEWEST = 2  # Runs, below which there is no interval
 
 
 class Interval(NamedTuple):

@@ -25,8 +25,8 @@ from plotfeed.models.state import Floats, Ints, renamed
 Generator = np.random.Generator
 Draw = Callable[[Generator, tuple[int, ...]], Floats]
 FEWEST_ROWS = 16
+# Scans of a sensor whose draws are kept: the one under way, and the one before or after it.
 FEWEST_SLOTS = 2
-"""Scans of a sensor whose draws are kept: the one under way, and the one before or after it."""
 NO_SCAN = np.iinfo(np.int64).min
 
 
@@ -54,8 +54,7 @@ class Chance:
 
     def __init__(self, seed: int, sensor: str) -> None:
         sensor_key = int.from_bytes(blake2b(sensor.encode(), digest_size=8).digest(), "big")
-        self.key = sensor_key
-        """A number of the sensor's own, from its name alone."""
+        self.key = sensor_key  # A number of the sensor's own, from its name alone
         self._key = (seed << 64) | sensor_key
         # Of each purpose that was asked for.
         self._generators: dict[Purpose, tuple[np.random.Generator, dict[str, Any]]] = {}
@@ -81,8 +80,7 @@ class _DrawTable:
 
     def __init__(self, sensors: int, slots: int, rows: int, inner: tuple[int, ...]) -> None:
         self.values = np.empty((sensors, slots, rows, *inner))
-        self.scan_of = np.full((sensors, slots), NO_SCAN, np.int64)
-        """Whose draws they are."""
+        self.scan_of = np.full((sensors, slots), NO_SCAN, np.int64)  # Whose draws they are
 
 
 class ScanDraws:

@@ -20,8 +20,7 @@ from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import NO_PLOTS
 from plotfeed.models.state import Bools, Floats, Ints, Plots
 
-CLUTTER = "clutter"
-"""What its regions are called before their names, among drones and movers."""
+CLUTTER = "clutter"  # What its regions are called before their names, among drones and movers
 
 
 @nan_without_warnings

@@ -16,15 +16,11 @@ from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Floats, Signature
 
-DRAWS = 8192
-"""Of targets, and of false alarms."""
+DRAWS = 8192  # Of targets, and of false alarms
 CELL_DB = 0.5
-FEW = 20
-"""False alarms in the first cell, and in the last but one: beyond all drawn is the last."""
-HIGHEST_M = 120.0
-"""Of drones in the European open category (Regulation 2019/947, UAS.OPEN.010)."""
-HALF_A_DRAW = 0.5
-"""Spread over all cells, for what was never drawn is not impossible."""
+FEW = 20  # False alarms in the first cell, and in the last but one: beyond all drawn is the last
+HIGHEST_M = 120.0  # Of drones in the European open category (Regulation 2019/947, UAS.OPEN.010)
+HALF_A_DRAW = 0.5  # Spread over all cells, for what was never drawn is not impossible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,8 +14,7 @@ from plotfeed.models.frames import wrap_180, wrap_360
 from plotfeed.models.pointing import Aim, Mount, Pointing, moved, slew_s
 from plotfeed.models.state import NS, Floats
 
-HOME = ""
-"""What a mount without a cue is cued by."""
+HOME = ""  # What a mount without a cue is cued by
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -31,10 +31,9 @@ from plotfeed.models.state import Bools, Floats, Ints
 # of the deviates, once for an order, through SciPy's values at Chebyshev's points. Relative to
 # these the error is below 1e-13. Of orders above 1e5 its own are off by up to a tenth of a
 # standard deviation where less than 4e-6 lies below.
+# Deviates that are exceeded with a probability of 1 - 1e-16, which is 1, and with 5e-308.
 LOWEST, HIGHEST = -8.25, 37.5
-"""Deviates that are exceeded with a probability of 1 - 1e-16, which is 1, and with 5e-308."""
-PIECES = 8
-"""Pieces in one standard deviation."""
+PIECES = 8  # Pieces in one standard deviation
 DEGREE = 6
 
 
@@ -92,14 +91,10 @@ def _log_pieces(order: float) -> Floats:
 #
 # `snrs` is (..., K), looks on the last axis, at least zero; `multiplier` broadcasts against
 # (...).
-BLOCK_ELEMENTS = 1 << 15
-"""Numbers of a table that are worked on at once: 256 kB."""
-KEPT_ELEMENTS = 1 << 22
-"""Size of the tables that are kept for a draw: 32 MB."""
-CERTAIN = 1 - 1e-12
-"""What a probability is taken to be at least of, whatever rounding has done."""
-_TAIL = 36.0
-"""Means of an exponential beyond which 2e-16 of it lies."""
+BLOCK_ELEMENTS = 1 << 15  # Numbers of a table that are worked on at once: 256 kB
+KEPT_ELEMENTS = 1 << 22  # Size of the tables that are kept for a draw: 32 MB
+CERTAIN = 1 - 1e-12  # What a probability is taken to be at least of, whatever rounding has done
+_TAIL = 36.0  # Means of an exponential beyond which 2e-16 of it lies
 
 
 def outlasting(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
@@ -288,8 +283,7 @@ def _blocks(rows: int, each: int) -> Iterator[slice]:
     return (slice(start, start + block) for start in range(0, rows, block))
 
 
-_SMALLEST_SNR = 1e-12
-"""What an energy says at least of the signal-to-noise ratio."""
+_SMALLEST_SNR = 1e-12  # What an energy says at least of the signal-to-noise ratio
 
 
 def cfar_multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
@@ -575,10 +569,9 @@ def _energy_exceeded_by(share: Floats, snr: ArrayLike, pfa: ArrayLike, n_samples
     return as_floats(np.maximum(energy, threshold_noncoherent(pfa, n_samples)))
 
 
+# Pfa below which a Poisson draw is nearer to the binomial than 1 - Pfa in float64 allows.
 POISSON_BELOW_PFA = 1e-8
-"""Pfa below which a Poisson draw is nearer to the binomial than 1 - Pfa in float64 allows."""
-_ROUNDING = 4e-15
-"""By which a quotient may exceed a whole number that it is."""
+_ROUNDING = 4e-15  # By which a quotient may exceed a whole number that it is
 
 
 def cells_across(cover: float, width: float) -> float:

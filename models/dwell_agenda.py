@@ -16,8 +16,8 @@ import numpy as np
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints
 
+# Updates after which a track's filter forgets: gains are those of a straight line until then.
 LONGEST_MEMORY = 10
-"""Updates after which a track's filter forgets: gains are those of a straight line until then."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,16 +16,12 @@ from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, geodetic_to_ece
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import Floats
 
-MAX_STRETCH_M = 2000.0
-"""A cubic this long follows the curved Earth within a micrometre."""
-ARC_DEG = 2.0
-"""A cubic this long leaves its circle by less than a 20,000th of the radius."""
+MAX_STRETCH_M = 2000.0  # A cubic this long follows the curved Earth within a micrometre
+ARC_DEG = 2.0  # A cubic this long leaves its circle by less than a 20,000th of the radius
+# Of the acceleration an orbit may need this much; 0.6 are left to gain and lose speed by.
 CENTRIPETAL_SHARE = 0.8
-"""Of the acceleration an orbit may need this much; 0.6 are left to gain and lose speed by."""
-STEP_S = 0.1
-"""Velocities are turned into another space by a difference over this."""
-LEVEL_STEPS = 4
-"""Each brings a height on the plane 10,000 times as near, out to 100 km."""
+STEP_S = 0.1  # Velocities are turned into another space by a difference over this
+LEVEL_STEPS = 4  # Each brings a height on the plane 10,000 times as near, out to 100 km
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

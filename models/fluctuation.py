@@ -26,16 +26,12 @@ from plotfeed.models.detection import (
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
 from plotfeed.models.state import Floats, Ints
 
-STEADY = np.inf
-"""The order of a target that does not fluctuate, Swerling 0."""
-LONG_TAIL = 60.0
-"""Terms beyond the last that matters."""
-SURE = 12.0
-"""Standard deviations beyond which nothing is left."""
+STEADY = np.inf  # The order of a target that does not fluctuate, Swerling 0
+LONG_TAIL = 60.0  # Terms beyond the last that matters
+SURE = 12.0  # Standard deviations beyond which nothing is left
 NODES = 96
 CORRECTIONS = 6
-AT_ONCE = 1 << 18
-"""Weights that are held at once."""
+AT_ONCE = 1 << 18  # Weights that are held at once
 
 
 def order_of(case: int, n_looks: int) -> float:

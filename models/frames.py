@@ -25,17 +25,16 @@ WGS84_B_M = WGS84_A_M * (1 - WGS84_F)  # m, semi-minor axis
 WGS84_E2 = WGS84_F * (2 - WGS84_F)  # first eccentricity, squared
 WGS84_EP2 = WGS84_E2 / (1 - WGS84_F) ** 2  # second eccentricity, squared
 
+# Offsets across the vertical below this are rounding: float64 in ECEF steps by some 1e-9 m.
 RESOLUTION_M = 5e-9
-"""Offsets across the vertical below this are rounding: float64 in ECEF steps by some 1e-9 m."""
+# How often Bowring's is repeated: one step is enough for heights, two leave latitudes rounding.
 BOWRING_STEPS = 2
-"""How often Bowring's is repeated: one step is enough for heights, two leave latitudes rounding."""
-FEW = 300
-"""Numbers on which a call of NumPy costs more than its arithmetic."""
+FEW = 300  # Numbers on which a call of NumPy costs more than its arithmetic
+# Closer to the Earth's centre than 43 km, a point has several geodetic latitudes.
 MIN_GEOCENTRIC_M = 100e3
-"""Closer to the Earth's centre than 43 km, a point has several geodetic latitudes."""
 DEG, RAD = 180.0 / np.pi, np.pi / 180.0
+# Distances from the Earth's axis and along it, sines and cosines of latitudes: floats or (...).
 Meridian = tuple[Any, ...]
-"""Distances from the Earth's axis and along it, sines and cosines of latitudes: floats or (...)."""
 
 
 @nan_without_warnings
@@ -353,8 +352,7 @@ def _stack(x: Floats, y: Floats, z: Floats) -> Floats:
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
 
 
-A_HAIR_M = 1.0
-"""More than all that is rounded."""
+A_HAIR_M = 1.0  # More than all that is rounded
 
 
 @dataclass(frozen=True, slots=True)
@@ -428,8 +426,8 @@ def _sphere_about(frames: Axes) -> tuple[Floats, float]:
 # NASA/TP- 1998-206861), whose geoid the US National Geospatial-Intelligence Agency publishes
 # every 15'. Every second of its heights, in whole decimetres, is the grid beside this file, which
 # `docs/commands/write_geoid.py` makes.
+# Undulations, from 90 deg north southwards and from the meridian of Greenwich eastwards.
 Decimetres = NDArray[np.int16]
-"""Undulations, from 90 deg north southwards and from the meridian of Greenwich eastwards."""
 GRID_FILE = "egm96-30.grid"
 CELLS_A_DEG = 2
 ROWS, COLUMNS = 180 * CELLS_A_DEG + 1, 360 * CELLS_A_DEG

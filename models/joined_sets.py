@@ -22,21 +22,15 @@ from plotfeed.models.multilateration import Sightings, Solved, range_sums_m, sol
 from plotfeed.models.sensors.bistatic_places import ground_range_m
 from plotfeed.models.state import FALSE_ALARM, Bools, Columns, Floats, Ints
 
-OUTSIDE = 0.0027
-"""Of right sets, the share that a gate of three sigmas leaves out."""
-MOST_DETECTIONS = 64
-"""Of a pair, with which sets begin: of more, the strongest alone."""
+OUTSIDE = 0.0027  # Of right sets, the share that a gate of three sigmas leaves out
+MOST_DETECTIONS = 64  # Of a pair, with which sets begin: of more, the strongest alone
+# That are tried for each three pairs: of more, those that are nearest to each other.
 MOST_SETS = 20_000
-"""That are tried for each three pairs: of more, those that are nearest to each other."""
 MOST_TRIPLES = 35
-SURE = 5.0
-"""Sigmas beyond which nothing is tried."""
-SEARCHED = 91
-"""Points of an ellipse."""
-MOST_FITS = 2000
-"""Places that are kept of the sets that begin in a scan, the best ones."""
-NONE = -1
-"""In a set, of a pair that does not belong to it."""
+SURE = 5.0  # Sigmas beyond which nothing is tried
+SEARCHED = 91  # Points of an ellipse
+MOST_FITS = 2000  # Places that are kept of the sets that begin in a scan, the best ones
+NONE = -1  # In a set, of a pair that does not belong to it
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,10 +14,9 @@ from numpy.typing import ArrayLike
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import OTHER, Floats
 
-SMALL = 0.02
-"""Time constants below which variances of ways are series."""
+SMALL = 0.02  # Time constants below which variances of ways are series
+# Of birds that flap (Alerstam et al. 2007, PLoS Biology 5(8) e197).
 AIRSPEED_OF_1_KG_M_S, BY_MASS = 15.9, 0.13
-"""Of birds that flap (Alerstam et al. 2007, PLoS Biology 5(8) e197)."""
 
 
 def other_name(what: str, name: str, number: int | None = None) -> str:

@@ -17,11 +17,9 @@ from plotfeed.models.frames import wrap_180
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.state import Floats
 
-STEPS = 8
-"""Of Gauss and Newton, from a start that is as near as a search finds."""
+STEPS = 8  # Of Gauss and Newton, from a start that is as near as a search finds
 LONGEST_STEP_M = 3000.0
-LOST = 1e12
-"""Standard deviation, in units of a row, of what was not measured."""
+LOST = 1e12  # Standard deviation, in units of a row, of what was not measured
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,8 +12,8 @@ from scipy.special import expit, ndtr, ndtri
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Bools, Floats
 
+# The meteorological optical range is where a twentieth of contrast is left (WMO-No. 8).
 LN_20 = float(np.log(20.0))
-"""The meteorological optical range is where a twentieth of contrast is left (WMO-No. 8)."""
 
 
 def pixel_angle_rad(field_deg: ArrayLike, pixels: ArrayLike) -> Floats:

@@ -19,12 +19,10 @@ T0_K = 290.0  # K, the temperature at which noise figures are stated (IEEE)
 
 # Effective over true radius of the Earth, of average air (ITU-R P.834).
 USUAL_K = 4 / 3
-NEAREST_M = 1.0
-"""Echoes, made for the far field, are not taken closer to an antenna than this."""
+NEAREST_M = 1.0  # Echoes, made for the far field, are not taken closer to an antenna than this
+# What spreading both ways and the aperture of a target's echo divide by, beside the ways.
 SPREAD = (4 * np.pi) ** 3
-"""What spreading both ways and the aperture of a target's echo divide by, beside the ways."""
-DIPOLE_GAIN_DBI = 2.15
-"""What effective radiated power is stated over: a half-wave dipole."""
+DIPOLE_GAIN_DBI = 2.15  # What effective radiated power is stated over: a half-wave dipole
 
 
 @nan_without_warnings

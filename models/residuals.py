@@ -427,19 +427,16 @@ def clutter_check(left: int, expected: float, scans: float, false_hits: float = 
     )
 
 
-GATE = 5.0
-"""Half its width, in standard deviations."""
-WIDER = 1.3
-"""Spread of residuals, over the claimed one, from which on the gate is made wider."""
+GATE = 5.0  # Half its width, in standard deviations
+WIDER = 1.3  # Spread of residuals, over the claimed one, from which on the gate is made wider
+# Share of false plots among those in gates from which on their spread tells nothing.
 MOST_FALSE = 0.3
-"""Share of false plots among those in gates from which on their spread tells nothing."""
 ROUNDS = 8
+# Half the width of the window that looks for the commonest residual, in standard deviations.
 WINDOW = 2.0
-"""Half the width of the window that looks for the commonest residual, in standard deviations."""
+# Half widths of the gate by which gates are displaced to count what is false.
 OFFSETS = (-2.5, 2.5, -4.0, 4.0, -5.5, 5.5)
-"""Half widths of the gate by which gates are displaced to count what is false."""
-TO_NORMAL = 1.4826
-"""Standard deviation over the median of absolute deviations, of normal numbers."""
+TO_NORMAL = 1.4826  # Standard deviation over the median of absolute deviations, of normal numbers
 
 
 @dataclass(frozen=True, kw_only=True)

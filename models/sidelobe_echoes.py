@@ -20,8 +20,8 @@ from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets
 from plotfeed.models.state import Floats, Ints, Plots
 
+# What such plots are of, before the name of their sensor, among drones and movers.
 SIDELOBE = "sidelobe"
-"""What such plots are of, before the name of their sensor, among drones and movers."""
 
 
 def sidelobe_plots(

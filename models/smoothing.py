@@ -9,8 +9,8 @@ from scipy.linalg import solveh_banded
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import Floats
 
+# White acceleration's power density: in one second the velocity changes by some 1 m/s.
 ACCELERATION_DENSITY_M2_S3 = 1.0
-"""White acceleration's power density: in one second the velocity changes by some 1 m/s."""
 
 
 def smooth(

@@ -14,14 +14,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-NS = 1_000_000_000
-"""Nanoseconds in a second."""
-FALSE_ALARM = -1
-"""The drone index of a plot that no drone caused."""
-DRONE = "drone"
-"""The class of targets of which nothing else is said."""
+NS = 1_000_000_000  # Nanoseconds in a second
+FALSE_ALARM = -1  # The drone index of a plot that no drone caused
+DRONE = "drone"  # The class of targets of which nothing else is said
+# What names of drones never have: before it stands what something else is, such as a bird.
 OTHER = "/"
-"""What names of drones never have: before it stands what something else is, such as a bird."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -313,9 +310,9 @@ def endless(value: object, dtype: type) -> NDArray[Any]:
     return np.broadcast_to(one, 1 << 40)
 
 
-UNDECIDED = endless(False, np.bool_)
-"""Whether looks are detected, which is not known yet."""
+UNDECIDED = endless(False, np.bool_)  # Whether looks are detected, which is not known yet
 _UNMEASURED = endless(np.nan, np.float64)
+# What stands in columns that a sensor does not fill, where it is not NaN.
 _ABSENT = {
     "drone": endless(FALSE_ALARM, np.int64),
     "channel": endless(0, np.int64),
@@ -325,7 +322,6 @@ _ABSENT = {
     "sensor": endless(-1, np.int64),
     "emitted_utc_ns": endless(0, np.int64),
 }
-"""What stands in columns that a sensor does not fill, where it is not NaN."""
 _PLOT_COLUMNS = frozenset(f.name for f in fields(Plots))
 
 

@@ -18,8 +18,7 @@ from plotfeed.models.state import Floats
 
 FURTHEST_TILT = 60.0
 HALF = 0.5
-NEARLY_NORMAL = 0.1
-"""Standard deviations about the mean within which a tail is taken to be normal."""
+NEARLY_NORMAL = 0.1  # Standard deviations about the mean within which a tail is taken to be normal
 
 
 class Cumulants(NamedTuple):

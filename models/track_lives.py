@@ -8,8 +8,7 @@ import numpy as np
 
 from plotfeed.models.state import Bools, Columns, Ints, trimmed, with_room
 
-MAX_TRACKS = 65535
-"""Numbers are 1 to this: what 16 bits hold but 0."""
+MAX_TRACKS = 65535  # Numbers are 1 to this: what 16 bits hold but 0
 
 
 class TrackNumbers:

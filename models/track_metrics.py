@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints
 
-GROUND, SPACE = 3, 4
-"""Columns of points by which a distance is over the ground, or in space."""
+GROUND, SPACE = 3, 4  # Columns of points by which a distance is over the ground, or in space
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +50,8 @@ def along_enu(differences: Floats, latitude_deg: Floats, longitude_deg: Floats) 
     )
 
 
+# Places of a flight are kept at most so close to each other: closer ones say nothing more.
 APART_NS = 20_000_000
-"""Places of a flight are kept at most so close to each other: closer ones say nothing more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,15 +278,14 @@ class TrackHolder:
         self._gate_m = gate_m
         self._confirm = confirm_steps
         self._end = end_steps
+        # Of drones among those that are there; the last one is nobody.
         self._place = np.full(drones + 1, NOBODY)
-        """Of drones among those that are there; the last one is nobody."""
         self._held = np.full(tracks, NOBODY)
+        # Step at which a track was last within the gate of whom it is held to be of.
         self._within = np.zeros(tracks, np.int64)
-        """Step at which a track was last within the gate of whom it is held to be of."""
         self._wanted = np.full(tracks, NOBODY)
         self._since = np.zeros(tracks, np.int64)
-        self._until = np.full(tracks, -2)
-        """The step up to which the same one was nearest."""
+        self._until = np.full(tracks, -2)  # The step up to which the same one was nearest
 
     def step(
         self, k: int, drones: Ints, tracks: Ints, distances_m: Floats
@@ -662,8 +660,7 @@ class Walked:
     """Localisation, missed, false and switching of T-GOSPA in each window, (windows, 4)."""
 
 
-Held = tuple[Ints, Ints, Floats]
-"""Drones, tracks and their distances at one step."""
+Held = tuple[Ints, Ints, Floats]  # Drones, tracks and their distances at one step
 
 
 def walk(truth: Floats, there: Bools, rows: GridRows, tracks: int, how: WalkSettings) -> Walked:

@@ -264,14 +264,12 @@ class KnownSignatures:
 # Each sample knows the one before it of its drone, so that any number of drones is added to,
 # looked up and forgotten in a few operations on whole columns.
 FOREVER_NS = (1 << 63) - 1
-NONE = -1
-"""The number of no sample."""
+NONE = -1  # The number of no sample
 
+# An unknown velocity is fitted over as many samples as it takes to know it this well.
 SIGMA_VELOCITY_M_S = 1.0
-"""An unknown velocity is fitted over as many samples as it takes to know it this well."""
 MAX_FIT_SAMPLES = 20
-MAX_FIT_S = 6.0
-"""Longer than this a drone does not fly straight."""
+MAX_FIT_S = 6.0  # Longer than this a drone does not fly straight
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,11 +318,11 @@ class LiveSamples:
         self._position_ecef_m: Floats = np.zeros((0, 3))
         self._velocity_ecef_m_s: Floats = np.zeros((0, 3))
         self._before: Ints = np.zeros(0, np.int64)
+        # Samples to which no path leads from the one before.
         self._starts: Bools = np.zeros(0, np.bool_)
-        """Samples to which no path leads from the one before."""
         self._any_starts = False
+        # Number of the latest sample of each drone, and one more: 0 for none.
         self._latest: Ints = np.zeros(0, np.int64)
-        """Number of the latest sample of each drone, and one more: 0 for none."""
 
     def __len__(self) -> int:
         """How many samples are kept."""
@@ -553,8 +551,8 @@ class Segment:
         return Segment(start_ns, end_ns, True, np.stack([*moved, 3 * c3 * tau_s + c2, c3]))
 
 
+# One after another of a drone that are kept: who diverts it more often loses what was first.
 MAX_TRACKS = 256
-"""One after another of a drone that are kept: who diverts it more often loses what was first."""
 _NOWHERE = np.zeros((4, 3))
 
 
@@ -794,11 +792,9 @@ def slope(coefficients: Floats, tau_s: Floats) -> Floats:
 
 S = TypeVar("S", bound=PlaceState)
 
-NOBODY = ""
-"""The name in a row that is free for another drone."""
+NOBODY = ""  # The name in a row that is free for another drone
 
-DEFAULT_SIGMA_M = 0.5
-"""Taken for the position accuracy of telemetry that states none."""
+DEFAULT_SIGMA_M = 0.5  # Taken for the position accuracy of telemetry that states none
 
 
 class Trajectories:
@@ -818,21 +814,19 @@ class Trajectories:
         """
         self.stale_after_ns = round(stale_after_s * NS)
         self._max_speed_m_s = max_speed_m_s
+        # By row. Another list as soon as a name in it would change; it may grow as it is.
         self.names: list[str] = []
-        """By row. Another list as soon as a name in it would change; it may grow as it is."""
+        # Changes with every sample: states computed under another version may be out of date.
         self.version = 0
-        """Changes with every sample: states computed under another version may be out of date."""
         self._index: dict[str, int] = {}
-        self._free: list[int] = []
-        """A heap of rows below the last one in use."""
+        self._free: list[int] = []  # A heap of rows below the last one in use
         self._no_drones = 0
         self._live = LiveSamples(
             stale_after_ns=self.stale_after_ns,
             history_ns=round(history_s * NS),
             max_speed_m_s=max_speed_m_s,
         )
-        self._tracks: dict[int, TrackChain] = {}
-        """By row, of drones that are not live."""
+        self._tracks: dict[int, TrackChain] = {}  # By row, of drones that are not live
         self._at_hand = StretchesAtHand(self._looked_up)
         self._signatures = KnownSignatures(tells_echoes=tells_echoes)
 

@@ -60,8 +60,8 @@ _PARTS: Mapping[str, tuple[bytes, Mapping[str, tuple[bytes, np.dtype[Any]]]]] = 
     if part.message_type is not None and not part.is_repeated
 }
 
+# Columns by the names of their fields; None for one that is left out.
 Written = Mapping[str, NDArray[Any] | Sequence[int] | None]
-"""Columns by the names of their fields; None for one that is left out."""
 
 
 def ledger_octets(

@@ -46,8 +46,7 @@ class TestTarget:
     """The target that the tables are for: what of it can be sensed, on what line it comes."""
 
     signature: Signature
-    azimuth_deg: float
-    """From the site; it comes straight in."""
+    azimuth_deg: float  # From the site; it comes straight in
     above_site_m: float
     speed_m_s: float = DEFAULT_SPEED_M_S
 

@@ -82,13 +82,9 @@ class RunSettings:
         metavar="[HOST:]PORT",
     )
     as_json: bool = option(False, "Print nothing but the totals at the end, as one JSON object.")
-    telemetry: Path | None = None
-    """A recorded session whose inputs are taken in again."""
-    shows_page: bool = False
-    """Whether the page is served even if nobody said where."""
-    part: str | None = None
-    """K/N, where other processes run the other parts of the scene."""
-    start: str | None = None
-    """When all parts begin."""
+    telemetry: Path | None = None  # A recorded session whose inputs are taken in again
+    shows_page: bool = False  # Whether the page is served even if nobody said where
+    part: str | None = None  # K/N, where other processes run the other parts of the scene
+    start: str | None = None  # When all parts begin
+    # Whether time can be paused and hurried although nobody asked for another than the world's.
     can_be_held: bool = False
-    """Whether time can be paused and hurried although nobody asked for another than the world's."""

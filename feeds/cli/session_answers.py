@@ -33,14 +33,12 @@ class SessionAnswers:
         self._prefix, self._drone = prefix, drone
         self.topics = [f"{prefix}/{end}" for end in ("errors", "session", "fleet/+/session")]
         self.topics += [f"{prefix}/+/description", f"{prefix}/+/status"]
+        # The name of the scene that a session runs; None while none is heard.
         self.scene: str | None = None
-        """The name of the scene that a session runs; None while none is heard."""
-        self.refused = 0
-        """Reports of the drone of which the session has said that it refused them."""
-        self.details: list[str] = []
-        """Why, of the first of them."""
+        self.refused = 0  # Reports of the drone of which the session has said that it refused them
+        self.details: list[str] = []  # Why, of the first of them
+        # Sessions that say so, by their topics: one, or those of the parts of a fleet.
         self._running: dict[str, dict[str, Any]] = {}
-        """Sessions that say so, by their topics: one, or those of the parts of a fleet."""
         self._sensors: dict[str, dict[str, Any]] = {}
         self._refused_by: Counter[str] | None = None
         self._before: Counter[str] | None = None

@@ -23,12 +23,9 @@ from plotfeed.proto.errors import PlotfeedError
 if TYPE_CHECKING:
     from plotfeed.feeds.engine.cooperative_drones import CooperativeDrones
 
-MAX_UNDONE = 100
-"""Changes that are remembered to be undone; the oldest are forgotten."""
-MAX_WORDS = 80
-"""Letters by which a change is told in a line."""
-MAX_NAMES = 20
-"""Of drones, told where another was expected."""
+MAX_UNDONE = 100  # Changes that are remembered to be undone; the oldest are forgotten
+MAX_WORDS = 80  # Letters by which a change is told in a line
+MAX_NAMES = 20  # Of drones, told where another was expected
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +33,9 @@ class _Step:
     """A change that can be undone."""
 
     words: str
-    layers: Mapping[str, tuple[Layers, Layers]]
-    """Before and after, by sensor."""
+    layers: Mapping[str, tuple[Layers, Layers]]  # Before and after, by sensor
     story: str = ""
-    began: bool = False
-    """Whether the story began by it, or was taken back."""
+    began: bool = False  # Whether the story began by it, or was taken back
 
 
 class ChangeControl:
@@ -58,15 +53,14 @@ class ChangeControl:
 
         `on_change` is told of each sensor, by index, of which something was asked, from when on.
         """
+        # What is asked of sensors over their scripts, by their ids.
         self.layers: dict[str, Layers] = {sensor.id: () for sensor in sensors.sensors}
-        """What is asked of sensors over their scripts, by their ids."""
         self._scene, self._sensors = scene, sensors
         self._drones, self._cooperative = drones, cooperative
         self._index = {name: i for i, name in enumerate(self.layers)}
         self._on_change = on_change
         self._changed: dict[str, None] = {}
-        self._begun: dict[str, int] = {}
-        """When stories began that are on, UTC, by their ids."""
+        self._begun: dict[str, int] = {}  # When stories began that are on, UTC, by their ids
         self._steps: deque[_Step] = deque(maxlen=MAX_UNDONE)
 
     @cached_property

@@ -28,13 +28,13 @@ from plotfeed.proto.content_types import (
 )
 from plotfeed.proto.utc import NS
 
+# Radius that holds half of a circular normal distribution, in standard deviations.
 HALF_OF_POSITIONS = (2 * np.log(2)) ** 0.5
-"""Radius that holds half of a circular normal distribution, in standard deviations."""
+# Content type and encoder of what is said as telemetry is.
 AS_TELEMETRY: dict[str, tuple[str, Callable[[PositionReport], bytes]]] = {
     "json": (JSON, encode_json),
     "protobuf": (protobuf_content_type(TELEMETRY), encode_protobuf),
 }
-"""Content type and encoder of what is said as telemetry is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +117,7 @@ class ClaimMessages:
         return found
 
 
-WALK, DROP_OUT = 1, 2
-"""Streams of draws beside those of the positions' errors."""
+WALK, DROP_OUT = 1, 2  # Streams of draws beside those of the positions' errors
 
 
 @dataclass(slots=True)
@@ -128,13 +127,12 @@ class _Speaker:
     name: str
     row: int
     chance: Chance
-    first_ns: int = 0
-    """When it sets out."""
+    first_ns: int = 0  # When it sets out
+    # When each begins and ends, UTC, by its scene.
     faults: list[tuple[int, int | None, ClaimFault]] = field(default_factory=list)
-    """When each begins and ends, UTC, by its scene."""
     controlled: tuple[int, int | None, ClaimFault] | None = None
+    # When a walk began, the number of its last step, and how far it is.
     walked: tuple[int, int, Floats] | None = None
-    """When a walk began, the number of its last step, and how far it is."""
 
     def fault_at(self, t_utc_ns: int) -> tuple[int, ClaimFault] | None:
         """What makes it speak otherwise then, and since when."""

@@ -93,12 +93,12 @@ class FalseAlarmsDue:
     def __init__(self, chances: Sequence[Chance], timetables: Sequence[Timetable]) -> None:
         self._chances = chances
         self._timetables = timetables
+        # The last one of each sensor whose alarms are drawn.
         self._scan = np.full(len(chances), NO_SCAN, np.int64)
-        """The last one of each sensor whose alarms are drawn."""
         self._next_ns = np.full(len(chances), NONE_DUE_NS, np.int64)
         self._due: dict[int, Plots] = {}
+        # Maps of sensors that see any, whose plots come as false alarms do.
         self.clutter: dict[int, Sequence[ClutterMap]] = {}
-        """Maps of sensors that see any, whose plots come as false alarms do."""
 
     def forget(self, sensor: int) -> None:
         """Draw those of the scan under way anew: the sensor's model is another one now."""
@@ -232,8 +232,7 @@ class SensorSite:
     reads_bistatic_ranges: bool
     errs: bool
     tells_heights: bool
-    is_steered: bool
-    """Whether a mount turns it."""
+    is_steered: bool  # Whether a mount turns it
     trajectories: Trajectories
 
     @classmethod
@@ -315,10 +314,10 @@ def with_heights(plots: Plots, frames: Axes) -> Plots:
     return plots.but(height_m=height_m)
 
 
+# Of the fixed point for when a sound left: they leave 3 cm at 60 m/s and 1 km.
 TRAVEL_TIME_STEPS = 5
-"""Of the fixed point for when a sound left: they leave 3 cm at 60 m/s and 1 km."""
+# By which a drone may be further away when its sound arrives: at half the speed of that.
 WHILE_IT_TRAVELS = 1.5
-"""By which a drone may be further away when its sound arrives: at half the speed of that."""
 
 C = TypeVar("C", bound=Columns)
 
@@ -641,14 +640,13 @@ class SensorGroup:
         return columns, sectors.offsets(place)
 
 
+# A sector is worked out this long before its messages are due, so that only sending is left.
+#
+# So scripted changes count in sectors that end this much later, or begin no earlier.
 AHEAD_NS = 10_000_000
-"""A sector is worked out this long before its messages are due, so that only sending is left.
 
-So scripted changes count in sectors that end this much later, or begin no earlier.
-"""
-
+# Of a sensor that keeps no state: a beam must have been at the border of the sector before.
 SCANS_AGAIN = 2
-"""Of a sensor that keeps no state: a beam must have been at the border of the sector before."""
 NO_GROUP = -1
 
 
@@ -675,15 +673,13 @@ class EmulatedSensors:
         self, scene: Scene, trajectories: Trajectories, sensors: Sequence[Sensor] | None = None
     ) -> None:
         """Put the sensors of the scene to work, or some of them; raises `PlotfeedError`."""
-        self.sensors = list(scene.sensor if sensors is None else sensors)
-        """As they are now."""
+        self.sensors = list(scene.sensor if sensors is None else sensors)  # As they are now
         self._scripted = tuple(self.sensors)
         self._names = [sensor.id for sensor in self.sensors]
         self._controlled: list[Mapping[str, Any]] = [{} for _ in self.sensors]
         self._scene_site = scene.scene.site
         self._trajectories = trajectories
-        self._drones: Sequence[str] = ()
-        """Names of the drones that it last knew of, by row."""
+        self._drones: Sequence[str] = ()  # Names of the drones that it last knew of, by row
         self._formats = SceneFormats(scene.model_copy(update={"sensor": self.sensors}))
         chances = [Chance(scene.scene.seed, sensor.id) for sensor in self.sensors]
         timetables = [
@@ -714,17 +710,15 @@ class EmulatedSensors:
         for i in range(len(self.sensors)):
             self._see_clutter(i)
         self._group_of = np.full(len(self.sensors), NO_GROUP, np.int64)
-        self._numbers: dict[Any, int] = {}
-        """Of groups, by what their sensors have in common."""
+        self._numbers: dict[Any, int] = {}  # Of groups, by what their sensors have in common
         self._keys: list[Any] = [None] * len(self.sensors)
         self._free_numbers = count()
         self._groups: dict[int, SensorGroup] = {}
         self._group(range(len(self.sensors)))
         self.start_ns = 0
+        # When the script changes which sensor, UTC; the next one last.
         self._script: list[tuple[int, int]] = []
-        """When the script changes which sensor, UTC; the next one last."""
-        self._followed_ns = 0
-        """Up to when it has been followed."""
+        self._followed_ns = 0  # Up to when it has been followed
 
     def start(self, start_utc_ns: int) -> None:
         """Begin each with its first whole sector after that time."""

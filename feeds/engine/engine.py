@@ -91,13 +91,13 @@ class Engine:
         links = [*(sensor.link for sensor in own)]
         if scene.cooperative is not None:
             links.append(scene.cooperative.link)
+        # Links of the sensors, and then that of the cooperative drones, if there are any.
         self.uplinks = [
             Uplink(link, partial(Impairment, seed=scene.scene.seed, name=name), late)
             for link, name in zip(links, self._ids, strict=False)
         ]
-        """Links of the sensors, and then that of the cooperative drones, if there are any."""
+        # When scripts may change a sensor's link next, UTC, by index.
         self._link_script: dict[int, deque[int]] = {}
-        """When scripts may change a sensor's link next, UTC, by index."""
         self._let_go: list[tuple[int, int, Outgoing]] = []
         self.control_topic = f"{scene.mqtt.prefix}/control"
         cued = [sensor.id for sensor in own if mount_of(sensor) is not None]
@@ -105,14 +105,13 @@ class Engine:
         self._inboxes = inboxes_of(part)
         after = len(scene.mqtt.prefix) + 1
         ends = {topic[after:].partition("/")[2] for topic in (*self._cues, *self._inboxes)}
+        # Of topics on which sensors are asked something, behind the sensor.
         self._ends = tuple(f"/{end}" for end in sorted(ends))
-        """Of topics on which sensors are asked something, behind the sensor."""
+        # Told what commands ask of the clock, which whoever drives the engine has.
         self.control_clock: Callable[[ClockCommand], dict[str, Any]] = _not_ours
-        """Told what commands ask of the clock, which whoever drives the engine has."""
+        # Told what sensors are asked in the words of a format, whose, and when: no plots are.
         self.answer: Callable[[str, bytes, int], object] = _not_answered
-        """Told what sensors are asked in the words of a format, whose, and when: no plots are."""
-        self._claim = 0
-        """Number of the period at whose end cooperative drones speak next."""
+        self._claim = 0  # Number of the period at whose end cooperative drones speak next
         self.start(start_utc_ns)
 
     def start(self, start_utc_ns: int) -> None:

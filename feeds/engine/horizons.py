@@ -25,12 +25,12 @@ from plotfeed.models.terrain import Ground, Walls
 from plotfeed.proto.errors import PlotfeedError
 
 AZIMUTHS = 1440
+# Parts of the circle: 0.25 degrees are 44 m at 10 km, 0.1 degrees 1.7 m at 1 km.
 AZIMUTHS_AMONG_BUILDINGS = MAX_AZIMUTHS = 3600
-"""Parts of the circle: 0.25 degrees are 44 m at 10 km, 0.1 degrees 1.7 m at 1 km."""
 MAX_STEPS = 4000
+# Of a staircase in a recording, after the number of places and these: latitude, longitude, height
+# and parts of the circle.
 STEP = np.dtype([("place", "<u4"), ("azimuth", "<u4"), ("distance_m", "<f4"), ("slope", "<f4")])
-"""Of a staircase in a recording, after the number of places and these: latitude, longitude, height
-and parts of the circle."""
 PLACE = np.dtype("<f8")
 COUNT = np.dtype("<u4")
 MAX_OCTETS = 1 << 30

@@ -16,19 +16,16 @@ from plotfeed.feeds.scene.sensors.mount_keys import CueError
 from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 
-Input = tuple[str, bytes, str | None]
-"""Topic, payload and content type of what came in."""
+Input = tuple[str, bytes, str | None]  # Topic, payload and content type of what came in
+# Told of an input, and as of when it was taken in.
 Received = Callable[[str, bytes, str | None, int], object]
-"""Told of an input, and as of when it was taken in."""
 
+# Ends of topics on which changes are asked for; on others, sensors answer.
 CHANGING = ("/control", f"/{CUE_TOPIC}")
-"""Ends of topics on which changes are asked for; on others, sensors answer."""
+# Messages that are taken in together before it is asked whether there is time for more.
 AT_ONCE = 128
-"""Messages that are taken in together before it is asked whether there is time for more."""
-MAX_COMMANDS = 1_000
-"""That wait."""
-MAX_REFUSED_BEFORE = 1_000
-"""Drones and reasons that are told apart between two ticks."""
+MAX_COMMANDS = 1_000  # That wait
+MAX_REFUSED_BEFORE = 1_000  # Drones and reasons that are told apart between two ticks
 
 
 class Intake:

@@ -16,12 +16,9 @@ from plotfeed.models.state import Floats, Signature
 from plotfeed.models.truth import KnownTrack, Trajectories
 from plotfeed.proto.utc import NS
 
-STEPS_A_MEMORY = 5
-"""Knots of a bird's way in the time that it remembers a velocity."""
-MAX_KNOTS = 100_000
-"""Of all birds of a flock: beyond, they are further apart in time."""
-ROTOR_KNOTS = 48
-"""Of a turn: the cubics between them leave the circle by a millionth of the radius."""
+STEPS_A_MEMORY = 5  # Knots of a bird's way in the time that it remembers a velocity
+MAX_KNOTS = 100_000  # Of all birds of a flock: beyond, they are further apart in time
+ROTOR_KNOTS = 48  # Of a turn: the cubics between them leave the circle by a millionth of the radius
 STILL_M = 1e-3
 
 

@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     from plotfeed.models.flight_plan import FlightPlan
 
 
-MAX_LEG_M = 500.0
-"""A straight line this long leaves the curve of constant height by 5 mm."""
+MAX_LEG_M = 500.0  # A straight line this long leaves the curve of constant height by 5 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +50,9 @@ class DroneRoute:
     """What a drone of a scene flies if nothing comes in between, from 0 ns on."""
 
     track: KnownTrack
+    # Of each leg or way between waypoints when it ends, and where who has left it meanwhile goes
+    # on; none of a recorded flight, which goes on where it was left.
     rejoined_ns: tuple[tuple[int, int], ...] = ()
-    """Of each leg or way between waypoints when it ends, and where who has left it meanwhile goes
-    on; none of a recorded flight, which goes on where it was left."""
 
     def rejoined(self, t_ns: int) -> int:
         """Where on its way a drone goes on that has left it then."""
@@ -269,17 +268,15 @@ def signature_of(scene: Scene, drone: Drone) -> Signature:
     )
 
 
-FENCE_LOOKS = 33
-"""At so many places of each stretch it is asked whether they are within a geofence."""
+FENCE_LOOKS = 33  # At so many places of each stretch it is asked whether they are within a geofence
 NS_IN_US = 1000
-STILL_M_S = 0.1
-"""Slower, a drone heads nowhere."""
+STILL_M_S = 0.1  # Slower, a drone heads nowhere
+# What a drone does that has left its geofence.
 WITHIN: dict[str, Contingency] = {
     "return": LostLink(kind="lost-link", hold_s=0.0),
     "land": LowBattery(kind="low-battery"),
     "hold": Hold(kind="hold"),
 }
-"""What a drone does that has left its geofence."""
 
 
 def trajectories_of(scene: Scene) -> Trajectories:
@@ -318,8 +315,7 @@ class SceneDrones:
             drone.id: _FlyingDrone(scene, drone, self._space, trajectories, start_utc_ns)
             for drone in scene.fleet.drones
         }
-        self._gone: set[str] = set()
-        """Who joined and is not there any more."""
+        self._gone: set[str] = set()  # Who joined and is not there any more
 
     @property
     def names(self) -> list[str]:
@@ -365,16 +361,11 @@ class _Conduct:
     """How a drone flies from a time on."""
 
     from_ns: int
-    base_ns: int
-    """When 0 of its route is or would have been."""
-    fence: GeofenceKeys | None
-    """The geofence that it obeys."""
-    doing: str = ""
-    """What has happened to it."""
-    left_ns: int = 0
-    """Of its route, when it left it."""
-    back_ns: int = -FOREVER_NS
-    """When it is on its route again."""
+    base_ns: int  # When 0 of its route is or would have been
+    fence: GeofenceKeys | None  # The geofence that it obeys
+    doing: str = ""  # What has happened to it
+    left_ns: int = 0  # Of its route, when it left it
+    back_ns: int = -FOREVER_NS  # When it is on its route again
 
 
 class _FlyingDrone:

@@ -27,12 +27,10 @@ RANGE_KINDS = {
     SensorGeometry.BISTATIC: pb.SensorDescription.BISTATIC,
     SensorGeometry.BEARINGS: pb.SensorDescription.NO_RANGE,
 }
+# Signal-to-noise ratios of detections for which errors are told.
 ACCURACIES_AT_DB = (13.0, 20.0, 30.0)
-"""Signal-to-noise ratios of detections for which errors are told."""
-DEGREE_DIGITS, METRE_DIGITS = 9, 4
-"""Digits after the point of places: 0.1 mm."""
-MOUNT_DIGITS = 4
-"""Of where mounts point, degrees."""
+DEGREE_DIGITS, METRE_DIGITS = 9, 4  # Digits after the point of places: 0.1 mm
+MOUNT_DIGITS = 4  # Of where mounts point, degrees
 
 
 class SensorDescriber:

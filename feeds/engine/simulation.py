@@ -20,8 +20,7 @@ from plotfeed.models.state import Columns, Floats, Ints, Looks, Plots
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
-STRETCH_NS = NS
-"""Worked out at once: longer, a sector hardly costs less."""
+STRETCH_NS = NS  # Worked out at once: longer, a sector hardly costs less
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,16 +43,13 @@ class SimulatedPlots(Plots):
 class SimulatedSensor:
     """What one sensor did: columns of what it measured, and of what it might have measured."""
 
-    sensor: Sensor
-    """Its keys, as the scene has them."""
-    plots: SimulatedPlots
-    """A row a plot, false alarms among them, in the order of time."""
+    sensor: Sensor  # Its keys, as the scene has them
+    plots: SimulatedPlots  # A row a plot, false alarms among them, in the order of time
+    # A row a drone and look, detected or not: geometry, SNR (linear) and Pd as they truly were.
     looks: SimulatedLooks
-    """A row a drone and look, detected or not: geometry, SNR (linear) and Pd as they truly were."""
+    # Its sectors in the order of time, whether they brought anything or not.
     sectors: Sectors = field(default_factory=lambda: Sectors.of([]))
-    """Its sectors in the order of time, whether they brought anything or not."""
-    drones: Sequence[str] = ()
-    """Names of drones, by their numbers."""
+    drones: Sequence[str] = ()  # Names of drones, by their numbers
 
 
 class Simulation(Mapping[str, SimulatedSensor]):
@@ -73,10 +69,9 @@ class Simulation(Mapping[str, SimulatedSensor]):
     ) -> None:
         self._sensors = dict(sensors)
         self._trajectories = trajectories
+        # Ids, by the index in the columns `drone`, where -1 (`FALSE_ALARM`) is of no drone.
         self.drones = tuple(trajectories.names)
-        """Ids, by the index in the columns `drone`, where -1 (`FALSE_ALARM`) is of no drone."""
-        self.start_utc_ns = start_utc_ns
-        """When it began, UTC since 1970."""
+        self.start_utc_ns = start_utc_ns  # When it began, UTC since 1970
 
     def __getitem__(self, sensor: str) -> SimulatedSensor:
         return self._sensors[sensor]

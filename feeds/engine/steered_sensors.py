@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from plotfeed.models.cueing import CueBatch, CuedState, CueRule
     from plotfeed.models.pointing import Aim
 
-TOPIC, LOOK_AT = "cue", "look_at"
-"""What a mount says that it is cued by, if not by a sensor."""
+TOPIC, LOOK_AT = "cue", "look_at"  # What a mount says that it is cued by, if not by a sensor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,8 +103,8 @@ class Cueing:
     """The mounts of sensors, by the index of the sensor; those without one are in no table."""
 
     def __init__(self, site: Site, sensors: Sequence[Sensor], frames: Sequence[LocalFrame]) -> None:
+        # How many cues stand behind each sensor: those with fewer are worked out first.
         self.rank = cue_order(sensors)
-        """How many cues stand behind each sensor: those with fewer are worked out first."""
         self._site, self._frames = site, frames
         self._names = [sensor.id for sensor in sensors]
         self._steered = {

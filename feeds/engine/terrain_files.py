@@ -19,8 +19,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 HGT_NAME = re.compile(r"([NS])(\d{2})([EW])(\d{3})", re.IGNORECASE)
 HGT_VOID = -32768
-MAX_SAMPLES = 200_000_000
-"""Of a raster: 14 tiles of 1 arc second."""
+MAX_SAMPLES = 200_000_000  # Of a raster: 14 tiles of 1 arc second
 MAX_GEOJSON_OCTETS = 512 << 20
 
 

@@ -24,6 +24,7 @@ from plotfeed.models.state import Floats, Ints, Signatures, TruthState
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
+# Keys of cover that not all sensors have, each with what goes for those that have it not.
 LIMITS = {
     "range_min_m": 0.0,
     "azimuth_min_deg": -180.0,
@@ -31,24 +32,20 @@ LIMITS = {
     "elevation_min_deg": -90.0,
     "elevation_max_deg": 90.0,
 }
-"""Keys of cover that not all sensors have, each with what goes for those that have it not."""
+# What keeps a sensor from seeing something, in the order in which it is asked after.
 HINDRANCES = (
     *("off", "range", "elevation", "direction", "ground", "horizon", "nothing to sense"),
     "too weak",
 )
-"""What keeps a sensor from seeing something, in the order in which it is asked after."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Hindrance:
     """What keeps a sensor from seeing a flight; of two, the greater one lets more of it through."""
 
-    step: int
-    """Index among `HINDRANCES`."""
-    short_by_m: float
-    """How much too far away it is, below 0."""
-    text: str
-    """How it is where the flight comes nearest, and what the sensor could see."""
+    step: int  # Index among `HINDRANCES`
+    short_by_m: float  # How much too far away it is, below 0
+    text: str  # How it is where the flight comes nearest, and what the sensor could see
 
     @classmethod
     def of(cls, kind: str, text: str, short_by_m: float = 0.0) -> Hindrance:
@@ -114,20 +111,16 @@ def shown_m(distance_m: float) -> str:
     return f"{distance_m / 1000:.3g} km" if distance_m >= 1000 else f"{distance_m:.0f} m"
 
 
-SEEN_PD = 0.01
-"""A sensor that detects fewer than one look in a hundred at a drone does not see it."""
-MOST_TIMES, FEWEST_TIMES = 64, 8
-"""Samples of a flight."""
-MOST_ROWS = 200_000
-"""Samples of flights, each counted for every sensor, that are worked out."""
+SEEN_PD = 0.01  # A sensor that detects fewer than one look in a hundred at a drone does not see it
+MOST_TIMES, FEWEST_TIMES = 64, 8  # Samples of a flight
+MOST_ROWS = 200_000  # Samples of flights, each counted for every sensor, that are worked out
+# Drones that are looked at closely, of more every so manyth; and of how many that nobody sees it is
+# said why.
 MOST_DRONES, MOST_EXPLAINED = 40, 8
-"""Drones that are looked at closely, of more every so manyth; and of how many that nobody sees it
-is said why."""
+# By which a flight may be below the ground, where it is known, and else below the site.
 SUNK_M, CANYON_M = 5.0, 300.0
-"""By which a flight may be below the ground, where it is known, and else below the site."""
 EMITS_NOTHING = "emits nothing"
-LONGEST_NS = 86_400 * NS
-"""Of a flight without end."""
+LONGEST_NS = 86_400 * NS  # Of a flight without end
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,16 +43,12 @@ def _rates_of(
 
 
 MAX_CELLS = 1_000_000
-SUNK_M = 1.0
-"""By which rasters and masts may disagree about the ground."""
-IT = "it"
-"""A sensor, in its own warnings; it may be aloft."""
-FITS_M = 3.0
-"""Within which a site is on the ground, if its height counts from the sea."""
-HIGHEST_SITE_M = 500.0
-"""Over the ground: no tower is higher by much."""
+SUNK_M = 1.0  # By which rasters and masts may disagree about the ground
+IT = "it"  # A sensor, in its own warnings; it may be aloft
+FITS_M = 3.0  # Within which a site is on the ground, if its height counts from the sea
+HIGHEST_SITE_M = 500.0  # Over the ground: no tower is higher by much
+# Below and above the sea: where the ground is not known, what is beyond is asked about.
 LOWEST_LAND_M, HIGHEST_LAND_M = 10.0, 9000.0
-"""Below and above the sea: where the ground is not known, what is beyond is asked about."""
 
 
 class World:

@@ -29,10 +29,9 @@ class FleetWatch:
             address, "plotfeed-fleet", subscribe=[f"{self.root}/#"], on_message=self._hear
         )
         self._statuses: dict[int, dict[str, Any]] = {}
+        # When a part was last heard to go on, by this machine's monotonic clock.
         self._fresh_s: dict[int, float] = {}
-        """When a part was last heard to go on, by this machine's monotonic clock."""
-        self._gone: dict[int, str] = {}
-        """Processes of which a last will says that they died."""
+        self._gone: dict[int, str] = {}  # Processes of which a last will says that they died
         self._gaps: dict[int, list[dict[str, Any]]] = {}
         self._shift_ns = 0
 

@@ -26,8 +26,8 @@ class LocalParts:
 
     def __init__(self, command: Callable[[int, int], Sequence[str]], parts: int) -> None:
         """`command` is given a part, from 1, and how often it has been started."""
+        # Totals of processes that have ended by themselves, or were told to.
         self.counts: Counter[str] = Counter()
-        """Totals of processes that have ended by themselves, or were told to."""
         self.starts = [0] * parts
         self._command = command
 

@@ -86,25 +86,21 @@ class BrokerHold:
         self.source = part.source(scene)
         self.client_id = f"{scene.mqtt.prefix}-part-{part.number}".replace("/", "-")
         self.margin_ns = MARGIN_NS
+        # What nobody sent: sensors, from when, until when, why.
         self.gaps: deque[dict[str, Any]] = deque(maxlen=MOST_GAPS)
-        """What nobody sent: sensors, from when, until when, why."""
         self._gaps_are_told = True
-        self.joined_ns = 0
-        """What ends after that this process sends; 0 before it does."""
-        self.watch: MqttTransport
-        """The connection by which it hears and says all this."""
+        self.joined_ns = 0  # What ends after that this process sends; 0 before it does
+        self.watch: MqttTransport  # The connection by which it hears and says all this
         self._part, self._scene, self._clock, self._address = part, scene, clock, address
-        self._session: Session
-        """Of the part; known once it is kept."""
+        self._session: Session  # Of the part; known once it is kept
+        # What another process said last, before this one had the part.
         self._other: dict[str, Any] | None = None
-        """What another process said last, before this one had the part."""
+        # Which process has ended or died, as the part's session message says.
         self._session_gone = ""
-        """Which process has ended or died, as the part's session message says."""
         self._silent_s = 0.0
         self._claim = 0
         self._number = 0
-        self._said_s: dict[int, float] = {}
-        """When it said what has those numbers."""
+        self._said_s: dict[int, float] = {}  # When it said what has those numbers
         self._held_from_s = self._until_s = float("-inf")
         self._taken: dict[str, Any] | None = None
 

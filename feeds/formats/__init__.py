@@ -32,13 +32,11 @@ if TYPE_CHECKING:
     from plotfeed.proto.measured_plots import MeasuredPlots
 
 
-MAX_BLOCK_OCTETS = 65535
-"""What the length field of an ASTERIX data block can say."""
-SERVICE_PERIOD_NS = 10 * NS
-"""How often a sensor says where it stands and that it works."""
-Sensors = Mapping[int, Sensor]
-"""Sensors by their index in the scene."""
+MAX_BLOCK_OCTETS = 65535  # What the length field of an ASTERIX data block can say
+SERVICE_PERIOD_NS = 10 * NS  # How often a sensor says where it stands and that it works
+Sensors = Mapping[int, Sensor]  # Sensors by their index in the scene
 PLACE = "position_enu_m"
+# Of a sensor, by the item that says it; a place that is the site's is the site's key.
 KEYS_OF_ITEMS = {
     "I034/041": "scan.period_s",
     "I034/120": PLACE,
@@ -48,9 +46,8 @@ KEYS_OF_ITEMS = {
     "I016/410": "transmitters",
     "I205/050": PLACE,
 }
-"""Of a sensor, by the item that says it; a place that is the site's is the site's key."""
+# A category of ASTERIX, and its data blocks of each sector.
 Blocks = tuple[int, Sequence[Sequence[bytes]]]
-"""A category of ASTERIX, and its data blocks of each sector."""
 
 
 class MessageFormat(Protocol):
@@ -63,10 +60,8 @@ class MessageFormat(Protocol):
 class Announcer(Protocol):
     """Makes what a sensor says of itself in a format, stamped by its clock when it is asked for."""
 
-    every_ns: int
-    """How often it says that nothing has changed."""
-    inbox: str
-    """Topic on which somebody may ask something of the sensor."""
+    every_ns: int  # How often it says that nothing has changed
+    inbox: str  # Topic on which somebody may ask something of the sensor
 
     def opening(self, now_utc_ns: int) -> list[Message]:
         """What comes before anything else, on every connection."""
@@ -99,17 +94,16 @@ class Format:
     """A row of `FORMATS`: a format's facts, and how its messages are made and read."""
 
     facts: ReportFormat
+    # What makes the messages of some sensors; raises `PlotfeedError` if an extra is missing.
     maker: Callable[[Scene, Sensors], MessageFormat]
-    """What makes the messages of some sensors; raises `PlotfeedError` if an extra is missing."""
+    # The plots in a payload, given a UTC time near its own; raises `DecodeError`.
+    #
+    # None for a format of tracks.
     plots_in: Callable[[bytes, int], MeasuredPlots] | None
-    """The plots in a payload, given a UTC time near its own; raises `DecodeError`.
-
-    None for a format of tracks.
-    """
+    # A message as it may leave at a time, or None if it is dropped then, where that matters.
     late: Callable[[Scene, Message, int], Message | None] | None = None
-    """A message as it may leave at a time, or None if it is dropped then, where that matters."""
+    # What makes the messages of a sensor of itself, if the format has any.
     announcer: Callable[[Scene, Sensor], Announcer] | None = None
-    """What makes the messages of a sensor of itself, if the format has any."""
 
     @property
     def name(self) -> str:
@@ -186,8 +180,7 @@ class AsterixFormat(ABC):
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
-        self._addresses: dict[int, dict[int, Address]] = {}
-        """By category, of each sensor."""
+        self._addresses: dict[int, dict[int, Address]] = {}  # By category, of each sensor
 
     @abstractmethod
     def blocks(self, batch: Batch) -> list[Blocks]:

@@ -31,10 +31,9 @@ from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncode
 from plotfeed.proto.utc import NS
 
 EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
-NO_CLASS = 0
-"""In I015/300, of what the sensor does not name."""
+NO_CLASS = 0  # In I015/300, of what the sensor does not name
+# Numbers set aside for the observations of a scan, so that they do not depend on earlier ones.
 OBSERVATIONS_A_SCAN = 4096
-"""Numbers set aside for the observations of a scan, so that they do not depend on earlier ones."""
 GEOMETRIES = {
     SensorGeometry.MONOSTATIC: Geometry.MONOSTATIC,
     SensorGeometry.BISTATIC: Geometry.MULTISTATIC,

@@ -18,8 +18,8 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
 
+# Numbers set aside for the reports of a scan, so that they do not depend on earlier ones.
 REPORTS_A_SCAN = 16
-"""Numbers set aside for the reports of a scan, so that they do not depend on earlier ones."""
 
 
 class Asterix205(AsterixFormat):

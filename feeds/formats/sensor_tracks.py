@@ -28,10 +28,9 @@ from plotfeed.proto.tracks.encode_tracks import ToldTracks
 if TYPE_CHECKING:
     from plotfeed.models.plain_tracker import LocatedPlots
 
-LEAST_SIGMA_M = 0.01
-"""An error of less has a plot that claims none: a filter needs some."""
+LEAST_SIGMA_M = 0.01  # An error of less has a plot that claims none: a filter needs some
+# Of a height that is not measured: a tracker on a plane holds targets to it.
 UNMEASURED_SIGMA_M = 1.0
-"""Of a height that is not measured: a tracker on a plane holds targets to it."""
 
 
 class SensorTracker(Protocol):
@@ -120,8 +119,7 @@ class _SmoothedTruth:
         self._to_site = site.rotation_from_ecef @ here.rotation_from_ecef.T
         self._tracks = SmoothedTruth(_rule_of(sensor), tracks_keys_of(sensor).smoothing_scans)
         self._has_height = False
-        self._names: Sequence[str] = ()
-        """Of drones by index, when it last knew of them."""
+        self._names: Sequence[str] = ()  # Of drones by index, when it last knew of them
         self._chance = Chance(scene.scene.seed, sensor.id)
 
     def end(self) -> None:

@@ -29,8 +29,8 @@ from plotfeed.proto.tracks.encode_tracks import (
     track_batch,
 )
 
+# What makes payloads of the tracks of a sector, of which there is at least one.
 Encoder = Callable[[ToldTracks, TrackOrigin, SectorStamp], Sequence[bytes]]
-"""What makes payloads of the tracks of a sector, of which there is at least one."""
 
 
 class TrackMessages:
@@ -96,6 +96,7 @@ ENCODERS: dict[str, Callable[[], Encoder]] = {
 }
 
 
+# Rows of the table of formats.
 TRACK_ROWS = {
     name: Format(
         facts=REPORT_FORMATS[name],
@@ -104,4 +105,3 @@ TRACK_ROWS = {
     )
     for name in ENCODERS
 }
-"""Rows of the table of formats."""

@@ -34,8 +34,7 @@ from plotfeed.replay.recorded import WHAT_LEFT
 
 # Sensors whose plots state errors that follow from their own ratios, as the oracle has them.
 RADARS = frozenset({"active_radar", "mimo_radar", "passive_radar"})
-MAX_CHANGES = 10_000
-"""Of each sensor that are known; of later ones nothing is told."""
+MAX_CHANGES = 10_000  # Of each sensor that are known; of later ones nothing is told
 
 
 class RecordedSettings:
@@ -229,8 +228,7 @@ class AskedByTime:
     def __init__(
         self, scene: Scene, sensor: Sensor, settings: RecordedSettings, start_utc_ns: int
     ) -> None:
-        self.sectors = sensor.scan.sectors
-        """Of a scan."""
+        self.sectors = sensor.scan.sectors  # Of a scan
         self._sensor, self._settings, self._start_utc_ns = sensor.id, settings, start_utc_ns
         self._scene = scene
         try:
@@ -240,8 +238,8 @@ class AskedByTime:
         scan, chance = sensor.scan, Chance(scene.scene.seed, sensor.id)
         jitter_ns = scan.jitter_ms * NS_IN_MS
         self._timetable = Timetable(scan.period_ns, scan.sectors, jitter_ns, chance)
+        # By the identity of the keys, which `settings` keeps.
         self._asked: dict[int, AskedSensor] = {}
-        """By the identity of the keys, which `settings` keeps."""
 
     def in_sector(self, scan: int, sector: int) -> AskedSensor | None:
         """The sensor as it was when a sector was worked out; None if that is not known."""
@@ -273,5 +271,4 @@ class AskedByTime:
         return asked is not None and asked.keys.enabled
 
 
-MOST_LACKING = 100_000
-"""In a row, that are looked at one by one."""
+MOST_LACKING = 100_000  # In a row, that are looked at one by one

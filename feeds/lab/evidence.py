@@ -34,13 +34,12 @@ TRUTH = "/truth"
 LEDGERS = ("", LEDGER, LEDGER_BATCH)
 # Messages that are read together, and their octets, as those of the ledger have many sectors.
 AT_ONCE, OCTETS_AT_ONCE = 8192, 4 << 20
-REMEMBERED = 65_536
-"""Entries by which it is noticed that one was recorded twice."""
+REMEMBERED = 65_536  # Entries by which it is noticed that one was recorded twice
+# Plots that wait for what is true of them; then the oldest are given up.
 MAX_WAITING_PLOTS = 200_000
-"""Plots that wait for what is true of them; then the oldest are given up."""
 MOST_COMPLETE = (Stage.BEFORE, Stage.AFTER, Stage.RECEIVED)
+# Stages at which plots are looked for, the best first: the most complete, or as a tracker saw.
 AS_DELIVERED = (Stage.AFTER, Stage.RECEIVED, Stage.BEFORE)
-"""Stages at which plots are looked for, the best first: the most complete, or as a tracker saw."""
 
 
 def plot_topics() -> list[str]:
@@ -67,8 +66,7 @@ def are_targets(names: Texts) -> Bools:
 class SectorKey(NamedTuple):
     """The sector that plots are of."""
 
-    prefix: str
-    """Of the session's topics."""
+    prefix: str  # Of the session's topics
     sensor: str
     scan: int
     sector: int
@@ -161,8 +159,7 @@ class EvidencePart(NamedTuple):
     """What some messages of a recording tell: entries that are new, and plots."""
 
     told: LedgerTables
-    keys: Sequence[SectorKey]
-    """Of the entries."""
+    keys: Sequence[SectorKey]  # Of the entries
     plots: Sequence[SectorPlots]
 
     def by_sensor(self) -> Iterator[tuple[tuple[str, str], LedgerTables, list[SectorKey]]]:
@@ -179,24 +176,23 @@ class Evidence:
 
     def __init__(self, path: Path, file: BinaryIO, stages: Sequence[Stage]) -> None:
         """Plots are looked for at the first of those stages; raises `PlotfeedError`."""
+        # Entries that are no ledger, and those that were there before.
         self.unreadable = self.repeated = 0
-        """Entries that are no ledger, and those that were there before."""
         self.first_ns: int | None = None
-        self.last_ns: int | None = None
-        """Log times of the first and the last entry."""
+        self.last_ns: int | None = None  # Log times of the first and the last entry
+        # Why its scene cannot be used; empty where it can, or where there is none.
         self.problem = ""
-        """Why its scene cannot be used; empty where it can, or where there is none."""
         self.scene: Scene | None = None
+        # What was asked of sensors, by id; of none without a scene that can be used.
         self.asked: Mapping[str, AskedByTime] = {}
-        """What was asked of sensors, by id; of none without a scene that can be used."""
         self.log = McapReader(file)
         self._path, self._file = path, file
         series = list(self.log.summary().counts)
         self._truths = truth_topics(series)
         if not self._truths:
             raise PlotfeedError(f"{path}: {self._without_ledger()}")
+        # Prefix and sensor of the topics and stages at which plots are.
         self.carriers = plot_topics_of(series, self._truths, stages)
-        """Prefix and sensor of the topics and stages at which plots are."""
         self._seen: OrderedDict[SectorKey, None] = OrderedDict()
 
     @classmethod

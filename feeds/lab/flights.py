@@ -41,15 +41,12 @@ class Truths:
     """The flights of a run. A drone is there while any sensor looks at it: that is cover."""
 
     drones: Sequence[str]
-    paths: Sequence[FlightPath]
-    """Of the drones."""
+    paths: Sequence[FlightPath]  # Of the drones
     sensors: Sequence[str]
+    # When a drone was looked at by a sensor, by their numbers; ascending.
     looks_utc_ns: Mapping[tuple[int, int], Ints]
-    """When a drone was looked at by a sensor, by their numbers; ascending."""
-    site: LocalFrame | None = None
-    """Of the scene."""
-    sensors_at: LocalFrame | None = None
-    """Amid all sensors."""
+    site: LocalFrame | None = None  # Of the scene
+    sensors_at: LocalFrame | None = None  # Amid all sensors
     scene: str = ""
     notes: Sequence[str] = field(default_factory=tuple)
 

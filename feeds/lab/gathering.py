@@ -91,15 +91,11 @@ class _Part(NamedTuple):
     """Sectors that wait until all their plots are there; their numbers are from 0."""
 
     keys: Sequence[SectorKey]
-    expected: list[int]
-    """What is expected in each."""
-    counts: Ints
-    """How many plots there are to be in each."""
-    is_read: Bools
-    """Whether its plots are looked for."""
+    expected: list[int]  # What is expected in each
+    counts: Ints  # How many plots there are to be in each
+    is_read: Bools  # Whether its plots are looked for
     looks: FeedLooks
-    t_utc_ns: Ints
-    """Of plots, by the ledger."""
+    t_utc_ns: Ints  # Of plots, by the ledger
     told: ToldTruth
     false_alarms: int
 
@@ -437,30 +433,23 @@ class SensorFigures:
 
     sensor: str
     entries: int
+    # Where plots were found: their kind and whether before or after the link; empty for none.
     plots_from: str
-    """Where plots were found: their kind and whether before or after the link; empty for none."""
-    plots: int
-    """Of drones and what else was looked at, by the ledger."""
+    plots: int  # Of drones and what else was looked at, by the ledger
+    # Of what is no drone, by what it is; of clutter, which is not looked at, too.
     plots_of_others: Mapping[str, int]
-    """Of what is no drone, by what it is; of clutter, which is not looked at, too."""
-    joined: int
-    """Of these, the ones that were found with what was measured."""
+    joined: int  # Of these, the ones that were found with what was measured
+    # Of the others, those in sectors whose recorded plots are not those of the ledger.
     contradicted: int
-    """Of the others, those in sectors whose recorded plots are not those of the ledger."""
-    not_compared: int
-    """Of those that were found: it is not known what they were to say."""
-    lost: int
-    """Sectors whose plots did not arrive, which a judge of claims leaves out."""
-    is_known: bool
-    """Whether the file has what the scene asks of the sensor."""
-    unjudged: str
-    """What of its plots is not judged, and why; empty where all is."""
+    not_compared: int  # Of those that were found: it is not known what they were to say
+    lost: int  # Sectors whose plots did not arrive, which a judge of claims leaves out
+    is_known: bool  # Whether the file has what the scene asks of the sensor
+    unjudged: str  # What of its plots is not judged, and why; empty where all is
     looks_by_range: Sequence[PdFigures]
-    looks_unjudged: int
-    """Of which it is not known what Pd was asked."""
+    looks_unjudged: int  # Of which it is not known what Pd was asked
     why_not_pd: str
+    # Errors over their standard deviations between the report's edges, beyond in the last.
     histograms: Mapping[str, Sequence[int]]
-    """Errors over their standard deviations between the report's edges, beyond in the last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -468,24 +457,20 @@ class FeedReport:
     """What a recording says of feeds."""
 
     file: str
-    scene: str
-    """Of the session that was recorded; empty if the file has none."""
+    scene: str  # Of the session that was recorded; empty if the file has none
     entries: int
+    # When the first message was handed over; without any, when the first entry was written.
     first_utc_ns: int
-    """When the first message was handed over; without any, when the first entry was written."""
-    last_utc_ns: int
-    """When the last entry was written, or the last message handed over."""
-    links: Sequence[LinkFigures]
-    """None beside claims."""
+    last_utc_ns: int  # When the last entry was written, or the last message handed over
+    links: Sequence[LinkFigures]  # None beside claims
     sensors: Sequence[SensorFigures]
     verdicts: Verdicts
     notes: Sequence[str]
     damage: Sequence[Damage]
-    curve: Sequence[float]
-    """Probabilities of the `curve_ms` of all distributions of times."""
+    curve: Sequence[float]  # Probabilities of the `curve_ms` of all distributions of times
     normalised_edges: Sequence[float]
+    # Relative, of times that are quantiles; of Kolmogorov's distance.
     resolution: Mapping[str, float]
-    """Relative, of times that are quantiles; of Kolmogorov's distance."""
 
     def as_values(self) -> dict[str, Any]:
         """The report for JSON: times also as text, and null for what is not there."""

@@ -114,8 +114,7 @@ class ToldTruth(NamedTuple):
     """What the ledger says of plots, of each in its place: which are of targets, and of which."""
 
     is_target: Bools
-    plots: TruePlots
-    """Of targets alone, and so are echoes."""
+    plots: TruePlots  # Of targets alone, and so are echoes
     echoes: TrueEchoes
 
     def rows(self, which: Bools) -> ToldTruth:
@@ -145,25 +144,17 @@ class ToldTruth(NamedTuple):
 class SensorFeed(NamedTuple):
     """What came of a sensor in some sectors, with numbers from 0, and what is expected of it."""
 
-    looks: FeedLooks
-    """In the order of sectors."""
+    looks: FeedLooks  # In the order of sectors
     plots: MeasuredPlots
-    plot_sector: Ints
-    """The sector of each plot, ascending."""
-    keys_of_sector: Ints
-    """Which of `expected` holds in each sector."""
+    plot_sector: Ints  # The sector of each plot, ascending
+    keys_of_sector: Ints  # Which of `expected` holds in each sector
+    # None where no scene says what is expected, but the plots.
     expected: Sequence[AskedSensor | None]
-    """None where no scene says what is expected, but the plots."""
-    scans: float
-    """That were seen, parts of one counted as such."""
-    names: Sequence[str]
-    """Of targets, by their numbers."""
-    told: ToldTruth | None = None
-    """None where plots are paired by place."""
-    false_alarms: int = 0
-    """By the ledger."""
-    why_no_clutter: str = ""
-    """Why false alarms are not judged."""
+    scans: float  # That were seen, parts of one counted as such
+    names: Sequence[str]  # Of targets, by their numbers
+    told: ToldTruth | None = None  # None where plots are paired by place
+    false_alarms: int = 0  # By the ledger
+    why_no_clutter: str = ""  # Why false alarms are not judged
 
     @property
     def known(self) -> AskedSensor | None:
@@ -473,14 +464,11 @@ class PdFigures:
     from_m: float
     to_m: float
     looks: int
-    expected: float
-    """Mean of the looks' own probabilities."""
-    found: float
-    """Share detected, and its 95 % interval."""
+    expected: float  # Mean of the looks' own probabilities
+    found: float  # Share detected, and its 95 % interval
     low: float
     high: float
-    p: float
-    """Probability of such a share, or one further off, by chance."""
+    p: float  # Probability of such a share, or one further off, by chance
 
 
 def pd_by_range(looks: LookTally) -> list[PdFigures]:
@@ -529,11 +517,9 @@ def _round_up(width_m: float) -> float:
 class ComparedPlots(NamedTuple):
     """Pairs of plots and looks of one sector, and how what was measured differs from the truth."""
 
-    candidates: Candidates
-    """By the quantities of `columns` alone."""
+    candidates: Candidates  # By the quantities of `columns` alone
     columns: list[int]
-    error: Floats
-    """Of all quantities, (n, k), with its sigma and kurtosis."""
+    error: Floats  # Of all quantities, (n, k), with its sigma and kurtosis
     sigma: Floats
     kurtosis: Floats
 

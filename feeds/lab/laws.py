@@ -21,10 +21,10 @@ from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.proto.asterix.decode_plots import steps_of
 from plotfeed.proto.measured_plots import MeasuredPlots
 
+# Variance of a count above which it is taken to be normal; below it, there is no z-score.
 ENOUGH = 5.0
-"""Variance of a count above which it is taken to be normal; below it, there is no z-score."""
+# Standard deviations of a normal law on either side of its mean that hold 95 % of it.
 TWO_SIDED_95 = 1.959964
-"""Standard deviations of a normal law on either side of its mean that hold 95 % of it."""
 
 
 def z_score(excess: float, variance: float) -> float:
@@ -53,12 +53,9 @@ def p_of_distance(distance: float, n: float) -> float:
     return float(np.clip(kolmogorov((root + 0.12 + 0.11 / root) * distance), 0.0, 1.0))
 
 
-CELLS = 1 << 13
-"""Of equal probability by the law: distances are known to one part in as many."""
-MET = 0.1
-"""Share of a cell by which a law may miss an edge, as it does within an atom."""
-HALF_A_NS = 0.5
-"""Delays are whole nanoseconds, so that a law's atom is met from below."""
+CELLS = 1 << 13  # Of equal probability by the law: distances are known to one part in as many
+MET = 0.1  # Share of a cell by which a law may miss an edge, as it does within an atom
+HALF_A_NS = 0.5  # Delays are whole nanoseconds, so that a law's atom is met from below
 
 
 def law_distance(law: DelayLaw, delays_ns: Ints) -> float:
@@ -78,8 +75,7 @@ def law_distance(law: DelayLaw, delays_ns: Ints) -> float:
 
 
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
-WEIGHTS = WEIGHTS / WEIGHTS.sum()
-"""Of a quadrature over a standard normal number."""
+WEIGHTS = WEIGHTS / WEIGHTS.sum()  # Of a quadrature over a standard normal number
 FEW_NODES, FEW_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 FEW_WEIGHTS = FEW_WEIGHTS / FEW_WEIGHTS.sum()
 NEAR_STEPS = np.arange(-8, 9)
@@ -141,6 +137,7 @@ def in_steps(law: Expected, step: float) -> Expected:
     return told
 
 
+# What is compared: the column of plots, and its unit.
 QUANTITIES = {
     "range": ("range_m", "m"),
     "bistatic range": ("bistatic_range_m", "m"),
@@ -149,17 +146,13 @@ QUANTITIES = {
     "height": ("height_m", "m"),
     "range rate": ("range_rate_m_s", "m/s"),
 }
-"""What is compared: the column of plots, and its unit."""
-COARSE = 20.0
-"""Steps below which a stated standard deviation is told too coarsely to divide by."""
+COARSE = 20.0  # Steps below which a stated standard deviation is told too coarsely to divide by
+# Standard deviations from the ends of range within which noise decides whether there is a plot.
 EDGE = 7.0
-"""Standard deviations from the ends of range within which noise decides whether there is a plot."""
-WIDEST_DEG = 30.0
-"""Standard deviation above which an azimuth is folded too often to be compared."""
+WIDEST_DEG = 30.0  # Standard deviation above which an azimuth is folded too often to be compared
+# Share of a range that its standard deviation is at most where it is nearly linear in noise.
 MOST_BENT = 0.1
-"""Share of a range that its standard deviation is at most where it is nearly linear in noise."""
-STRAIGHT = (2.5, 4.0)
-"""Kurtosis of what is nearly linear in noise."""
+STRAIGHT = (2.5, 4.0)  # Kurtosis of what is nearly linear in noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,10 +193,10 @@ class Comparison(NamedTuple):
     errors: dict[str, Floats]
     expected: dict[str, Expected]
     stated: dict[str, Floats]
+    # Plots of which it is not known what they were to say, or that noise may have made none.
     left_out: int
-    """Plots of which it is not known what they were to say, or that noise may have made none."""
+    # Values further off than any noise leaves them, and times that are not those asked for.
     off: dict[str, int]
-    """Values further off than any noise leaves them, and times that are not those asked for."""
 
 
 @nan_without_warnings
@@ -249,11 +242,10 @@ def compared(
     return found
 
 
+# What arithmetic may leave, where that is not a millimetre.
 TOLERANCES = {"azimuth": 1e-5, "elevation": 1e-5, "range rate": 1e-4}
-"""What arithmetic may leave, where that is not a millimetre."""
 TIME_STEP_NS = 7_812_500
-TIME_OF_SENDING = 205
-"""The category whose times are not those of plots."""
+TIME_OF_SENDING = 205  # The category whose times are not those of plots
 
 
 def _times_off(
@@ -275,8 +267,7 @@ class Place(NamedTuple):
 
     azimuth_deg: Floats
     elevation_deg: Floats
-    range_m: Floats
-    """Or the bistatic range."""
+    range_m: Floats  # Or the bistatic range
 
 
 def _places(

@@ -56,22 +56,18 @@ def _by_differences(log_moment: Callable[[float], float]) -> Callable[[float], C
     return cumulants
 
 
+# Fates of messages that the model of loss let through.
 PASSED_LOSS = frozenset({pb.SENT, pb.QUEUE_FULL, pb.UNDELIVERED, pb.ENDED, pb.STALE})
-"""Fates of messages that the model of loss let through."""
 
 
 @dataclass(slots=True)
 class Order:
     """The order of messages under one link setting: bursts and overtaking."""
 
-    bursts: Counter[int] = field(default_factory=Counter)
-    """How many bursts of losses were so long."""
-    cut_bursts: int = 0
-    """Of which it is not known where they began or ended."""
-    left: int = 0
-    """Messages that left, first copies."""
-    overtook: int = 0
-    """Of those, the ones that left before one that had been handed over earlier."""
+    bursts: Counter[int] = field(default_factory=Counter)  # How many bursts of losses were so long
+    cut_bursts: int = 0  # Of which it is not known where they began or ended
+    left: int = 0  # Messages that left, first copies
+    overtook: int = 0  # Of those, the ones that left before one that had been handed over earlier
 
 
 def orders_of(sent: ToldMessages, links: int) -> list[Order]:
@@ -107,20 +103,17 @@ def orders_of(sent: ToldMessages, links: int) -> list[Order]:
     return found
 
 
+# Fates of messages whose link had said when they were to leave.
 LET_THROUGH = frozenset({pb.SENT, pb.UNDELIVERED, pb.ENDED, pb.STALE})
-"""Fates of messages whose link had said when they were to leave."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
     """A link as the ledger has it."""
 
-    text: str
-    """JSON of its keys, empty for none."""
-    asked: LinkExpectation | None
-    """None if it is not a link as we know them."""
-    problem: str = ""
-    """Why not."""
+    text: str  # JSON of its keys, empty for none
+    asked: LinkExpectation | None  # None if it is not a link as we know them
+    problem: str = ""  # Why not
 
     @classmethod
     def of(cls, text: str) -> Setting:
@@ -200,30 +193,24 @@ def _apart_ns(later_ns: Ints, earlier_ns: Ints) -> Ints:
     return np.where(is_far, np.where(apart_ns > 0, limit, -limit), later_ns - earlier_ns)
 
 
-LONGEST_TOLD = 100
-"""Bursts up to which the probability of so many losses or more is told."""
+LONGEST_TOLD = 100  # Bursts up to which the probability of so many losses or more is told
 LONGEST_SUMMED = 4096
-FEWEST_BURSTS = 10
-"""From which on their mean is taken to be normal."""
+FEWEST_BURSTS = 10  # From which on their mean is taken to be normal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bursts:
     """Messages lost in a row."""
 
-    bursts: int
-    """That are whole; the others are `cut`, by an end, an outage or another setting."""
+    bursts: int  # That are whole; the others are `cut`, by an end, an outage or another setting
     cut: int
     asked_mean: float
     delivered_mean: float
     z: float
-    p: float
-    """Probability of such a mean, or one further off, by chance."""
-    asked_survival: Sequence[float]
-    """Probability of 1, 2, ... or more."""
+    p: float  # Probability of such a mean, or one further off, by chance
+    asked_survival: Sequence[float]  # Probability of 1, 2, ... or more.
     delivered_survival: Sequence[float]
-    lengths: Mapping[str, int]
-    """How many were so long."""
+    lengths: Mapping[str, int]  # How many were so long
 
 
 def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
@@ -263,8 +250,8 @@ def _burst_chances(total: int, count: int, survival: Floats) -> tuple[float, flo
     return z, p_of_lengths(survival, count, total)
 
 
+# Probabilities at which whole distributions are told, and 1.
 CURVE = np.concatenate([[0.0, 0.001, 0.002, 0.005], np.arange(1, 100) / 100, [0.995, 0.998, 0.999]])
-"""Probabilities at which whole distributions are told, and 1."""
 OTHER_FATES = {
     "queue_full": pb.QUEUE_FULL,
     "outage": pb.OUTAGE,
@@ -284,26 +271,22 @@ class LatencyFigures:
     p90_ms: float
     p99_ms: float
     max_ms: float
-    curve_ms: Sequence[float]
-    """At the probabilities of the report's `curve`."""
+    curve_ms: Sequence[float]  # At the probabilities of the report's `curve`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
     """Delivered delays against the law that was asked; Kolmogorov and Smirnov."""
 
-    distance: float = math.nan
-    """Of what was delivered, engine and all."""
+    distance: float = math.nan  # Of what was delivered, engine and all
     p_value: float = math.nan
+    # Of the delays that the link drew, without the engine's lateness.
     link_distance: float = math.nan
-    """Of the delays that the link drew, without the engine's lateness."""
     link_p_value: float = math.nan
+    # Messages that tell as much as these did, where successive delays are correlated.
     independent: float = math.nan
-    """Messages that tell as much as these did, where successive delays are correlated."""
-    other: int = 0
-    """Messages with another delay than the one that is asked of all of them."""
-    not_comparable: str = ""
-    """Why there is nothing to compare with; empty if there is."""
+    other: int = 0  # Messages with another delay than the one that is asked of all of them
+    not_comparable: str = ""  # Why there is nothing to compare with; empty if there is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -314,10 +297,8 @@ class Share:
     of: int
     asked: float
     delivered: float
-    z: float
-    """Of the delivered share, in standard deviations from the asked one."""
-    p: float
-    """Probability of such a share, or one further off, by chance; NaN if nothing is asked."""
+    z: float  # Of the delivered share, in standard deviations from the asked one
+    p: float  # Probability of such a share, or one further off, by chance; NaN if nothing is asked
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -325,28 +306,23 @@ class LinkFigures:
     """A sensor's messages under one link setting, in figures."""
 
     sensor: str
-    number: int
-    """Of the setting, among this sensor's, from 1 as they came into force."""
-    link: object
-    """The keys that were in force."""
-    link_problem: str
-    """Why nothing is known of what the link asked; empty if it is."""
-    first_utc_ns: int
-    """When the first message was handed over."""
+    number: int  # Of the setting, among this sensor's, from 1 as they came into force
+    link: object  # The keys that were in force
+    link_problem: str  # Why nothing is known of what the link asked; empty if it is
+    first_utc_ns: int  # When the first message was handed over
     last_utc_ns: int
     messages: int
     sent: int
     asked: LatencyFigures | None
     delivered: LatencyFigures
     fit: Fit
+    # Of the engine: sending less when the link was to let the message leave.
     lateness: LatencyFigures
-    """Of the engine: sending less when the link was to let the message leave."""
     loss: Share
     bursts: Bursts
     duplicates: Share
     corrupted: Share
-    overtook: Share
-    """Messages that left before one that had been handed over earlier."""
+    overtook: Share  # Messages that left before one that had been handed over earlier
     other_fates: Mapping[str, int]
 
 

@@ -43,20 +43,15 @@ if TYPE_CHECKING:
 
 # What judges is loaded a second after a session has begun, which does not wait for it.
 
-WINDOW_S = 60
-"""Over which means are told; a score is worked out every second."""
-SEEN_NS = 10 * NS
-"""A drone that no sensor has looked at for so long is not missed."""
+WINDOW_S = 60  # Over which means are told; a score is worked out every second
+SEEN_NS = 10 * NS  # A drone that no sensor has looked at for so long is not missed
 MOST_TRACKS = 5000
 MOST_LATENCIES = 2000
-MOST_SENSORS = 16
-"""Whose feeds are checked."""
+MOST_SENSORS = 16  # Whose feeds are checked
+# After which checks of a feed begin anew; each block is called wrong at `FALSE_RATE` at most.
 BLOCK_NS = 600 * NS
-"""After which checks of a feed begin anew; each block is called wrong at `FALSE_RATE` at most."""
-MOST_LOOKS = 20_000
-"""Of one sensor in a block; what comes then is left out."""
-EVERY_SECONDS = 5
-"""Feeds are checked."""
+MOST_LOOKS = 20_000  # Of one sensor in a block; what comes then is left out
+EVERY_SECONDS = 5  # Feeds are checked
 
 
 @dataclass(slots=True)
@@ -265,10 +260,8 @@ class _FeedSoFar:
     def __init__(self, *, since_ns: int) -> None:
         """Sectors that were worked out before are not of it."""
         self.is_news = False
-        self.began_ns: int | None = None
-        """When the first of its sectors was due."""
-        self.sectors = 0
-        """That were taken, empty ones too."""
+        self.began_ns: int | None = None  # When the first of its sectors was due
+        self.sectors = 0  # That were taken, empty ones too
         self._since_ns = since_ns
         self._looks: list[SimulatedLooks] = []
         self._plots: list[SimulatedPlots] = []
@@ -305,8 +298,7 @@ def _at(columns: Looks | Plots, scan: int, sector: int) -> dict[str, Any]:
 
 
 EVERY_S = 1.0
-TOPIC = "score"
-"""Behind the prefix; no sensor may have that name, since it is one level."""
+TOPIC = "score"  # Behind the prefix; no sensor may have that name, since it is one level
 OnScore = Callable[[dict[str, Any]], None]
 
 

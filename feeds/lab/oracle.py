@@ -656,8 +656,7 @@ def past_tower(
 class _Horizon(LevelAxes):
     """Slopes of ground and walls about a place: each step is the highest from there on."""
 
-    parts: int
-    """Of the circle."""
+    parts: int  # Of the circle
     steps: NDArray[Any]
 
     def highest(self, azimuth_deg: Floats, ground_m: Floats) -> tuple[Floats, Floats]:

@@ -70,10 +70,8 @@ def plain_text(text: str) -> str:
 
 
 LEVELS_DRAWN = 8
-LOG_FROM = 20.0
-"""Times that the largest value is the smallest: then the axis is logarithmic."""
-LETTERS = 28
-"""Of a label."""
+LOG_FROM = 20.0  # Times that the largest value is the smallest: then the axis is logarithmic
+LETTERS = 28  # Of a label
 
 
 class LevelAxis:
@@ -83,8 +81,7 @@ class LevelAxis:
         self._several = len({level.scene for level in levels}) > 1
         self.key = next((n for n in range(len(levels[0].changes)) if _is_scale(levels, n)), None)
         self.title = "level" if self.key is None else levels[0].changes[self.key][0]
-        self.lines: dict[str, list[SweepLevel]] = {}
-        """Levels of a line, by its label."""
+        self.lines: dict[str, list[SweepLevel]] = {}  # Levels of a line, by its label
         for level in levels:
             self.lines.setdefault(self._line(level), []).append(level)
         self._at = {level.number: n for n, level in enumerate(levels)}
@@ -162,10 +159,8 @@ def shades(count: int) -> list[Any]:
 LABEL_STYLE = {"fontsize": 7.5, "linespacing": 1.2, "va": "bottom", "ha": "left"}
 MARKER_PIXELS = 8.0
 GAP_PIXELS = 10.0
-REACHES = (1.0, 2.0, 3.5, 5.5, 8.0, 11.0, 15.0)
-"""How far labels may move away, in gaps."""
-Box = tuple[float, float, float, float]
-"""Left, bottom, right, top; pixels."""
+REACHES = (1.0, 2.0, 3.5, 5.5, 8.0, 11.0, 15.0)  # How far labels may move away, in gaps
+Box = tuple[float, float, float, float]  # Left, bottom, right, top; pixels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

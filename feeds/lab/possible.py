@@ -34,8 +34,7 @@ class KnownPlots(Columns):
 
     drone: Texts
     t_utc_ns: Ints
-    arrived_utc_ns: Ints
-    """`UNKNOWN_NS` of those that never came."""
+    arrived_utc_ns: Ints  # `UNKNOWN_NS` of those that never came
     position_ecef_m: Floats
     covariance_ecef_m2: Floats
 
@@ -50,13 +49,12 @@ class Possible(NamedTuple):
     of_feed_m: float
     of_link_m: float
     of_tracker_m: float
-    completeness: float
-    """Of a tracker that knows whose each plot is."""
+    completeness: float  # Of a tracker that knows whose each plot is
     position_rms_m: float
+    # No unbiased tracker's error is smaller: posterior Cramer and Rao, of plots that came.
     bound_m: float
-    """No unbiased tracker's error is smaller: posterior Cramer and Rao, of plots that came."""
+    # Plots of drones that tell no place by themselves, or not how exact it is: not in it.
     placeless: int
-    """Plots of drones that tell no place by themselves, or not how exact it is: not in it."""
 
     def figures(self) -> dict[str, float]:
         """Figures by name, those of `POSSIBLE`."""

@@ -86,8 +86,7 @@ def _fate(name: str, link: LinkFigures) -> int:
     return link.other_fates[name]
 
 
-NAMED = (TextColumn("sensor", "sensor"), TextColumn("link", "number", "d"))
-"""Of links."""
+NAMED = (TextColumn("sensor", "sensor"), TextColumn("link", "number", "d"))  # Of links
 
 
 def _pair(of: str) -> list[TextColumn]:
@@ -260,23 +259,19 @@ ASKED: Mapping[str, Any] = {"ls": (0, (4, 2)), "lw": 2.2, "alpha": 0.55}
 DOTTED = (0, (3, 1, 1, 1, 1, 1))
 LINES = dict(zip(NAMES, ("-", "-.", "--", ":", DOTTED, (0, (6, 3))), strict=True))
 BURSTS_DRAWN = 30
-FEWEST_LOOKS = 5
-"""Of a bin of ranges that is drawn."""
+FEWEST_LOOKS = 5  # Of a bin of ranges that is drawn
 LEGEND_LETTERS, LEGEND_LINES = 70, 5
 LEAST_LATE_MS = 1e-3
-MOST_SPREAD = 30.0
-"""Of median delays, beyond which their axis is logarithmic."""
+MOST_SPREAD = 30.0  # Of median delays, beyond which their axis is logarithmic
 
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
     """What is drawn of a report: as many as there are colours."""
 
-    links: Sequence[tuple[str, LinkFigures]]
-    """With colours."""
+    links: Sequence[tuple[str, LinkFigures]]  # With colours
     sensors: Sequence[tuple[str, SensorFigures]]
-    left_out: int
-    """Links that are not drawn."""
+    left_out: int  # Links that are not drawn
     curve: Sequence[float]
     edges: Sequence[float]
 

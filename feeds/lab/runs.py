@@ -421,13 +421,10 @@ class SweepLevel:
     """A scene with the values that keys have at this level."""
 
     number: int
-    scene: str
-    """What it is called among those that are compared."""
+    scene: str  # What it is called among those that are compared
     file: str
-    text: str
-    """Of the file, as it was when the sweep began."""
-    changes: tuple[tuple[str, str], ...]
-    """Paths of keys, and their values as JSON."""
+    text: str  # Of the file, as it was when the sweep began
+    changes: tuple[tuple[str, str], ...]  # Paths of keys, and their values as JSON
 
     @property
     def values(self) -> list[Any]:

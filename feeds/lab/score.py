@@ -162,11 +162,9 @@ class LimitVerdict:
     asked: str
     value: float
     low: float
-    high: float
-    """Between these the figure lies; not known of what is of this run alone."""
+    high: float  # Between these the figure lies; not known of what is of this run alone
     status: Decision
-    of: int
-    """How many reports, periods, drones or runs the figure is of; 0 where that says nothing."""
+    of: int  # How many reports, periods, drones or runs the figure is of; 0 where that says nothing
     note: str
 
     @property
@@ -304,8 +302,7 @@ class ScoreReport:
     """A score, and all that is said of it."""
 
     score: Score
-    title: str = ""
-    """Of the profile, and what that notes."""
+    title: str = ""  # Of the profile, and what that notes
     note: str = ""
     verdicts: Sequence[LimitVerdict] = ()
     diagnosis: Diagnosis | None = None

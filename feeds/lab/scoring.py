@@ -162,18 +162,16 @@ class ReportErrors(Columns):
     t_utc_ns: Ints
     track: Ints
     drone: Ints
-    report: Ints
-    """Row among the usable reports."""
+    report: Ints  # Row among the usable reports
     error_enu_m: Floats
-    distance_m: Floats
-    """Over the ground, or in space where heights are scored."""
+    distance_m: Floats  # Over the ground, or in space where heights are scored
     velocity_error_enu_m_s: Floats
     true_velocity_enu_m_s: Floats
     covariance_m2: Floats
     nees: Floats
     latency_s: Floats
+    # East and north from amid the sensors, (n, 2); NaN where nobody says where they are.
     from_sensors_m: Floats
-    """East and north from amid the sensors, (n, 2); NaN where nobody says where they are."""
 
 
 class Located(NamedTuple):
@@ -328,12 +326,10 @@ class DroneScore:
     breaks: int
     number_changes: int
     longest_s: float
+    # From when it came into cover to when its first report was received; NaN if it never was.
     initiation_s: float
-    """From when it came into cover to when its first report was received; NaN if it never was."""
-    alert_m: float
-    """How far it was then, over the ground, from what is protected; NaN likewise."""
-    closest_m: float
-    """As near as it came to what is protected."""
+    alert_m: float  # How far it was then, over the ground, from what is protected; NaN likewise
+    closest_m: float  # As near as it came to what is protected
     position_rms_m: float
     position_p95_m: float
 
@@ -348,8 +344,7 @@ class SensorScore:
     completeness: float
     position_rms_m: float
     position_p95_m: float
-    longest_gap_s: float
-    """The longest time for which a drone in its cover had no track."""
+    longest_gap_s: float  # The longest time for which a drone in its cover had no track
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -358,12 +353,10 @@ class OverTime:
 
     t_utc_ns: Ints
     steps: StepScores
-    there: Bools
-    """Whether each drone was there, (steps, drones)."""
-    tracked: Bools
-    """Whether it had a track, (steps, drones)."""
+    there: Bools  # Whether each drone was there, (steps, drones)
+    tracked: Bools  # Whether it had a track, (steps, drones)
+    # Of each drone: from when to when it was there.
     stays_utc_ns: Sequence[Sequence[tuple[int, int]]]
-    """Of each drone: from when to when it was there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -371,43 +364,35 @@ class Score:
     """The score of a tracker for one run."""
 
     scene: str
-    source: str
-    """Where tracks were found."""
+    source: str  # Where tracks were found
     start_utc_ns: int
     end_utc_ns: int
     settings: ScoreSettings
-    as_stamped: Figures
-    """Every report counts from the time that it is of, whenever it came."""
+    as_stamped: Figures  # Every report counts from the time that it is of, whenever it came
+    # Reports count from when they were received; None where that is not known.
     as_known: Figures | None
-    """Reports count from when they were received; None where that is not known."""
     reports: Figures
-    in_space: Figures
-    """Of sets, as stamped, and of reports, in space, of those that tell a height."""
+    in_space: Figures  # Of sets, as stamped, and of reports, in space, of those that tell a height
+    # What figures are of, by the names that `figures` has; none of those of this run alone.
     samples: Mapping[str, FigureSamples]
-    """What figures are of, by the names that `figures` has; none of those of this run alone."""
     drones: Sequence[DroneScore]
     sensors: Sequence[SensorScore]
     tracks: int
-    false_tracks: int
-    """That were of no drone ever."""
+    false_tracks: int  # That were of no drone ever
+    # By Kaplan and Meier: drones that never had a track are in it; infinite if most had none.
     initiation_median_s: float
-    """By Kaplan and Meier: drones that never had a track are in it; infinite if most had none."""
-    alert_median_m: float
-    """Likewise; 0 if most never were seen."""
+    alert_median_m: float  # Likewise; 0 if most never were seen
     never_tracked: int
-    silent_s: float
-    """From the last report to the end, if drones were there then."""
-    left_out: Mapping[str, int]
-    """Reports that were left out or are odd, by the reason."""
-    failure: str
-    """How the tracker failed; empty if it did not."""
+    silent_s: float  # From the last report to the end, if drones were there then
+    left_out: Mapping[str, int]  # Reports that were left out or are odd, by the reason
+    failure: str  # How the tracker failed; empty if it did not
     notes: Sequence[str]
     errors: ReportErrors
     over_time: OverTime
+    # From each usable report to the drone that was nearest, over the ground; NaN for none.
     nearest_m: Floats
-    """From each usable report to the drone that was nearest, over the ground; NaN for none."""
+    # East and north of the middle, (n, 2), of drones, those without a track, and false tracks.
     places: Mapping[str, Floats]
-    """East and north of the middle, (n, 2), of drones, those without a track, and false tracks."""
 
     @property
     def distances(self) -> str:
@@ -751,8 +736,7 @@ class _Field:
     grid: Grid
     span_utc_ns: tuple[int, int]
     level: Level
-    states: TrueStates
-    """(steps, drones, ...)."""
+    states: TrueStates  # (steps, drones, ...)
     there: Bools
 
 

@@ -325,13 +325,10 @@ class CurvePoint(NamedTuple):
     level: SweepLevel
     tracker: str
     runs: int
-    failures: Sequence[str]
-    """How it failed in runs in which it did."""
-    late_s: float
-    """By how much the machine itself was late."""
+    failures: Sequence[str]  # How it failed in runs in which it did
+    late_s: float  # By how much the machine itself was late
     figures: Mapping[str, Interval]
-    limits: Floats
-    """Figures of limits, (limits, runs)."""
+    limits: Floats  # Figures of limits, (limits, runs)
     verdicts: Sequence[LimitVerdict]
 
     @classmethod
@@ -391,11 +388,10 @@ class Survival:
     limit: str
     tracker: str
     key: str
-    others: str
-    """What else is so on the way."""
+    others: str  # What else is so on the way
     level: Interval
+    # By how much the machine was late on the way, where that is too much to tell the level.
     late_s: float
-    """By how much the machine was late on the way, where that is too much to tell the level."""
 
     def __str__(self) -> str:
         where = f" ({self.others})" if self.others else ""

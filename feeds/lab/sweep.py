@@ -70,16 +70,11 @@ DISTANCE_COLUMNS: Mapping[str, type] = {
 class RunPlan:
     """What runs of all levels have in common."""
 
-    duration_s: float | None
-    """Seconds; None is as long as each scene says."""
-    protect_enu_m: Enu
-    """The place that is protected, from the site: distances of alerts are to it."""
-    alert_plots: int
-    """How many plots of a drone are an alert."""
-    alert_within_s: float
-    """Seconds within which they must arrive."""
-    bin_m: float
-    """Width of the classes of distance."""
+    duration_s: float | None  # Seconds; None is as long as each scene says
+    protect_enu_m: Enu  # The place that is protected, from the site: distances of alerts are to it
+    alert_plots: int  # How many plots of a drone are an alert
+    alert_within_s: float  # Seconds within which they must arrive
+    bin_m: float  # Width of the classes of distance
 
 
 def span_of(scene: Scene, duration_s: float | None) -> tuple[int, float]:
@@ -310,24 +305,17 @@ class LevelFigures:
     """One sensor at one level, or all together; intervals are over runs."""
 
     level: SweepLevel
-    sensor: str | None
-    """None of all together."""
+    sensor: str | None  # None of all together
     runs: int
-    pd: Interval
-    """Share of looks at drones that detected them."""
+    pd: Interval  # Share of looks at drones that detected them
     expected_pd: float
-    false_alarms: Interval
-    """In a run."""
-    arrived: float
-    """Share of plots that passed the link before the end."""
-    alerted: Interval
-    """Share of drones."""
+    false_alarms: Interval  # In a run
+    arrived: float  # Share of plots that passed the link before the end
+    alerted: Interval  # Share of drones
+    # Mean of runs, of each the median of drones; 0 of one without an alert.
     alert_distance_m: Interval
-    """Mean of runs, of each the median of drones; 0 of one without an alert."""
-    alert_change_m: Interval
-    """Against the first level, run by run with the same seed."""
-    errors: Mapping[str, Interval]
-    """Root mean squares of errors of plots, by name of the column."""
+    alert_change_m: Interval  # Against the first level, run by run with the same seed
+    errors: Mapping[str, Interval]  # Root mean squares of errors of plots, by name of the column
 
     def as_json(self) -> dict[str, Any]:
         """Figures by name, intervals as value, low and high."""

@@ -39,10 +39,8 @@ class TextColumn(NamedTuple):
     """A column: its heading, what of a row stands in it, and the form of that."""
 
     head: str
-    of: str | Callable[[Any], Any]
-    """An attribute of the row, or what makes a value of it."""
-    form: str = ""
-    """Of numbers, which stand to the right; % for shares, and none for text."""
+    of: str | Callable[[Any], Any]  # An attribute of the row, or what makes a value of it
+    form: str = ""  # Of numbers, which stand to the right; % for shares, and none for text
 
     def cell(self, row: Any) -> str:
         """What stands in the column."""
@@ -125,12 +123,12 @@ def table(
         yield f"  {line}".rstrip()
 
 
+# By name: where a run's result has its rows, and the columns of them.
 TABLES: Mapping[str, tuple[str, Mapping[str, type]]] = {
     "runs": ("sensors", SENSOR_COLUMNS),
     "drones": ("drones", DRONE_COLUMNS),
     "distances": ("distances", DISTANCE_COLUMNS),
 }
-"""By name: where a run's result has its rows, and the columns of them."""
 TableColumns = dict[str, list[Any]]
 
 

@@ -61,11 +61,9 @@ class ReportedTracks(Columns):
     `UNKNOWN_NS` for such times.
     """
 
-    t_utc_ns: Ints
-    """For which the report holds."""
+    t_utc_ns: Ints  # For which the report holds
     received_utc_ns: Ints
-    track: Ints
-    """Index of the name."""
+    track: Ints  # Index of the name
     latitude_deg: Floats
     longitude_deg: Floats
     height_m: Floats
@@ -80,14 +78,11 @@ class TracksRead:
     """All that was read of a tracker."""
 
     reports: ReportedTracks
-    names: Sequence[str]
-    """Of tracks, by their numbers in `reports`."""
+    names: Sequence[str]  # Of tracks, by their numbers in `reports`
+    # What could not be read, and how often; by the reason.
     unreadable: Mapping[str, int] = field(default_factory=dict)
-    """What could not be read, and how often; by the reason."""
-    source: str = ""
-    """Where tracks were found, in a few words."""
-    crashed: str = ""
-    """How the tracker ended, where it is known to have failed."""
+    source: str = ""  # Where tracks were found, in a few words
+    crashed: str = ""  # How the tracker ended, where it is known to have failed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,14 +95,11 @@ class ToldTrack:
     longitude_deg: float
     height_m: float = np.nan
     velocity_enu_m_s: tuple[float, float, float] = (np.nan,) * 3
-    covariance_m2: tuple[float, ...] = (np.nan,) * 6
-    """As `COVARIANCES`."""
+    covariance_m2: tuple[float, ...] = (np.nan,) * 6  # As `COVARIANCES`
     tentative: bool = False
-    coasted: bool = False
-    """Predicted, for want of a plot."""
+    coasted: bool = False  # Predicted, for want of a plot
     ended: bool = False
-    received_utc_ns: int | None = None
-    """Where the report itself says it."""
+    received_utc_ns: int | None = None  # Where the report itself says it
 
 
 class TrackTable:
@@ -689,14 +681,12 @@ class UsableTracks:
     """Reports that can be scored, (n,), by track and time."""
 
     reports: TrackReports
+    # Of tracks. A number that was ended, or silent for a minute, is another track's after that.
     names: Sequence[str]
-    """Of tracks. A number that was ended, or silent for a minute, is another track's after that."""
     velocity_enu_m_s: Floats
     covariance_m2: Floats
-    leaps: Bools
-    """Reports to which nothing flies from the one before: the number is in two places."""
-    counts: Mapping[str, int]
-    """Reports that were left out, or are odd, by the reason."""
+    leaps: Bools  # Reports to which nothing flies from the one before: the number is in two places
+    counts: Mapping[str, int]  # Reports that were left out, or are odd, by the reason
 
     @property
     def has_height(self) -> Bools:

@@ -92,16 +92,12 @@ class TrackerCommand:
 class TrackerPlan:
     """What runs of a tracker have in common at all levels."""
 
-    duration_s: float | None
-    """Of the session's time; None is as long as the scene says."""
-    speed: float
-    """Times real time."""
-    patience_s: float
-    """For the tracker's first line, at which the session begins, or without one."""
+    duration_s: float | None  # Of the session's time; None is as long as the scene says
+    speed: float  # Times real time
+    patience_s: float  # For the tracker's first line, at which the session begins, or without one
     topic: str | None
     settings: ScoreSettings
-    limits: Sequence[ScoreLimit]
-    """Of a profile."""
+    limits: Sequence[ScoreLimit]  # Of a profile
     trackers: Sequence[TrackerCommand]
 
     def of(self, level: SweepLevel) -> TrackerCommand:

@@ -9,78 +9,59 @@ from dataclasses import dataclass, field
 from plotfeed.feeds.link.lateness import LastLateness
 from plotfeed.proto import plotfeed_pb2 as pb
 
+# Fates that a link decides on, as the scene asks.
 LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})
-"""Fates that a link decides on, as the scene asks."""
 
 
 @dataclass(slots=True)
 class SessionCounters:
     """Counts of a session; they only grow."""
 
-    drones: int = 0
-    """Known now."""
-    forgotten: int = 0
-    """Drones that were known, and of which nothing came for long."""
+    drones: int = 0  # Known now
+    forgotten: int = 0  # Drones that were known, and of which nothing came for long
     scan: int = 0
     looks: int = 0
     plots: int = 0
     false_alarms: int = 0
-    messages: int = 0
-    """Sent, each copy counted."""
-    lost: int = 0
-    """By links, as the scene asks."""
+    messages: int = 0  # Sent, each copy counted
+    lost: int = 0  # By links, as the scene asks
     duplicated: int = 0
-    stale: int = 0
-    """Not sent, because who they were for would not take them so late."""
+    stale: int = 0  # Not sent, because who they were for would not take them so late
+    # That no destination got, for want of a connection, or of room to wait for one.
     undelivered: int = 0
-    """That no destination got, for want of a connection, or of room to wait for one."""
+    # By destination, whatever others got.
     undelivered_to: Counter[str] = field(default_factory=Counter)
-    """By destination, whatever others got."""
-    ended: int = 0
-    """Still on their way when the session ended."""
+    ended: int = 0  # Still on their way when the session ended
     missed_scans: int = 0
     telemetry: int = 0
-    conflated: int = 0
-    """Telemetry that was good, but gave way to later reports that came with it."""
+    conflated: int = 0  # Telemetry that was good, but gave way to later reports that came with it
     refused: int = 0
-    refused_by: Mapping[str, int] = field(default_factory=dict)
-    """The same, by reason."""
-    flooded: int = 0
-    """Refused because more of the topic waited than may."""
-    late: int = 0
-    """Refused because no sensor could have seen it any more."""
+    refused_by: Mapping[str, int] = field(default_factory=dict)  # The same, by reason
+    flooded: int = 0  # Refused because more of the topic waited than may
+    late: int = 0  # Refused because no sensor could have seen it any more
     last_refusal: str = ""
+    # How long the oldest of what came in had waited when some was last taken in.
     intake_behind_s: float = 0.0
-    """How long the oldest of what came in had waited when some was last taken in."""
-    other_sessions: int = 0
-    """That publish on the same prefix now, as far as is known."""
-    controls: int = 0
-    """Changes that were asked for while the session ran, and made."""
-    sapient_connections: int = 0
-    """Of sensors to the middleware, the first of each among them."""
-    sapient_stalls: int = 0
-    """Connections given up because the middleware no longer read."""
-    sapient_refusals: int = 0
-    """Registrations that it refused."""
-    sapient_errors: int = 0
-    """Errors that it sent, and what it sent that cannot be read."""
-    sapient_tasks: int = 0
-    """Accepted, wherever they came from."""
-    sapient_rejected: int = 0
-    """Tasks that were not."""
+    other_sessions: int = 0  # That publish on the same prefix now, as far as is known
+    controls: int = 0  # Changes that were asked for while the session ran, and made
+    sapient_connections: int = 0  # Of sensors to the middleware, the first of each among them
+    sapient_stalls: int = 0  # Connections given up because the middleware no longer read
+    sapient_refusals: int = 0  # Registrations that it refused
+    sapient_errors: int = 0  # Errors that it sent, and what it sent that cannot be read
+    sapient_tasks: int = 0  # Accepted, wherever they came from
+    sapient_rejected: int = 0  # Tasks that were not
+    # Samples of what was published that a broker passed on to the session itself.
     heard_back: int = 0
-    """Samples of what was published that a broker passed on to the session itself."""
+    # Samples that it did not pass on, although it answers: perhaps its access list is against.
     not_heard_back: int = 0
-    """Samples that it did not pass on, although it answers: perhaps its access list is against."""
+    # Drones of the scene that no sensor will see, and why.
     unseen: Mapping[str, str] = field(default_factory=dict)
-    """Drones of the scene that no sensor will see, and why."""
-    doubts: Sequence[str] = ()
-    """What looks wrong about heights."""
+    doubts: Sequence[str] = ()  # What looks wrong about heights
     lateness_ns: LastLateness = field(default_factory=LastLateness)
+    # Times real time at which its clock is to run; None for as fast as it can.
     speed: float | None = None
-    """Times real time at which its clock is to run; None for as fast as it can."""
+    # And at which it ran since that was set: a machine that cannot hold it slows the clock.
     speed_reached: float | None = None
-    """And at which it ran since that was set: a machine that cannot hold it slows the clock."""
 
     def add(self, scan: int, looks: int, plots: int, false_alarms: int) -> None:
         """Count what one sector brought."""
@@ -120,8 +101,7 @@ class SapientCounters:
     """Counts of a sensor as a node of SAPIENT, which go to the session's as `sapient_...`, too."""
 
     totals: SessionCounters
-    reporting: bool = False
-    """To the middleware, which has not refused it."""
+    reporting: bool = False  # To the middleware, which has not refused it
     connections: int = 0
     stalls: int = 0
     refusals: int = 0
@@ -144,10 +124,9 @@ class ClientCounters:
     undelivered: int = 0
     undelivered_to: Counter[str] = field(default_factory=Counter)
     lateness_ns: LastLateness = field(default_factory=LastLateness)
+    # When the first and the last were due that did not leave, since `take_not_sent`.
     not_sent_ns: tuple[int, int] | None = None
-    """When the first and the last were due that did not leave, since `take_not_sent`."""
-    sapient: SapientCounters | None = None
-    """Of a sensor that reports in it."""
+    sapient: SapientCounters | None = None  # Of a sensor that reports in it
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int) -> None:
         """Count what became of a copy of a message."""

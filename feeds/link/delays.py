@@ -13,15 +13,14 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.models import special
 from plotfeed.models.state import Floats
 
+# In jitters: netem's tables are of 16 bits with 8192 to a jitter, so that none goes further.
 CLIP = 4.0
-"""In jitters: netem's tables are of 16 bits with 8192 to a jitter, so that none goes further."""
 # Pareto's law of shape 3 from 1 on has the mean 1.5; iproute2 subtracts that and multiplies by
 # 4/3, so that its standard deviation is 2/sqrt(3) jitters before it is clipped, and 0.82 after.
 PARETO_SHAPE = 3.0
 PARETO_MEAN = 1.5
 PARETO_SCALE = 4 / 3
-NORMAL_PART = 0.25
-"""Of a paretonormal delay; the rest is Pareto, at the same probability."""
+NORMAL_PART = 0.25  # Of a paretonormal delay; the rest is Pareto, at the same probability
 
 
 def _normal(u: Floats) -> Floats:
@@ -66,13 +65,13 @@ def _paretonormal_cdf(x: Floats) -> Floats:
     return np.where(x < least, 0.0, np.where(x >= CLIP, 1.0, special.ndtr(high)))
 
 
+# Quantile and distribution functions of (delay - latency) / jitter.
 SHAPES: dict[str, tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]] = {
     "normal": (_normal, _normal_cdf),
     "uniform": (_uniform, _uniform_cdf),
     "pareto": (_pareto, _pareto_cdf),
     "paretonormal": (_paretonormal, _paretonormal_cdf),
 }
-"""Quantile and distribution functions of (delay - latency) / jitter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +81,7 @@ class DelayLaw:
     latency_ms: float
     jitter_ms: float = 0.0
     shape: str = "normal"
-    sample_ms: Floats | None = None
-    """Ascending; in place of jitter and shape."""
+    sample_ms: Floats | None = None  # Ascending; in place of jitter and shape
 
     @classmethod
     def of(cls, link: LinkSettings) -> DelayLaw:
@@ -148,8 +146,8 @@ def _sample_cdf(sample: Floats, x: Floats) -> Floats:
 
 LEAST_MARGIN_MS = 200.0
 MOST_WAIT_MS = 120_000.0
+# As Linux, which then gives up; here the last of them arrives, since nothing is to be lost.
 MOST_REPEATS = 15
-"""As Linux, which then gives up; here the last of them arrives, since nothing is to be lost."""
 
 
 def waits_ns(law: DelayLaw) -> tuple[int, ...]:
@@ -179,8 +177,7 @@ class DelaySeries:
         self._rho = link.delay_correlation
         self._new = (1 - link.delay_correlation**2) ** 0.5
         self._scores: list[float] = []
-        self.score = score
-        """Of the last message; None if there was none."""
+        self.score = score  # Of the last message; None if there was none
 
     def use(self, messages: int) -> None:
         """Count how many of the last draws have been used: what is drawn next follows those."""

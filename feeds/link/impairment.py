@@ -22,8 +22,7 @@ class RateLimit:
 
     def __init__(self, link: LinkSettings) -> None:
         self._ends: deque[int] = deque()
-        self.free_utc_ns = 0
-        """When all that has been taken is sent."""
+        self.free_utc_ns = 0  # When all that has been taken is sent
         self.change(link)
 
     def change(self, link: LinkSettings) -> None:
@@ -54,16 +53,15 @@ class Fate(StrEnum):
     LOST = "lost"
     QUEUE_FULL = "queue_full"
     OUTAGE = "outage"
-    HELD = "held"
-    """The link is down and loses nothing: pass it on again when it is up."""
+    HELD = "held"  # The link is down and loses nothing: pass it on again when it is up
 
 
 class Copy(NamedTuple):
     """A message as it leaves the link."""
 
     due_utc_ns: int
+    # Of the payload, counted from the most significant bit of its first octet.
     flipped_bit: int | None
-    """Of the payload, counted from the most significant bit of its first octet."""
 
 
 class Outcome(NamedTuple):
@@ -89,8 +87,7 @@ def flip(payload: bytes, bit: int) -> bytes:
 
 
 FEWEST_ROWS = 8
-MOST_ROWS = 4096
-"""Drawn at once."""
+MOST_ROWS = 4096  # Drawn at once
 
 
 class Column(IntEnum):
@@ -319,7 +316,5 @@ class LinkExpectation:
 
     def __init__(self, link: LinkSettings) -> None:
         self.link = link
-        self.delay = DelayLaw.of(link)
-        """Of the law alone, before a rate, an order or a stall."""
-        self.loss = chain_of(link.loss)
-        """While the link is up; of what is repeated, if it stalls."""
+        self.delay = DelayLaw.of(link)  # Of the law alone, before a rate, an order or a stall
+        self.loss = chain_of(link.loss)  # While the link is up; of what is repeated, if it stalls

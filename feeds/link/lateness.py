@@ -11,8 +11,7 @@ from plotfeed.models.state import Ints
 
 LATENESS_KEPT = 100_000
 _FIRST_ROOM = 64
-_FEW = 16
-"""Values of which arrays of NumPy would take longer than one after the other."""
+_FEW = 16  # Values of which arrays of NumPy would take longer than one after the other
 
 
 class LastLateness:
@@ -21,8 +20,7 @@ class LastLateness:
     def __init__(self, most: int = LATENESS_KEPT) -> None:
         self._most = most
         self._values = array("q", bytes(8 * min(_FIRST_ROOM, most)))
-        self._count = 0
-        """Of all since the beginning, of which the last are kept."""
+        self._count = 0  # Of all since the beginning, of which the last are kept
 
     def __len__(self) -> int:
         return min(self._count, self._most)

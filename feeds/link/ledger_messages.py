@@ -24,8 +24,8 @@ MOST_OCTETS = 900_000
 
 C = TypeVar("C", bound=Columns)
 
+# A sector by its batch and row, of whose messages it is known what became of them.
 Kept = tuple[Batch, int]
-"""A sector by its batch and row, of whose messages it is known what became of them."""
 
 
 def ledger_messages(prefix: str, kept: Sequence[Kept]) -> list[Message]:

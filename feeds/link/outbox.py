@@ -21,8 +21,8 @@ from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 
 OnComplete = Callable[[], object]
+# What a client hands to its link at once, and what to call when the fate of all is known.
 Departure = tuple["Outbox", Sequence[Outgoing], OnComplete | None]
-"""What a client hands to its link at once, and what to call when the fate of all is known."""
 
 
 class Outbox:
@@ -45,17 +45,16 @@ class Outbox:
         """
         self.counters = ClientCounters()
         self.transports = transports
+        # What was last sent to stay, by topic, such as a status.
         self.retained: dict[str, Message] = {}
-        """What was last sent to stay, by topic, such as a status."""
         self.totals = totals or SessionCounters()
         self._clock = clock
         self._schedule = Schedule() if schedule is None else schedule  # an empty one is false
         self._before_link, self._after_link = before_link, after_link
         self._on_the_way: dict[Outgoing, None] = {}
-        self._open: dict[Outgoing, None] = {}
-        """Of which it is not known yet what becomes of them."""
+        self._open: dict[Outgoing, None] = {}  # Of which it is not known yet what becomes of them
+        # What its link lets go at a time that is yet to come.
         self._to_let_go: set[Outgoing] = set()
-        """What its link lets go at a time that is yet to come."""
 
     @property
     def on_the_way(self) -> int:

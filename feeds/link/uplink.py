@@ -12,8 +12,8 @@ from plotfeed.feeds.messages.outgoing import HELD_NS, Outgoing
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.proto import plotfeed_pb2 as pb
 
+# The message as it may still leave at that time, or None if it is too late for it.
 InTime = Callable[[Message, int], Message | None]
-"""The message as it may still leave at that time, or None if it is too late for it."""
 
 _FATES = {Fate.LOST: pb.LOST, Fate.QUEUE_FULL: pb.QUEUE_FULL, Fate.OUTAGE: pb.OUTAGE}
 
@@ -28,15 +28,13 @@ class Uplink:
         in_time: InTime | None = None,
     ) -> None:
         """Messages leave at once where `link` is None; `impair` makes the impairment of a link."""
-        self.link = link
-        """Its keys now."""
-        self.json = json_of(link)
-        """The same as the ledger tells them."""
+        self.link = link  # Its keys now
+        self.json = json_of(link)  # The same as the ledger tells them
         self._impair, self._in_time = impair, in_time
         self._impairment = None if link is None else impair(link)
         self._number = 0
+        # What waits for the link to be up again, each with the others of its sector.
         self._held: BoundedQueue[tuple[Outgoing, list[Outgoing]]] = BoundedQueue(0)
-        """What waits for the link to be up again, each with the others of its sector."""
 
     def passed(self, messages: Sequence[Message]) -> list[Outgoing]:
         """What becomes of messages that are handed to the link when they are due, in that order.

@@ -37,27 +37,26 @@ class Batch:
 
     sectors: Sectors
     plots: Plots = NO_PLOTS
+    # None where no sector has plots; so are `looks_by` and `tracks_by` of looks and tracks.
     plots_by: Ints | None = None
-    """None where no sector has plots; so are `looks_by` and `tracks_by` of looks and tracks."""
     looks: Looks = NO_LOOKS
     looks_by: Ints | None = None
+    # Tracks of sensors that report some, at the ends of their sectors.
     tracks: ToldTracks = NO_TRACKS
-    """Tracks of sensors that report some, at the ends of their sectors."""
     tracks_by: Ints | None = None
-    sensors: Sequence[str] = ()
-    """Ids of sensors, by the index in `sectors.sensor`."""
+    sensors: Sequence[str] = ()  # Ids of sensors, by the index in `sectors.sensor`
+    # Ids of drones when the sectors were worked out, by the index in the columns `drone`.
     names: Sequence[str] = ()
-    """Ids of drones when the sectors were worked out, by the index in the columns `drone`."""
+    # Messages of each sector, handed to its link at its end, with when that lets them leave.
     messages: Sequence[Sequence[Outgoing]] = ()
-    """Messages of each sector, handed to its link at its end, with when that lets them leave."""
+    # Keys of the link that each sector's messages passed, as JSON; empty where there is none.
     links: Sequence[str] = ()
-    """Keys of the link that each sector's messages passed, as JSON; empty where there is none."""
+    # What drones said of themselves; None of a sensor's batch.
     claims: Sequence[pb.Claim] | None = None
-    """What drones said of themselves; None of a sensor's batch."""
+    # By how much the times of sectors and plots are ahead of UTC; those of looks never are.
     clock_ahead_ns: int = 0
-    """By how much the times of sectors and plots are ahead of UTC; those of looks never are."""
+    # Where drones, by index, are at a time, by the clock and axes of `by_clock`'s sensor.
     truth_at: Callable[[int, Ints], TruthState] = _no_truth
-    """Where drones, by index, are at a time, by the clock and axes of `by_clock`'s sensor."""
 
     def __len__(self) -> int:
         """How many sectors."""

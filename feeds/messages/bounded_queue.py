@@ -17,11 +17,9 @@ class QueueStatistics:
     limit: int
     waiting: int
     octets: int
-    put: int
-    """That found room."""
+    put: int  # That found room
     taken: int
-    dropped: int
-    """That found no room, or were given up while they waited."""
+    dropped: int  # That found no room, or were given up while they waited
 
 
 class BoundedQueue(Generic[Item]):
@@ -37,8 +35,7 @@ class BoundedQueue(Generic[Item]):
     ) -> None:
         """`any_size_alone` gives an item room however large it is, if nothing waits."""
         self.limit = limit
-        self.octets = 0
-        """Of the items that wait."""
+        self.octets = 0  # Of the items that wait
         self._limit_octets = limit_octets
         self._octets_of = octets_of
         self._any_size_alone = any_size_alone

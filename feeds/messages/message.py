@@ -187,8 +187,8 @@ class Message:
     properties: Sequence[Pair] = ()
     retain: bool = False
     qos: int = 0
+    # The message as MQTT packets, by version, where they were made ahead of time.
     packets: dict[int, bytes] = field(init=False, default_factory=dict, compare=False, repr=False)
-    """The message as MQTT packets, by version, where they were made ahead of time."""
 
 
 def attributes(
@@ -227,12 +227,10 @@ class ReceivedMessage:
     topic: str
     payload: bytes
     content_type: str | None
-    properties: tuple[tuple[str, str], ...]
-    """User properties."""
+    properties: tuple[tuple[str, str], ...]  # User properties
+    # Whether it was published so; over MQTT 3.1.1, whether it was there before we were.
     retain: bool
-    """Whether it was published so; over MQTT 3.1.1, whether it was there before we were."""
-    qos: int
-    """The lower one of what it was published with and 1."""
+    qos: int  # The lower one of what it was published with and 1
 
 
 OnReceived = Callable[[ReceivedMessage], None]

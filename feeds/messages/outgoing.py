@@ -73,33 +73,25 @@ class Outgoing:
         transports: int = 0,
     ) -> None:
         """`client` is whose it is and `transports` are how many will say what became of it."""
-        self.handed = message
-        """As it was handed to the link."""
-        self.message = message
-        """As it leaves the link, which may have corrupted it."""
+        self.handed = message  # As it was handed to the link
+        self.message = message  # As it leaves the link, which may have corrupted it
+        # Of the message, in the order in which a client hands them to its link.
         self.number = number
-        """Of the message, in the order in which a client hands them to its link."""
-        self.copy = copy
-        """0 for the message itself, 1 for the duplicate that its link made."""
+        self.copy = copy  # 0 for the message itself, 1 for the duplicate that its link made
+        # When it leaves the link; `HELD_NS` while that holds it.
         self.due_utc_ns = message.due_utc_ns
-        """When it leaves the link; `HELD_NS` while that holds it."""
-        self.flipped_bit: int | None = None
-        """Of the payload, where the link has corrupted it."""
-        self.over_link = False
-        """Whether there is a link that may do anything to it."""
+        self.flipped_bit: int | None = None  # Of the payload, where the link has corrupted it
+        self.over_link = False  # Whether there is a link that may do anything to it
         self.fate: pb.Fate = pb.FATE_UNSPECIFIED
-        self.delivered = False
-        """Whether a transport has delivered it."""
-        self.not_to: tuple[str, ...] = ()
-        """Destinations that did not get it."""
-        self.sent_utc_ns = 0
-        """When the last transport began to send it; 0 before any has."""
+        self.delivered = False  # Whether a transport has delivered it
+        self.not_to: tuple[str, ...] = ()  # Destinations that did not get it
+        self.sent_utc_ns = 0  # When the last transport began to send it; 0 before any has
+        # Monotonic time at which it first had to wait for a transport, or was first sent.
         self.since_s = 0.0
-        """Monotonic time at which it first had to wait for a transport, or was first sent."""
         self.client: Any = client  # `Client | None`, which every use would have to ask
         self.countdown: Countdown | None = None
+        # Transports of which it is not known yet whether they deliver it.
         self.unsettled = transports
-        """Transports of which it is not known yet whether they deliver it."""
 
     def duplicate(self) -> Outgoing:
         """Another copy of it, on its way as far as this one is."""

@@ -181,8 +181,7 @@ class _Scan:
         self.lines: dict[str, int] = {}
         self._text, self._at = text, 0
         self._line, self._counted = 1, 0
-        self._tables: Counter[str] = Counter()
-        """How many there are by now of each list of tables."""
+        self._tables: Counter[str] = Counter()  # How many there are by now of each list of tables
         self._document()
 
     def _document(self) -> None:

@@ -28,28 +28,19 @@ class Flow:
     """One kind of message on one topic."""
 
     name: str
-    address: str
-    """The topic; {prefix}, {sensor} and {drone} stand for what differs."""
+    address: str  # The topic; {prefix}, {sensor} and {drone} stand for what differs
     content_type: str
     summary: str
-    message: str = ""
-    """The protobuf message that it is, in protobuf or in JSON."""
-    attributes: tuple[str, ...] = ()
-    """User properties besides those that CloudEvents demands."""
-    kind: str = ""
-    """Its CloudEvents type."""
-    qos: int | None = None
-    """None is what the scene says."""
+    message: str = ""  # The protobuf message that it is, in protobuf or in JSON
+    attributes: tuple[str, ...] = ()  # User properties besides those that CloudEvents demands
+    kind: str = ""  # Its CloudEvents type
+    qos: int | None = None  # None is what the scene says
     retain: bool = False
-    needs: str = ""
-    """What must be so that there are any, if there need not be."""
-    sensors: tuple[str, ...] = ()
-    """Types of sensors that publish it."""
+    needs: str = ""  # What must be so that there are any, if there need not be
+    sensors: tuple[str, ...] = ()  # Types of sensors that publish it
     inbound: bool = False
-    required: tuple[str, ...] | None = None
-    """Keys of JSON; None is what protobuf always writes."""
-    schema: Mapping[str, Any] | None = None
-    """Of JSON that is no protobuf message."""
+    required: tuple[str, ...] | None = None  # Keys of JSON; None is what protobuf always writes
+    schema: Mapping[str, Any] | None = None  # Of JSON that is no protobuf message
 
 
 def flows() -> list[Flow]:

@@ -12,17 +12,15 @@ from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.feeds.timing.schedule import ActionKind, Schedule
 from plotfeed.proto.utc import NS
 
-SPARE_NS = 1_000_000
-"""Less than this before a deadline, nothing else is begun."""
+SPARE_NS = 1_000_000  # Less than this before a deadline, nothing else is begun
+# What can wait is done together, at multiples of this, after what is due just then.
 LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
-"""What can wait is done together, at multiples of this, after what is due just then."""
 NEVER_NS = 1 << 63
 # Messages sent in simulated time, and entries written, before anything else has its turn.
 AT_ONCE, ENTRIES_AT_ONCE = 50, 200
+# Entries that may wait; with one more, the oldest are written however late the session is.
 MAX_LATER = 2_000
-"""Entries that may wait; with one more, the oldest are written however late the session is."""
-DRAIN_EVERY_NS = 20 * NS
-"""A simulated clock lets the sockets catch up this often."""
+DRAIN_EVERY_NS = 20 * NS  # A simulated clock lets the sockets catch up this often
 
 T = TypeVar("T")
 
@@ -69,21 +67,19 @@ class SessionLoop(Generic[T]):
         `write_later` is given what could wait, some at a time.
         """
         self.schedule = schedule
-        self.waited = 0
-        """How often the session waited for a way out to have room."""
-        self.slept_ns = 0
-        """For how long nothing was due."""
+        self.waited = 0  # How often the session waited for a way out to have room
+        self.slept_ns = 0  # For how long nothing was due
         self._clock = clock
         self._inputs = inputs
+        # Called when something has come in, after nothing waited.
         self.on_input: Callable[[], object] | None = None
-        """Called when something has come in, after nothing waited."""
         self._drain = drain
         self._write_later = write_later
         self._before_due = before_due
         self._waiting_transports: Sequence[WaitingTransport] = ()
         self._later: deque[T] = deque()
+        # When the turn of what waits comes; it has come at the end.
         self._later_ns: int | None = None
-        """When the turn of what waits comes; it has come at the end."""
         self._is_turn_of_later = False
 
     def wait_for(self, transports: Sequence[WaitingTransport]) -> None:

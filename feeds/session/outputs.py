@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from plotfeed.feeds.transport.mqtt.last_wills import LastWills
     from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews, SapientTcpTransport
 
-SESSION = "session"
-"""Whose will is that of the session itself; no sensor has that name."""
+SESSION = "session"  # Whose will is that of the session itself; no sensor has that name
 
 # What carries tracks to servers, maps and who asks, by the scene's names for it.
 TRACK_TRANSPORTS: LoadedOnUse[Callable[..., TrackTransport]] = LoadedOnUse(
@@ -85,28 +84,24 @@ class Outputs:
 
             self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
         self._of_tracks = of_tracks(scene.outgoing, clock.now_ns)
+        # All that have to be kept up, the links to brokers first, then those that others share.
         self.connected: list[KeptUp] = []
-        """All that have to be kept up, the links to brokers first, then those that others share."""
-        self.brokers: list[MqttTransport] = []
-        """The links that a broker may hold up."""
+        self.brokers: list[MqttTransport] = []  # The links that a broker may hold up
         self._sapient: list[Transport] = []
         self._middleware: tuple[SapientIntake, SapientNews] | None = None
-        self._on_message: OnMessage | None = None
-        """Told of what comes in, over whatever connection."""
+        self._on_message: OnMessage | None = None  # Told of what comes in, over whatever connection
         self._addresses = addresses
         self._scene, self._clock, self._schedule, self._totals = scene, clock, schedule, totals
         self._before_link = who_care(observers, "before_link")
         self._after_link = who_care(observers, "after_link")
-        self._of_session: Outbox
-        """There is one as soon as it is asked for."""
+        self._of_session: Outbox  # There is one as soon as it is asked for
         self._of_sensor: dict[str, Outbox] = {}
         self._announcers: list[Announcer] = []
-        self._wills: dict[str, Message] = {}
-        """By whose they are, first that of the session."""
+        self._wills: dict[str, Message] = {}  # By whose they are, first that of the session
         self._last_wills: list[LastWills] = []
         self._hold = hold
+        # By the identity of what they guard: what one transport takes leaves in one write.
         self._held: dict[int, Transport] = {}
-        """By the identity of what they guard: what one transport takes leaves in one write."""
 
     def of_session(self, topics: Sequence[str], on_message: OnMessage, will: Message) -> Outbox:
         """The session's own: it receives what comes on those topics. Asked for before any other.

@@ -19,20 +19,17 @@ if TYPE_CHECKING:
     from plotfeed.feeds.transport.mqtt.client import MqttTransport
     from plotfeed.feeds.transport.mqtt.connection import OnMessage
 
-FLEET = "fleet"
-"""Level of topics behind the prefix."""
+FLEET = "fleet"  # Level of topics behind the prefix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionPart:
     """Which of a scene's sensors a session runs."""
 
-    number: int = 1
-    """From 1 to the number of parts."""
+    number: int = 1  # From 1 to the number of parts
     parts: int = 1
     sensors: tuple[str, ...]
-    began_utc_ns: int
-    """When the scene began, by its own time: the same for all parts."""
+    began_utc_ns: int  # When the scene began, by its own time: the same for all parts
 
     @property
     def leads(self) -> bool:
@@ -64,12 +61,9 @@ class SessionPart:
 class PartHold(Protocol):
     """Whether this process may send what a part sends, where several were started for it."""
 
-    process: str
-    """What this process calls itself."""
-    client_id: str
-    """That of whoever has the part."""
-    margin_ns: int
-    """Who takes over begins so much after now."""
+    process: str  # What this process calls itself
+    client_id: str  # That of whoever has the part
+    margin_ns: int  # Who takes over begins so much after now
 
     @property
     def is_claimed(self) -> bool:

@@ -24,8 +24,7 @@ from plotfeed.proto.utc import NS_IN_MS, iso_utc
 log = logging.getLogger(__name__)
 
 RUNNING, ENDED, DIED = "RUNNING", "ENDED", "DIED"
-MOST_HEARD = 100
-"""Sessions; what comes from more is nothing that a session would say."""
+MOST_HEARD = 100  # Sessions; what comes from more is nothing that a session would say
 
 
 class SessionPresence:
@@ -44,16 +43,16 @@ class SessionPresence:
         """A session of a `part` says so on the topic of that part."""
         is_simulated = isinstance(clock, InstantClock)
         drawn = f"{scene.scene.seed:012x}"[-12:] if is_simulated else uuid4().hex[:12]
+        # Of this run of the scene; simulated time gives the same octets at every run.
         self.id = drawn if hold is None else hold.process
-        """Of this run of the scene; simulated time gives the same octets at every run."""
         self._part = part
         self._source = scene.mqtt.prefix if part is None else part.source(scene)
         self.topic = f"{self._source}/session"
         self._scene, self._clock, self._totals, self._publish = scene, clock, totals, publish
         self._start_ns: int | None = None
         self._speed_told = 1.0
+        # Other sessions that say that they run, and whether they have heard this one.
         self._heard: dict[str, bool] = {}
-        """Other sessions that say that they run, and whether they have heard this one."""
 
     def begin(self, start_utc_ns: int) -> None:
         """The session runs, since then."""

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from plotfeed.models.dwell_agenda import PointedBeams
 
 STATUS_EVERY_NS = 5 * NS
+# Sensors that tell of themselves in one tick, lest those of hundreds hold up a deadline.
 STATUSES_AT_ONCE = 8
-"""Sensors that tell of themselves in one tick, lest those of hundreds hold up a deadline."""
 
 
 class RunningSensor:
@@ -57,14 +57,12 @@ class RunningSensor:
     ) -> None:
         """Sensor `i` of the engine's; `changed` are told of it when its keys are others."""
         self.outbox = outbox
-        self.sensor = engine.sensors.sensors[i]
-        """As it is now."""
+        self.sensor = engine.sensors.sensors[i]  # As it is now
         self._engine, self._sensors, self._i = engine, engine.sensors, i
         self._prefix = engine.scene.mqtt.prefix
         self._announcer, self._describer = announcer, describer
         self._schedule, self._totals, self._changed = schedule, totals, changed
-        self._since_ns = 0
-        """Since when its keys, and what control asks of them, are so."""
+        self._since_ns = 0  # Since when its keys, and what control asks of them, are so
         self._description, self._status = description, status_of(description)
 
     def start(self, start_utc_ns: int, now_utc_ns: int) -> None:

@@ -153,15 +153,15 @@ class Session:
         hold: PartHold | None = None,
     ) -> None:
         own = scene if part is None else part.scene_of(scene)
+        # With the sensors of its part alone; drones and surroundings are those of the whole.
         self.scene = own
-        """With the sensors of its part alone; drones and surroundings are those of the whole."""
         self.clock, self.totals = clock, totals
         self._part, self._hold, self._observers = part, hold, observers
         self._others = frozenset() if part is None else part.others(scene)
         leads = part is None or part.leads
         self.start_ns = clock.now_ns() if part is None else part.began_utc_ns
+        # What ends by then is not this session's to send: when it begins, if it has no others.
         self.joined_ns = 0
-        """What ends by then is not this session's to send: when it begins, if it has no others."""
         engine = self.engine = Engine(
             scene, self.start_ns, sensors=None if part is None else part.sensors, claims=leads
         )
@@ -203,9 +203,9 @@ class Session:
         # Ticks in one, where time is simulated or held back.
         self._at_once = 1
         self._most_at_once = MOST_TICKS if isinstance(clock, InstantClock) and clock.leaps else 1
+        # Whether others may have these sensors next: then what they remember is what it would be
+        # had this machine never been late.
         self._shares = False
-        """Whether others may have these sensors next: then what they remember is what it would be
-        had this machine never been late."""
 
         # What goes out.
         self._reported = who_care(observers, "report")
@@ -228,8 +228,8 @@ class Session:
         self._of_index = list(self.sensors.values())
         self._shedding = Shedding(engine.sensors, self._missed)
         self._cooperative = self._outputs.of_cooperative_drones()
+        # By the index that batches have for whose sectors they hold.
         self._outboxes = [sensor.outbox for sensor in self._of_index]
-        """By the index that batches have for whose sectors they hold."""
         if self._cooperative is not None:
             self._outboxes.append(self._cooperative)
         if scene.mqtt.queue.policy == "wait":

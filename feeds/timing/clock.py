@@ -9,10 +9,9 @@ from typing import Protocol
 
 from plotfeed.feeds.timing.timers import LoopTimer, TimerFd, precise_timer
 
-AS_LONG_AS_IT_TAKES_NS = 1 << 62
-"""What is left where time stands still: nothing comes too late."""
+AS_LONG_AS_IT_TAKES_NS = 1 << 62  # What is left where time stands still: nothing comes too late
+# A clock faster than real time waits while due work is so late, by its own time or real time.
 MOST_BEHIND_NS, MOST_BEHIND_REAL_NS = 100_000_000, 10_000_000
-"""A clock faster than real time waits while due work is so late, by its own time or real time."""
 
 
 class Clock(Protocol):
@@ -68,11 +67,11 @@ class WallClock:
         self._stands_from_ns = None if start_utc_ns is None else start_utc_ns
         self._begun = start_utc_ns is None
         self._timer: LoopTimer | TimerFd | None = None
+        # Beyond which it does not run by itself, at a speed above 1.
         self._limit_ns: int | None = None
-        """Beyond which it does not run by itself, at a speed above 1."""
         self._since = self._zero_monotonic_ns, self._zero_utc_ns
+        # Whether it shows the world's time, which cannot be held or hurried.
         self.is_real = start_utc_ns is None and speed == 1 and not can_be_held
-        """Whether it shows the world's time, which cannot be held or hurried."""
 
     @property
     def speed(self) -> float:
@@ -198,8 +197,8 @@ class WallClock:
 class InstantClock:
     """Simulated time that stands still until somebody waits, and is then there at once."""
 
+    # Whether time is wherever it is wanted, so that nobody need wait for it step by step.
     leaps = True
-    """Whether time is wherever it is wanted, so that nobody need wait for it step by step."""
 
     def __init__(self, start_utc_ns: int | None = None) -> None:
         self._now_ns = time.time_ns() if start_utc_ns is None else start_utc_ns

@@ -13,18 +13,14 @@ Action = Callable[[], None]
 class ActionKind(IntEnum):
     """What becomes of an action when the session ends before it is due."""
 
-    BETWEEN = -1
-    """It is not done any more. It comes after all else that is due then."""
-    WORK = 0
-    """It is not done any more."""
-    SENDING = 1
-    """What was worked out is still sent, unless the session ends at a set time."""
-    DELIVERY = 2
-    """What was handed to a link is still delivered."""
+    BETWEEN = -1  # It is not done any more. It comes after all else that is due then.
+    WORK = 0  # It is not done any more
+    SENDING = 1  # What was worked out is still sent, unless the session ends at a set time
+    DELIVERY = 2  # What was handed to a link is still delivered
 
 
+# Of actions that are due together: who planned first is not to matter where plans differ.
 ORDER = (ActionKind.WORK, ActionKind.DELIVERY, ActionKind.SENDING, ActionKind.BETWEEN)
-"""Of actions that are due together: who planned first is not to matter where plans differ."""
 
 
 class Schedule:

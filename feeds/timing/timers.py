@@ -11,16 +11,14 @@ import time
 
 from plotfeed.proto.utc import NS
 
+# A process is not awake sooner than this before a deadline, however late it wakes.
 MAX_EARLY_NS = 300_000
-"""A process is not awake sooner than this before a deadline, however late it wakes."""
 FIRST_EARLY_NS = 50_000
-SHARE = 16
-"""At most one part in so many of the time is spent looking at the clock."""
-SAVED_NS = 2_000_000
-"""So much of that is saved for later, where deadlines are rare."""
+SHARE = 16  # At most one part in so many of the time is spent looking at the clock
+SAVED_NS = 2_000_000  # So much of that is saved for later, where deadlines are rare
 LATER = 1.2
+# Factors of what is learned where a wake-up was later than that, and where not: one in 20 is.
 SOONER = LATER ** (-1 / 19)
-"""Factors of what is learned where a wake-up was later than that, and where not: one in 20 is."""
 LEAST_NS = 1_000
 
 

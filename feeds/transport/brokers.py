@@ -11,11 +11,9 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
 
 NO_BROKER = "none"
-LINGER_S = 0.3
-"""The embedded broker stays on for so long, to pass on the last messages."""
+LINGER_S = 0.3  # The embedded broker stays on for so long, to pass on the last messages
 
-Brokers = tuple[list[BrokerAddress], dict[str, str]]
-"""Where to publish, and what to call it."""
+Brokers = tuple[list[BrokerAddress], dict[str, str]]  # Where to publish, and what to call it
 
 
 @contextlib.asynccontextmanager

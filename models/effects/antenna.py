@@ -16,8 +16,7 @@ from plotfeed.models.frames import wrap_180
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats
 
-GAUSSIAN_DB = float(40 * np.log10(2))
-"""Loss of a Gaussian beam one width off its middle: 12.04 dB."""
+GAUSSIAN_DB = float(40 * np.log10(2))  # Loss of a Gaussian beam one width off its middle: 12.04 dB
 
 
 @nan_without_warnings

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
 from plotfeed.models.state import Floats, Ints, Looks, Texts
 
+# Of its multiples the fractions are spread evenly: drones change their claims one by one.
 GOLDEN = (5**0.5 - 1) / 2
-"""Of its multiples the fractions are spread evenly: drones change their claims one by one."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,12 +14,9 @@ from plotfeed.models.effects.readings import Drift
 from plotfeed.models.fluctuation import STEADY
 from plotfeed.models.state import Floats, Ints
 
-PARTS = 4
-"""Real processes of a target: two of each amplitude."""
-FEWEST = 64
-"""Targets that there is room for at first."""
-ONE_AMPLITUDE, TWO_AMPLITUDES = 1.0, 2.0
-"""Orders of the gamma law of one look."""
+PARTS = 4  # Real processes of a target: two of each amplitude
+FEWEST = 64  # Targets that there is room for at first
+ONE_AMPLITUDE, TWO_AMPLITUDES = 1.0, 2.0  # Orders of the gamma law of one look
 
 
 class TargetStrengths:

@@ -58,13 +58,13 @@ class Straddling:
         return factor
 
 
+# Amplitudes off the middle of a cell: of a flat spectrum or window, of the correlation of a flat
+# pulse with itself, of Hann's window, whose noise is 1.76 dB more beside.
 CELL_SHAPES: dict[str, Callable[[Floats], Floats]] = {
     "sinc": np.sinc,
     "triangle": lambda offset: 1 - np.abs(offset),
     "hann": lambda offset: np.asarray(np.sinc(offset) / (1 - offset * offset)),
 }
-"""Amplitudes off the middle of a cell: of a flat spectrum or window, of the correlation of a flat
-pulse with itself, of Hann's window, whose noise is 1.76 dB more beside."""
 
 
 def cell_factor(cells: Floats, shape: str) -> Floats:

@@ -16,8 +16,8 @@ from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.state import Floats
 
+# Of a beam's gain one way, exp(-this (angle/width)^2): one half at half of its 3 dB width.
 GAUSSIAN = 4 * np.log(2)
-"""Of a beam's gain one way, exp(-this (angle/width)^2): one half at half of its 3 dB width."""
 
 
 @nan_without_warnings

@@ -22,15 +22,12 @@ from plotfeed.models.state import Floats, Ints
 from plotfeed.models.terrain import Ground, Walls
 
 EARTH_RADIUS_M = 6_371_000.0
+# What is left of a power that is cut off: 200 dB less, so that its level still is a number.
 OPAQUE = 1e-20
-"""What is left of a power that is cut off: 200 dB less, so that its level still is a number."""
-STEEPEST = 1e3
-"""Slope of what stands at the very place."""
-APART_M = 4e6
-"""Between azimuths, on the one axis on which horizons are searched."""
+STEEPEST = 1e3  # Slope of what stands at the very place
+APART_M = 4e6  # Between azimuths, on the one axis on which horizons are searched
 NEAREST_M = 0.5
-AT_ONCE = 1 << 19
-"""Samples of the ground that are worked out together."""
+AT_ONCE = 1 << 19  # Samples of the ground that are worked out together
 HORIZONTAL_M = 1e-3
 
 

@@ -21,14 +21,12 @@ from scipy.spatial import KDTree
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import Floats, Ints, Texts
 
+# Widths, beyond which two targets are unresolved with a probability below 2^-36, 1.5e-11.
 REACH = 6.0
-"""Widths, beyond which two targets are unresolved with a probability below 2^-36, 1.5e-11."""
+# How many nearest ones a target is compared with. More are in a thicket, all merged.
 NEIGHBOURS = 8
-"""How many nearest ones a target is compared with. More are in a thicket, all merged."""
-FEW = 1000
-"""Looks that may all be in one place without costing much."""
-ELSEWHERE = 1e6
-"""Widths between the channels of a sensor, which never merge."""
+FEW = 1000  # Looks that may all be in one place without costing much
+ELSEWHERE = 1e6  # Widths between the channels of a sensor, which never merge
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,7 @@ from scipy.special import fresnel
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats
 
-NEAREST_M = 1.0
-"""Nearer to a tower than this along the ray, nothing stands before it."""
+NEAREST_M = 1.0  # Nearer to a tower than this along the ray, nothing stands before it
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,10 @@ from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.state import Floats, Ints
 
-NEPERS_A_DB = float(np.log(10) / 20)
-"""Of an amplitude."""
+NEPERS_A_DB = float(np.log(10) / 20)  # Of an amplitude
+# Mean-preserving gain of power, and the exponent of the sine, of cancellers of two and three
+# pulses: over all rates their gain is 1, as that of the noise that passes them is taken to be.
 CANCELLERS = {"single": (2.0, 2), "double": (8 / 3, 4)}
-"""Mean-preserving gain of power, and the exponent of the sine, of cancellers of two and three
-pulses: over all rates their gain is 1, as that of the noise that passes them is taken to be."""
 
 
 @nan_without_warnings
@@ -111,8 +110,7 @@ class PassingBeam:
         return np.asarray(mean**2)
 
 
-PHASES = 8
-"""Times between two intervals that stand for all."""
+PHASES = 8  # Times between two intervals that stand for all
 
 
 @dataclass(frozen=True, kw_only=True)

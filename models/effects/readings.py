@@ -52,8 +52,8 @@ class SkewFrame(LocalFrame):
         return np.asarray(axes @ level.rotation_from_ecef)
 
 
+# Time constants between anchors: what they would have in common is exp(-64), 2e-28.
 INDEPENDENT = 64.0
-"""Time constants between anchors: what they would have in common is exp(-64), 2e-28."""
 
 
 class Drift:

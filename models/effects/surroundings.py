@@ -12,10 +12,9 @@ from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import Bools, Floats
 
 HERE = (0.0, 0.0, 0.0)
-SHARPEST_M = 1e-9
-"""A wavelength that bends over nothing."""
+SHARPEST_M = 1e-9  # A wavelength that bends over nothing
+# Power beyond which what is left has come straight: an edge that it grazes leaves a quarter.
 SEEN = 0.2
-"""Power beyond which what is left has come straight: an edge that it grazes leaves a quarter."""
 
 
 class OnTheWay(Protocol):

@@ -16,15 +16,12 @@ from plotfeed.models.frames import distance_m
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats
 
-LN10_10 = np.log(10) / 10
-"""Nepers of power in a decibel."""
+LN10_10 = np.log(10) / 10  # Nepers of power in a decibel
+# Of a cell's volume R^2 az el dR, what two-way Gaussian beams of those 3 dB widths see.
 BEAM_FILLING = np.pi / (8 * np.log(2))
-"""Of a cell's volume R^2 az el dR, what two-way Gaussian beams of those 3 dB widths see."""
-DIELECTRIC = 0.93
-"""|K|^2 of water at centimetres."""
+DIELECTRIC = 0.93  # |K|^2 of water at centimetres
 NEAREST_M = 1.0
-GASES_TO_HZ = 54e9
-"""Up to here oxygen is by its lines at 60 GHz from one side."""
+GASES_TO_HZ = 54e9  # Up to here oxygen is by its lines at 60 GHz from one side
 
 
 class _Sum(NamedTuple):

@@ -22,8 +22,7 @@ from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.sensor_model import JointSensor, Prediction, Targets
 from plotfeed.models.state import FALSE_ALARM, NS, Floats, Looks, Plots
 
-MOST_BEARINGS = 300
-"""Of an array in a scan, that are crossed with those of the other: the loudest."""
+MOST_BEARINGS = 300  # Of an array in a scan, that are crossed with those of the other: the loudest
 
 
 @dataclass(frozen=True, slots=True)

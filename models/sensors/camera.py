@@ -25,8 +25,7 @@ from plotfeed.models.sensors.sensor_model import (
 )
 from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Texts
 
-UNRECOGNISED = "object"
-"""The class of what is detected and no more."""
+UNRECOGNISED = "object"  # The class of what is detected and no more
 
 
 @dataclass(frozen=True, kw_only=True)

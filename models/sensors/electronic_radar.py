@@ -38,13 +38,11 @@ from plotfeed.models.state import NS, Floats, Ints, Looks, Plots
 if TYPE_CHECKING:
     from plotfeed.models.effects.surroundings import OnTheWay
 
-SEARCH, CONFIRMATION, REVISIT = 0, 1, 2
-"""Channels of looks and plots."""
+SEARCH, CONFIRMATION, REVISIT = 0, 1, 2  # Channels of looks and plots
+# Share of the echo below which a dwell that points elsewhere does not look at a target.
 UNSEEN = 1e-3
-"""Share of the echo below which a dwell that points elsewhere does not look at a target."""
 GATE_BEAMS = 1.0
-GATE_CELLS = 5.0
-"""How near a plot is to a track's prediction, in beams across and cells along."""
+GATE_CELLS = 5.0  # How near a plot is to a track's prediction, in beams across and cells along
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,7 @@ from plotfeed.models.sensors.polar_radar import EchoRadar
 from plotfeed.models.sensors.sensor_model import sensor_property
 from plotfeed.models.state import Floats
 
-_AZIMUTHS = 3600
-"""How many the share of false alarms that have a place is averaged over."""
+_AZIMUTHS = 3600  # How many the share of false alarms that have a place is averaged over
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,15 +43,15 @@ if TYPE_CHECKING:
 
 
 # What radars share, whatever they measure of echoes: the way from looks to plots.
+# Columns of looks from which plots are made.
 MEASURED_OF = (
     *("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr"),
     "sensor",
 )
-"""Columns of looks from which plots are made."""
 
 
+# Below, one addition after the other is what NumPy's sum along a row does, many times as fast.
 FEW_SIGNALS = 8
-"""Below, one addition after the other is what NumPy's sum along a row does, many times as fast."""
 
 
 def mean_over_signals(snrs: Floats) -> Floats:

@@ -115,8 +115,8 @@ class _Stack:
         self._models = models
         self.plain = plain
         self.columns: dict[str, Any] = {}
+        # Fields that are columns and would be found on the class, by their defaults, unasked.
         self.defaulted: list[str] = []
-        """Fields that are columns and would be found on the class, by their defaults, unasked."""
 
     def of(self, at: Ints) -> Any:
         """The model of the sensors at those indices."""

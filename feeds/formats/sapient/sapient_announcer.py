@@ -33,15 +33,12 @@ from plotfeed.proto.sapient.encode_sapient import (
 )
 from plotfeed.proto.utc import NS, iso_utc
 
-MAX_TASKS_PER_S = 10
-"""Of a sensor: each may have all of it worked out anew."""
-AT_ONCE_NS = NS
-"""A task that is to begin by then begins now."""
-MODES = {MODE: True, STANDBY: False}
-"""Whether the sensor is at work."""
+MAX_TASKS_PER_S = 10  # Of a sensor: each may have all of it worked out anew
+AT_ONCE_NS = NS  # A task that is to begin by then begins now
+MODES = {MODE: True, STANDBY: False}  # Whether the sensor is at work
 PFA_FACTORS = dict(zip(THRESHOLDS, (10.0, 1.0, 0.1), strict=True))
+# Lets the sensor have those keys, or with None its scene's again; raises `ChangeError`.
 Change = Callable[[Mapping[str, Any] | None], object]
-"""Lets the sensor have those keys, or with None its scene's again; raises `ChangeError`."""
 Telling = Literal["nothing", "status", "registration"]
 
 
@@ -53,10 +50,8 @@ class TaskRejectedError(PlotfeedError):
 class DoneTask:
     """What became of a task that was accepted."""
 
-    goes_on: bool
-    """It holds until it is stopped, or another takes its place."""
-    tells: Telling = "nothing"
-    """What the node was asked to say."""
+    goes_on: bool  # It holds until it is stopped, or another takes its place
+    tells: Telling = "nothing"  # What the node was asked to say
 
 
 class SapientTasks:
@@ -64,8 +59,8 @@ class SapientTasks:
 
     def __init__(self, node_id: str) -> None:
         self._node_id = node_id
+        # By command: the task, and the keys that take back what it did.
         self._at_work: dict[str, tuple[str, Mapping[str, Any]]] = {}
-        """By command: the task, and the keys that take back what it did."""
         self._in_second = (0, 0)
 
     @property
@@ -186,8 +181,8 @@ class SapientAnnouncer:
         self._keys = changed(sensor, *in_force(sensor.event, 0))
         self._node = node_of(scene, self._keys)
         self._tasks = SapientTasks(self._node.node_id)
+        # When something was said last, and how many of each kind: no two have one name.
         self._ids: tuple[int, Counter[str]] = (0, Counter())
-        """When something was said last, and how many of each kind: no two have one name."""
 
     def opening(self, now_utc_ns: int) -> list[Message]:
         """Registration, for whoever comes later too, and a first status."""

@@ -37,11 +37,10 @@ from plotfeed.proto.sapient.envelope import node_id
 from plotfeed.proto.utc import NS
 
 CONTENT_TYPE = REPORT_FORMATS["sapient"].content_type
+# A stamp may be a group of sectors older, up to 94 ms, and the last way takes some time too.
 MAX_LATE_NS = 800_000_000
-"""A stamp may be a group of sectors older, up to 94 ms, and the last way takes some time too."""
 MIN_GAP_NS = 80_000_000
-ROUNDING_NS = 2000
-"""By which rounding to nanoseconds and microseconds may shorten a gap."""
+ROUNDING_NS = 2000  # By which rounding to nanoseconds and microseconds may shorten a gap
 
 
 class Groups:
@@ -76,8 +75,7 @@ class Measures:
 
     snr: bool
     azimuth: bool
-    place: bool
-    """In three dimensions."""
+    place: bool  # In three dimensions
     range_rate: bool
 
 
