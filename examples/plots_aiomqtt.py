@@ -22,8 +22,8 @@ from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
 
 RECONNECT_S = 1.0
+# Sensor, plot, and its latitude, longitude and height above the ellipsoid.
 PlacedPlot = tuple[str, pb.Plot, tuple[float, float, float]]
-"""Sensor, plot, and its latitude, longitude and height above the ellipsoid."""
 
 
 async def plots(client: aiomqtt.Client, prefix: str) -> AsyncIterator[PlacedPlot]:

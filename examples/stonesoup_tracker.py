@@ -40,8 +40,7 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.proto import plotfeed_pb2 as pb
 
 EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - UTC, as Stone Soup's times are
-UNMEASURED_DEG = 3.0
-"""Standard deviation of the elevation where a radar measures none."""
+UNMEASURED_DEG = 3.0  # Standard deviation of the elevation where a radar measures none
 
 
 class Tracker:

@@ -20,6 +20,7 @@ from plotfeed.feeds.schema import text_of
 ROOT = DOCS.parent
 PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("*.md"), *(ROOT / "examples").glob("*.md")])
 ROOMS = ("feeds", "models", "proto", "replay", "tests", "docs", "examples", "requirements")
+# Columns of plots that few will ask for.
 NOT_ON_THE_PAGE = {
     "channel",
     "run_length_deg",
@@ -28,7 +29,6 @@ NOT_ON_THE_PAGE = {
     "merged_drones",
     "sensor",
 }
-"""Columns of plots that few will ask for."""
 
 
 @pytest.mark.parametrize(

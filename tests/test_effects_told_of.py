@@ -19,8 +19,8 @@ from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.effect_keys import EFFECTS
 
 ROOT = Path(__file__).parents[1]
+# Tables that say how a sensor reports, turns, or is made.
 NO_EFFECTS = {"link", "tracks", "mount", "cooperative", "page", "telemetry", "classifier", "layout"}
-"""Tables that say how a sensor reports, turns, or is made."""
 
 
 def optional_tables(model: type[SceneTable]) -> set[str]:

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from support.given_files import GOLDEN
 
-MADE_APART = {"mc_cacfar.csv"}
-"""By make_trials.py, in half a minute."""
+MADE_APART = {"mc_cacfar.csv"}  # By make_trials.py, in half a minute
 
 
 @pytest.mark.parametrize(

@@ -16,12 +16,12 @@ from support.budget import budget, measured
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("face", "feeds", "models", "proto", "replay")
+# How a docstring begins that does not name its subject.
 SUBJECTLESS = re.compile(
     r"(About|After|And|As|At|Before|Beside|Between|But|By|For|From|If|In|Into|It|Its|Of|On|Or|Other|"
     r"Others|Out|Over|Since|So|That|Their|Them|These|They|This|Those|The same|To|Until|Under|"
     r"What it|When it|Where it|With|Without)\b"
 )
-"""How a docstring begins that does not name its subject."""
 
 
 def files() -> list[Path]:

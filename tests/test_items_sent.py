@@ -19,13 +19,13 @@ from plotfeed.proto.asterix.codec.decode import decode
 ROOT = Path(__file__).parents[1]
 SECONDS = 8.0
 RANDOM = 40
+# With numbers that a scene has agreed on with its receiver.
 CLASSES = {
     "claims": ["drone", "bird"],
     "confusion": {"drone": [0.9, 0.1]},
     "otherwise": [0.5, 0.5],
     "codes": {"drone": 3, "bird": 4},
 }
-"""With numbers that a scene has agreed on with its receiver."""
 
 
 def scenes() -> Iterator[Scene]:

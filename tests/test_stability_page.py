@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 from support.doc_commands import DOCS, doc_command
 
-PLAIN, OURS = 3, 5
-"""Which cells of a row hold figures."""
+PLAIN, OURS = 3, 5  # Which cells of a row hold figures
+# Another machine's last digits may be others: the plain form's error is hardly anything else.
 SLACK = {PLAIN: 10.0, OURS: 100.0}
-"""Another machine's last digits may be others: the plain form's error is hardly anything else."""
 
 
 def script() -> dict[str, Any]:

@@ -9,8 +9,8 @@ import sys
 import pytest
 from support.tools import PACKAGES, ROOT, missing, needed, node_module
 
+# Where they are looked for, and where the reader's own shell is.
 OWN_BUSINESS = {"tests/support/tools.py", "tests/support/printed_terminal.py"}
-"""Where they are looked for, and where the reader's own shell is."""
 
 
 @pytest.fixture

@@ -22,8 +22,7 @@ from matplotlib import pyplot as plt
 PICTURE = Path(__file__).parents[1] / "ppi.png"
 SECONDS = 240.0
 RANGE_KM = 10.0
-ZOOM_M = (420.0, 80.0)
-"""Along and across the line of sight."""
+ZOOM_M = (420.0, 80.0)  # Along and across the line of sight
 
 NIGHT, SEA, GRID, INK, QUIET = "#071018", "#0b1924", "#24485a", "#dbe9ee", "#7fa0ad"
 ALARM, TRACK = "#ff9d5c", "#ffffff"

@@ -31,8 +31,7 @@ from matplotlib import pyplot as plt
 DOCS = Path(__file__).parents[1]
 ALONG_M = np.linspace(-10_000.0, 30_000.0, 161)
 OFF_M = np.logspace(-5, 4, 91)
-LEAST, LEAST_M = 1e-17, 1e-11
-"""What stands for no error at all on a logarithmic axis."""
+LEAST, LEAST_M = 1e-17, 1e-11  # What stands for no error at all on a logarithmic axis
 PLAIN, OURS = "#c8553d", "#1f7a8c"
 Floats = NDArray[np.float64]
 Errors = Callable[[float], tuple[float, float]]

@@ -20,16 +20,14 @@ from plotfeed.feeds.scene.scene import example, from_tree
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.sensors.sensor_model import Prediction
 
+# 2026-01-01, 12:00. Always the same, so that a picture drawn again is the same picture.
 START_UTC_NS = 1_767_268_800 * 10**9
-"""2026-01-01, 12:00. Always the same, so that a picture drawn again is the same picture."""
-SECONDS = 349.0
-"""From 7 km to the facility at 20 m/s."""
+SECONDS = 349.0  # From 7 km to the facility at 20 m/s
 APPROACH_DEG = 45.0
 HEIGHT_M = 50.0
 START_M = 7000.0
 SPEED_M_S = 20.0
-SENSORS = ("active", "passive", "mimo", "microphone")
-"""In the order of the paper's figures 5 and 6."""
+SENSORS = ("active", "passive", "mimo", "microphone")  # In the order of the paper's figures 5 and 6
 TITLES = {
     "active": "active radar",
     "passive": "passive radar",

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
+# Pages of the site that lie beside docs/.
 ELSEWHERE = ("examples/README.md", "CONTRIBUTING.md", "CHANGELOG.md")
-"""Pages of the site that lie beside docs/."""
 ENTRY = re.compile(
     r"^(?:## (?P<task>.+)|- \[(?P<title>[^]]+)\]\((?P<page>[^)#]+)\).*)$", re.MULTILINE
 )

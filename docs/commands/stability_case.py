@@ -10,8 +10,8 @@ import mpmath as mp
 mp.mp.dps = 60
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 PLAIN_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+# Errors below these, by unit, are those of the last digits: another machine's may differ.
 ROUNDING = {"": 1e-14, "m": 1e-8, "m/s": 1e-8, "°": 1e-12}
-"""Errors below these, by unit, are those of the last digits: another machine's may differ."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,13 +20,11 @@ class Case:
 
     where: str
     plain_form: str
-    plain: float | str
-    """Its error, or what comes in place of a number."""
+    plain: float | str  # Its error, or what comes in place of a number
     cure: str
     ours: float | str
     unit: str = ""
-    test: str
-    """The test that holds ours: file::name, below tests/."""
+    test: str  # The test that holds ours: file::name, below tests/
 
 
 def relative(found: object, exact: object) -> float:

@@ -13,8 +13,7 @@ from plotfeed.proto.asterix.cat048 import CAT048
 from plotfeed.proto.asterix.codec.encode import Encoder
 
 NS = 1_000_000_000
-START_NS = 1_767_225_600 * NS
-"""2026-01-01."""
+START_NS = 1_767_225_600 * NS  # 2026-01-01
 PERIOD_NS = 600_000_000
 DAY_NS = 86_400 * NS
 

@@ -17,19 +17,14 @@ from plotfeed.models.frames import geodetic_to_ecef
 
 EXAMPLES = Path(__file__).parents[2] / "feeds" / "scene" / "examples"
 TILE, CITY = EXAMPLES / "N46E011.hgt", EXAMPLES / "city.geojson"
-SIDE = 181
-"""Samples along each edge, 20 arc seconds apart: 64 KiB."""
-FLOOR_M = 1000.0
-"""Of the valleys, above the ellipsoid; the site's height."""
+SIDE = 181  # Samples along each edge, 20 arc seconds apart: 64 KiB
+FLOOR_M = 1000.0  # Of the valleys, above the ellipsoid; the site's height
 RIDGE_EAST_M, RIDGE_WIDTH_M, RIDGE_M = 2500.0, 600.0, 420.0
+# Where the ridge is lower, and by which share of its height.
 SADDLE_NORTH_M, SADDLE_WIDTH_M, SADDLE_SHARE = 500.0, 700.0, 0.75
-"""Where the ridge is lower, and by which share of its height."""
-WALLS_M, WALLS_EAST_M, WALLS_WIDTH_M = 900.0, (-3500.0, 8500.0), 900.0
-"""Mountains on both sides."""
-BLOCKS, BLOCK_M, STREET_M = 8, 80.0, 25.0
-"""On each side of a square of them, about the site."""
-PLAZA = ((3, 3), (4, 3), (3, 4), (4, 4))
-"""Blocks that are not built on."""
+WALLS_M, WALLS_EAST_M, WALLS_WIDTH_M = 900.0, (-3500.0, 8500.0), 900.0  # Mountains on both sides
+BLOCKS, BLOCK_M, STREET_M = 8, 80.0, 25.0  # On each side of a square of them, about the site
+PLAZA = ((3, 3), (4, 3), (3, 4), (4, 4))  # Blocks that are not built on
 LEAST_STOREYS, STOREYS, STOREY_M = 4, 7, 3.5
 
 

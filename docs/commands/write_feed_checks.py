@@ -62,11 +62,11 @@ TITLES = {
     "cluttered": ("false alarms × 4", {"false alarms"}),
     "lying": ("errors × 2.5", {f"{q} spread" for q in ("range", "azimuth", "elevation", "height")}),
 }
+# The sensors of scenes that are not as they claim, and the checks that say so.
 PLANTED: Mapping[str, Mapping[str, set[str]]] = {
     "airport": {"south": {"azimuth", "time"}},
     "feed-faults": {sensor: names for sensor, (_, names) in TITLES.items()},
 }
-"""The sensors of scenes that are not as they claim, and the checks that say so."""
 
 
 class Kind(NamedTuple):

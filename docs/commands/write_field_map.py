@@ -27,11 +27,11 @@ ROADS = (
     ((2300, -6500), (1900, -3000), (1900, -450), (2400, 1700), (2100, 6500)),
     ((-3000, -700), (-3300, 2500), (-2500, 6500)),
 )
+# Its middle, its radii east and north, and how many bays it has.
 LAKE = ((-3900, 3300), 1100.0, 650.0, 8)
-"""Its middle, its radii east and north, and how many bays it has."""
 WOOD = ((-4600, -3400), 1300.0, 1500.0, 5)
+# Its south-western corner, a block's side, and blocks east and north.
 TOWN = ((2700.0, 1300.0), 240.0, (6, 5))
-"""Its south-western corner, a block's side, and blocks east and north."""
 PYLONS = ((-1900.0, 2150.0), (-1900.0, 1250.0))
 MAST = (1000.0, 700.0)
 

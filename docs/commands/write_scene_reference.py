@@ -36,6 +36,7 @@ described once, where it comes first.
 WORTH_A_SECTION = 5
 TYPES = {"number": "", "integer": "whole", "boolean": "true or false",
          "string": "text", "array": "list", "object": "table", "null": "none"}  # fmt: skip
+# Said here of keys whose own description is empty.
 NOT_DESCRIBED = {
     "name": "Of the scene, for people.",
     "site": "The point from which the scene counts.",
@@ -52,7 +53,6 @@ NOT_DESCRIBED = {
     "eirp_dbm": "What it radiates, over an isotropic antenna.",
     "takeoff_height_m": "As under [telemetry], for this flight alone.",
 }
-"""Said here of keys whose own description is empty."""
 Schema = dict[str, Any]
 
 
@@ -63,8 +63,7 @@ class Reference:
         self._definitions: dict[str, Schema] = schema.get("$defs", {})
         self._done: set[str] = set()
         self._first: dict[tuple[str, str, str], tuple[str, str]] = {}
-        self.silent: list[str] = []
-        """Keys of which nobody says what they are."""
+        self.silent: list[str] = []  # Keys of which nobody says what they are
         self.parts: list[str] = []
         self.titles: list[str] = []
         for key, value in schema["properties"].items():

@@ -35,15 +35,15 @@ RANGES_M = {
     "mimo": (5000, 4000, 3850, 3000),
     "microphone": (200, 150, 131, 100, 75),
 }
+# What the paper says in our words, and where it is checked.
 OUTCOMES = {
     "active": ("consistent from the start, 7 km away", 7000),
     "passive": ("consistent from about 3 km", 3100),
     "mimo": ("consistent from about 4 km", 3850),
     "microphone": ("only very near", 131),
 }
-"""What the paper says in our words, and where it is checked."""
+# Pd computed, and counted with its interval, by sensor and slant range.
 Pds = dict[tuple[str, int], tuple[str, str]]
-"""Pd computed, and counted with its interval, by sensor and slant range."""
 
 
 def counted() -> Pds:

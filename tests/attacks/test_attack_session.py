@@ -21,10 +21,8 @@ from support.waiting import PATIENCE_S
 pytest.importorskip("uvicorn")
 
 DURATION_S = 6
-BREATH_S = 0.5
-"""Between attacks: what they take of the processor is not what is tried here."""
-SLOW = {"period_s": 12.0, "sectors": 240}
-"""A turn that no stall of the machine is as long as."""
+BREATH_S = 0.5  # Between attacks: what they take of the processor is not what is tried here
+SLOW = {"period_s": 12.0, "sectors": 240}  # A turn that no stall of the machine is as long as
 
 
 def damaged(name: str, rng: random.Random) -> bytes:

@@ -36,6 +36,8 @@ from plotfeed.proto.utc import NS
 SIZES = (1, 10, 100, 1000, 10_000)
 REPEATS = 5
 SECONDS_A_REPEAT = 0.1
+# Keys of the radar, or tables of the scene. The last names nothing either: its drones are too far
+# away.
 EFFECTS: dict[str, dict[str, Any]] = {
     "nothing named": {},
     "bias": {"bias": {"range_offset_m": 5.0, "azimuth_offset_deg": 0.3, "tilt_deg": 0.1}},
@@ -129,8 +131,6 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "a ridge": {"terrain": {"elevation": ["N40W004.hgt"], "diffraction": True}},
     "out of reach": {"range_max_m": 1000.0},
 }
-"""Keys of the radar, or tables of the scene. The last names nothing either: its drones are too far
-away."""
 FLOCK = {
     "id": "gulls",
     "path": [

@@ -115,10 +115,9 @@ class Loaded:
     broker: str
     totals: dict[str, Any]
     arrived: int
-    cores: float
-    """From when it had settled until shortly before its end."""
+    cores: float  # From when it had settled until shortly before its end
+    # How late C woke in the same seconds, p50, p99 and p99.9; None without a compiler.
     machine_ms: Any
-    """How late C woke in the same seconds, p50, p99 and p99.9; None without a compiler."""
 
 
 def loaded(

@@ -30,8 +30,7 @@ from plotfeed.replay.recorded import Recorded, Stage
 
 OFFICIAL, RICH = "official mcap", "with 8 user properties"
 REPEATS = 5
-PAYLOAD_OCTETS = 10_000_000
-"""Of all messages of a turn, about."""
+PAYLOAD_OCTETS = 10_000_000  # Of all messages of a turn, about
 MESSAGES_TO_SEEK = 5_000_000
 SEEK_AIM_MS = 50
 START_NS, STEP_NS = 1_767_268_800_000_000_000, 50_000

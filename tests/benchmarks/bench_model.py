@@ -40,8 +40,7 @@ SIZES = (1, 10, 100, 1000, 10_000)
 THREE = np.ones(3)
 REPEATS = 9
 SECONDS_A_REPEAT = 0.15
-AIM = 2.5
-"""Times what the random numbers alone take, at 10,000 targets."""
+AIM = 2.5  # Times what the random numbers alone take, at 10,000 targets
 
 # The path that is counted, then what else a report needs.
 PATH = {

@@ -184,13 +184,13 @@ def crowd_percent() -> float:
     return 100 * (served_s - bare_s) / passed_s
 
 
+# How many frames a page gets that draws nothing.
 EMPTY = """ms => new Promise(done => {
   let frames = 0;
   const began = performance.now();
   const next = now => { frames++; now - began < ms ? requestAnimationFrame(next) : done(frames); };
   requestAnimationFrame(next);
 })"""
-"""How many frames a page gets that draws nothing."""
 COUNTS = """() => {
   const { picture, display } = plotfeed, { plots, framesTaken, octetsTaken } = picture;
   const now = picture.nowMs(performance.now());
@@ -219,6 +219,7 @@ def first_paint_ms(browser: Any, url: str) -> float:
     return paint_ms
 
 
+# What a run measures: its form, and its title.
 COLUMNS = {
     "plots": (",.0f", "plots on show"),
     "frames": (".0f", "frames/s"),
@@ -230,7 +231,6 @@ COLUMNS = {
     "browser": (".0f", "browser, %"),
     "paint": (".0f", "paint, ms"),
 }
-"""What a run measures: its form, and its title."""
 TITLES = [title for _, title in COLUMNS.values()]
 HEAD = f"""{WINDOW["width"]} by {WINDOW["height"]} pixels, rendered in software, truth shown,
 {RUNS} runs of {MEASURED_S:g} s in turns: median (least to most). The server's share of a core is

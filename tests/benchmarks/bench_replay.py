@@ -37,10 +37,10 @@ SECONDS, DRIFT_SECONDS = 12.0, 40.0
 REPEATS = 3
 UNPACED = {100: 100_000, 1400: 50_000}
 HOST = "127.0.0.1"
-SO_TIMESTAMPNS, SO_RCVBUFFORCE = 35, 33
-"""Of Linux, and unknown to Python."""
+SO_TIMESTAMPNS, SO_RCVBUFFORCE = 35, 33  # Of Linux, and unknown to Python
 SILENCE_S = 3.0
 S = 1_000_000_000
+# It reads of each datagram: nanoseconds after the first, octets, and these, filled up to 8.
 PLAYER_C = r"""
 #include <arpa/inet.h>
 #include <stdint.h>
@@ -76,7 +76,6 @@ int main(int n_arguments, char **arguments) {
     return 0;
 }
 """
-"""It reads of each datagram: nanoseconds after the first, octets, and these, filled up to 8."""
 
 
 def listen(port_file: Path, result_file: Path, count: int) -> None:

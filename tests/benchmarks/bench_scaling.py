@@ -47,10 +47,11 @@ from plotfeed.feeds.session.session import run  # noqa: E402
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
 
 PICTURE = HERE.parents[1] / "docs" / "scaling.png"
+# Seconds before the first look, and how many of a second each follow; in so many processes.
 SETTLED_S, WINDOWS, RUNS = 1.5, 3, 3
-"""Seconds before the first look, and how many of a second each follow; in so many processes."""
 TELEMETRY_HZ, TELEMETRY_RADARS, SOME_DRONES = 10, 20, 50
 MIB = 2**20
+# What grows, and through which numbers: with 50 drones, and drones before 20 radars.
 SERIES: dict[str, tuple[int, ...]] = {
     "radars, in step": (1, 10, 50, 200),
     "radars, spread": (1, 10, 50, 200),
@@ -58,15 +59,14 @@ SERIES: dict[str, tuple[int, ...]] = {
     "staring sensors": (1, 20, 200, 2000),
     "one radar, one drone": (1,),
 }
-"""What grows, and through which numbers: with 50 drones, and drones before 20 radars."""
 PROFILED = {
     "one radar, one drone": 1,
     "radars, in step": 200,
     "drones at 10 Hz": 1000,
     "staring sensors": 2000,
 }
+# A session that takes as much can do no more: what else it says is of a session that is late.
 FULL_CORES = 0.95
-"""A session that takes as much can do no more: what else it says is of a session that is late."""
 
 
 def tree_of(series: str, n: int) -> dict[str, Any]:

@@ -36,10 +36,8 @@ NOT_THE_SAME = """
 The two do not do the same. Stone Soup's first radar adds Gaussian noise to every target; its second
 draws a detection by North's approximation first. Both give objects, each tied to its truth, which a
 tracker of Stone Soup takes as they are; plotfeed gives columns, with looks beside them."""
-AIM = 500
-"""Times as fast per detection, at 1,000 targets."""
-AIMS_NS = {"mimo": 500, "passive": 500, "rf": 500}
-"""A target and scan, at 10,000 targets."""
+AIM = 500  # Times as fast per detection, at 1,000 targets
+AIMS_NS = {"mimo": 500, "passive": 500, "rf": 500}  # A target and scan, at 10,000 targets
 REPEATS = 5
 SECONDS_A_REPEAT = 0.1
 
@@ -57,6 +55,7 @@ CAMERA = {
     "horizontal_fov_deg": 100.0, "pan_deg": 45.0, "tilt_deg": 10.0, "pixels_across": 8000,
     "pixels_down": 4000, "range_max_m": 10_000.0,
 }  # fmt: skip
+# What they are called, and between which distances their targets are: where they see them.
 CASES = {
     "active": ("active radar", (1000, 5000)),
     "mimo": ("MIMO radar, 3 transmitters", (1000, 2000)),
@@ -66,7 +65,6 @@ CASES = {
     "gate": ("range gate", (1000, 5000)),
     "camera": ("camera", (50, 150)),
 }
-"""What they are called, and between which distances their targets are: where they see them."""
 
 
 def ns_per_call(call: Callable[[], object], seconds: float) -> float:

@@ -33,8 +33,8 @@ from plotfeed.feeds.session.session import run  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock  # noqa: E402
 
 REPEATS, AIM = 5, 1500
+# Radars, drones, and simulated seconds.
 CASES = ((1, 1, 240.0), (4, 10, 60.0), (20, 50, 12.0), (200, 50, 2.0))
-"""Radars, drones, and simulated seconds."""
 
 
 def scene_of(sensors: int, drones: int, *, truth: bool) -> Any:

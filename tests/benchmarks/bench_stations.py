@@ -65,6 +65,7 @@ CAMERA: Keys = {
     "horizontal_fov_deg": 60.0, "vertical_fov_deg": 40.0, "pixels_across": 40_000,
     "pixels_down": 30_000,
 }  # fmt: skip
+# The plain sensor, and the one that is measured beside it.
 PAIRS: dict[str, tuple[Keys, Keys]] = {
     "microphones in a circle, by a beam": (
         MICROPHONES,
@@ -87,7 +88,6 @@ PAIRS: dict[str, tuple[Keys, Keys]] = {
         RADAR | {"scan": STEERED, "report": ["plots"]},
     ),
 }
-"""The plain sensor, and the one that is measured beside it."""
 
 
 def station_of(keys: Keys, n: int) -> Station:

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-EVERY_S = 0.002
-"""Linux may make it 4 ms."""
+EVERY_S = 0.002  # Linux may make it 4 ms
+# What a piece of a file's path says; the innermost call that is of any of these counts.
 ROOMS = {
     "feeds/engine": "sensing",
     "feeds/formats": "formats",
@@ -19,9 +19,8 @@ ROOMS = {
     "feeds/telemetry": "telemetry",
     "feeds/engine/intake.py": "telemetry",
 }
-"""What a piece of a file's path says; the innermost call that is of any of these counts."""
+# The rest is the loop with its clock and schedule. Physics is sensing, octets are formats.
 NAMES = ("sensing", "formats", "link", "transport", "telemetry", "ledger", "the rest")
-"""The rest is the loop with its clock and schedule. Physics is sensing, octets are formats."""
 
 
 def room_of(frame: FrameType | None) -> str:

@@ -35,8 +35,7 @@ START_NS, STEP_NS, WARM_S, COUNTED_S = 1_767_225_600 * NS, NS // 10, 5, 1
 AIM_FILES, AIM_FUNCTIONS = 30, 150
 OURS = Path(__file__).parents[2]
 PACKAGES = ("face", "feeds", "models", "proto", "replay")
-Place = tuple[str, str]
-"""A file, and a function in it."""
+Place = tuple[str, str]  # A file, and a function in it
 
 
 def report(step: int) -> bytes:

@@ -27,20 +27,19 @@ from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Recorded
 
 OCTETS_A_LINE = 32
-HASH = 16
-"""Hexadecimal digits of a digest."""
+HASH = 16  # Hexadecimal digits of a digest
+# Before the topic of a channel that holds the user properties of another's messages.
 PROPERTIES = "properties/"
-"""Before the topic of a channel that holds the user properties of another's messages."""
 LEDGER = "truth"
+# Last levels of topics that tell how a session does: said things, no feed.
 ABOUT_A_SESSION = {"status", "description", "settings", "session", "score", "refused", "report"}
-"""Last levels of topics that tell how a session does: said things, no feed."""
 
 
 @dataclass(frozen=True)
 class Item:
     lines: list[str]
+    # Whether it is text for people, or JSON of the same, and not what a tracker is sent.
     is_said: bool = False
-    """Whether it is text for people, or JSON of the same, and not what a tracker is sent."""
 
     @property
     def digest(self) -> str:

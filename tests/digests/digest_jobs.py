@@ -25,14 +25,14 @@ SCENES = Path(__file__).resolve().parent / "scenes"
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 EXAMPLES = Path("examples/scenes")
 SHIPPED = Path("feeds/scene/examples")
+# Scenes whose records are converted and replayed too.
 CONVERTED = ("radars", "listeners", "heard", "effects")
-"""Scenes whose records are converted and replayed too."""
+# Topics of all but what tells how a session does, such as how the machine kept pace.
 OF_FEEDS = (
     *("+/+/asterix/#", "+/+/sapient/#", "+/+/plots", "+/+/tracks", "+/+/cot", "+/+/geojson"),
     *("+/telemetry/#", "+/truth", "lab/north/+/asterix/#", "lab/north/+/plots"),
     *("lab/north/+/sapient/#", "lab/north/truth"),
 )
-"""Topics of all but what tells how a session does, such as how the machine kept pace."""
 SUFFIXES = ("jsonl", "pcap", "ff", "ast", "mcap")
 TABLES = ("plots", "truths", "looks", "tracks", "messages", "fates")
 COMMANDS = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from digest_bench import Bench
 
+# What stands in a whole scene, and what stands there instead.
 SCENES = {
     "no-such-key": ("power_w", "powr_w"),
     "missing-key": ("power_w = 500.0\n", ""),
@@ -34,7 +35,6 @@ SCENES = {
         "[[udp]]\ndestination = '239.1.2.3:8600'\ninterface = 'no9'\n\n[scene.site]",
     ),
 }
-"""What stands in a whole scene, and what stands there instead."""
 USES = (
     "",
     "fly",

@@ -28,8 +28,7 @@ from tempfile import TemporaryDirectory
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-FILES = {"feeds.txt": False, "said.txt": True}
-"""Records, and whether they hold what is said."""
+FILES = {"feeds.txt": False, "said.txt": True}  # Records, and whether they hold what is said
 ENVIRONMENT = {"COLUMNS": "100", "LC_ALL": "C.UTF-8", "TZ": "UTC", "NO_COLOR": "1"}
 
 

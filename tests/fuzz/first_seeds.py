@@ -24,8 +24,8 @@ from plotfeed.replay.files import FORMATS
 from plotfeed.replay.recorded import Recorded, Stage
 
 GOLDEN = Path(__file__).parents[1] / "golden"
+# Inputs that once broke something, in a folder for each target.
 KEPT = Path(__file__).parent / "seeds"
-"""Inputs that once broke something, in a folder for each target."""
 REPORTS = 'report = ["asterix-048", "asterix-015", "asterix-062", "plots", "sapient"]'
 GPX = """<?xml version="1.0"?>
 <gpx version="1.1" creator="t" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>

@@ -15,8 +15,7 @@ from tempfile import TemporaryDirectory
 TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
 MOST_OCTETS = 65_536
-SLOWEST_S, MOST_MIB = 20, 2048
-"""Of one input."""
+SLOWEST_S, MOST_MIB = 20, 2048  # Of one input
 
 
 def fuzz_one(name: str, corpus: Path, findings: Path, seconds: float) -> None:

@@ -36,8 +36,7 @@ from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.replay.files import FORMATS, FileFormat
 
 Target = Callable[[bytes], object]
-MOST = 2_000
-"""Messages that are looked at of one file."""
+MOST = 2_000  # Messages that are looked at of one file
 NS_2026 = 1_767_225_600_000_000_000
 SENSOR = example("section-4").sensor[0]
 

@@ -21,8 +21,7 @@ HERE = Path(__file__).parent / "flights"
 DURATION_S = 210
 START = datetime(2024, 5, 14, 9, 30, tzinfo=UTC)
 LATITUDE_DEG, LONGITUDE_DEG, GROUND_MSL_M = 43.3, -5.9, 120.0
-GROUND_ELLIPSOID_M = 172.0
-"""Of the CSV and the DataFlash log, 52 m of geoid above the sea."""
+GROUND_ELLIPSOID_M = 172.0  # Of the CSV and the DataFlash log, 52 m of geoid above the sea
 WITHOUT_FIX = 25
 FIX_S = 0.5
 GPS_EPOCH, LEAP_S = datetime(1980, 1, 6, tzinfo=UTC), 18
@@ -147,10 +146,8 @@ def _fix(t_s: float, time_us: int, *, is_one: bool) -> tuple[int | float, ...]:
     )
 
 
-PART_S = (20, 45)
-"""Of the flight, in the files below: they are many, and kept small."""
-PHASE_S = 0.37
-"""By which their clocks of whole seconds are behind the beginning."""
+PART_S = (20, 45)  # Of the flight, in the files below: they are many, and kept small
+PHASE_S = 0.37  # By which their clocks of whole seconds are behind the beginning
 FOOT_M = 0.3048
 
 

@@ -11,10 +11,8 @@ from support.significance import Array, assert_standard_normal
 from plotfeed.models import accuracy
 
 SAMPLES = 64
-SNR = 1000.0
-"""Of all samples of an aperture together: 30 dB."""
-CELL_TO_3_DB = 0.886
-"""Width at 3 dB of what a uniform aperture resolves, over one over its length."""
+SNR = 1000.0  # Of all samples of an aperture together: 30 dB
+CELL_TO_3_DB = 0.886  # Width at 3 dB of what a uniform aperture resolves, over one over its length
 
 
 def noise(rng: np.random.Generator, *shape: int) -> Array:

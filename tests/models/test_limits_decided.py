@@ -19,8 +19,8 @@ from plotfeed.models.verdicts import (
 )
 
 RUNS = 300
+# Wrong verdicts of so many runs, where each is wrong with that risk.
 MOST = int(stats.binom.ppf(1 - 1e-4, RUNS, RISK))
-"""Wrong verdicts of so many runs, where each is wrong with that risk."""
 
 
 @pytest.mark.parametrize("along", [0.0, 0.8])

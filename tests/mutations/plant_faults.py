@@ -27,22 +27,20 @@ ROOMS = ("feeds", "models", "proto", "replay")
 PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 COPIED = (*ROOMS, "tests", "docs", "examples", "Makefile", "mkdocs.yml", "pyproject.toml", *PAGES)
 PATIENCE_S = 900
+# Word or sign; spaces, ends of lines and a comma before a closing bracket do not count.
 SIGN = re.compile(r"\w+|,(?!\s*[)\]}])|[^\w\s,]")
-"""Word or sign; spaces, ends of lines and a comma before a closing bracket do not count."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
     """A change of the code that some test must notice."""
 
-    what: str
-    """What a user would have of it."""
+    what: str  # What a user would have of it
+    # Function, method, class or constant that is changed, by its qualified name in its module.
     where: str
-    """Function, method, class or constant that is changed, by its qualified name in its module."""
     old: str
     new: str
-    tests: str
-    """Arguments of pytest."""
+    tests: str  # Arguments of pytest
 
 
 def faults() -> list[Fault]:

@@ -24,8 +24,7 @@ from plotfeed.proto.content_types import (
 from plotfeed.proto.ledger_pb2 import LedgerBatch
 from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of
 
-UNTOLD = b"\n\x05radar\x10\x07"
-"""What begins as a message of protobuf does."""
+UNTOLD = b"\n\x05radar\x10\x07"  # What begins as a message of protobuf does
 TOLD_BY_TYPE = {
     asterix_content_type(48): ASTERIX,
     ASTERIX: ASTERIX,

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.open_drone_id import OdidIdentity, OdidLocation, messages_in
 
+# As opendroneid-core-c encodes it.
 AIRBORNE = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aa470200")
-"""As opendroneid-core-c encodes it."""
 
 
 def basic_id(text: bytes) -> bytes:

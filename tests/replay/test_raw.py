@@ -112,6 +112,7 @@ def _flags(*places: int) -> str:
     return octets.hex()
 
 
+# At 39833 s, with what precedes the time.
 BLOCKS = {
     "002_030": block(2, "f0", "190d", "02", "40", "4dcc80"),
     "010_140": block(10, "f0", "190d", "01", "2100", "4dcc80"),
@@ -124,7 +125,6 @@ BLOCKS = {
     "023_070": block(23, "f0", "190d", "01", "02", "4dcc80"),
     "065_030": block(65, "f0", "190d", "01", "02", "4dcc80"),
 }
-"""At 39833 s, with what precedes the time."""
 
 
 def test_times_of_categories_that_are_not_decoded_are_what_tshark_reads(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from plotfeed.proto.asterix.codec.retime_asterix import Retimer
 from plotfeed.proto.retime import retime_protobuf
 from plotfeed.proto.utc import iso_utc
 
+# Whole periods of what is said every ten seconds, which is then said at the same true times.
 AHEAD_S = 20
-"""Whole periods of what is said every ten seconds, which is then said at the same true times."""
 FORMATS = {
     "active": ["asterix-048", "asterix-062", "plots", "sapient"],
     "mimo": ["asterix-015", "plots", "sapient"],

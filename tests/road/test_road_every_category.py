@@ -56,6 +56,7 @@ def theirs(topic: str) -> list[dict[str, list[Any]]]:
     return [{name: values_of(item) for name, item in items_of(r).items()} for r in records]
 
 
+# The least that one approach gives of each.
 TOPICS = {
     "mimo/asterix/015": 200,
     "mimo/asterix/025": 30,
@@ -65,7 +66,6 @@ TOPICS = {
     "finder/asterix/205": 300,
     "finder/asterix/025": 30,
 }
-"""The least that one approach gives of each."""
 
 
 @pytest.mark.parametrize("topic", TOPICS)

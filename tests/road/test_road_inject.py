@@ -23,14 +23,10 @@ from plotfeed.feeds.session.session import run
 from plotfeed.models.frames import aer_to_enu, wrap_180
 
 SPEED = 20
-STALE_S = 0.3
-"""It does not fly straight on for long when nothing comes any more."""
-SHORT_S = 12.0
-"""A flight that takes less is injected to its end."""
-AT_ONCE = 3
-"""Sessions, each with a process that injects twenty times as fast as was flown."""
-LOOKS = 90
-"""Of the others, until so many."""
+STALE_S = 0.3  # It does not fly straight on for long when nothing comes any more
+SHORT_S = 12.0  # A flight that takes less is injected to its end
+AT_ONCE = 3  # Sessions, each with a process that injects twenty times as fast as was flown
+LOOKS = 90  # Of the others, until so many
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 NS = 1_000_000_000
-WARM_S = 300.0
-"""By then all that is kept up to a bound has grown to it; a third of a shorter run."""
+WARM_S = 300.0  # By then all that is kept up to a bound has grown to it; a third of a shorter run
 BLOCK_S = 60.0
 C_HZ = 100
 C_EVERY_S = 10.0
@@ -31,8 +30,7 @@ class RadarsRun:
     said: dict[str, Any]
     samples: dict[str, Array]
     totals: dict[str, Any]
-    nanosleep_us: Array | None
-    """How late C woke, a hundred times a second; None without a compiler."""
+    nanosleep_us: Array | None  # How late C woke, a hundred times a second; None without a compiler
 
     @property
     def warm_s(self) -> float:

@@ -48,8 +48,8 @@ from support.tools import place_of
 DOCS = Path(__file__).parents[2] / "docs"
 SAMPLE_EVERY_S = 5.0
 CONTROL_EVERY_S = 17.0
+# What happens to the broker by turns, and for how long.
 FAULTS = (("killed", 5.0), ("stopped", 20.0), ("paused", 10.0))
-"""What happens to the broker by turns, and for how long."""
 
 
 class Broker:

@@ -21,8 +21,7 @@ from plotfeed.replay.recorded import Stage
 
 NS = 1_000_000_000
 BLOCK_S = 60.0
-AGAIN_S = 10.0
-"""After a broker is back: links connect again within 4 s, and send what has waited."""
+AGAIN_S = 10.0  # After a broker is back: links connect again within 4 s, and send what has waited
 Array = NDArray[Any]
 
 
@@ -31,15 +30,11 @@ class Ledger:
     """What became of every message that sensors handed over, and when; in columns."""
 
     sensor: Array
-    due_s: Array
-    """When the link was to let it leave, after the first sample."""
-    late_ms: Array
-    """NaN for what did not leave."""
+    due_s: Array  # When the link was to let it leave, after the first sample
+    late_ms: Array  # NaN for what did not leave
     fate: Array
-    first: Array
-    """Whether it is no duplicate."""
-    handed_over: int
-    """By sensors, as the recording has it."""
+    first: Array  # Whether it is no duplicate
+    handed_over: int  # By sensors, as the recording has it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,8 +46,7 @@ class Run:
     totals: dict[str, Any]
     ledger: Ledger
     record_mb: float
-    index_mb: float
-    """Of the recording's summary, which is kept in memory until its end."""
+    index_mb: float  # Of the recording's summary, which is kept in memory until its end
 
     @property
     def warm_s(self) -> float:

@@ -37,12 +37,11 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 
 DOCS = Path(__file__).parents[2] / "docs" / "fleet.md"
 BEGIN, END = "<!-- soak: begin -->", "<!-- soak: end -->"
+# Of what came of it: each must be 0.
 PROPERTIES = ("twice", "foreign", "disordered", "missing", "code")
-"""Of what came of it: each must be 0."""
 FAULTS = ("killed", "frozen", "cut off")
 FROZEN_S, CUT_S, PAUSE_S = (0.3, 8.0), (0.0, 3.0), (3.0, 8.0)
-TRACKS_OF = 4
-"""One radar of so many sends tracks: those at one end, so that they are in one part."""
+TRACKS_OF = 4  # One radar of so many sends tracks: those at one end, so that they are in one part
 
 
 def tracking(radars: int) -> range:

@@ -15,8 +15,7 @@ from support.road import radar, rotating
 from support.scene_files import toml_of
 
 SECTION_4 = Path(__file__).parents[2] / "feeds" / "scene" / "examples" / "section-4.toml"
-KEPT_MESSAGES = 200
-"""Of each sensor, while the broker is away; the oldest give way."""
+KEPT_MESSAGES = 200  # Of each sensor, while the broker is away; the oldest give way
 LINKS: dict[str, dict[str, Any]] = {
     "active": {
         "latency_ms": 50.0,
@@ -52,6 +51,7 @@ LINKS: dict[str, dict[str, Any]] = {
         "duplicate": 0.02,
     },
 }
+# In turn; the last four are refused.
 COMMANDS: tuple[bytes, ...] = tuple(
     json.dumps(command).encode()
     for command in (
@@ -70,7 +70,6 @@ COMMANDS: tuple[bytes, ...] = tuple(
         "reset",
     )
 )
-"""In turn; the last four are refused."""
 
 
 def scene_text() -> str:
@@ -128,11 +127,9 @@ class Load:
     scene: str
     drones: int
     telemetry_hz: float
-    garbage_every: int
-    """One in so many telemetry messages; 0 for none."""
+    garbage_every: int  # One in so many telemetry messages; 0 for none
     commands: tuple[bytes, ...]
-    is_recorded: bool
-    """If not, a subscriber counts what arrives, and C sleeps beside it."""
+    is_recorded: bool  # If not, a subscriber counts what arrives, and C sleeps beside it
     fault_every_s: float
 
 

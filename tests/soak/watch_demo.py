@@ -25,8 +25,8 @@ from support.page_beside_broker import Beside
 from plotfeed.feeds.scene.scene import example
 
 SIZES = ((1280, 720), (1920, 1080), (2560, 1440))
+# Of equal parts of the time; in those without a name all is as usual.
 STORIES = ("", "Outage of the tower", "", "The tower goes blind", "Jamming", "A swarm")
-"""Of equal parts of the time; in those without a name all is as usual."""
 
 
 def watch(scene: str, seconds: float, folder: Path) -> list[dict[str, object]]:

@@ -22,8 +22,8 @@ from plotfeed.feeds.link.impairment import LinkExpectation
 from plotfeed.feeds.scene.link_keys import LinkSettings
 
 N = 10_000
+# Taken for the figures measured on netem, whose number of packets is not known.
 NETEM_PACKETS = 10_000
-"""Taken for the figures measured on netem, whose number of packets is not known."""
 SAMPLE = [12.0, 3.5, 3.5, 80.0, 20.0, 21.0, 22.0, 40.0]
 LAWS: dict[str, dict[str, Any]] = {
     "normal": {"latency_ms": 50.0, "jitter_ms": 10.0},

@@ -15,10 +15,9 @@ from plotfeed.feeds.link.delays import DelayLaw, waits_ns
 from plotfeed.feeds.link.impairment import LinkExpectation
 
 N = 101_000
-BATCH = 100
-"""Messages: long beside every burst, so that batches are as good as independent."""
+BATCH = 100  # Messages: long beside every burst, so that batches are as good as independent
+# Taken for the figures measured on netem, whose number of packets is not known.
 NETEM_PACKETS = 10_000
-"""Taken for the figures measured on netem, whose number of packets is not known."""
 GE: dict[str, Any] = {"kind": "gilbert-elliott"}
 MODELS: dict[str, dict[str, Any]] = {
     "random": {"kind": "random", "probability": 0.05},

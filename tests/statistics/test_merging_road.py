@@ -18,8 +18,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 RADAR = radar(elevation_max_deg=60.0, merging={})
 SCANS = 60
 PAIRS = 20
-RANGE_M = 3000.0
-"""Where a drone of 1 m2 is detected nearly always."""
+RANGE_M = 3000.0  # Where a drone of 1 m2 is detected nearly always
 
 
 def merged_in(road: Road) -> Counter[tuple[str, ...]]:

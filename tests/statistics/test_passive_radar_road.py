@@ -30,8 +30,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 
 LIGHT_M_S = 299_792_458.0
 NOISE_W_HZ = 1.380649e-23 * 290.0
-AZIMUTH_DEG = 45.0
-"""Of the drones."""
+AZIMUTH_DEG = 45.0  # Of the drones
 
 
 def tv(name: str, azimuth_deg: float, baseline_m: float, **more: Any) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from support.significance import (
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.proto.asterix.codec.decode import decode
 
+# Mean signal-to-noise ratios from 74 dB to 20 dB.
 RANGES_M = (500.0, 2000.0, 5000.0, 8000.0, 11_000.0)
-"""Mean signal-to-noise ratios from 74 dB to 20 dB."""
 AT_EACH = 20
 SCANS = 200
 RADAR = radar(elevation_max_deg=30.0)

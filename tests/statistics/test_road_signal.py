@@ -10,8 +10,8 @@ from support.radar_equations import BOLTZMANN_J_K, detected_power_cdf, mean_snr
 from support.road import Table, fly, held, radar, scene
 from support.significance import assert_law
 
+# Mean signal-to-noise ratios from 50 dB to 12 dB, about the threshold.
 RANGES_M = (2000.0, 7000.0, 11_000.0, 16_000.0, 18_000.0)
-"""Mean signal-to-noise ratios from 50 dB to 12 dB, about the threshold."""
 RADARS = {
     "few reference cells": radar(pfa=1e-4, n_reference=4),
     "the paper's": radar(pfa=1e-6, n_reference=16),

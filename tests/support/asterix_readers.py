@@ -67,8 +67,8 @@ def _values(item: Any) -> Iterator[Any]:
             yield value["val"]
 
 
+# Says which Python has it, instead of that of `.venv-asterix-decoder`.
 ENVIRONMENT = "PLOTFEED_ASTERIX_DECODER"
-"""Says which Python has it, instead of that of `.venv-asterix-decoder`."""
 OWN = ROOT / ".venv-asterix-decoder" / "bin" / "python"
 
 
@@ -84,10 +84,8 @@ class TheirBlock(NamedTuple):
     """A data block as libasterix reads it."""
 
     category: int
-    octets: bytes
-    """That it makes of the items that it has read."""
-    records: list[dict[str, str]]
-    """Items by their number, in hexadecimal."""
+    octets: bytes  # That it makes of the items that it has read
+    records: list[dict[str, str]]  # Items by their number, in hexadecimal
 
 
 def blocks_of(octets: bytes) -> list[TheirBlock]:

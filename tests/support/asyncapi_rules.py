@@ -10,6 +10,7 @@ from typing import Any
 
 import jsonschema
 
+# What each kind of object must and what it may have.
 FIELDS: Mapping[str, tuple[set[str], set[str]]] = {
     "document": (
         {"asyncapi", "info"},
@@ -43,7 +44,6 @@ FIELDS: Mapping[str, tuple[set[str], set[str]]] = {
     "mqtt": (set(), {"qos", "retain", "messageExpiryInterval", "bindingVersion"}),
     "reference": ({"$ref"}, set()),
 }
-"""What each kind of object must and what it may have."""
 
 
 def problems(api: Mapping[str, Any]) -> list[str]:

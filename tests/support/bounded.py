@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from support.command import PLOTFEED
 
+# A small process between: a child's memory begins with that of who has started it.
 LAUNCHER = """
 import json, resource, subprocess, sys
 cpu_s, *words = sys.argv[1:]
@@ -19,7 +20,6 @@ usage = resource.getrusage(resource.RUSAGE_CHILDREN)
 took = [usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024]
 print(json.dumps([done.returncode, out[:1 << 20], err[:1 << 20], *took]))
 """
-"""A small process between: a child's memory begins with that of who has started it."""
 
 
 class Bounded(NamedTuple):

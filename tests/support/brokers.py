@@ -19,14 +19,12 @@ from pathlib import Path
 from support.tools import needed
 from support.waiting import PATIENCE_S, wait_until
 
-TOGETHER = 3
-"""Ports that an embedded broker takes, one after the other."""
-WORKERS = 20
-"""Of pytest-xdist, each with ports of its own: a port is free until it is listened on."""
+TOGETHER = 3  # Ports that an embedded broker takes, one after the other
+WORKERS = 20  # Of pytest-xdist, each with ports of its own: a port is free until it is listened on
+# Below those that systems give to whoever connects, who may take one before we listen on it.
 PORTS = range(20_000, 32_000, TOGETHER)[
     int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]) % WORKERS :: WORKERS
 ]
-"""Below those that systems give to whoever connects, who may take one before we listen on it."""
 _turns = count(random.SystemRandom().randrange(len(PORTS)))
 
 

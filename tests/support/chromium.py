@@ -34,12 +34,12 @@ OPTIONS = (
     "--disable-backgrounding-occluded-windows",
     "--disable-background-timer-throttling",
 )
+# All pages: to begin another one costs more than a page.
 IN_ONE_PROCESS = (
     "--disable-site-isolation-trials",
     "--process-per-site",
     "--renderer-process-limit=1",
 )
-"""All pages: to begin another one costs more than a page."""
 VIEWPORT: ViewportSize = {"width": 1280, "height": 720}
 UNTIL = """async ([argument, patienceMs]) => {
   for (const since = performance.now(); performance.now() - since < patienceMs; ) {
@@ -49,8 +49,7 @@ UNTIL = """async ([argument, patienceMs]) => {
   }
   return false;
 }"""
-_left: dict[Browser, Page] = {}
-"""A page of each browser that nobody looks at."""
+_left: dict[Browser, Page] = {}  # A page of each browser that nobody looks at
 THEME = "document.documentElement.dataset.theme"
 
 

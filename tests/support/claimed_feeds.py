@@ -13,6 +13,7 @@ from plotfeed.models.residuals import Check
 SCENE = Path(__file__).parents[2] / "examples" / "scenes" / "feed-faults.toml"
 START_NS = 1_767_268_800 * 10**9
 SPREADS = {"range spread", "azimuth spread", "elevation spread", "height spread"}
+# The checks that must fail, by radar.
 NAMED: Mapping[str, set[str]] = {
     "clean": set(),
     "askew": {"azimuth"},
@@ -21,7 +22,6 @@ NAMED: Mapping[str, set[str]] = {
     "cluttered": {"false alarms"},
     "lying": SPREADS,
 }
-"""The checks that must fail, by radar."""
 
 
 def claims_of(scene: Scene, sensor: SimulatedSensor) -> list[Check]:

@@ -26,8 +26,8 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.cli.main import main
 
+# As a user starts it: for tests of the start itself, which takes a second of imports.
 PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli"]
-"""As a user starts it: for tests of the start itself, which takes a second of imports."""
 _asking = Lock()
 
 

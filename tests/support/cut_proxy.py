@@ -14,10 +14,9 @@ class Proxy:
 
     def __init__(self, to_port: int) -> None:
         self.port = 0
-        self.is_closed = False
-        """Whether those that connect from now on are cut off at once."""
+        self.is_closed = False  # Whether those that connect from now on are cut off at once
+        # So many connections there are at a time, and those beyond are hung up on.
         self.most: int | None = None
-        """So many connections there are at a time, and those beyond are hung up on."""
         self.connections = 0
         self._to_port = to_port
         self._coming = 0

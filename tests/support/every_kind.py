@@ -44,6 +44,7 @@ MICROPHONES = {
     "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
     "range_max_m": 500.0, "azimuth_beamwidth_deg": 20.0, "elevation_beamwidth_deg": 20.0,
 }  # fmt: skip
+# They detect the drones of `drones`.
 SENSORS = {
     "active": RADAR,
     "rotating": RADAR | {"scan": rotating(1.0, 8)},
@@ -53,7 +54,7 @@ SENSORS = {
     "rf": RF,
     "microphones": MICROPHONES,
 }
-"""They detect the drones of `drones`."""
+# They stare, and detect a loud drone at a few kilometres.
 FAR_SENSORS = {
     "radar": radar(power_w=5e4),
     "mimo": MIMO | {
@@ -77,7 +78,6 @@ FAR_SENSORS = {
     },
     "gate": GATE,
 }  # fmt: skip
-"""They stare, and detect a loud drone at a few kilometres."""
 
 
 def drones(kind: str) -> list[dict[str, Any]]:

@@ -21,12 +21,11 @@ class Verdict:
 
     heard: int = 0
     twice: int = 0
-    foreign: int = 0
-    """That one process would not have sent."""
+    foreign: int = 0  # That one process would not have sent
     foreign_topics: set[str] = field(default_factory=set)
     disordered: int = 0
+    # Outside the gaps, up to the last that was heard of each topic.
     missing: list[Message] = field(default_factory=list)
-    """Outside the gaps, up to the last that was heard of each topic."""
     in_gaps: int = 0
 
 

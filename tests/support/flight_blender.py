@@ -13,8 +13,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 MOST_INT64, MOST_INT32 = 2**63 - 1, 2**31 - 1
+# Timestamps above are in these units, others in seconds: repositories/flight_feed_repo.py.
 MICROSECONDS_FROM, MILLISECONDS_FROM = 1e15, 1e12
-"""Timestamps above are in these units, others in seconds: repositories/flight_feed_repo.py."""
 
 
 class BlenderObservation(BaseModel):

@@ -26,14 +26,10 @@ class GivenFlight:
     """A file, the datum of its altitudes, and a radar a kilometre or so to the south."""
 
     file: str
-    datum_m: float
-    """Of its altitudes above the ellipsoid."""
-    datum: dict[str, float]
-    """The same as keys of a scene."""
-    reference: AltitudeReference | None = None
-    """Where the file does not say it."""
-    step_m: float = 1.0
-    """About how coarsely the log writes positions."""
+    datum_m: float  # Of its altitudes above the ellipsoid
+    datum: dict[str, float]  # The same as keys of a scene
+    reference: AltitudeReference | None = None  # Where the file does not say it
+    step_m: float = 1.0  # About how coarsely the log writes positions
 
     @property
     def log(self) -> Path:

@@ -15,10 +15,8 @@ class RadarCapture:
 
     path: Path
     messages: int
-    plots: int
-    """Records of category 048."""
-    services: int
-    """Records of category 034."""
+    plots: int  # Records of category 048
+    services: int  # Records of category 034
 
 
 def _path(name: str) -> Path:
@@ -27,8 +25,7 @@ def _path(name: str) -> Path:
 
 
 CAPTURES = [RadarCapture(_path("turning_radar.pcap"), 160, 160, 130)]
-FRAMES_048 = [_path("two_plots.ff")]
-"""FINAL files of one frame."""
+FRAMES_048 = [_path("two_plots.ff")]  # FINAL files of one frame
 FRAMES_062 = [_path("one_track.ff")]
 if more_input():
     CAPTURES.append(RadarCapture(_path("croatia_cat_034_048.pcap"), 100, 128, 34))

@@ -17,8 +17,8 @@ class HttpReceiver:
 
     answers: list[Answer]
     port: int = 0
+    # Path, fields of the head in lower case, and body, of all that came whole.
     posts: list[tuple[str, dict[str, str], bytes]] = field(default_factory=list)
-    """Path, fields of the head in lower case, and body, of all that came whole."""
     connections: int = 0
 
     @property

@@ -10,8 +10,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-Place = tuple[str, int]
-"""A file and a line."""
+Place = tuple[str, int]  # A file and a line
 
 
 ROOMS = tuple(f"{Path(__file__).parents[2] / room}/" for room in ("feeds", "models", "proto"))

@@ -22,18 +22,13 @@ class JudgedScene:
     """What the report says of one of them."""
 
     seed: int
-    figures: list[Check]
-    """That chance decides."""
-    kinds: dict[str, str]
-    """Of sensors, by id."""
-    plots: Counter[str]
-    """Of drones, found in what sensors handed to their links, by kind of sensor."""
+    figures: list[Check]  # That chance decides
+    kinds: dict[str, str]  # Of sensors, by id
+    plots: Counter[str]  # Of drones, found in what sensors handed to their links, by kind of sensor
     wrong: list[str]
     notes: list[str]
-    not_compared: int
-    """Of the plots."""
-    lost: int
-    """Plots of the ledger that were not found, though a format that has them was recorded."""
+    not_compared: int  # Of the plots
+    lost: int  # Plots of the ledger that were not found, though a format that has them was recorded
 
     def judged(self) -> Counter[tuple[str, str]]:
         """Figures by kind of sensor and by what they are of."""

@@ -31,12 +31,11 @@ MS = 1_000_000
 START = "2026-01-01T12:00:00.05Z"
 START_NS = 1_767_268_800 * S + 50 * MS
 SPEED = 4
+# Of the radars, so that a machine that stalls for half a second is late but misses no scan.
 TURN_S = 2.0
-"""Of the radars, so that a machine that stalls for half a second is late but misses no scan."""
 SECTORS = {"radar": 128, "gate": 32}
 PFA = 1e-4
-CLOCK = ("Pause", "Go on", "Step 1 s", "Restart")
-"""Buttons of the clock."""
+CLOCK = ("Pause", "Go on", "Step 1 s", "Restart")  # Buttons of the clock
 HOVERING = """
 [[drone]]
 id = "hovering"
@@ -88,8 +87,8 @@ class Broker:
         self.client = client
         self._read = 0
         self._places: dict[tuple[type, str], list[int]] = defaultdict(list)
+        # Entries and batches by sensor, with their places in the order of all.
         self._told: dict[tuple[type, str], list[Any]] = defaultdict(list)
-        """Entries and batches by sensor, with their places in the order of all."""
 
     @property
     def count(self) -> int:

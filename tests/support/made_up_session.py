@@ -31,8 +31,7 @@ from plotfeed.proto.utc import NS
 
 TRUTH_EVERY_NS = NS // 10
 MOST_AT_ONCE_S = 0.25
-TRACKED = 24
-"""Drones that the imagined tracker has a track of."""
+TRACKED = 24  # Drones that the imagined tracker has a track of
 
 
 def sensors(range_max_m: float = 8000.0) -> list[dict[str, Any]]:
@@ -162,8 +161,8 @@ class MadeUpSession:
         self._own: dict[str, Sensor] = {sensor.id: sensor for sensor in shown.sensor}
         self._changes: dict[str, dict[str, Any]] = {}
         self.sensors = dict(self._own)
+        # Since when those are on that are, UTC in milliseconds.
         self._stories: dict[str, float | None] = dict.fromkeys(shown.stories)
-        """Since when those are on that are, UTC in milliseconds."""
         self._marks: list[dict[str, Any]] = []
         self._trajectories = Trajectories(stale_after_s=3.0)
         launch(shown, self._trajectories, start_ns)

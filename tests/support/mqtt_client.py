@@ -26,8 +26,7 @@ class Heard:
     user_properties: dict[str, str] = field(default_factory=dict)
     expiry_s: int | None = None
     qos: int = 0
-    at_s: float = field(default=0.0, compare=False)
-    """When it came, by the monotonic clock."""
+    at_s: float = field(default=0.0, compare=False)  # When it came, by the monotonic clock
 
 
 class Client:

@@ -16,8 +16,7 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
-BUSY = 0x89
-"""A refusal that is not for ever."""
+BUSY = 0x89  # A refusal that is not for ever
 
 
 @asynccontextmanager

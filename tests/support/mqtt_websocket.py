@@ -16,8 +16,7 @@ from support.waiting import PATIENCE_S
 
 GUID = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 ORIGIN = "http://127.0.0.1:8000"
-FOR_BROWSERS = f'[mqtt.embedded]\nwebsocket_origins = ["{ORIGIN}"]'
-"""Lets a page of that origin in."""
+FOR_BROWSERS = f'[mqtt.embedded]\nwebsocket_origins = ["{ORIGIN}"]'  # Lets a page of that origin in
 BINARY, CLOSE, PING, PONG = 2, 8, 9, 10
 
 

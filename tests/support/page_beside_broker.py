@@ -20,12 +20,9 @@ from plotfeed.proto.ledger import entries_in
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-LAG_S = 2.0
-"""At both ends of the time, in which nothing is expected to have come already."""
-BEHIND_S = 20.0
-"""A page on a busy machine may show so late what has come; how late it was is told."""
-KEPT_S = 60.0
-"""A track that is silent for longer is gone."""
+LAG_S = 2.0  # At both ends of the time, in which nothing is expected to have come already
+BEHIND_S = 20.0  # A page on a busy machine may show so late what has come; how late it was is told
+KEPT_S = 60.0  # A track that is silent for longer is gone
 LISTEN = """() => {
   const { feed, reader } = plotfeed, take = feed.onFrame;
   globalThis.said = { plots: [], pointing: [] };
@@ -66,8 +63,8 @@ class Beside:
     def __init__(self, page: Page, client: Client, scene: Scene) -> None:
         """From now on both are taken down; the scene's is the broker's prefix."""
         self.page, self.client, self.scene = page, client, scene
+        # When the page was asked, by the monotonic clock, and what it said.
         self.samples: list[tuple[float, dict[str, Any]]] = []
-        """When the page was asked, by the monotonic clock, and what it said."""
         page.evaluate(LISTEN)
         self.began_s = time.monotonic()
 

@@ -14,11 +14,10 @@ try:
 except ImportError:
     raise PlotfeedError("charts need mpmath: pip install 'plotfeed[charts]'") from None
 
-Number = Any
-"""A number of mpmath, which has no type hints, or what it makes one of."""
+Number = Any  # A number of mpmath, which has no type hints, or what it makes one of
 Vector = tuple[Number, Number, Number]
+# A context of our own: whatever the surroundings compute with, this has 50 digits.
 MP: Any = MPContext()
-"""A context of our own: whatever the surroundings compute with, this has 50 digits."""
 MP.dps = 50
 SEMI_MAJOR_M = MP.mpf(6378137)  # WGS 84
 FLATTENING = 1 / MP.mpf("298.257223563")  # WGS 84

@@ -24,8 +24,7 @@ from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.scan_keys import AnyScan
 
 SECONDS = 60.0
-PLAIN_M = 545
-"""Above sea level: some 50 m under the site."""
+PLAIN_M = 545  # Above sea level: some 50 m under the site
 
 
 def written_scene(seed: int, folder: Path) -> Path:
@@ -221,6 +220,7 @@ def _cooperative(dice: Dice) -> Keys:
     return {"report": report, "accuracy_m": dice.one_of(0.0, 5.0), **link}
 
 
+# What makes each table of a scene that changes what sensors see, or what is sent of drones.
 SCENE_TABLES = {
     "terrain": _terrain,
     "weather": _weather,
@@ -233,16 +233,15 @@ SCENE_TABLES = {
     "swarm": _swarm,
     "cooperative": _cooperative,
 }
-"""What makes each table of a scene that changes what sensors see, or what is sent of drones."""
 
 
+# Where messages go, what every scene has, what comes in, what is shown, what comes at a word.
 OTHER_TABLES = frozenset(
     {
         *("udp", "tak", "http", "websocket", "remote_id_service", "mqtt", "asterix", "sapient"),
         *("scene", "telemetry", "sensor", "drone", "page", "story"),
     }
 )
-"""Where messages go, what every scene has, what comes in, what is shown, what comes at a word."""
 
 
 def names_in(tree: Keys) -> Iterator[str]:

@@ -15,8 +15,7 @@ from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys
 from plotfeed.feeds.scene.sensors.multistatic_keys import NOT_MODELLED
 
-CHANCE = 0.3
-"""Of each table that a sensor may hold."""
+CHANCE = 0.3  # Of each table that a sensor may hold
 
 
 def random_sensor(dice: Dice, kind: str, others: Sequence[Keys]) -> Keys:
@@ -236,6 +235,7 @@ def _camera(dice: Dice) -> Keys:
     } | dice.one_of({}, {"visibility_m": 5000.0}, {"hotter_k": 5.0})  # fmt: skip
 
 
+# What makes the keys of each kind of sensor that it cannot leave out, and some others.
 SENSOR_MAKERS: dict[str, Callable[[Dice], Keys]] = {
     "acoustic": _acoustic,
     "acoustic_pair": _pair,
@@ -248,7 +248,6 @@ SENSOR_MAKERS: dict[str, Callable[[Dice], Keys]] = {
     "range_gate": _gate,
     "rf": _rf,
 }
-"""What makes the keys of each kind of sensor that it cannot leave out, and some others."""
 
 
 def _events(dice: Dice, sensor: Keys) -> list[Keys]:

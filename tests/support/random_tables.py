@@ -134,6 +134,7 @@ def _mount(dice: Dice, sensor: Keys, cuers: Sequence[str]) -> Keys | None:
     return chosen | {"dwell_s": dice.between(1, 4)}
 
 
+# What makes each table that a sensor may hold; None where it cannot hold it as it is.
 TABLE_MAKERS: dict[str, Callable[[Dice, Keys, Sequence[str]], Keys | None]] = {
     "bias": _bias,
     "drift": _drift,
@@ -150,4 +151,3 @@ TABLE_MAKERS: dict[str, Callable[[Dice, Keys, Sequence[str]], Keys | None]] = {
     "merging": _merging,
     "mount": _mount,
 }
-"""What makes each table that a sensor may hold; None where it cannot hold it as it is."""

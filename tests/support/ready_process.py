@@ -17,13 +17,12 @@ import sys
 import tempfile
 from collections.abc import Sequence
 
-MOST_OCTETS = 1 << 17
-"""Of words and environment."""
+MOST_OCTETS = 1 << 17  # Of words and environment
+# In `plotfeed.feeds`: what commands import once they know what they are to do.
 LOADED = (
     *("cli.main", "cli.run", "cli.inject", "cli.check"),
     *("page.server", "transport.embedded_broker"),
 )
-"""In `plotfeed.feeds`: what commands import once they know what they are to do."""
 
 
 def asked(control: socket.socket) -> list[str]:

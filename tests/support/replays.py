@@ -22,10 +22,8 @@ from plotfeed.replay.recorded import Recorded, Stage
 
 S = 1_000_000_000
 MS = 1_000_000
-RECORDED = 1_767_268_800 * S
-"""When the recordings of tests begin."""
-REPLAYED = RECORDED + 1_000_000 * S + 7
-"""When simulated replays begin."""
+RECORDED = 1_767_268_800 * S  # When the recordings of tests begin
+REPLAYED = RECORDED + 1_000_000 * S + 7  # When simulated replays begin
 
 
 def message(
@@ -47,9 +45,9 @@ def message(
     )
 
 
-REGULAR = [message(i * 100 * MS) for i in range(10)]
-"""A message every 100 ms."""
+REGULAR = [message(i * 100 * MS) for i in range(10)]  # A message every 100 ms
 TYPE = "application/x-protobuf; messageType=plotfeed.v1.PlotBatch"
+# A status, plots of either QoS, the last of which says so, and truth, which is not replayed.
 SESSION = [
     message(0, "plotfeed/radar/status", b"{}", content_type="application/json", retain=True, qos=1),
     *(
@@ -60,7 +58,6 @@ SESSION = [
     message(41 * MS, "plotfeed/truth", b"secret"),
     message(42 * MS, "plotfeed/radar/plots", b"last", content_type=TYPE),
 ]  # fmt: skip
-"""A status, plots of either QoS, the last of which says so, and truth, which is not replayed."""
 
 
 class Memory:

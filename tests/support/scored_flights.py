@@ -32,11 +32,11 @@ class Flight:
         return np.array(self.begin_m) + t_s * np.array(self.velocity_m_s)
 
 
+# Two that never come near each other.
 APART: Mapping[str, Flight] = {
     "a": Flight(),
     "b": Flight((-2000.0, 1500.0, 120.0), (-3.0, 12.0, 0.5)),
 }
-"""Two that never come near each other."""
 
 
 def ledger_of(flights: Mapping[str, Flight], sensor: str = "radar") -> list[pb.Ledger]:
@@ -92,8 +92,7 @@ def report_of(
     )
 
 
-Given = list[tuple[ToldTrack, int | None]]
-"""Reports, with when they were received."""
+Given = list[tuple[ToldTrack, int | None]]  # Reports, with when they were received
 
 
 def followed_well(

@@ -15,23 +15,17 @@ CONNECT, PUBLISH, SUBSCRIBE = 0x10, 0x30, 0x80
 class ScriptedBroker:
     """MQTT 5, for one client."""
 
-    properties: bytes = b""
-    """Of its CONNACK."""
-    code: int = 0
-    """Of its CONNACK."""
-    granted: int = 1
-    """To who subscribes."""
-    reads: bool = True
-    """Whether it takes anything after it has said welcome."""
-    acknowledges: bool = False
-    """Whether it does so by itself."""
+    properties: bytes = b""  # Of its CONNACK
+    code: int = 0  # Of its CONNACK
+    granted: int = 1  # To who subscribes
+    reads: bool = True  # Whether it takes anything after it has said welcome
+    acknowledges: bool = False  # Whether it does so by itself
     port: int = 0
+    # Ids of QoS 1 messages of this connection, in the order in which they came.
     unacknowledged: list[int] = field(default_factory=list)
-    """Ids of QoS 1 messages of this connection, in the order in which they came."""
-    received: int = 0
-    """Messages of any QoS."""
+    received: int = 0  # Messages of any QoS
+    # Their payloads, a list for each connection.
     heard: list[list[bytes]] = field(default_factory=list)
-    """Their payloads, a list for each connection."""
     _writer: asyncio.StreamWriter | None = None
 
     def acknowledge(self, n: int, reason: bytes = b"") -> None:

@@ -46,6 +46,7 @@ POLAR = {
     "sigma_azimuth_deg": (0.1, 0.9),
     "sigma_elevation_deg": (0.1, 0.9),
 }
+# What the plots of a sensor hold, and between which limits.
 MEASURED: dict[str, dict[str, tuple[float, float]]] = {
     "rotating": POLAR,
     "staring": POLAR,
@@ -59,7 +60,6 @@ MEASURED: dict[str, dict[str, tuple[float, float]]] = {
     "gate": {"range_m": (100.0, 9000.0), "sigma_range_m": (3.0, 3.0)},
     "rf": {"azimuth_deg": (0.0, 360.0), "snr": (10.0, 1e4), "amplitude_dbm": (-99.0, -20.0)},
 }
-"""What the plots of a sensor hold, and between which limits."""
 
 
 def scene_of(kind: str, count: int, report: list[str], **more: Any) -> Scene:

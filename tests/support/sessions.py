@@ -69,10 +69,8 @@ class AtWork(Observer):
         self.begins = asyncio.Event()
         self.sectors: list[Batch] = []
         self.entries: list[pb.Ledger] = []
-        self.taken = 0
-        """Messages taken out of the queue: telemetry and commands, accepted or not."""
-        self.most_waiting = 0
-        """Waiting in the queue, whenever a sector was reported."""
+        self.taken = 0  # Messages taken out of the queue: telemetry and commands, accepted or not
+        self.most_waiting = 0  # Waiting in the queue, whenever a sector was reported
 
     def begun(self, session: Session) -> None:
         self.session, self.totals = session, session.totals
@@ -99,8 +97,7 @@ class AtWork(Observer):
         await until(lambda: len(self.sectors) >= wanted)
 
 
-Asked = tuple[float, str, bytes]
-"""Seconds after the beginning, a topic and what is said on it."""
+Asked = tuple[float, str, bytes]  # Seconds after the beginning, a topic and what is said on it
 
 
 class Asks(Observer):

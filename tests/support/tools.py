@@ -10,6 +10,7 @@ import shutil
 from pathlib import Path
 from typing import NoReturn
 
+# By program, which may be needed to install what tests drive.
 PACKAGES = {
     "mosquitto": "mosquitto",
     "mosquitto_sub": "mosquitto-clients",
@@ -21,14 +22,11 @@ PACKAGES = {
     "node": "nodejs",
     "npm": "npm",
 }
-"""By program, which may be needed to install what tests drive."""
+# Other names of a program.
 ALSO = {"chromium": ("chromium-browser", "google-chrome", "google-chrome-stable")}
-"""Other names of a program."""
-VARIABLES = {"chromium": "PLOTFEED_CHROMIUM"}
-"""What says which it is instead."""
+VARIABLES = {"chromium": "PLOTFEED_CHROMIUM"}  # What says which it is instead
 ROOT = Path(__file__).parents[2]
-NODE_MODULES = ROOT / ".node" / "node_modules"
-"""What `make test` has npm install."""
+NODE_MODULES = ROOT / ".node" / "node_modules"  # What `make test` has npm install
 
 
 def place_of(name: str) -> str | None:

@@ -8,8 +8,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any
 
-PATIENCE_S = 120.0
-"""On a machine that may be busy."""
+PATIENCE_S = 120.0  # On a machine that may be busy
 
 
 async def until(holds: Callable[[], object], says: str = "it never came to that") -> None:

@@ -10,8 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
-MODULES = ("os", "signal", "socket", "select", "time", "mmap", "sys")
-"""Of which Windows has a part."""
+MODULES = ("os", "signal", "socket", "select", "time", "mmap", "sys")  # Of which Windows has a part
 
 
 def lacks() -> dict[str, list[str] | None]:

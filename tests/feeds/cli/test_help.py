@@ -24,16 +24,17 @@ from plotfeed.feeds.telemetry.flights import BY_SUFFIX
 ROOT = Path(__file__).parents[3]
 SIMULATED = "--broker none --speed max"
 SENTENCE = re.compile(r"[A-Z][a-z]+ [^ ].* [^ ]+[^.]\.")
+# With which something begins that is no sentence: one that says what an option does has a verb.
 FRAGMENT = re.compile(
     "A|Also|An|As|At|By|Each|Even|Every|For|From|How|If|In|Instead|It|Of|On|Only|Or|Once|So|The|"
     "Their|These|This|Those|Times|To|What|When|Where|Which|Who|With|Within|Without"
 )
-"""With which something begins that is no sentence: one that says what an option does has a verb."""
 FILES = [
     "MCAP" if name == "mcap" else "JSON lines" if name == "jsonl" else name
     for name in get_args(FileKind)
 ]
 READ = [name for name in FILES if name not in ("csv", "parquet")]
+# Formats that a command reads and writes.
 SPOKEN = {
     "demo": ["ASTERIX", "SAPIENT", "protobuf", "MQTT"],
     "run": ["TOML", "MCAP", "ASTERIX", "SAPIENT", "protobuf", "MQTT", "UDP"],
@@ -54,7 +55,6 @@ SPOKEN = {
     "sensors": ["JSON"],
     "schema": ["JSON schema", "protobuf", "AsyncAPI"],
 }
-"""Formats that a command reads and writes."""
 PARAMETERS = [
     pytest.param(command, parameter, id=f"{name} {parameter.opts[0]}")
     for name, command in cli.commands.items()
@@ -95,6 +95,7 @@ def test_the_list_of_commands_has_whole_summaries() -> None:
         assert summary.endswith(".")
 
 
+# What makes an example end soon, or go to the broker of the test.
 ENDS = {
     "demo --duration 60": SIMULATED,
     "demo stadium": f"{SIMULATED} --duration 5",
@@ -115,7 +116,6 @@ ENDS = {
     "replay there.mcap": "--broker {broker} --fastest",
     "replay here.pcap --udp 127.0.0.1:8600 --speed 2": "--fastest",
 }
-"""What makes an example end soon, or go to the broker of the test."""
 
 
 VEHICLE_PORT = free_port()

@@ -12,11 +12,11 @@ from support.scene_files import radar, scene_file, scene_text
 from support.vehicles import sending_vehicle
 
 pytest.importorskip("pymavlink")
+# Of now, whenever that is.
 AIRBORNE = "".join(
     f"MSG,3,1,1,{icao},1,,,,,,1000,,,40.45,{longitude},,,,,,0\n"
     for icao, longitude in (("484412", "-3.72"), ("485020", "-3.74"))
 )
-"""Of now, whenever that is."""
 
 
 def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path: Path) -> None:

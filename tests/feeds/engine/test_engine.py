@@ -22,8 +22,8 @@ ROOT = Path(__file__).parents[3]
 DURATION_S = 8
 END_NS = START_NS + DURATION_S * NS
 OWN = sorted((ROOT / "examples" / "scenes").glob("*.toml"))
+# By topic: payloads, when they are due, and user properties.
 Said = dict[str, list[tuple[bytes, int, tuple[tuple[str, str], ...]]]]
-"""By topic: payloads, when they are due, and user properties."""
 
 
 def put(said: Said, message: Message) -> None:
@@ -31,8 +31,7 @@ def put(said: Said, message: Message) -> None:
     said.setdefault(message.topic, []).append((message.payload, message.due_utc_ns, properties))
 
 
-Left = list[tuple[int, str, bytes]]
-"""When what left its link, by topic."""
+Left = list[tuple[int, str, bytes]]  # When what left its link, by topic
 
 
 class BothSides(Observer):
@@ -100,6 +99,7 @@ def report(t_ns: int, step: int) -> bytes:
     return json.dumps(said).encode()
 
 
+# Of section 4, by the second at which they come.
 COMMANDS = {
     1: {"sensor": "passive", "set": {"link": {"down": True, "on_loss": "stall"}}},
     2: {"sensor": "active", "set": {"loss_db": 3.0}},
@@ -108,7 +108,6 @@ COMMANDS = {
     5: {"sensor": "passive", "set": {"link": {"down": False, "on_loss": "stall"}}},
     6: {"sensor": "active", "reset": True},
 }
-"""Of section 4, by the second at which they come."""
 
 
 def with_input(engine: Engine, step: Callable[[], int]) -> tuple[Said, Left]:

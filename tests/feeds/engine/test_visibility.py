@@ -23,8 +23,8 @@ from plotfeed.models.truth import Trajectories
 
 START_NS = 1_767_268_800_000_000_000
 SECONDS = 12.0
+# Hindrances of what no sensor looks at.
 WITHIN = {"range", "elevation", "direction", "nothing to sense", "off"}
-"""Hindrances of what no sensor looks at."""
 OF_PAIRS = {"acoustic_pair", "multistatic_passive", "multistatic_mimo"}
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 10e6, "eirp_dbm": 20.0}
 

@@ -102,8 +102,7 @@ class Part:
     scene: Scene
     port: int
     client: Client
-    network: Proxy
-    """What lies between the first process and the broker."""
+    network: Proxy  # What lies between the first process and the broker
     began_ns: int
     processes: list[Process] = field(default_factory=list)
 

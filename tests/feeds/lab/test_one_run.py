@@ -29,8 +29,8 @@ from plotfeed.proto.utc import NS
 PLAN = RunPlan(
     duration_s=30.0, protect_enu_m=(0.0, 0.0, 0.0), alert_plots=3, alert_within_s=10.0, bin_m=200.0
 )
+# With plots that are false alarms.
 FAINT = radar("north", more="pfa = 1e-4").replace("pfa = 1e-5\n", "")
-"""With plots that are false alarms."""
 
 
 def runs(file: Path, *vary: str, seed: int = 5, **plan: Any) -> list[dict[str, Any]]:

@@ -201,8 +201,8 @@ IN_THE_SESSION: dict[str, tuple[str, Keys, set[str]]] = {
 
 FAULTS = [*ON_THE_WIRE, *IN_THE_LEDGER, *IN_THE_SESSION]
 RIGHT = [sensor["id"] for sensor in TREE["sensor"]]
+# As often, in one sector for four: a quarter of the entries to be read.
 STARING = {"kind": "staring", "period_s": 0.5}
-"""As often, in one sector for four: a quarter of the entries to be read."""
 
 
 def id_of(fault: str) -> str:

@@ -22,8 +22,7 @@ from plotfeed.feeds.lab.tables import TABLES
 VARY = ("--vary", "sensor.north.pfa=1e-6,1e-4", "--vary", "link.latency_ms=0:200:200")
 SHORT = ("--duration", 4, "--runs", 3, "--processes", 1)
 LEVELS, RUNS = 4, 3
-MOST_S = 600
-"""Ray takes its time on a machine that is busy."""
+MOST_S = 600  # Ray takes its time on a machine that is busy
 
 
 @pytest.fixture(scope="module")

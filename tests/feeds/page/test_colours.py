@@ -17,8 +17,7 @@ import pytest
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
 LEAST = 15.0
-LEAST_CONTRAST = 4.5
-"""Of words in a colour, on what is behind them: WCAG 2.2, 1.4.3."""
+LEAST_CONTRAST = 4.5  # Of words in a colour, on what is behind them: WCAG 2.2, 1.4.3
 VISIONS: dict[str, Matrix] = {
     "all colours": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     "protanopia": (
@@ -37,20 +36,20 @@ VISIONS: dict[str, Matrix] = {
         (0.004733, 0.691367, 0.303900),
     ),
 }
+# Of linear sRGB, for its own white (IEC 61966-2-1).
 XYZ: Matrix = (
     (0.4124564, 0.3575761, 0.1804375),
     (0.2126729, 0.7151522, 0.0721750),
     (0.0193339, 0.1191920, 0.9503041),
 )
-"""Of linear sRGB, for its own white (IEC 61966-2-1)."""
 SENSORS = tuple(f"s{i}" for i in range(8))
+# Colours that are on show at once.
 TOGETHER = {
     "the picture": (*SENSORS, "track", "truth", "gone", "sea"),
     "lateness": ("ink", "warn", "panel"),
     "loss": ("bad", "ink", "panel"),
     **{f"strips of {sensor}": (sensor, "ink", "panel") for sensor in SENSORS},
 }
-"""Colours that are on show at once."""
 
 
 def themes() -> dict[str, dict[str, Triple]]:

@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 
 NS = road.NS
 SEA = np.array([0x0A, 0x16, 0x1F])
+# Of the dark theme, as the style sheet has them: what is under plots, the first two sensors.
 SENSOR_COLOURS = np.array([[0x1A, 0xC2, 0xA3], [0xDC, 0x69, 0x6E]])
-"""Of the dark theme, as the style sheet has them: what is under plots, the first two sensors."""
-CLEAR_OF_OTHERS_PX = 12
-"""Marks of plots this far apart do not lie over each other."""
+CLEAR_OF_OTHERS_PX = 12  # Marks of plots this far apart do not lie over each other
 
 
 @pytest.mark.usefixtures("goes_on")

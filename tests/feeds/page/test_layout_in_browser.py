@@ -12,10 +12,9 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 SIZES = ((360, 740), (960, 640), (1280, 720), (1920, 1080), (2560, 1440))
+# Of windows in which the picture has two thirds.
 ON_A_DESK = ((1280, 720), (1920, 1080), (2560, 1440))
-"""Of windows in which the picture has two thirds."""
-SCROLLS_BELOW_PX = 860
-"""A narrower window has everything one below the other, and the page scrolls."""
+SCROLLS_BELOW_PX = 860  # A narrower window has everything one below the other, and the page scrolls
 TWO_THIRDS = 2 / 3
 CUT_OFF = """() => {
   const found = [], without = ".hidden, .skip, svg, .file input";
@@ -66,6 +65,7 @@ WORDS_OVER_WORDS = """() => {
 
 
 PARTS = "header, main, aside, .strips, #display, button, input, select"
+# What lies elsewhere than when it was asked first, but for cards over the picture, which grow.
 MOVED = """(parts) => {
   const place = (element) => {
     const { left, top, width, height } = element.getBoundingClientRect();
@@ -76,7 +76,6 @@ MOVED = """(parts) => {
   return globalThis.before.filter(([e, then]) => e.checkVisibility() && place(e) !== then)
     .map(([e, then]) => [e.outerHTML.slice(0, 90), then, place(e)]);
 }"""
-"""What lies elsewhere than when it was asked first, but for cards over the picture, which grow."""
 
 
 @pytest.mark.usefixtures("goes_on")
@@ -107,6 +106,7 @@ def test_nothing_is_cut_off_or_covered(page: Page) -> None:
             assert box["width"] * box["height"] >= TWO_THIRDS * width * height, at
 
 
+# Words of charts that are cut off, when all are drawn anew.
 BESIDE_THE_CHART = """() => {
   const found = [], { fillText } = CanvasRenderingContext2D.prototype;
   CanvasRenderingContext2D.prototype.fillText = function (words, x, y) {
@@ -119,7 +119,6 @@ BESIDE_THE_CHART = """() => {
   CanvasRenderingContext2D.prototype.fillText = fillText;
   return found;
 }"""
-"""Words of charts that are cut off, when all are drawn anew."""
 
 
 @pytest.mark.usefixtures("goes_on")

@@ -36,6 +36,7 @@ JAMMER = {
     "frequency_hz": 9.4e9,
     "bandwidth_hz": 4e7,
 }
+# At a distance in some directions.
 COLOURS = """([azimuths, range]) => {
   const context = document.getElementById("screen").getContext("2d"), { view } = plotfeed.display;
   return azimuths.map((azimuth) => {
@@ -44,7 +45,6 @@ COLOURS = """([azimuths, range]) => {
     return [...context.getImageData(Math.round(x), Math.round(y), 1, 1).data.slice(0, 3)];
   });
 }"""
-"""At a distance in some directions."""
 SEA = [0x0A, 0x16, 0x1F]
 
 

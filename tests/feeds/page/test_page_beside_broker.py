@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 OUTAGE = "Outage of the tower"
+# No track is drawn as if it were told of.
 SILENT = """() => {
   const { picture, display } = plotfeed, words = display.words.map((w) => w[4]);
   const ids = [...picture.tracks.keys()], aged = words.filter((w) => /^T[0-9]+ [0-9]+ s$/.test(w));
   return ids.length > 0 && aged.length > 0 && !words.some((w) => ids.some((id) => w === `T${id}`));
 }"""
-"""No track is drawn as if it were told of."""
 
 
 def test_the_page_of_the_demonstration_says_what_its_broker_carries(

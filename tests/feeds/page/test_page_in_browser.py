@@ -27,6 +27,7 @@ from plotfeed.feeds.page.view import View
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
+# Whether the strip tells what was detected beside what the looks' own odds come to.
 PREDICTED_AS_TOLD = """(() => {
   const sum = (numbers) => numbers.reduce((a, b) => a + b, 0);
   const shown = document.getElementById("pd-text").textContent;
@@ -36,7 +37,6 @@ PREDICTED_AS_TOLD = """(() => {
       && shown === `${detected.toFixed(3)}, predicted ${expected.toFixed(3)}`;
   });
 })()"""
-"""Whether the strip tells what was detected beside what the looks' own odds come to."""
 
 
 def test_two_browsers_see_the_same_and_what_either_changes(

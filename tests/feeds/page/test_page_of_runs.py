@@ -42,10 +42,9 @@ from plotfeed.replay.recorded import Stage
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+# Of the dark theme, as the style sheet has it: what is under plots.
 SEA = np.array([0x0A, 0x16, 0x1F])
-"""Of the dark theme, as the style sheet has it: what is under plots."""
-STOP = re.compile(r"^Stop \d")
-"""The button of a recording that runs, with its seconds."""
+STOP = re.compile(r"^Stop \d")  # The button of a recording that runs, with its seconds
 
 
 GLOW_S = 10.0
@@ -265,10 +264,9 @@ class Told(NamedTuple):
     """What a recording holds, with the times at which it left."""
 
     start_ns: int
+    # Entries of sectors that were handed over since it began: of others there are no plots.
     ledger: list[tuple[int, pb.Ledger]]
-    """Entries of sectors that were handed over since it began: of others there are no plots."""
-    sectors: list[tuple[int, tuple[int, int]]]
-    """Scans and sectors of the radar of which plots left."""
+    sectors: list[tuple[int, tuple[int, int]]]  # Scans and sectors of the radar of which plots left
 
 
 def recorded(run: Live, folder: Path) -> Told:

@@ -31,10 +31,8 @@ from plotfeed.proto import plotfeed_pb2 as pb
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-DEGRADED_PFA, DEGRADED_SNR_DB = 10, 6.0
-"""As docs/page.md says: times, and down."""
-SEEN_S = 1.5
-"""So long at least one looks at the pace."""
+DEGRADED_PFA, DEGRADED_SNR_DB = 10, 6.0  # As docs/page.md says: times, and down
+SEEN_S = 1.5  # So long at least one looks at the pace
 
 
 @pytest.fixture(scope="module")

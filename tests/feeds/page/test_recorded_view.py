@@ -34,8 +34,7 @@ from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import SCENE_NAME, Attachment, Recorded, Stage
 
 NS = 1_000_000_000
-WHOLE_S = 32.0
-"""With what links still held when the sessions ended."""
+WHOLE_S = 32.0  # With what links still held when the sessions ended
 LINK = """
 [sensor.link]
 latency_ms = 300

@@ -15,8 +15,7 @@ from support.page_server import Served, clock_button, wait_for_command
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-NEAR = {"type": "Point", "coordinates": [-3.73, 40.45]}
-"""The site of the made-up session."""
+NEAR = {"type": "Point", "coordinates": [-3.73, 40.45]}  # The site of the made-up session
 
 
 FIGURES = {

@@ -17,6 +17,7 @@ from plotfeed.models.frames import ecef_to_geodetic
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
 
+# The place of a plot that nothing lies over.
 NEWEST = """() => {
   const { picture: { plots }, display: { view } } = plotfeed;
   const box = document.getElementById("display");
@@ -27,7 +28,6 @@ NEWEST = """() => {
       return { x, y };
   }
 }"""
-"""The place of a plot that nothing lies over."""
 
 
 def display(page: Page) -> Locator:

@@ -48,6 +48,7 @@ CAMERAS = [
     "spynel-x3500",
     "triton-pt",
 ]
+# Of tables 1 to 13 of the paper, and of sections 2.3 and 2.4.
 QUOTED_RANGE_M = {
     "art-midrange-3d": 5000,
     "doruk": 6000,
@@ -73,7 +74,6 @@ QUOTED_RANGE_M = {
     "spynel-x3500": 400,
     "triton-pt": 4000,
 }
-"""Of tables 1 to 13 of the paper, and of sections 2.3 and 2.4."""
 
 each = pytest.mark.parametrize("name", names())
 

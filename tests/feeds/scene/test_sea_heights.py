@@ -23,8 +23,7 @@ NODES = {  # of EGM96, every 15', by the US National Geospatial-Intelligence Age
     "Delhi": (28.5, 77.0, -52.176),
     "Reykjavik": (64.0, -22.0, 66.312),
 }
-ROUNDED_M = 0.0501
-"""Of a node of the package's grid, in whole decimetres."""
+ROUNDED_M = 0.0501  # Of a node of the package's grid, in whole decimetres
 SITE = "latitude_deg = 40.45\nlongitude_deg = -3.73\nheight_m = 650.0\n"
 NOISE = "id = 'far'\neirp_w = 1.0\nfrequency_hz = 9e9\nbandwidth_hz = 1e6\n"
 

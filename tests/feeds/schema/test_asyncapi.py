@@ -33,8 +33,7 @@ from plotfeed.proto.asterix.categories import CATEGORIES
 PREFIX = "north/site/7"
 OF_SENSORS = ("status", "settings", "description", "sapient")
 SPEED = 5.0
-DURATION_S = 21.0
-"""Of the scene: what is periodic comes every ten seconds."""
+DURATION_S = 21.0  # Of the scene: what is periodic comes every ten seconds
 TELEMETRY = {
     "time_utc": "2026-01-01T12:00:00Z",
     "latitude_deg": 40.0,

@@ -68,8 +68,7 @@ class Held:
     totals: dict[str, Any]
     statuses: dict[str, pb.SensorStatus]
     port: int
-    listeners: list[list[str]]
-    """Sockets of the machine, as the kernel tells of them."""
+    listeners: list[list[str]]  # Sockets of the machine, as the kernel tells of them
 
 
 def sockets() -> list[list[str]]:

@@ -27,11 +27,11 @@ FINDER = {
     "channel_bandwidth_hz": 1e6, "integration_s": 1e-4, "range_max_m": 20e3, "baseline_m": 0.06,
     "pfa": 1e-3,
 }  # fmt: skip
+# They look at the first of the drones.
 ZOOMED_OUT = {
     name: {"horizontal_fov_deg": 15.0, "vertical_fov_deg": 10.0, "tilt_deg": 6.0}
     for name in ("axis-q6215-le", "droneopt", "indra-arms-optronic", "triton-pt")
 }
-"""They look at the first of the drones."""
 SENSORS: dict[str, dict[str, Any]] = {
     "turning": radar(scan=rotating(1.0, 32), pfa=1e-5),
     "rates": radar(measures_elevation=False, doppler={}),

@@ -45,11 +45,9 @@ class Ended:
     code: int
     out: str
     err: str
-    took_s: float
-    """Two are promised; on a machine that others use, `Running.end` has more patience."""
+    took_s: float  # Two are promised; on a machine that others use, `Running.end` has more patience
     record: list[Recorded]
-    retained: dict[str, str]
-    """Last states that the broker knows, where it lives."""
+    retained: dict[str, str]  # Last states that the broker knows, where it lives
 
     def of(self, stage: Stage) -> list[Recorded]:
         return [message for message in self.record if message.stage is stage]

@@ -28,8 +28,7 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.models.state import AltitudeReference
 
 S = 1_000_000_000
-LONG = radar(period_s=6.0, sectors=96)
-"""Of which a machine that others use misses no turn."""
+LONG = radar(period_s=6.0, sectors=96)  # Of which a machine that others use misses no turn
 ERRORS, CONTROL = "plotfeed/errors", "plotfeed/control"
 
 

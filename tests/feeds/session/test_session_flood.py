@@ -30,8 +30,8 @@ from plotfeed.models.state import AltitudeReference
 
 S = 1_000_000_000
 FLOOD = 60_000
+# A broker that is itself behind with a flood may pass a report on when it is seconds old.
 NEVER_LATE = "stale_after_s = 3600"
-"""A broker that is itself behind with a flood may pass a report on when it is seconds old."""
 
 
 def report(t_utc_ns: int, east: int) -> bytes:

@@ -24,8 +24,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.utc import NS
 
-FAR = -1
-"""A place on the other half of the Earth."""
+FAR = -1  # A place on the other half of the Earth
 FORGET = "forget_after_s = 5\nstale_after_s = 1"
 REPORTED = 'report = ["asterix-048", "asterix-062", "plots"]'
 SENSORS = radar("alone", sectors=4, more=REPORTED) + "".join(

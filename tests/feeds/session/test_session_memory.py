@@ -19,8 +19,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto.utc import NS, iso_utc
 
-MINUTES, WARM_MINUTES = 5, 2
-"""A drone's track is kept for a minute."""
+MINUTES, WARM_MINUTES = 5, 2  # A drone's track is kept for a minute
 DRONES, TELEMETRY_HZ = 4, 5
 LINK = """
 [sensor.link]
@@ -37,8 +36,8 @@ class Census(Observer):
     wants_ledger = True
 
     def __init__(self) -> None:
+        # The least of each minute: a chunk of a recording is kept until it is written.
         self.blocks: list[int] = []
-        """The least of each minute: a chunk of a recording is kept until it is written."""
         self.objects: list[Counter[type]] = []
         self.entries = 0
 

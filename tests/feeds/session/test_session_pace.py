@@ -22,8 +22,8 @@ from plotfeed.proto.ledger import entries_in
 
 S = 1_000_000_000
 START = "2026-01-01T11:59:58.05Z"
+# Of a turn, so that a machine that stalls is late but misses none, at ten times the pace too.
 LONG_S = 12.0
-"""Of a turn, so that a machine that stalls is late but misses none, at ten times the pace too."""
 
 LOSSY = """
 [sensor.link]

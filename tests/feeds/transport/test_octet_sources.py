@@ -24,8 +24,8 @@ from plotfeed.feeds.transport.live_source import LiveSource, octets_of
 from plotfeed.feeds.transport.octet_sources import SourceError, TcpOctets, UdpOctets
 from plotfeed.proto.errors import PlotfeedError
 
+# A Location message of Open Drone ID, of now, whenever that is.
 AIRBORNE = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aaffff00")
-"""A Location message of Open Drone ID, of now, whenever that is."""
 IDENTITY = b"\x02\x12" + b"1581F4XF".ljust(20, b"\0") + bytes(3)
 
 

@@ -35,10 +35,9 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.ledger import entries_in
 
+# Of this machine or this interface alone, as far as scopes are kept.
 GROUP_4, GROUP_6 = "239.255.77.77", "ff11::7:7"
-"""Of this machine or this interface alone, as far as scopes are kept."""
-IP_RECVTTL = 12
-"""Of Linux, and unknown to Python."""
+IP_RECVTTL = 12  # Of Linux, and unknown to Python
 
 
 def asterix(sent: list[Message], *sensors: str) -> list[bytes]:
@@ -256,8 +255,7 @@ def test_a_run_says_where_datagrams_go(tmp_path: Path) -> None:
     assert f"  UDP         {GROUP_4}:8600 (ASTERIX, multicast with TTL 2)\n" in done.stdout
 
 
-NO_ROUTE = "192.0.2.1:9"
-"""Of documentation, RFC 5737."""
+NO_ROUTE = "192.0.2.1:9"  # Of documentation, RFC 5737
 
 
 class Unrouted(socket.socket):

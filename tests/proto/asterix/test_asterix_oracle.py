@@ -25,18 +25,17 @@ from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
 from plotfeed.proto.units import FOOT_M, NM_M
 from plotfeed.replay.files import open_recording
 
+# Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers.
 REGISTERS = "I048/250"
-"""Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers."""
 
-ADVISORY = "I048/260"
-"""A register again, without its number."""
+ADVISORY = "I048/260"  # A register again, without its number
 
-HEIGHT_OF_STATION = "I034/120"
-"""asterix-decoder takes a height below 0 for one above."""
+HEIGHT_OF_STATION = "I034/120"  # asterix-decoder takes a height below 0 for one above
 
 
 READ = (CAT015, CAT025, CAT034, CAT048, CAT062_1_18, CAT063, CAT205)
 
+# Items that asterix-decoder reads in another way.
 OTHERWISE = {
     ADVISORY,
     HEIGHT_OF_STATION,
@@ -50,7 +49,6 @@ OTHERWISE = {
     "I062/135",  # in feet
     "I062/136",
 }
-"""Items that asterix-decoder reads in another way."""
 
 NOT_READ = {
     "I015/030*2",  # these end the record before its end

@@ -145,13 +145,13 @@ def test_elevations_come_back_to_half_an_lsb(elevation_deg: float) -> None:
     assert abs(back - min(elevation_deg, 32767 * 360 / 2**17)) <= 180 / 2**17
 
 
+# Column, its LSB, that of its standard deviation, and the bits of the latter.
 DEVIATIONS = {
     "I015/625/SDR": ("range_m", 0.1, 0.1, 24),
     "I015/626/SDDV": ("range_rate_m_s", 0.01, 1 / 64, 16),
     "I015/627/SDASZ": ("azimuth_deg", 360 / 2**16, 180 / 2**18, 16),
     "I015/628/SDEL": ("elevation_deg", 180 / 2**16, 180 / 2**18, 16),
 }
-"""Column, its LSB, that of its standard deviation, and the bits of the latter."""
 
 
 @pytest.mark.parametrize("path", DEVIATIONS)

@@ -18,8 +18,8 @@ from plotfeed.proto.asterix.codec.decode import Record, Value, blocks, records_i
 from plotfeed.replay.files import open_recording
 from plotfeed.replay.pcap import PcapWriter
 
+# Of flight levels in 14 bits of a quarter each: tshark takes one below 0 for one above.
 LEVELS = 1 << 12
-"""Of flight levels in 14 bits of a quarter each: tshark takes one below 0 for one above."""
 
 
 def payloads_of(path: Path) -> list[bytes]:

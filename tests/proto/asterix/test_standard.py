@@ -35,10 +35,9 @@ def show(path: Path, *options: str) -> list[str]:
     return done.stdout.splitlines()
 
 
+# A single plot of primary radar, 2 NM away, with a Mode 3/A code.
 PLOT_001 = ("f0", "190d", "20", "01000200", "0fff")
-"""A single plot of primary radar, 2 NM away, with a Mode 3/A code."""
-TRACK_001 = ("f0", "190d", "a0", "0102", "02000400")
-"""A track, whose third item is its number."""
+TRACK_001 = ("f0", "190d", "a0", "0102", "02000400")  # A track, whose third item is its number
 
 
 def test_a_category_of_others_is_decoded_by_libasterix(tmp_path: Path) -> None:

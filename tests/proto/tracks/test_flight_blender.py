@@ -22,8 +22,8 @@ names = st.text(
     min_size=1,
     max_size=64,
 )
+# Before, milliseconds have too few digits to be told from seconds.
 FROM_NS, UNTIL_NS = utc_ns("2001-09-10T00:00:00Z"), utc_ns("2200-01-01T00:00:00Z")
-"""Before, milliseconds have too few digits to be told from seconds."""
 PLACES = {"pole": (90.0, 0.0), "south": (-90.0, 180.0), "date line": (0.0, -180.0)}
 A_BODY = json.loads(air_traffic(told_tracks(1, np.random.default_rng(5)), RADAR))
 

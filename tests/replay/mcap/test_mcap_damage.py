@@ -18,8 +18,7 @@ from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import DEFINE_EVERY
 from plotfeed.replay.recorded import Recorded
 
-CHUNK = 4
-"""Messages in each."""
+CHUNK = 4  # Messages in each
 MAGIC = b"\x89MCAP0\r\n"
 RECORDED = [
     Recorded(

@@ -38,8 +38,7 @@ from plotfeed.replay.recorded import Damage, Recorded
 PLOT = block_048(43_200)
 HERE, THERE = bytes([10, 0, 0, 1]), bytes([239, 1, 2, 3])
 HERE_6, THERE_6 = bytes(15) + b"\1", b"\xff\x15" + bytes(13) + b"\7"
-IP = 14
-"""Octets of an Ethernet header."""
+IP = 14  # Octets of an Ethernet header
 
 
 def frame(payload: bytes = PLOT, *, six: bool = False) -> bytes:

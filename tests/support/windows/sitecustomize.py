@@ -23,8 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-TICK_NS = 15_625_000
-"""By so much clocks of Windows step."""
+TICK_NS = 15_625_000  # By so much clocks of Windows step
 SIGNALS = {"SIGABRT", "SIGFPE", "SIGILL", "SIGINT", "SIGSEGV", "SIGTERM"}
 OPEN_FILES = Path("/proc/self/fd")
 

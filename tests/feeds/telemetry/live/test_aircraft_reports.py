@@ -33,10 +33,10 @@ EVEN, ODD, VELOCITY = (
     )
 )
 
+# Of half a second past midnight, as libasterix writes it.
 A_BLOCK = bytes.fromhex("1500160319400e666666feaf385348441200004003e8")
-"""Of half a second past midnight, as libasterix writes it."""
+# Likewise, in edition 0.26.
 AN_OLD_BLOCK = bytes.fromhex("150022bd21c180010200004000733333fff579be48441203e80320ff9c03e840000d")
-"""Likewise, in edition 0.26."""
 
 
 def beast(message: bytes) -> bytes:

@@ -25,8 +25,7 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.last_wills import LastWills
 
 SENSORS = [f"s{i}" for i in range(25)]
-LEAVE_S = 2.0
-"""For what a broker that was killed may have taken with it."""
+LEAVE_S = 2.0  # For what a broker that was killed may have taken with it
 
 
 def status(sensor: str, state: str) -> Message:

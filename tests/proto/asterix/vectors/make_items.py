@@ -37,8 +37,7 @@ CATEGORIES = {
 }
 VECTORS = Path(__file__).with_name("items.json")
 RECORDS = 12
-MOST = 3
-"""Members of a repetitive item."""
+MOST = 3  # Members of a repetitive item
 
 
 class Draw:

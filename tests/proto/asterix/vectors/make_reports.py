@@ -22,8 +22,8 @@ from asterix.generated import (
 VECTORS = Path(__file__).with_name("reports.json")
 SOURCE = (("SAC", 25), ("SIC", 3))
 MIDNIGHT_NS = 1_700_006_400 * 10**9
+# The last that rounds to the day before, and the first that rounds to midnight.
 LAST_NS, NEXT_NS = MIDNIGHT_NS - 3_906_251, MIDNIGHT_NS - 3_906_250
-"""The last that rounds to the day before, and the first that rounds to midnight."""
 LAST = 11_059_199
 
 
