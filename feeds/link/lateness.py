@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from plotfeed.models.state import Ints
 
 LATENESS_KEPT = 100_000
-_FIRST_ROOM = 64
-_FEW = 16  # Values of which arrays of NumPy would take longer than one after the other
 
 
 class LastLateness:
@@ -19,59 +17,42 @@ class LastLateness:
 
     def __init__(self, most: int = LATENESS_KEPT) -> None:
         self._most = most
-        self._values = array("q", bytes(8 * min(_FIRST_ROOM, most)))
-        self._count = 0  # Of all since the beginning, of which the last are kept
+        self._values = array("q")
+        self._at = 0  # Where the next one goes: at the end, or once that is full, over the oldest
 
     def __len__(self) -> int:
-        return min(self._count, self._most)
+        return len(self._values)
 
     def __iter__(self) -> Iterator[int]:
         return iter(self.values().tolist())
 
     def append(self, lateness_ns: int) -> None:
         """Keep another; the oldest gives way where there is no more room."""
-        if self._count >= len(self._values):
-            self._make_room(self._count + 1)
-        self._values[self._count % self._most] = lateness_ns
-        self._count += 1
+        self.extend((lateness_ns,))
 
-    def extend(self, lateness_ns: Iterable[int]) -> None:
-        """Keep others, in that order; a column of integers is taken as it is."""
-        if isinstance(lateness_ns, list) and len(lateness_ns) < _FEW:
-            self._make_room(self._count + len(lateness_ns))
-            kept, most = self._values, self._most
-            for number, each in enumerate(lateness_ns, self._count):
-                kept[number % most] = each
-            self._count += len(lateness_ns)
+    def extend(self, lateness_ns: Sequence[int]) -> None:
+        """Keep others, in that order."""
+        at, count = self._at, len(lateness_ns)
+        if at + count > self._most:
+            first = self._most - at
+            self.extend(lateness_ns[:first])
+            self.extend(lateness_ns[first:])
             return
-        values = np.asarray(
-            lateness_ns if isinstance(lateness_ns, np.ndarray) else list(lateness_ns), np.int64
-        )
-        self._make_room(self._count + len(values))
-        at = np.arange(self._count, self._count + len(values))[-self._most :] % self._most
-        np.frombuffer(self._values, np.int64)[at] = values[-self._most :]
-        self._count += len(values)
+        self._values[at : at + count] = array("q", lateness_ns)
+        self._at = 0 if at + count == self._most else at + count
 
     def clear(self) -> None:
-        """Keep none; the room stays."""
-        self._count = 0
+        """Keep none."""
+        del self._values[:]
+        self._at = 0
 
     def values(self) -> Ints:
         """The last of them, oldest first; a copy."""
-        oldest = self._count % self._most if self._count > self._most else 0
-        return np.roll(self.in_any_order(), -oldest)
+        return np.roll(self.in_any_order(), -self._at)
 
     def in_any_order(self) -> Ints:
-        """The last of them, as they are kept: to be read at once."""
-        return np.frombuffer(self._values, np.int64)[: len(self)]
-
-    def _make_room(self, count: int) -> None:
-        if count <= (room := len(self._values)):
-            return
-        while room < min(count, self._most):
-            room = min(2 * room, self._most)
-        if room > len(self._values):
-            self._values = array("q", self._values.tobytes().ljust(8 * room, b"\0"))
+        """The last of them, as they are kept; a copy."""
+        return np.array(self._values, np.int64)
 
 
 def lateness_us(lateness_ns: LastLateness | Sequence[int], *percentiles: float) -> list[float]:
