@@ -22,7 +22,7 @@ from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example
 
 DOCS = Path(__file__).parents[1]
-USUAL = NeedsSettings()
+USUAL = NeedsSettings(runs=6, duration=20.0)
 CHARTED = "section-4"
 
 

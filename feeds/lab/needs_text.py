@@ -213,7 +213,7 @@ def change_text(change: Change | None) -> str:
     what, unit = WORDS.get(change.metric, (change.metric, ""))
     after = change.before + change.value
     return (
-        f"{change.sensor}: {what} {change.before:.3g}{unit} → {after:.3g}{unit}, "
+        f"{change.sensor}: {what} {change.before:.3g}{unit} becomes {after:.3g}{unit}, "
         f"{change.share:+.1%} ({change.share_low:+.1%} to {change.share_high:+.1%})"
     )
 

@@ -13,12 +13,15 @@ from support.road import NS, SITE, START_NS, Road, flown, fly, held, radar, scen
 from support.significance import assert_standard_normal, assert_uncorrelated
 
 from plotfeed.feeds.engine.scene_drones import launch
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.decode_cooperative import UasReport, read_129
+from plotfeed.proto.ledger import entries_in
 
 UNDULATION_M = 51.0
 DATUM = {"geoid_undulation_m": UNDULATION_M}
@@ -52,10 +55,21 @@ def test_without_the_table_nobody_reports() -> None:
 
 
 def test_the_table_changes_nothing_else() -> None:
-    quiet = [m for m in fly(flight(), 20.0).messages if not m.topic.endswith("status")]
-    loud = [m for m in fly(flight({"accuracy_m": 3.0}), 20.0).messages if m.topic != TOPIC]
-    others = [m for m in loud if ("source", "plotfeed/cooperative") not in m.properties]
-    assert [m for m in others if not m.topic.endswith("status")] == quiet
+    quiet, loud = (fly(each, 20.0) for each in (flight(), flight({"accuracy_m": 3.0})))
+
+    def said(road: Road) -> list[Message]:
+        own = [m for m in road.messages if ("source", "plotfeed/cooperative") not in m.properties]
+        return [m for m in own if not m.topic.endswith(("status", "truth", TOPIC))]
+
+    def told(road: Road) -> list[pb.Ledger]:
+        """Of sectors: what cooperative drones say is told in messages of the same turns."""
+        payloads = [m.payload for m in road.messages if m.topic.endswith("truth")]
+        entries = [entry for payload in payloads for entry in entries_in(payload)]
+        return [entry for entry in entries if entry.sensor == "radar"]
+
+    assert said(loud) == said(quiet)
+    assert len(told(quiet)) == 20
+    assert told(loud) == told(quiet)
 
 
 def test_reports_come_at_whole_periods_from_those_that_are_there() -> None:
