@@ -87,6 +87,8 @@ MAX_BINS = 12
 # Plots from which on it is judged what they state of their errors, and by how much variances may
 # differ from what is expected to be the same: their mean over few plots is not normal.
 FEWEST_SIGMAS, SAME_SIGMA = 20, 0.2
+# Stated variances over expected ones count as no more than this, however wild what is stated.
+MOST_OFF = 1e12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,6 +196,7 @@ class FeedTally:
         self._sigmas = np.zeros((len(NAMES), 3))
         self._why_no_alarms = ""
 
+    @np.errstate(all="ignore")  # whatever numbers others have recorded
     def take(self, feed: SensorFeed) -> None:
         """Take sectors."""
         self.scans += feed.scans
@@ -267,7 +270,7 @@ class FeedTally:
                 stated: Floats = getattr(of, column, np.full(len(of), np.nan))
                 usual = np.full(len(of), np.nan) if by_ratio else expected[k, rows]
                 share = (stated / by_ratio.get(column, usual)) ** 2
-                share = share[np.isfinite(share)]
+                share = np.minimum(share[np.isfinite(share)], MOST_OFF)
                 self._sigmas[k] += len(share), share.sum(), share @ share
 
     def _of_sigmas(self) -> Iterator[Check]:
@@ -359,8 +362,7 @@ class FeedTally:
             every = np.zeros(len(feed.plots), np.bool_)
             every[np.flatnonzero(told.is_target)[is_of]] = True
             of = told.rows(every)
-            with np.errstate(all="ignore"):  # whatever numbers others have recorded
-                self._compare_told(feed.expected[which], of, plots.rows(is_of))
+            self._compare_told(feed.expected[which], of, plots.rows(is_of))
 
     def _compare_told(
         self, expected: AskedSensor | None, told: ToldTruth, plots: MeasuredPlots

@@ -537,7 +537,7 @@ class _Look:
         self.signatures = [TargetSignature() if each is None else each for each in found]
         self.horizons = _horizons(scene)
         if scene.terrain is not None and not self.horizons:
-            self.doubt("ground and buildings, of which no recording has the horizons")
+            self.doubt("ground and buildings, whose horizons are not there")
 
     def doubt(self, why: str, where: Bools | bool = True) -> None:
         """Have an effect that is not known here be in force, at those looks."""
@@ -674,7 +674,7 @@ class _Horizon(LevelAxes):
 
 def _horizons(scene: Scene) -> list[_Horizon]:
     """Horizons of a recorded scene, about each place where its signals begin or end."""
-    if scene.terrain is None or not scene.is_enclosed:
+    if scene.terrain is None or not scene.encloses(HORIZONS):
         return []
     try:
         return _read_horizons(scene.file(HORIZONS))

@@ -381,6 +381,10 @@ class Scene(DestinationTables, WorldKeys):
         """Whether it is data, of whose files there are only those that it brings along."""
         return self._files is not None
 
+    def encloses(self, name: str) -> bool:
+        """Whether it is data that brings a file of that name along."""
+        return self._files is not None and name in self._files
+
     @property
     def outgoing(self) -> WaysOut:
         """DestinationTables by the scene's own keys, unless somebody has named others."""

@@ -12,7 +12,7 @@ from support.ledgers import entries, json_of, told_of
 from support.links import link
 from support.significance import assert_chance
 
-from plotfeed.feeds.lab.figures import LedgerReport
+from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.lab.links import LinkFigures
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -40,7 +40,7 @@ LINKS: dict[str, dict[str, Any]] = {
 }
 
 
-def only(told: LedgerReport) -> LinkFigures:
+def only(told: FeedReport) -> LinkFigures:
     (found,) = told.links
     return found
 

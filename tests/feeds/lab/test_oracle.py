@@ -20,6 +20,7 @@ from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example, from_tree, load
 from plotfeed.feeds.scene.sensors.effect_keys import ClassifierKeys
 from plotfeed.feeds.scene.sensors.scan_keys import ElectronicScan
+from plotfeed.feeds.scene.world_keys import HORIZONS
 from plotfeed.models import detection
 from plotfeed.models.fluctuation import FluctuatingCfar
 
@@ -125,6 +126,20 @@ def test_what_it_does_not_know_is_not_judged() -> None:
         own = {str(name): oracle.usual_signature(scene) for name in strange.drone}
         said = oracle.LooksGiven(**{**vars(strange), "signatures": own})
         assert oracle.asked(scene, sensor, said).known.all()
+
+
+@pytest.mark.parametrize("told", [None, b"", b"none"])
+def test_without_horizons_of_use_nothing_behind_ground_is_judged(
+    told: bytes | None, tmp_path: Path
+) -> None:
+    scene = example("valley")
+    files = {} if told is None else {HORIZONS: tmp_path / HORIZONS}
+    for path in files.values():
+        path.write_bytes(told or b"")
+    for sensor, _, _, given in sensors_of(scene, 2):
+        asked = oracle.asked(scene.enclosed(files), sensor, given)
+        assert not asked.known.any()
+        assert "ground and buildings" in asked.why_not
 
 
 # Exact values.

@@ -37,13 +37,17 @@ def test_a_report_counts_birds_as_looks_and_clutter_as_neither(tmp_path: Path) -
     assert done.returncode == 0, done.stderr
     told = plotfeed_here("report", record, "--json")
     assert told.returncode == 0, told.stdout + told.stderr
-    (sensor,) = json.loads(told.stdout)["sensors"]
+    report = json.loads(told.stdout)
+    (sensor,) = report["sensors"]
     assert set(sensor["plots_of_others"]) == {"bird", "clutter"}
     assert sensor["plots_of_others"]["clutter"] > 100
     assert sensor["plots_of_others"]["bird"] > 20
-    alarms = sensor["false_alarms"]
-    assert alarms["count"] < 3 * alarms["asked"] + 20
-    assert sensor["looks"]["looks"] > 200
+    checks = {check["check"]: check for check in report["verdicts"]["checks"]}
+    alarms = checks["false alarms"]
+    assert alarms["p"] is not None
+    assert alarms["found"] < 3 * alarms["asked"] + 0.5  # of 40 scans
+    assert checks["Pd"]["of"] > 200
+    assert report["verdicts"]["wrong"] == []
     text = plotfeed_here("report", record).stdout
     assert "plots of no drone and no false alarms" in text
     listed = plotfeed_here("show", record, "--list", "--topic", "plotfeed/truth").stdout
