@@ -25,7 +25,8 @@ ROOT = Path(__file__).parents[2]
 FAULTS = Path(__file__).with_name("faults.toml")
 ROOMS = ("feeds", "models", "proto", "replay")
 PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
-COPIED = (*ROOMS, "tests", "docs", "examples", "Makefile", "mkdocs.yml", "pyproject.toml", *PAGES)
+FOLDERS = (*ROOMS, "face", "tests", "docs", "examples")
+COPIED = (*FOLDERS, "Makefile", "mkdocs.yml", "pyproject.toml", *PAGES)
 PATIENCE_S = 900
 # Word or sign; spaces, ends of lines and a comma before a closing bracket do not count.
 SIGN = re.compile(r"\w+|,(?!\s*[)\]}])|[^\w\s,]")
@@ -106,8 +107,8 @@ def copied() -> Iterator[Path]:
                 shutil.copy(source, copy / name)
         package = Path(folder) / "site" / "plotfeed"
         package.mkdir(parents=True)
-        for room in ROOMS:
-            (package / room).symlink_to(copy / room)
+        for part in (*(copy / room for room in ROOMS), *(copy / "face").iterdir()):
+            (package / part.name).symlink_to(part)
         yield copy
 
 
