@@ -4,7 +4,7 @@ import asyncio
 import socket
 import sys
 import urllib.request
-from copy import copy, deepcopy
+from copy import deepcopy
 from dataclasses import dataclass, fields
 from http.client import HTTPConnection
 from pathlib import Path
@@ -100,7 +100,7 @@ async def held(folder: Path) -> Held:
     clock.pause()
 
     def counted() -> dict[str, Any]:
-        return {f.name: copy(getattr(known[0], f.name)) for f in fields(SessionCounters)}
+        return {f.name: deepcopy(getattr(known[0], f.name)) for f in fields(SessionCounters)}
 
     before, families = counted(), await asyncio.to_thread(scrape, port)
     while known[0].messages != before["messages"]:  # until what was being done is done
