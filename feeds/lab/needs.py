@@ -27,6 +27,7 @@ from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
+from plotfeed.models.sensors.sensor_model import NO_PLOTS
 from plotfeed.models.state import Floats, Ints, Plots
 from plotfeed.models.track_metrics import set_score
 from plotfeed.proto.errors import PlotfeedError
@@ -311,14 +312,14 @@ def run_of(variant: Variant, seed: int, start_utc_ns: int, duration_s: float) ->
     # At the middles of stretches, where drones are: by them it is known what there was to be seen.
     stretches = np.arange(-(-(end_ns - start_utc_ns) // COVER_NS))
     middles_ns = np.minimum(start_utc_ns + COVER_NS * stretches + COVER_NS // 2, end_ns)
-    there = np.isfinite(engine.trajectories.positions_at(middles_ns)[:, :, 0])
+    there = np.isfinite(engine.trajectories.positions_at(middles_ns)[:, rows, 0])
     for i in range(len(scene.sensor)):
         own = _Sensed.of(engine, batches, i, rows)
         figures.append(own.figures(variant.read_back if i in variant.sensors else ""))
-        seen.append(frozenset(zip(own.drone.tolist(), own.stretch(COVER_NS), strict=True)))
-    chances = frozenset(
-        (int(d), int(k)) for k, d in zip(*np.nonzero(there), strict=True) if d in set(rows.tolist())
-    )
+        stretch = (own.of_drones.t_utc_ns - start_utc_ns) // COVER_NS
+        seen.append(frozenset(zip(own.of_drones.drone.tolist(), stretch.tolist(), strict=True)))
+    k, d = np.nonzero(there)
+    chances = frozenset(zip(rows[d].tolist(), k.tolist(), strict=True))
     return Run(np.array(figures), spent_s / duration_s, tuple(seen), chances)
 
 
@@ -332,8 +333,7 @@ class _Sensed:
     # Batches with their rows that are sectors of it.
     sectors: Sequence[tuple[Batch, int]]
     plots: Plots
-    # Of plots of drones: which drone, and when.
-    drone: Ints
+    of_drones: Plots
 
     @classmethod
     def of(cls, engine: Engine, batches: Sequence[Batch], index: int, drones: Ints) -> _Sensed:
@@ -345,30 +345,25 @@ class _Sensed:
             for row in np.flatnonzero(batch.sectors.sensor == index).tolist()
         ]
         parts = [b.plots.between(b.of_plots[row], b.of_plots[row + 1]) for b, row in rows]
-        plots = Plots.joined(parts) if parts else batches[0].plots.rows(np.zeros(0, np.int64))
-        of_drones = plots.rows(np.isin(plots.drone, drones))
+        plots = Plots.joined(parts or [NO_PLOTS])
         return cls(
             engine=engine,
             index=index,
             drones=drones,
             sectors=rows,
             plots=plots,
-            drone=of_drones.drone,
+            of_drones=plots.rows(np.isin(plots.drone, drones)),
         )
-
-    def stretch(self, length_ns: int) -> list[int]:
-        """The stretch of time of each plot of a drone, from the start on."""
-        times = self.plots.t_utc_ns[np.isin(self.plots.drone, self.drones)]
-        found: list[int] = ((times - self.engine.start_utc_ns) // length_ns).tolist()
-        return found
 
     def figures(self, read_back: str) -> list[float]:
         """What is compared, in the order of `METRICS`; NaN for what the sensor has not."""
-        period_ns = self.sensor.scan.period_ns
-        scans = max(len({int(b.sectors.scan[row]) for b, row in self.sectors}), 1)
         found = dict.fromkeys(METRICS, np.nan)
+        if not self.sectors:
+            return list(found.values())
+        period_ns = self.sensor.scan.period_ns
+        scans = len({int(b.sectors.scan[row]) for b, row in self.sectors})
         chances = self._chances(scans)
-        of_drones = self.plots.rows(np.isin(self.plots.drone, self.drones))
+        of_drones = self.of_drones
         scan = (of_drones.t_utc_ns - self.engine.start_utc_ns) // period_ns
         hits = len(set(zip(of_drones.drone.tolist(), scan.tolist(), strict=True)))
         if chances:
@@ -578,7 +573,7 @@ def _finding(
         shares = np.array(interval) / (wholes.get(METRICS[name], 1.0) or 1.0)
         changes.append(Change(sensor.id, name, float(one.mean()), *interval, *shares.tolist()))
     matter = [c for c in changes if c.share_low > matters or c.share_high < -matters]
-    is_clear = all(max(-c.share_low, c.share_high) < matters for c in changes)
+    is_clear = bool(changes) and all(max(-c.share_low, c.share_high) < matters for c in changes)
     words = ("missing", "no need") if variant.adds else ("needed", "can go")
     ratios = [other.cost_s / run.cost_s for run, other in pairs]
     return Finding(

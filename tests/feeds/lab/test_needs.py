@@ -173,6 +173,12 @@ def written(scene: Scene) -> list[set[str]]:
     return [set(sensor) for sensor in tomllib.loads(scene.text).get("sensor", [])]
 
 
+def test_runs_that_end_before_the_first_scan_decide_nothing() -> None:
+    scene = scene_with(degradation={"pd_factor": 0.5})
+    (told,) = found(scene, only(scene, "without degradation"), runs=2, duration_s=0.1)
+    assert (told.verdict, told.largest) == ("undecided", None)
+
+
 def test_a_scene_without_drones_of_its_own_is_told_so() -> None:
     made = tree()
     del made["drone"]
