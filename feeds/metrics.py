@@ -82,10 +82,7 @@ class SessionCollector(Observer):
         """The metrics of the session, and of each sensor; none before it begins."""
         if self._session is None:
             return
-        from prometheus_client.core import (
-            CounterMetricFamily,
-            GaugeMetricFamily,
-        )
+        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
         session, totals = self._session, self._session.totals
         for name, text in COUNTERS.items():
@@ -104,9 +101,7 @@ class SessionCollector(Observer):
             value=totals.other_sessions,
         )
         yield GaugeMetricFamily(
-            "plotfeed_inbox",
-            "Messages that wait to be taken in",
-            value=session.input_queue.waiting,
+            "plotfeed_inbox", "Messages that wait to be taken in", value=session.input_queue.waiting
         )
         yield GaugeMetricFamily(
             "plotfeed_intake_behind_seconds",

@@ -72,12 +72,7 @@ def advanced(state: CuedState, rule: CueRule, t_utc_ns: int) -> CuedState:
 
 
 def turned_to(  # noqa: PLR0917
-    state: CuedState,
-    rule: CueRule,
-    aim: Aim,
-    source: str,
-    dwell_ns: int | None,
-    firm: bool = False,
+    state: CuedState, rule: CueRule, aim: Aim, source: str, dwell_ns: int | None, firm: bool = False
 ) -> CuedState:
     """State of a mount that begins to turn to another aim, and is to look so long when settled."""
     aim = rule.mount.reachable(aim)

@@ -372,12 +372,7 @@ class LookSums:
         self._expected = self._squares = self._after = 0.0
         self._pairs = 0
 
-    def add(
-        self,
-        looks: LookOdds,
-        range_m: Floats,
-        false_per_look: float = 0.0,
-    ) -> None:
+    def add(self, looks: LookOdds, range_m: Floats, false_per_look: float = 0.0) -> None:
         """Take looks at those ranges, in whose gates are so many plots of nobody; (n,) each."""
         order = np.lexsort((looks.t_s, looks.target))
         pd, hit, target = looks.pd[order], looks.hit[order], looks.target[order]

@@ -553,10 +553,7 @@ def _alone(saved: Floats, change: float) -> Floats:
     for k in range(1, steps):
         was_on_if_off[k] = on + change < off
         was_on_if_on[k] = on <= off + change
-        off, on = (
-            np.minimum(off, on + change),
-            np.minimum(on, off + change) + saved[k],
-        )
+        off, on = (np.minimum(off, on + change), np.minimum(on, off + change) + saved[k])
     is_on = on < off
     weights = np.zeros((steps, pairs))
     for k in range(steps - 1, -1, -1):
@@ -775,11 +772,7 @@ def _assigned(
     step, drone, track = step[::-1][last], drone[::-1][last], track[::-1][last]
     apart = truth[step, drone, :columns] - rows.point[row, :columns]
     return Assigned(
-        step=step,
-        drone=drone,
-        track=track,
-        row=row,
-        distance_m=np.sqrt((apart**2).sum(axis=1)),
+        step=step, drone=drone, track=track, row=row, distance_m=np.sqrt((apart**2).sum(axis=1))
     )
 
 

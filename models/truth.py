@@ -336,11 +336,7 @@ class LiveSamples:
         return int(self._t_utc_ns[first]), int(self._t_utc_ns[last])
 
     def add(
-        self,
-        drones: Ints,
-        t_utc_ns: Ints,
-        position_ecef_m: Floats,
-        starts: Sequence[int] = (),
+        self, drones: Ints, t_utc_ns: Ints, position_ecef_m: Floats, starts: Sequence[int] = ()
     ) -> Ints:
         """Add samples of drones, of each in the order of time; their numbers, (n,).
 

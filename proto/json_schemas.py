@@ -101,12 +101,7 @@ _FEATURE = _object(
 )
 _TIME = _object(value=TEXT, format=_one_of("RFC3339"))
 _POSITION = _object(
-    lat=LATITUDE,
-    lng=LONGITUDE,
-    alt=NUMBER,
-    accuracy_h=TEXT,
-    accuracy_v=TEXT,
-    extrapolated=TRUTH,
+    lat=LATITUDE, lng=LONGITUDE, alt=NUMBER, accuracy_h=TEXT, accuracy_v=TEXT, extrapolated=TRUTH
 )
 _STATE = _object(
     timestamp=_TIME,

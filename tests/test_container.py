@@ -233,10 +233,7 @@ def test_the_image_runs_a_demo_as_nobody_in_particular_and_stops(image: str) -> 
     try:
         follow = ["docker", "logs", "--follow", container]
         lines: Any = subprocess.Popen(
-            follow,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
+            follow, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         assert any(line.startswith("look at it") for line in lines.stdout)
         assert docker("stop", container).returncode == 0

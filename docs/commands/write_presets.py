@@ -11,13 +11,7 @@ from typing import Any
 
 from pages import table
 
-from plotfeed.feeds.cli.show_sensors import (
-    details,
-    shown_reach,
-    shown_value,
-    system_summary,
-    why,
-)
+from plotfeed.feeds.cli.show_sensors import details, shown_reach, shown_value, system_summary, why
 from plotfeed.feeds.scene.presets.preset import names, preset, system_names
 from plotfeed.feeds.scene.presets.system import system
 from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS

@@ -18,10 +18,7 @@ SUMMARIES_AND_EXAMPLES = {
     ),
     "inject": (
         "Publish a flight, or what a live source says.",
-        (
-            "inject flight.srt --now --takeoff-height-m 650",
-            "inject mavlink:udpin:127.0.0.1:14550",
-        ),
+        ("inject flight.srt --now --takeoff-height-m 650", "inject mavlink:udpin:127.0.0.1:14550"),
     ),
     "check": (
         "Validate a scene; print who sees which drone, and Pd against range.",
@@ -35,10 +32,7 @@ SUMMARIES_AND_EXAMPLES = {
         "Convert a recording to another format.",
         ("convert here.ast here.pcap --date 2026-01-01", "convert there.mcap part.mcap --start 60"),
     ),
-    "merge": (
-        "Merge recordings of one session.",
-        ("merge there.mcap part.mcap all.mcap",),
-    ),
+    "merge": ("Merge recordings of one session.", ("merge there.mcap part.mcap all.mcap",)),
     "record": (
         "Record a broker's topics, or datagrams.",
         (
@@ -87,14 +81,8 @@ SUMMARIES_AND_EXAMPLES = {
             "sweep here.toml there.toml --vary link.latency_ms=0,250 --out two",
         ),
     ),
-    "scenes": (
-        "List the scenes that come with plotfeed.",
-        ("scenes", "scenes --json"),
-    ),
-    "sensors": (
-        "List commercial sensors for scenes.",
-        ("sensors", "sensors echodyne"),
-    ),
+    "scenes": ("List the scenes that come with plotfeed.", ("scenes", "scenes --json")),
+    "sensors": ("List commercial sensors for scenes.", ("sensors", "sensors echodyne")),
     "schema": (
         "Print the schema of scenes, messages or topics.",
         ("schema", "schema messages", "schema asyncapi"),

@@ -121,10 +121,7 @@ class _Injection:
         if not topic.isprintable() or "+" in topic or "#" in topic:
             raise PlotfeedError(f"topic {topic!a}: expected printable characters without + and #")
         link = MqttTransport(
-            self._broker,
-            "plotfeed-inject",
-            subscribe=answers.topics,
-            on_message=answers.hear,
+            self._broker, "plotfeed-inject", subscribe=answers.topics, on_message=answers.hear
         )
         async with link.connected(CONNECT_S):
             await answers.begin()

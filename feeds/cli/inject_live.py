@@ -32,12 +32,7 @@ from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
 
 # By the keys of a scene that they are.
-OPTIONS = {
-    "drone": "--drone",
-    "view": "--view",
-    "qnh_hpa": "--qnh-hpa",
-    "interface": "--interface",
-}
+OPTIONS = {"drone": "--drone", "view": "--view", "qnh_hpa": "--qnh-hpa", "interface": "--interface"}
 MAX_DRONES_TOLD = 5
 MAX_DRONES = 10_000  # That are told apart in the counts
 
@@ -90,10 +85,7 @@ class _Relay:
             self._encode, self._content_type = encode_json, JSON
         self._answers = SessionAnswers(settings.prefix, "")
         self._link = MqttTransport(
-            broker,
-            "plotfeed-inject",
-            subscribe=self._answers.topics,
-            on_message=self._answers.hear,
+            broker, "plotfeed-inject", subscribe=self._answers.topics, on_message=self._answers.hear
         )
         self._drones: dict[str, None] = {}
         self._refused: Counter[str] = Counter()

@@ -133,9 +133,7 @@ class AccessOptions:
         from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess
 
         access = BrokerAccess(
-            ca_file=self.ca_file,
-            certificate_file=self.client_certificate,
-            key_file=self.client_key,
+            ca_file=self.ca_file, certificate_file=self.client_certificate, key_file=self.client_key
         ).with_credentials(self.credentials)
         return {"access": access, "versions": VERSIONS[self.mqtt_version], "waits": self.wait}
 

@@ -93,11 +93,7 @@ def run_in_terminal(scene: Scene, settings: RunSettings) -> int:
             raw = files.enter_context(RawFile(settings.write, force=settings.force))
             observers.append(raw)
         if settings.record:
-            from plotfeed.feeds.recording.recorder import (
-                Recorder,
-                SessionRecorder,
-                attachments_of,
-            )
+            from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 
             recorder = files.enter_context(
                 Recorder(

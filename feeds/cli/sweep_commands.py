@@ -13,13 +13,7 @@ from plotfeed.feeds.lab.lab_settings import SweepSettings
 
 
 @click.command()
-@click.argument(
-    "scenes",
-    metavar="SCENE",
-    nargs=-1,
-    required=True,
-    type=click.Path(path_type=Path),
-)
+@click.argument("scenes", metavar="SCENE", nargs=-1, required=True, type=click.Path(path_type=Path))
 @options_of(SweepSettings)
 def sweep(settings: SweepSettings, scenes: tuple[Path, ...]) -> int:
     """Make many seeded runs of SCENE, a TOML file, in simulated time, with keys varied.

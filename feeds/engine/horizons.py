@@ -12,12 +12,7 @@ from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.world_keys import HORIZONS, TerrainKeys
-from plotfeed.models.effects.line_of_sight import (
-    Horizon,
-    HorizonSettings,
-    Obstruction,
-    horizon_of,
-)
+from plotfeed.models.effects.line_of_sight import Horizon, HorizonSettings, Obstruction, horizon_of
 from plotfeed.models.frames import LocalFrame, distance_m
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Floats

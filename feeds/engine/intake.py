@@ -157,12 +157,7 @@ class Intake:
                     self._refuse(topic, refused, as_of_ns, told=told)
 
     def _refuse(
-        self,
-        topic: str,
-        refused: Refused,
-        as_of_ns: int,
-        number: int = 1,
-        told: bool | None = None,
+        self, topic: str, refused: Refused, as_of_ns: int, number: int = 1, told: bool | None = None
     ) -> None:
         refusal = self._telemetry.refuse(topic, refused, as_of_ns, number)
         self._count()

@@ -62,10 +62,7 @@ class Simulation(Mapping[str, SimulatedSensor]):
     """
 
     def __init__(
-        self,
-        sensors: Mapping[str, SimulatedSensor],
-        trajectories: Trajectories,
-        start_utc_ns: int,
+        self, sensors: Mapping[str, SimulatedSensor], trajectories: Trajectories, start_utc_ns: int
     ) -> None:
         self._sensors = dict(sensors)
         self._trajectories = trajectories

@@ -141,11 +141,7 @@ class Outlook:
     """The drones that a scene flies before its sensors, before anything has begun."""
 
     def __init__(
-        self,
-        scene: Scene,
-        sensors: EmulatedSensors,
-        trajectories: Trajectories,
-        start_ns: int = 0,
+        self, scene: Scene, sensors: EmulatedSensors, trajectories: Trajectories, start_ns: int = 0
     ) -> None:
         self._sensors, self._trajectories, self._start_ns = sensors, trajectories, start_ns
         self._site, self._number = scene.scene.site, len(sensors.sensors)

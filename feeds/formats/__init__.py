@@ -266,13 +266,7 @@ def message_to(address: Address, payload: bytes, stamp: SectorStamp, number: int
     """One message of a sector; `number` tells those of one kind and sector apart."""
     properties = SectorProperties(address, stamp, number)
     return Message(  # by keywords it would take twice as long
-        address.topic,
-        payload,
-        address.content_type,
-        stamp.due_ns,
-        properties,
-        False,
-        address.qos,
+        address.topic, payload, address.content_type, stamp.due_ns, properties, False, address.qos
     )
 
 

@@ -53,8 +53,7 @@ class Status025:
             longitude_deg=[place.longitude_deg for place in places],
             height_m=[place.height_m for place in places],
             geoid_undulation_m=scene.sea_level().undulation_m(
-                [place.latitude_deg for place in places],
-                [place.longitude_deg for place in places],
+                [place.latitude_deg for place in places], [place.longitude_deg for place in places]
             ),
             category=EDITIONS[scene.asterix.longitude_025],
         )

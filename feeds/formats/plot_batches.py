@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats import (
-    Format,
-    Sensors,
-    Topics,
-    message_to,
-)
+from plotfeed.feeds.formats import Format, Sensors, Topics, message_to
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS

@@ -5,12 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from plotfeed.feeds.formats import (
-    Format,
-    Sensors,
-    Topics,
-    message_to,
-)
+from plotfeed.feeds.formats import Format, Sensors, Topics, message_to
 from plotfeed.feeds.formats.sensor_tracks import tracks_keys_of
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, SectorStamp

@@ -636,8 +636,7 @@ def _near_an_end(feed: SensorFeed) -> Bools:
         place_m = aer_to_enu(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
         values = _place_values(expected, place_m, looks.channel)
         exact = MeasuredPlots.of([{**usual, "channel": 0}] * len(rows)).but(
-            channel=looks.channel,
-            **{QUANTITIES[NAMES[i]][0]: values[:, i] for i in PAIRED},
+            channel=looks.channel, **{QUANTITIES[NAMES[i]][0]: values[:, i] for i in PAIRED}
         )
         found = compared(expected, *_truth_of(looks), exact)
         errors = np.stack([np.full(len(rows), np.nan), *found.errors.values()])

@@ -272,8 +272,5 @@ class NeedsSettings(ChartSettings):
         metavar="FILE",
     )
     full: Path | None = option(
-        None,
-        "Write the scene with what is missing to this file.",
-        path="file",
-        metavar="FILE",
+        None, "Write the scene with what is missing to this file.", path="file", metavar="FILE"
     )

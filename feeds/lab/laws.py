@@ -317,10 +317,7 @@ def _read(asked: AskedSensor, place: Place, t_utc_ns: Ints) -> Place:
 
 
 def _sigmas(
-    asked: AskedSensor | None,
-    measured: MeasuredPlots,
-    channel: Ints,
-    steps: Mapping[str, float],
+    asked: AskedSensor | None, measured: MeasuredPlots, channel: Ints, steps: Mapping[str, float]
 ) -> dict[str, Floats]:
     """Standard deviations by the columns: as they are stated, if that is fine enough.
 

@@ -194,8 +194,7 @@ def _place(axes: Any, labels: Sequence[Label], renderer: Any) -> None:
         extent = text.get_window_extent(renderer)
         text.remove()
         best = min(
-            _boxes(x, y, extent.width, extent.height),
-            key=lambda found: _cost(found, frame, taken),
+            _boxes(x, y, extent.width, extent.height), key=lambda found: _cost(found, frame, taken)
         )
         taken.append(best)
         _write(axes, label, (x, y), best)

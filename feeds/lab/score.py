@@ -538,11 +538,7 @@ def _gospa(axes: Any, score: Score) -> None:
     steps, power = score.over_time.steps, 1.0 / score.settings.order
     total = (steps.localisation + steps.missed + steps.false) ** power
     x, total, location, missed, false = _thinned(
-        _since_s(score),
-        total,
-        steps.localisation**power,
-        steps.missed**power,
-        steps.false**power,
+        _since_s(score), total, steps.localisation**power, steps.missed**power, steps.false**power
     )
     axes.plot(x, missed, color=RED, lw=0.9, label="drones without a track")
     axes.plot(x, false, color=ORANGE, lw=0.9, label="tracks of no drone")

@@ -40,9 +40,7 @@ from plotfeed.feeds.lab.runs import (
     levels_of,
     scene_of,
 )
-from plotfeed.feeds.lab.runs import (
-    finish as finish_runs,
-)
+from plotfeed.feeds.lab.runs import finish as finish_runs
 from plotfeed.feeds.lab.score import (
     LIMITS,
     NO_PROFILE,
@@ -77,12 +75,7 @@ from plotfeed.feeds.lab.tables import (
     table_of,
     write_table,
 )
-from plotfeed.feeds.lab.trackers import (
-    TrackerCommand,
-    TrackerPlan,
-    of_trackers,
-    run_tracker,
-)
+from plotfeed.feeds.lab.trackers import TrackerCommand, TrackerPlan, of_trackers, run_tracker
 from plotfeed.feeds.scene.fields import Enu
 from plotfeed.models.bootstrap import Interval, mean_interval
 from plotfeed.models.state import Floats
@@ -597,10 +590,7 @@ def _write_scores(
     names = [*FIGURE_NAMES, *POSSIBLE]
     own = {"failure": str, "late_s": float, **dict.fromkeys(names, float)}
     rows = [
-        (
-            key,
-            [[run["failure"] or None, run["late_s"], *(run["figures"][name] for name in names)]],
-        )
+        (key, [[run["failure"] or None, run["late_s"], *(run["figures"][name] for name in names)]])
         for key, run in sorted(done.items())
     ]
     table, *pictures = settings.files()

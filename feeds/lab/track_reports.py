@@ -24,13 +24,7 @@ from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import LocalFrame, geoid_undulation_m
 from plotfeed.models.state import Bools, Columns, Floats, Ints
-from plotfeed.models.track_metrics import (
-    GROUND,
-    Level,
-    TrackReports,
-    rates,
-    rates_by_differences,
-)
+from plotfeed.models.track_metrics import GROUND, Level, TrackReports, rates, rates_by_differences
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.content_types import (

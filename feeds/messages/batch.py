@@ -181,11 +181,7 @@ class Batch:
         """What came of the sectors at those indices, (k,), in that order; without messages."""
         return self._cut(self.sectors.rows(which), partial(of_parts, which=which))
 
-    def _cut(
-        self,
-        sectors: Sectors,
-        cut: Callable[[Any, Ints], tuple[Any, Ints]],
-    ) -> Self:
+    def _cut(self, sectors: Sectors, cut: Callable[[Any, Ints], tuple[Any, Ints]]) -> Self:
         """The batch of those sectors, with what `cut` leaves of columns and of their offsets."""
         parts: dict[str, Any] = {}
         for name in ("plots", "looks", "tracks"):

@@ -32,13 +32,7 @@ from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
 from plotfeed.models.truth import fit_velocity
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.ledger import (
-    LedgerTables,
-    ToldLooks,
-    ToldMessages,
-    ToldPlots,
-    tables_of,
-)
+from plotfeed.proto.ledger import LedgerTables, ToldLooks, ToldMessages, ToldPlots, tables_of
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.mcap.mcap_reader import McapReader

@@ -21,13 +21,7 @@ from plotfeed.feeds.recording.record_text import (
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode_lenient
-from plotfeed.proto.content_types import (
-    ASTERIX,
-    COT,
-    LEDGER,
-    LEDGER_BATCH,
-    SAPIENT_MESSAGE,
-)
+from plotfeed.proto.content_types import ASTERIX, COT, LEDGER, LEDGER_BATCH, SAPIENT_MESSAGE
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of

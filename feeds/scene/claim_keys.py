@@ -7,14 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from plotfeed.feeds.scene.fields import (
-    Enu,
-    Location,
-    Name,
-    NotNegative,
-    Positive,
-    SceneTable,
-)
+from plotfeed.feeds.scene.fields import Enu, Location, Name, NotNegative, Positive, SceneTable
 from plotfeed.feeds.scene.link_keys import LinkSettings
 
 # What stands in place of a sensor's id: in topics, and in the `sensors` of a [[udp]].

@@ -82,9 +82,7 @@ class Mqtt(SceneTable):
     """Where messages go."""
 
     prefix: Annotated[
-        str,
-        Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200),
-        AfterValidator(_prefix),
+        str, Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200), AfterValidator(_prefix)
     ] = "plotfeed"
     """First level or levels of every topic."""
     broker: str | None = None

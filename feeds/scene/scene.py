@@ -19,14 +19,7 @@ from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE, CooperativeKeys
 from plotfeed.feeds.scene.drones import Drone, Fleet, Swarm, Targets
-from plotfeed.feeds.scene.fields import (
-    Azimuth,
-    Enu,
-    Name,
-    Positive,
-    SceneTable,
-    Site,
-)
+from plotfeed.feeds.scene.fields import Azimuth, Enu, Name, Positive, SceneTable, Site
 from plotfeed.feeds.scene.output_keys import (
     DestinationTables,
     Mqtt,
@@ -252,8 +245,7 @@ class Scene(DestinationTables, WorldKeys):
     asterix: Asterix = Asterix()
     sapient: SapientKeys = SapientKeys()
     sensor: Annotated[
-        tuple[Sensor, ...],
-        Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset),
+        tuple[Sensor, ...], Field(strict=False, min_length=1, json_schema_extra=_or_of_a_preset)
     ]
     system: Annotated[tuple[SystemKeys, ...], Field(strict=False)] = ()
     """Their sensors are among `sensor` once a scene is loaded."""

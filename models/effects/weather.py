@@ -192,8 +192,7 @@ class RainEcho:
         """The echo in a cell of those beams and depth, by the ratio of 1 m2 at 1 m."""
         volume_at_1_m = BEAM_FILLING * beams_rad2 * cell_m
         return cls(
-            over_noise_at_1_m=snr_of_unit * reflectivity_m2_m3 * volume_at_1_m,
-            db_per_km=db_per_km,
+            over_noise_at_1_m=snr_of_unit * reflectivity_m2_m3 * volume_at_1_m, db_per_km=db_per_km
         )
 
     def power_factor(self, paths: EchoPaths) -> Floats:

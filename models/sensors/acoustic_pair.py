@@ -130,10 +130,7 @@ class AcousticPair(JointSensor):
         if met is None:
             return self.array, self.array
         elsewhere = Surroundings((SeenFrom(met, self.baseline_enu_m),))
-        return (
-            replace(self.array, surroundings=met),
-            replace(self.array, surroundings=elsewhere),
-        )
+        return (replace(self.array, surroundings=met), replace(self.array, surroundings=elsewhere))
 
     @property
     def other_ends_enu_m(self) -> Floats:

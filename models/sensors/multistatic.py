@@ -246,11 +246,7 @@ class MultistaticRadar(Volume, JointSensor):
         return found
 
     def _measured(
-        self,
-        pair: int,
-        snr: Floats,
-        true: tuple[Floats, Floats, Floats],
-        rng: np.random.Generator,
+        self, pair: int, snr: Floats, true: tuple[Floats, Floats, Floats], rng: np.random.Generator
     ) -> Detections:
         """Sums and directions with errors by each detection's own ratio; drones come later."""
         m, k = self.pairs[pair]

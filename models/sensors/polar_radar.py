@@ -162,10 +162,7 @@ class EchoRadar(RadioSensor, ABC):
         from plotfeed.models.effects.detailed_detection import DetailedDetector
 
         return DetailedDetector(
-            doppler=self.doppler,
-            merging=self.merging,
-            odds=self._odds,
-            pd_factor=self.pd_factor,
+            doppler=self.doppler, merging=self.merging, odds=self._odds, pd_factor=self.pd_factor
         )
 
     def _looks_and_plots(

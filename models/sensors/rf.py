@@ -236,12 +236,7 @@ class RfDirectionFinder(RadioSensor, CellSensor):
             pd = pd * mine.degradation.pd_factor
         detected = detection.draw_hits(pd, rng)
         looks = targets.looks(
-            emissions.target,
-            geometry,
-            snr=snr,
-            pd=pd,
-            detected=detected,
-            channel=emissions.channel,
+            emissions.target, geometry, snr=snr, pd=pd, detected=detected, channel=emissions.channel
         )
         if not detected.any():
             return looks, NO_PLOTS

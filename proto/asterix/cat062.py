@@ -185,11 +185,7 @@ class TrackEncoder062:
                 "I062/080/MRH": GEOMETRIC_HEIGHT,
                 "I062/080/SIM": 1,
             },
-            lsb={
-                "I062/070": TIME_LSB_NS,
-                "I062/130": ALTITUDE_LSB_M,
-                "I062/220": CLIMB_LSB_M_S,
-            },
+            lsb={"I062/070": TIME_LSB_NS, "I062/130": ALTITUDE_LSB_M, "I062/220": CLIMB_LSB_M_S},
             deviations=DEVIATIONS,
             max_octets=max_octets,
         )

@@ -59,13 +59,7 @@ class TargetEncoder129:
     """
 
     def __init__(
-        self,
-        sac: int = 0,
-        sic: int = 0,
-        *,
-        country: str,
-        manufacturer: str = "",
-        model: str = "",
+        self, sac: int = 0, sic: int = 0, *, country: str, manufacturer: str = "", model: str = ""
     ) -> None:
         constants: dict[str, float | str] = {
             "I129/010/SAC": sac,

@@ -14,12 +14,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat025 import CAT025, STATUS
-from plotfeed.proto.asterix.codec.encode import (
-    Parts,
-    Reports,
-    checked_position,
-    measured,
-)
+from plotfeed.proto.asterix.codec.encode import Parts, Reports, checked_position, measured
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
@@ -77,11 +72,7 @@ FORMAT = asterix(
     needs_azimuth=True,
     plot_items=PlotItems(
         time="I205/030",
-        columns={
-            "azimuth_deg": "I205/070",
-            "elevation_deg": "I205/200",
-            "identity": "I205/090",
-        },
+        columns={"azimuth_deg": "I205/070", "elevation_deg": "I205/200", "identity": "I205/090"},
         plots_alone=("I205/000", (Message205.SYSTEM_BEARING, Message205.SENSOR_DATA)),
     ),
 )

@@ -122,8 +122,7 @@ def registration(node: Node, t_utc_ns: int) -> bytes:
         Registration(
             node_definition=[
                 Registration.NodeDefinition(
-                    node_type=f"NODE_TYPE_{node.node_type}",
-                    node_sub_type=[node.sub_type],
+                    node_type=f"NODE_TYPE_{node.node_type}", node_sub_type=[node.sub_type]
                 )
             ],
             icd_version=ICD_VERSION,

@@ -142,9 +142,7 @@ def _versions(python: Path) -> str:
 
 async def main() -> None:
     """Measures and prints a table."""
-    from plotfeed.feeds.transport.embedded_broker import (
-        EmbeddedBroker,
-    )
+    from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 
     python = _python()
     broker = await EmbeddedBroker.start(18831)

@@ -167,10 +167,7 @@ async def watch(url: str) -> None:
 def crowd_percent() -> float:
     """What so many viewers cost the server of the smaller scene, percent of a core."""
     drones = SIZES[0][0]
-    with (
-        child(drones, with_page=False) as bare,
-        child(drones, with_page=True) as process,
-    ):
+    with child(drones, with_page=False) as bare, child(drones, with_page=True) as process:
         assert process.stdout
         url = process.stdout.readline().strip()
         viewers = subprocess.Popen([sys.executable, __file__, "--watch", url])

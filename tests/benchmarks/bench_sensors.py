@@ -84,15 +84,10 @@ def serve_stonesoup() -> None:
     import datetime
 
     import numpy as np
-    from stonesoup.models.measurement.nonlinear import (
-        CartesianToElevationBearingRange,
-    )
+    from stonesoup.models.measurement.nonlinear import CartesianToElevationBearingRange
     from stonesoup.sensor.radar.beam_pattern import StationaryBeam
     from stonesoup.sensor.radar.beam_shape import Beam2DGaussian
-    from stonesoup.sensor.radar.radar import (
-        AESARadar,
-        RadarElevationBearingRange,
-    )
+    from stonesoup.sensor.radar.radar import AESARadar, RadarElevationBearingRange
     from stonesoup.types.groundtruth import GroundTruthState
 
     place, noise = np.zeros((3, 1)), np.diag([0.002**2, 0.001**2, 1.0])

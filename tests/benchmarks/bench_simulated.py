@@ -23,11 +23,7 @@ sys.path.insert(0, str(HERE.parent))
 from aims import YARDSTICK, aim, ratios, spread, yardstick_us  # noqa: E402
 from bench_engine import radars, scene_tree  # noqa: E402
 
-from plotfeed.feeds.console.process import (  # noqa: E402
-    GARBAGE_OF_SESSION,
-    keep_freed,
-    undisturbed,
-)
+from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
 from plotfeed.feeds.scene.scene import from_tree  # noqa: E402
 from plotfeed.feeds.session.session import run  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock  # noqa: E402

@@ -26,11 +26,7 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in
-from plotfeed.proto.content_types import (
-    SAPIENT_MESSAGE,
-    TRACK_BATCH,
-    protobuf_content_type,
-)
+from plotfeed.proto.content_types import SAPIENT_MESSAGE, TRACK_BATCH, protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.plot_messages import plots_in_batch
 from plotfeed.replay.files import FORMATS, FileFormat

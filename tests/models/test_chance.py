@@ -92,10 +92,7 @@ def test_more_draws_than_one_sector_needs_do_not_reach_into_the_next() -> None:
             {Purpose.TRACKS, Purpose.COOPERATION},
             "d0f65840b6a29db4894af1891aae5c8a05cf6bdf361fea36c797f8f04ca35e88",
         ),
-        (
-            {Purpose.IMPAIRMENT},
-            "dcc3fc550619e719f616434316881a9158ebbfc7a77907cf031225dba29f0bce",
-        ),
+        ({Purpose.IMPAIRMENT}, "dcc3fc550619e719f616434316881a9158ebbfc7a77907cf031225dba29f0bce"),
     ],
 )
 def test_the_stream_is_the_one_that_was_recorded(purposes: set[Purpose], recorded: str) -> None:

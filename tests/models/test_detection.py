@@ -121,10 +121,7 @@ PAIRS = [
     (detection.pd_cfar_swerling1, detection.miss_cfar_swerling1, (16,)),
     (detection.pd_noncoherent_swerling2, detection.miss_noncoherent_swerling2, (3,)),
 ]
-DETECTORS = [
-    *((pd, *design) for pd, _, design in PAIRS),
-    (detection.pd_noncoherent_cfar, 3, 48),
-]
+DETECTORS = [*((pd, *design) for pd, _, design in PAIRS), (detection.pd_noncoherent_cfar, 3, 48)]
 
 
 @pytest.mark.parametrize(("pd", "miss", "design"), PAIRS)

@@ -9,12 +9,7 @@ from scipy.optimize import brentq
 
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.beam_grid import BeamGrid
-from plotfeed.models.dwell_agenda import (
-    BeamTracks,
-    frame_s,
-    revisit_interval_s,
-    search_outcome,
-)
+from plotfeed.models.dwell_agenda import BeamTracks, frame_s, revisit_interval_s, search_outcome
 from plotfeed.models.state import NS
 
 GRID = BeamGrid(

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.track_metrics import (
-    FlightPath,
-    Level,
-    along_enu,
-    covered_at,
-    rates,
-    stays_of,
-)
+from plotfeed.models.track_metrics import FlightPath, Level, along_enu, covered_at, rates, stays_of
 
 NS = 1_000_000_000
 T_NS = 1_767_268_800 * NS

@@ -189,12 +189,7 @@ def _bound(n: int, rate: float) -> float:
     for _ in range(40):
         z = (low + high) / 2
         check = Check(
-            name="x",
-            expected=0.0,
-            found=1.0,
-            sigma=1.0,
-            p=2 * float(stats.norm.sf(z)),
-            of=n,
+            name="x", expected=0.0, found=1.0, sigma=1.0, p=2 * float(stats.norm.sf(z)), of=n
         )
         low, high = (low, z) if always_valid(check, rate) else (z, high)
     return high

@@ -98,11 +98,7 @@ class Straight:
 
 
 drones = st.builds(
-    Straight,
-    st.floats(-3000, 3000),
-    st.floats(-3000, 3000),
-    st.floats(0, 150),
-    st.floats(0, 360),
+    Straight, st.floats(-3000, 3000), st.floats(-3000, 3000), st.floats(0, 150), st.floats(0, 360)
 )
 
 

@@ -16,9 +16,7 @@ from plotfeed.models.frames import Axes, LocalFrame, LocalFrames, frames_at
 
 S = 1_000_000_000
 SPANS = st.tuples(
-    st.integers(S // 10, 12 * S),
-    st.sampled_from([1, 4, 7, 32, 256]),
-    st.sampled_from([0.0, 1e6]),
+    st.integers(S // 10, 12 * S), st.sampled_from([1, 4, 7, 32, 256]), st.sampled_from([0.0, 1e6])
 )
 
 

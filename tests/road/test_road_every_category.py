@@ -20,12 +20,7 @@ from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.proto.asterix.codec.decode import decode
 
 DURATION_S = 349.0
-EMITTER = {
-    "frequency_hz": 2.44e9,
-    "bandwidth_hz": 10e6,
-    "eirp_dbm": 20.0,
-    "kind": "control",
-}
+EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 10e6, "eirp_dbm": 20.0, "kind": "control"}
 FINDER = {
     "id": "finder",
     "type": "rf",

@@ -32,11 +32,7 @@ from plotfeed.models.frames import aer_to_enu, enu_to_aer, geodetic_to_ecef, wra
 from plotfeed.models.state import Signature
 from plotfeed.models.truth import Trajectories
 
-SCANS = {
-    "quick": rotating(1.0, 32),
-    "odd": rotating(0.7, 7),
-    "slow, few sectors": rotating(4.0, 4),
-}
+SCANS = {"quick": rotating(1.0, 32), "odd": rotating(0.7, 7), "slow, few sectors": rotating(4.0, 4)}
 TURNS = 60
 EVERY_SCAN = pytest.mark.parametrize("name", SCANS)
 

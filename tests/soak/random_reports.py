@@ -71,10 +71,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     asked = parser.parse_args()
     scenes = []
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        ProcessPoolExecutor(asked.processes) as workers,
-    ):
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(asked.processes) as workers:
         judge = partial(judged_scene, folder=Path(folder))
         for scene in workers.map(judge, range(asked.scenes)):
             scenes.append(scene)

@@ -15,16 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "commands"))
 
 from pages import between
 from radars_page import draw_radars, radars_text, read_radars
-from soak_figures import (
-    NS,
-    Array,
-    Run,
-    fault_rows,
-    late_ms,
-    memory,
-    outside_faults,
-    read,
-)
+from soak_figures import NS, Array, Run, fault_rows, late_ms, memory, outside_faults, read
 
 from plotfeed.feeds.link.lateness import LATENESS_KEPT
 

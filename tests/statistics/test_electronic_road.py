@@ -22,12 +22,7 @@ from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.frames import wrap_180
-from plotfeed.models.sensors.electronic_radar import (
-    CONFIRMATION,
-    REVISIT,
-    SEARCH,
-    ElectronicRadar,
-)
+from plotfeed.models.sensors.electronic_radar import CONFIRMATION, REVISIT, SEARCH, ElectronicRadar
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Signatures
 

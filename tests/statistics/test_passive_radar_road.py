@@ -320,10 +320,7 @@ def test_in_a_noise_environment_the_scene_flies_or_is_refused_with_a_reason() ->
         ({"noise_environment": "city"}, "leave it out"),
         ({"external_noise_db": None}, "external_noise_db of 'passive': needed"),
         ({"gain_rx_dbi": None}, "gain_rx_dbi of 'passive': needed"),
-        (
-            {"sidelobe_db": 22.0},
-            "sidelobe_db of 'passive': input should be less than",
-        ),
+        ({"sidelobe_db": 22.0}, "sidelobe_db of 'passive': input should be less than"),
         ({"transmitters": [EAST, EAST]}, "used twice"),
         ({"transmitters": []}, "transmitters"),
         ({"scan": {"kind": "rotating", "period_s": 1.0}}, "scan"),

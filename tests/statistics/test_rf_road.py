@@ -178,9 +178,7 @@ def test_signal_of_plots_is_the_energy_of_those_over_the_threshold(k: int) -> No
     energies = SAMPLES * (1 + 10 ** (plots.snr_db / 10))
     above = float(crossing(np.array(snr)))
     assert_law(
-        energies,
-        lambda x: 1 - gammaincc(SAMPLES, x / (1 + snr)) / above,
-        f"{EIRPS_DBM[k]:.0f} dBm",
+        energies, lambda x: 1 - gammaincc(SAMPLES, x / (1 + snr)) / above, f"{EIRPS_DBM[k]:.0f} dBm"
     )
     np.testing.assert_allclose(plots.amplitude_dbm - plots.snr_db, NOISE_DBM, atol=1e-6)
 

@@ -142,12 +142,7 @@ def test_rms_of_category_048_is_that_of_the_sensor_and_of_half_an_lsb(sensor: st
     plots = scattered(sensor)
     assert len(plots) > 2700
     for of, error, sigma, lsb in (
-        (
-            "RHO",
-            plots.rho_nm * 1852 - plots.true_range_m,
-            plots.sigma_range_m,
-            RHO_LSB_M,
-        ),
+        ("RHO", plots.rho_nm * 1852 - plots.true_range_m, plots.sigma_range_m, RHO_LSB_M),
         (
             "THETA",
             wrap_180(plots.theta_deg - plots.true_azimuth_deg),

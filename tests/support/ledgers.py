@@ -112,9 +112,7 @@ def written(path: Path, messages: Iterable[Recorded]) -> Path:
 
 
 def changed(
-    path: Path,
-    other: Path,
-    change: Callable[[Iterable[Recorded]], Iterable[Recorded]],
+    path: Path, other: Path, change: Callable[[Iterable[Recorded]], Iterable[Recorded]]
 ) -> Path:
     """Another record with what the change makes of the messages, and all attachments."""
     with McapReader(path) as log, other.open("wb") as file:

@@ -167,8 +167,7 @@ def siap_of(asked: dict[str, Any], tracks: dict[str, list[list[float]]]) -> dict
         truths_key="truths",
     )
     manager = MultiManager(
-        [generator],
-        TrackToTruth(asked["cutoff_m"], consec_pairs_confirm=2, measure=measure),
+        [generator], TrackToTruth(asked["cutoff_m"], consec_pairs_confirm=2, measure=measure)
     )
     manager.add_data({"truths": truths, "tracks": made})
     found = manager.generate_metrics()[generator.generator_name]

@@ -69,12 +69,7 @@ def display_data(text: str) -> dict[str, Any]:
     }
 
 
-READERS = {
-    "cot": cot,
-    "f3411": f3411,
-    "display-data": display_data,
-    "location-fix": location_fix,
-}
+READERS = {"cot": cot, "f3411": f3411, "display-data": display_data, "location-fix": location_fix}
 
 if __name__ == "__main__":
     for line in sys.stdin:

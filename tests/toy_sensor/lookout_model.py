@@ -29,11 +29,7 @@ class Lookout(SensorModel):
         seen = np.flatnonzero(geometry[2] <= self.range_max_m)
         n = len(seen)
         looks = targets.looks(
-            seen,
-            geometry,
-            snr=np.full(n, np.nan),
-            pd=np.ones(n),
-            detected=np.ones(n, np.bool_),
+            seen, geometry, snr=np.full(n, np.nan), pd=np.ones(n), detected=np.ones(n, np.bool_)
         )
         errors_deg = self.sigma_deg * rng.standard_normal((2, n))
         azimuth_deg = targets.read_azimuth_deg(looks.azimuth_deg + errors_deg[0], looks.t_utc_ns)

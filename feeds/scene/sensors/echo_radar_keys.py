@@ -11,11 +11,7 @@ from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Azimuth, Beamwidth, Decibels, Loss, SceneTable, Site
 from plotfeed.feeds.scene.sensors.effect_keys import DopplerKeys, MergingKeys
-from plotfeed.feeds.scene.sensors.sensor_keys import (
-    TrackingSensorKeys,
-    VolumeKeys,
-    gain_or_of_beam,
-)
+from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, VolumeKeys, gain_or_of_beam
 from plotfeed.feeds.scene.world_keys import JammerKeys, WeatherKeys
 from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects
 from plotfeed.models.frames import enu_to_aer
@@ -152,8 +148,7 @@ class TableCutKeys(_Beam):
 
 AzimuthCut = Annotated[GaussianCutKeys | BeamsCutKeys | TableCutKeys, Field(discriminator="kind")]
 ElevationCut = Annotated[
-    GaussianCutKeys | BeamsCutKeys | CosecantSquaredKeys | TableCutKeys,
-    Field(discriminator="kind"),
+    GaussianCutKeys | BeamsCutKeys | CosecantSquaredKeys | TableCutKeys, Field(discriminator="kind")
 ]
 
 

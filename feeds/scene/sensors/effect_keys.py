@@ -216,9 +216,7 @@ class MergingKeys(SceneTable):
         period_s: float,
     ) -> Merging:
         """Merging for the model of a sensor with those cells and beams."""
-        from plotfeed.models.effects.merging import (
-            Merging,
-        )
+        from plotfeed.models.effects.merging import Merging
 
         rates_m_s, rate_period = None, 0.0
         if doppler is not None:

@@ -30,11 +30,7 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
 )
 from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
-from plotfeed.feeds.scene.sensors.sensor_keys import (
-    Reports,
-    SensorGeometry,
-    long_integration,
-)
+from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, long_integration
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.passive_radar import PassiveRadar

@@ -37,11 +37,7 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
 )
 from plotfeed.feeds.scene.sensors.mount_keys import MountKeys
 from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, ElectronicScan, StaringScan
-from plotfeed.feeds.scene.sensors.sensor_keys import (
-    Reports,
-    SensorGeometry,
-    long_integration,
-)
+from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, long_integration
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.active_radar import ActiveRadar, MimoRadar, MimoTransmitter
 

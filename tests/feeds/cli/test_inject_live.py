@@ -43,10 +43,7 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
         (("mavlink:pigeon:1",), "expected one of"),
         (("mavlink:udp::14550", "--drone", "{serial}"), "--drone: {serial} is not known"),
         (("mavlink:udp::14550", "--speed", "2"), "are for files"),
-        (
-            ("remote-id:-",),
-            "expected one of http, https, mcast, udp, udpin, udpout",
-        ),
+        (("remote-id:-",), "expected one of http, https, mcast, udp, udpin, udpout"),
         (("mavlink:udp::14550", "--interface", "lo"), "--interface: only for a multicast group"),
         (("nothing.srt",), "cannot be read: No such file"),
     ],

@@ -76,11 +76,7 @@ async def test_an_engine_makes_the_octets_of_a_session(name: str) -> None:
     scene = example(name) if name in summaries() else load(path)
     told = BothSides()
     await run(
-        scene,
-        clock=InstantClock(START_NS),
-        broker="none",
-        duration_s=DURATION_S,
-        observers=[told],
+        scene, clock=InstantClock(START_NS), broker="none", duration_s=DURATION_S, observers=[told]
     )
     said, left = by_engine(Engine(scene, START_NS), in_steps(NS))
     assert said == told.said

@@ -119,32 +119,12 @@ period_s = 1.0
 @pytest.mark.parametrize(
     ("drone", "sensors", "kind", "text"),
     [
-        (
-            standing("d", 0, 0, 300),
-            radar(),
-            "elevation",
-            "90° high at best, it looks",
-        ),
-        (
-            standing("d", 500e3, 0, 9e3),
-            radar(),
-            "range",
-            "499 km away at its nearest, it",
-        ),
+        (standing("d", 0, 0, 300), radar(), "elevation", "90° high at best, it looks"),
+        (standing("d", 500e3, 0, 9e3), radar(), "range", "499 km away at its nearest, it"),
         (standing("d", 0, 1000, -800), radar(), "elevation", "-39° high at best"),
         (standing("d", 0, 1000, 100), radar(more="enabled = false"), "off", "it is off"),
-        (
-            standing("d", 0, 1000, 100),
-            radar(more="range_min_m = 2e3"),
-            "range",
-            "from 2 km on",
-        ),
-        (
-            standing("d", 0, 1000, 100),
-            EYE,
-            "direction",
-            "it looks from 60° to 120°",
-        ),
+        (standing("d", 0, 1000, 100), radar(more="range_min_m = 2e3"), "range", "from 2 km on"),
+        (standing("d", 0, 1000, 100), EYE, "direction", "it looks from 60° to 120°"),
         (standing("d", 0, 9000, 100, rcs_m2=1e-9), radar(), "too weak", "at best, 9 km away"),
     ],
     ids=lambda value: value if isinstance(value, str) and "\n" not in value else "",

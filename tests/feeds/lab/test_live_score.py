@@ -142,8 +142,7 @@ def test_what_is_no_track_is_counted_and_harms_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("keys", "wrong"),
-    [({}, set()), ({"bias": {"azimuth_offset_deg": 2.0}}, {"azimuth"})],
+    ("keys", "wrong"), [({}, set()), ({"bias": {"azimuth_offset_deg": 2.0}}, {"azimuth"})]
 )
 def test_the_feed_is_checked_meanwhile(keys: dict[str, Any], wrong: set[str]) -> None:
     drones = [held(f"d{i}", 60.0 * i, 5.0, 2000.0 + 100 * i, rcs_m2=1.0) for i in range(5)]

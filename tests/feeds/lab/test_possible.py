@@ -34,10 +34,7 @@ def split(folder: Path, more: str = "", *, tracks: TracksRead | None = None) -> 
 
 @pytest.mark.parametrize(
     ("more", "whose"),
-    [
-        ("degradation = { pd_factor = 0.25 }", "feed"),
-        ("link = { latency_ms = 4000 }", "link"),
-    ],
+    [("degradation = { pd_factor = 0.25 }", "feed"), ("link = { latency_ms = 4000 }", "link")],
 )
 def test_a_loss_is_of_whoever_caused_it(tmp_path: Path, more: str, whose: str) -> None:
     clean = split(tmp_path / "clean")

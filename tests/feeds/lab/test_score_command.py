@@ -260,10 +260,7 @@ HEAD = '[profile]\ntitle = "x"\n'
         (HEAD + '[[limit]]\nfigure = "gospa_m"\nat_most = 1\nat_least = 0', "or at_least"),
         (HEAD + '[[limit]]\nfigure = "nosuch"\nat_most = 1', "figure: expected one of"),
         (HEAD + '[[limit]]\nfigure = "far_share"\nat_most = 1', "needed by far_share"),
-        (
-            HEAD + '[[limit]]\nfigure = "gospa_m"\nat_most = 1\nperiod_s = 2.0',
-            "is not of gospa_m",
-        ),
+        (HEAD + '[[limit]]\nfigure = "gospa_m"\nat_most = 1\nperiod_s = 2.0', "is not of gospa_m"),
         (HEAD + '[[limit]]\nfigure = "gospa_m"\nat_most = "much"', "limit"),
         (HEAD + '[settings]\nnosuch = 1\n[[limit]]\nfigure = "gospa_m"\nat_most = 1', "settings"),
         (HEAD + '[settings]\ncutoff_m = 0\n[[limit]]\nfigure = "ospa_m"\nat_most = 1', "cutoff_m"),

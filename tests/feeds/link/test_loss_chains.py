@@ -113,8 +113,7 @@ def test_chains_that_hardly_ever_move_keep_their_figures(
     p14, p32 = p14 * (1 - p13), p32 * (1 - p31)
     four = chain_of(FourState(kind="four-state", p13=p13, p31=p31, p32=p32, p23=p23, p14=p14))
     compare_with_500_digits(
-        four,
-        {(0, 2): p32, (0, 3): p31, (1, 3): 1, (2, 0): p23, (3, 0): p13, (3, 1): p14},
+        four, {(0, 2): p32, (0, 3): p31, (1, 3): 1, (2, 0): p23, (3, 0): p13, (3, 1): p14}
     )
     two = GilbertElliott(kind="gilbert-elliott", p=p13, r=p31, good_loss=p23, bad_loss=bad)
     compare_with_500_digits(chain_of(two), {(0, 1): p31, (1, 0): p13})

@@ -68,13 +68,7 @@ class Case:
         self.now = InstantClock(0)
         self.schedule, self.totals = Schedule(), SessionCounters()
         self.entries: list[Sequence[pb.Sent]] = []
-        self.outbox = Outbox(
-            self.now,
-            links,
-            schedule=self.schedule,
-            totals=self.totals,
-            **more,
-        )
+        self.outbox = Outbox(self.now, links, schedule=self.schedule, totals=self.totals, **more)
         link = None if settings is None else LinkSettings.model_validate(settings)
         self.uplink = Uplink(link, lambda link: Impairment(link, 1, "radar"), in_time)
 
@@ -175,10 +169,7 @@ async def test_a_link_delays_by_its_latency_and_the_lateness_is_counted_from_the
 
 @pytest.mark.parametrize(
     ("settings", "fate"),
-    [
-        ({"loss": {"kind": "random", "probability": 1.0}}, pb.LOST),
-        ({"down": True}, pb.OUTAGE),
-    ],
+    [({"loss": {"kind": "random", "probability": 1.0}}, pb.LOST), ({"down": True}, pb.OUTAGE)],
 )
 def test_what_a_link_loses_is_in_the_ledger_and_not_published(settings: Any, fate: int) -> None:
     link = Link()
@@ -256,9 +247,7 @@ async def test_what_is_on_the_way_when_all_is_over_is_in_the_ledger() -> None:
 def test_what_is_too_late_for_whom_it_is_for_is_stale() -> None:
     link = Link()
     case = Case(
-        [link],
-        {"latency_ms": 5.0},
-        in_time=lambda m, t: None if t - m.due_utc_ns > 4 * MS else m,
+        [link], {"latency_ms": 5.0}, in_time=lambda m, t: None if t - m.due_utc_ns > 4 * MS else m
     )
     case.send(message())
     ((sent,),) = case.entries

@@ -8,10 +8,7 @@ from hypothesis import strategies as st
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 
 STEPS = st.lists(
-    st.one_of(
-        st.integers(0, 30),
-        st.sampled_from(["take", "put back", "drop", "drop all"]),
-    ),
+    st.one_of(st.integers(0, 30), st.sampled_from(["take", "put back", "drop", "drop all"])),
     max_size=60,
 )
 

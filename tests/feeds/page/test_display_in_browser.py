@@ -196,9 +196,7 @@ def test_the_display_is_worked_by_keys_alone(page: Page, stage: MadeUpSession) -
     wait_for_command(page, stage, {"clock": {"step_s": 1}})
 
 
-def test_a_click_on_a_plot_shows_its_values_and_with_the_truth_the_true_ones(
-    page: Page,
-) -> None:
+def test_a_click_on_a_plot_shows_its_values_and_with_the_truth_the_true_ones(page: Page) -> None:
     page.get_by_label("Fade").select_option("60")
     page.get_by_role("checkbox", name="Tracks").uncheck()
     place = page.evaluate(

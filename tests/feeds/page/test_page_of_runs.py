@@ -17,17 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pytest
 from support.chromium import drawn, until
-from support.live_page import (
-    MS,
-    SECTORS,
-    START_NS,
-    Live,
-    S,
-    end_ns,
-    live,
-    sectors_within,
-    told,
-)
+from support.live_page import MS, SECTORS, START_NS, Live, S, end_ns, live, sectors_within, told
 from support.tools import needed
 
 from plotfeed.feeds.scene.examples import summaries
@@ -69,9 +59,7 @@ def run(shared: Live) -> Iterator[Live]:
     shared.as_in_the_beginning()
 
 
-def test_what_is_copied_from_the_page_receives_the_sensors_messages(
-    run: Live,
-) -> None:
+def test_what_is_copied_from_the_page_receives_the_sensors_messages(run: Live) -> None:
     page = run.page
     page.get_by_role("button", name="Connect here").click()
     until(page, "document.querySelectorAll('#connect-snippets li').length >= 4")

@@ -198,10 +198,7 @@ def test_what_the_session_refuses_is_told_to_who_asked(page: Served) -> None:
 
 def test_a_page_without_controls_says_so(stage: MadeUpSession) -> None:
     assert stage.view is not None
-    with (
-        served(stage.view, NoControls(), lambda: stage.now_ns) as page,
-        page.feed() as feed,
-    ):
+    with served(stage.view, NoControls(), lambda: stage.now_ns) as page, page.feed() as feed:
         wish = {"number": 1, "command": {"session": {"restart": True}}}
         assert "no commands" in answer(feed, json.dumps(wish))["error"]
 

@@ -18,12 +18,7 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
-from plotfeed.feeds.recording.record import (
-    BrokerSource,
-    CaptureSource,
-    UdpSource,
-    rfc_3339_ns,
-)
+from plotfeed.feeds.recording.record import BrokerSource, CaptureSource, UdpSource, rfc_3339_ns
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport

@@ -8,17 +8,7 @@ from fractions import Fraction
 from itertools import count
 
 import pytest
-from support.replays import (
-    MS,
-    RECORDED,
-    REGULAR,
-    REPLAYED,
-    Ears,
-    Memory,
-    message,
-    simulated,
-    since,
-)
+from support.replays import MS, RECORDED, REGULAR, REPLAYED, Ears, Memory, message, simulated, since
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message

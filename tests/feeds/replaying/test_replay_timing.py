@@ -10,17 +10,7 @@ from itertools import count, pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.replays import (
-    MS,
-    REGULAR,
-    REPLAYED,
-    Ears,
-    Memory,
-    S,
-    message,
-    simulated,
-    since,
-)
+from support.replays import MS, REGULAR, REPLAYED, Ears, Memory, S, message, simulated, since
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.replaying.control import ReplayControl

@@ -16,11 +16,7 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Transport
-from plotfeed.feeds.replaying.destinations import (
-    RecordedUdp,
-    ReplayUdp,
-    is_datagram,
-)
+from plotfeed.feeds.replaying.destinations import RecordedUdp, ReplayUdp, is_datagram
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
@@ -31,9 +27,7 @@ from plotfeed.replay.recorded import Recorded
 
 
 async def sent_over(
-    outs: Sequence[Transport],
-    recorded: Sequence[Recorded],
-    settings: ReplaySettings | None = None,
+    outs: Sequence[Transport], recorded: Sequence[Recorded], settings: ReplaySettings | None = None
 ) -> ReplayCounters:
     running = replay(Memory(recorded), outs, settings or ReplaySettings(speed=100))  # type: ignore[arg-type]
     return await asyncio.wait_for(running, PATIENCE_S)

@@ -39,10 +39,7 @@ def problem(keys: dict[str, Any]) -> str:
             'jitter_ms: contradicts distribution = "table"',
         ),
         ({"distribution": "table", "delays_ms": []}, "delays_ms: at least one is needed"),
-        (
-            {"delay_correlation": 1.0},
-            "delay_correlation: input should be less than 1, not 1.0",
-        ),
+        ({"delay_correlation": 1.0}, "delay_correlation: input should be less than 1, not 1.0"),
         ({"reorder": {"probability": 0.5}, "in_order": True}, "reorder: contradicts in_order"),
         (
             {"reorder": {"probability": 0.5}, "on_loss": "stall"},

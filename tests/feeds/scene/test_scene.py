@@ -153,10 +153,7 @@ MISTAKES = {
         ("range_resolution_m = 30.0", "range_resolution_m = 0.01\ndoppler_cells = 100"),
         "sensor[0]: 8.1e+05 false alarms a scan; at most 100000 are taken",
     ),
-    "a key of two lines": (
-        ("seed = 3", 'seed = 3\n"a\\nb" = 1'),
-        "scene.a\\nb: no such key",
-    ),
+    "a key of two lines": (("seed = 3", 'seed = 3\n"a\\nb" = 1'), "scene.a\\nb: no such key"),
 }
 
 
@@ -377,9 +374,7 @@ def schema() -> jsonschema.Draft202012Validator:
     return jsonschema.Draft202012Validator(tree)
 
 
-def test_the_schema_is_valid_and_takes_the_example(
-    schema: jsonschema.Draft202012Validator,
-) -> None:
+def test_the_schema_is_valid_and_takes_the_example(schema: jsonschema.Draft202012Validator) -> None:
     text = files("plotfeed.feeds.scene.examples").joinpath("section-4.toml").read_text()
     schema.validate(tomllib.loads(text))
 

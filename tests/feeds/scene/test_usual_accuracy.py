@@ -109,11 +109,7 @@ def test_nothing_is_told_of_elevations_that_are_not_measured() -> None:
 
 @pytest.mark.parametrize(
     ("sensor", "key", "value"),
-    [
-        (RADAR, "frequency_hz", 10.0),
-        (MIMO, "frequency_hz", 1e12),
-        (RF, "frequency_min_hz", 2.4e3),
-    ],
+    [(RADAR, "frequency_hz", 10.0), (MIMO, "frequency_hz", 1e12), (RF, "frequency_min_hz", 2.4e3)],
 )
 def test_a_carrier_in_another_unit_is_told(sensor: dict[str, Any], key: str, value: float) -> None:
     found = warnings(sensor | {key: value})

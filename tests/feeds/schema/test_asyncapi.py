@@ -41,11 +41,7 @@ TELEMETRY = {
     "altitude_m": 700.0,
     "altitude_reference": "ELLIPSOID",
 }
-PLACES = {
-    "azimuth_beamwidth_deg": 3.0,
-    "elevation_beamwidth_deg": 10.0,
-    "range_max_m": 10_000.0,
-}
+PLACES = {"azimuth_beamwidth_deg": 3.0, "elevation_beamwidth_deg": 10.0, "range_max_m": 10_000.0}
 SENSORS: list[dict[str, Any]] = [
     radar(id="active_radar", scan=rotating(1.0, 16), pfa=1e-5),
     {

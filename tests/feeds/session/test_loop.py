@@ -17,9 +17,7 @@ class Case:
     """A loop that writes down what it does and takes in, and when."""
 
     def __init__(
-        self,
-        clock: Clock | None = None,
-        before_due: Sequence[Callable[[int], object]] = (),
+        self, clock: Clock | None = None, before_due: Sequence[Callable[[int], object]] = ()
     ) -> None:
         self.clock = clock or InstantClock(0)
         self.done: list[tuple[str, int]] = []

@@ -94,10 +94,7 @@ def test_a_session_publishes_through_tls(
 ) -> None:
     prefix = f"a/session/of/{version}"
     scene = scene_with_keys(tmp_path, broker, prefix, f'version = "{version}"')
-    with (
-        listening(broker.open, 5, f"{prefix}/#") as ears,
-        running("run", scene) as session,
-    ):
+    with listening(broker.open, 5, f"{prefix}/#") as ears, running("run", scene) as session:
         batch = ears.wait_for(lambda m: m.topic == f"{prefix}/radar/plots")
         status = ears.wait_for(lambda m: m.topic == f"{prefix}/radar/status")
         assert f"  MQTT        {broker.url}" in session.introduction
@@ -117,10 +114,7 @@ def test_a_session_that_was_killed_is_put_offline_through_tls(
     broker: Broker, tmp_path: Path
 ) -> None:
     scene = scene_with_keys(tmp_path, broker, "killed")
-    with (
-        listening(broker.open, 5, "killed/+/status") as ears,
-        running("run", scene) as session,
-    ):
+    with listening(broker.open, 5, "killed/+/status") as ears, running("run", scene) as session:
         ears.wait_for(lambda m: b"ONLINE" in m.payload)
         session.process.kill()
         ears.wait_for(lambda m: b"OFFLINE" in m.payload)

@@ -160,9 +160,7 @@ every_case = pytest.mark.parametrize(
 
 @every_case
 def test_a_session_ends_soon_and_cleanly(
-    ended: dict[tuple[signal.Signals, str], Ended],
-    how: signal.Signals,
-    broker: str,
+    ended: dict[tuple[signal.Signals, str], Ended], how: signal.Signals, broker: str
 ) -> None:
     one = ended[how, broker]
     print(f"{one.took_s:.2f} s from {how.name} to the exit")

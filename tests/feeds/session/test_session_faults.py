@@ -167,11 +167,7 @@ async def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
     start: Start, tmp_path: Path
 ) -> None:
     """At twenty times the pace. Whatever it is, it is told why; what is good is still taken."""
-    what = scene(
-        tmp_path,
-        start_utc="2026-01-01T12:00:00Z",
-        sensors=radar(period_s=30, sectors=96),
-    )
+    what = scene(tmp_path, start_utc="2026-01-01T12:00:00Z", sensors=radar(period_s=30, sectors=96))
     published = Counter[str]()
 
     async def publish(ears: Client, session: AtWork, number: int) -> None:

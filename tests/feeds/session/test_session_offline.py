@@ -92,9 +92,7 @@ def test_a_session_that_ends_as_told_is_offline_once(tmp_path: Path) -> None:
         assert all(states(ears, sensor).count("OFFLINE") == 1 for sensor in SENSORS)
 
 
-def test_the_embedded_broker_which_dies_with_its_session_has_one_connection(
-    tmp_path: Path,
-) -> None:
+def test_the_embedded_broker_which_dies_with_its_session_has_one_connection(tmp_path: Path) -> None:
     with session(tmp_path) as running:
         ports = [port for port, _ in running.ports()]
         with listening(ports[0], 4, "plotfeed/+/status") as ears:

@@ -71,9 +71,7 @@ def test_other_names_are_taken() -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(NOW - 9, NOW)), max_size=40))
-def test_what_is_admitted_runs_forward(
-    arrivals: list[tuple[str, int]],
-) -> None:
+def test_what_is_admitted_runs_forward(arrivals: list[tuple[str, int]]) -> None:
     admission, last = Admission(), dict[str, int]()
     for drone, t_utc_ns in arrivals:
         try:

@@ -61,8 +61,7 @@ def test_what_it_does_not_say_stays_unknown() -> None:
 
 
 @pytest.mark.parametrize(
-    "content_type",
-    [None, "", CAT129, "application/x-asterix", "Application/X-Asterix;cat=129"],
+    "content_type", [None, "", CAT129, "application/x-asterix", "Application/X-Asterix;cat=129"]
 )
 def test_it_is_known_by_its_content_type_or_its_looks(content_type: str | None) -> None:
     assert decode(block(), content_type, now_utc_ns=NOW).altitude_m == pytest.approx(700.0)

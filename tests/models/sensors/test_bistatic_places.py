@@ -136,11 +136,7 @@ def test_positions_of_targets_of_the_heights_expected_err_as_stated(
     assert np.mean(squares(true_enu_m, plots)) == pytest.approx(2.0, rel=0.02)
     off_m = plots.range_m - np.hypot(true_enu_m[:, 0], true_enu_m[:, 1])
     assert abs(np.mean(off_m / plots.sigma_range_m)) < 0.03
-    np.testing.assert_allclose(
-        plots.sigma_range_m**2,
-        _along(plots),
-        rtol=0.02,
-    )
+    np.testing.assert_allclose(plots.sigma_range_m**2, _along(plots), rtol=0.02)
 
 
 def _along(plots: Plots) -> Array:

@@ -83,11 +83,7 @@ def test_a_range_gate_is_as_wrong_at_any_ratio() -> None:
     stated = there_is.sensor[0].model(there_is.scene.site).stated_sigmas(1.0)
     across_deg = np.degrees(3.0 / 1000.0)
     assert stated == pytest.approx(
-        {
-            "sigma_range_m": 3.0,
-            "sigma_azimuth_deg": across_deg,
-            "sigma_elevation_deg": across_deg,
-        }
+        {"sigma_range_m": 3.0, "sigma_azimuth_deg": across_deg, "sigma_elevation_deg": across_deg}
     )
 
 

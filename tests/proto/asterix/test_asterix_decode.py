@@ -65,19 +65,13 @@ def test_paths_reach_into_items() -> None:
 def test_repetitive_items_are_lists() -> None:
     assert only(48, "01 01 40 0f 04") == {"I048/030": [7, 2]}
     mode_s = only(48, "01 20 02 00000000000001 40 00000000000002 51")["I048/250"]
-    assert mode_s == [
-        {"MBDATA": 1, "BDS1": 4, "BDS2": 0},
-        {"MBDATA": 2, "BDS1": 5, "BDS2": 1},
-    ]
+    assert mode_s == [{"MBDATA": 1, "BDS1": 4, "BDS2": 0}, {"MBDATA": 2, "BDS1": 5, "BDS2": 1}]
     assert only(48, "01 20 00")["I048/250"] == []
 
 
 def test_compound_items_hold_repetitive_ones() -> None:
     doppler = only(48, "01 01 04 c0 83ff 01 0001 0002 0003")["I048/120"]
-    assert doppler == {
-        "CAL": {"D": 1, "CAL": -1.0},
-        "RDS": [{"DOP": 1.0, "AMB": 2.0, "FRQ": 3.0}],
-    }
+    assert doppler == {"CAL": {"D": 1, "CAL": -1.0}, "RDS": [{"DOP": 1.0, "AMB": 2.0, "FRQ": 3.0}]}
 
 
 def test_text_is_text() -> None:

@@ -97,9 +97,7 @@ def test_every_item_comes_back_as_it_went(category: Category, seed: int) -> None
 
 
 POSITION = Encoder(
-    CAT048,
-    (TIME, "I048/040", HEIGHT, "I048/120/CAL", "I048/161"),
-    constants={"I048/120/CAL/D": 0},
+    CAT048, (TIME, "I048/040", HEIGHT, "I048/120/CAL", "I048/161"), constants={"I048/120/CAL/D": 0}
 )
 
 

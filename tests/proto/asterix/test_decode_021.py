@@ -27,11 +27,7 @@ OTHERS: dict[str, Any] = {"015": 7, "161": 300, "070": 0o1234, "146": 5, "008": 
 
 
 # What libasterix calls them.
-SPECS: dict[str, str] = {
-    "2.1": "Cat_021_2_1",
-    "2.4": "Cat_021_2_4",
-    "2.7": "Cat_021_2_7",
-}
+SPECS: dict[str, str] = {"2.1": "Cat_021_2_1", "2.4": "Cat_021_2_4", "2.7": "Cat_021_2_7"}
 
 
 def block(items: dict[str, Any], edition: str = "2.7") -> bytes:

@@ -13,11 +13,7 @@ from support.given_recordings import CAPTURES, FRAMES
 
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, blocks, decode, records_in
-from plotfeed.proto.asterix.codec.layout import (
-    DAY_LSB,
-    Category,
-    is_time_of_day,
-)
+from plotfeed.proto.asterix.codec.layout import DAY_LSB, Category, is_time_of_day
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer, TimeFinder
 from plotfeed.proto.errors import DecodeError
 

@@ -10,8 +10,7 @@ from plotfeed.models.beam import Sector, Timetable
 from plotfeed.proto.sapient.envelope import stamp_ns
 
 schedules = st.tuples(
-    st.integers(20_000_000, 5_000_000_000),
-    st.sampled_from([1, 1, 4, 7, 8, 31, 32, 100, 256]),
+    st.integers(20_000_000, 5_000_000_000), st.sampled_from([1, 1, 4, 7, 8, 31, 32, 100, 256])
 )
 times = st.integers(1_000_000_000, 1_800_000_000).map(lambda s: s * 1_000_000_000)
 

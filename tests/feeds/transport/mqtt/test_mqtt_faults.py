@@ -258,10 +258,7 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
     deliveries = Deliveries()
     port = free_port()
     with start(tmp_path, port), listening(port, 5, "t") as ears:
-        async with (
-            proxied(port) as proxy,
-            linked(proxy.port, policy=policy, messages=50) as link,
-        ):
+        async with proxied(port) as proxy, linked(proxy.port, policy=policy, messages=50) as link:
             for _ in range(5):
                 await publish(deliveries, link, 20)
                 await drained(link)

@@ -115,10 +115,7 @@ def test_it_does_what_the_simplest_queue_would_do(
     assert bench.counts.dropped == len(dropped)
 
 
-@given(
-    st.sampled_from(POLICIES),
-    st.lists(st.one_of(st.integers(1, 300), st.none()), max_size=40),
-)
+@given(st.sampled_from(POLICIES), st.lists(st.one_of(st.integers(1, 300), st.none()), max_size=40))
 def test_what_waits_is_bounded_in_octets_too(policy: str, sizes: list[int | None]) -> None:
     """None takes one away."""
     with pytest.MonkeyPatch.context() as patch:
