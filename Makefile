@@ -100,22 +100,22 @@ proto: .venv/.ready-test
 
 # Half an hour; nothing depends on the figures.
 bench: .venv/.ready-test
-	$(BIN)/python tests/benchmarks/write_benchmarks.py
+	$(BIN)/python tools/benchmarks/write_benchmarks.py
 
-# An hour, or what MINUTES says; what is found is kept in tests/fuzz/seeds.
+# An hour, or what MINUTES says; what is found is kept in tools/fuzz/seeds.
 fuzz: .venv/.ready-test
 	$(PIP)/fuzz.txt
-	$(BIN)/python tests/fuzz/run_fuzz.py --minutes $(or $(MINUTES),60)
+	$(BIN)/python tools/fuzz/run_fuzz.py --minutes $(or $(MINUTES),60)
 
 # docs/soak.md, in an hour and a quarter on a machine that does nothing else.
 soak: .venv/.ready-test
-	$(BIN)/python tests/soak/promises.py
-	$(BIN)/python tests/soak/soak.py --minutes 30
-	$(BIN)/python tests/soak/soak.py --minutes 30 --radars 200
+	$(BIN)/python tools/soak/promises.py
+	$(BIN)/python tools/soak/soak.py --minutes 30
+	$(BIN)/python tools/soak/soak.py --minutes 30 --radars 200
 
-# Which of the faults in tests/mutations/faults.toml no test notices: an hour; ARGS chooses some.
+# Which of the faults in tools/mutations/faults.toml no test notices: an hour; ARGS chooses some.
 mutations: .venv/.ready-test
-	$(BIN)/python tests/mutations/plant_faults.py $(ARGS)
+	$(BIN)/python tools/mutations/plant_faults.py $(ARGS)
 
 # What of the documentation is written from the code alone, in seconds.
 pages: .venv/.ready-test

@@ -17,7 +17,7 @@ ALLOWED = allowed_skips()
 collect_ignore_glob = [] if more_input() else ["*/test_more_*.py"]
 
 # A machine that is busy with something else makes no test wrong. Each run draws examples anew, half
-# as many as is usual; what takes octets from outside is fuzzed besides (tests/fuzz).
+# as many as is usual; what takes octets from outside is fuzzed besides (tools/fuzz).
 settings.register_profile("plotfeed", settings(), deadline=None, max_examples=50)
 settings.load_profile("plotfeed")
 

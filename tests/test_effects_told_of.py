@@ -43,7 +43,7 @@ def keys() -> list[str]:
 @cache
 def rows() -> dict[str, dict[str, Any]]:
     """Effects by what the benchmark calls them, each with its keys."""
-    tree = ast.parse((ROOT / "tests" / "benchmarks" / "bench_effects.py").read_text())
+    tree = ast.parse((ROOT / "tools" / "benchmarks" / "bench_effects.py").read_text())
     for node in tree.body:
         if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "EFFECTS":
             assert node.value is not None

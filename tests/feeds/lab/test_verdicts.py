@@ -18,7 +18,7 @@ from plotfeed.feeds.lab.judge import FALSE_RATES
 # Judged together: a fault of 1 in 10 scenes is seen with 3 chances in 4, of 1 in 5 almost always.
 #
 # Right scenes fail three times or more in fewer than one run of 10,000. 200 scenes are judged by
-# `tests/soak/random_reports.py`.
+# `tools/soak/random_reports.py`.
 SCENES = 40
 MANY = 200
 OF_ERRORS = re.compile("azimuth|(bistatic )?range|elevation|height")

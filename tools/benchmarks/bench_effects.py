@@ -1,0 +1,211 @@
+"""What effects cost that a scene names, and what it costs that they could be named.
+
+    python tools/benchmarks/bench_effects.py
+
+The active radar of section-4 stares at drones between 2 and 7 km; one effect at a time is named.
+Times are of a whole sector: truth, geometry, physics, plots, and messages of category 015.
+Instructions are the interpreter's own, counted one by one in a sector of three drones that names
+nothing.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "feeds" / "engine"))
+
+from aims import ratios, spread
+from section_4_crowd import START_NS, scene_of
+from support.hills import write_ridge
+from support.instructions import text_of
+from support.station import Station
+from test_off_costs_nothing import QUESTIONS, SENSORS, executed
+
+from plotfeed.feeds.console.process import keep_freed
+from plotfeed.feeds.engine.scene_drones import launch
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
+
+SIZES = (1, 10, 100, 1000, 10_000)
+REPEATS = 5
+SECONDS_A_REPEAT = 0.1
+# Keys of the radar, or tables of the scene. The last names nothing either: its drones are too far
+# away.
+EFFECTS: dict[str, dict[str, Any]] = {
+    "nothing named": {},
+    "bias": {"bias": {"range_offset_m": 5.0, "azimuth_offset_deg": 0.3, "tilt_deg": 0.1}},
+    "drift": {"drift": {"sigma_range_m": 5.0, "sigma_azimuth_deg": 0.1, "time_constant_s": 600.0}},
+    "degradation": {"degradation": {"pd_factor": 0.9, "error_factor": 2.0}},
+    "two rays": {"multipath": {"antenna_height_m": 5.0}},
+    "Doppler": {"doppler": {"notch_m_s": 1e-3, "prf_hz": 4000.0}},
+    "merging": {"merging": {}},
+    "antenna": {
+        "antenna": {
+            "transmit": {
+                "elevation": {"kind": "cosecant-squared", "from_deg": 4.0, "to_deg": 30.0}
+            },
+            "receive": {"elevation": {"kind": "gaussian"}},
+        }
+    },
+    "side lobes": {"antenna": {"receive": {"sidelobe_db": 60.0}, "sidelobe_plots": True}},
+    "classes, held for 10 s": {
+        "classifier": {
+            "claims": ["drone", "bird"],
+            "confusion": {"drone": [0.96, 0.04]},
+            "otherwise": [0.5, 0.5],
+            "held_s": 10.0,
+        }
+    },
+    "pulses": {"pulses": {"prf_hz": [4000.0], "pulse_s": 1e-6, "canceller": "single"}},
+    "2 of 3 intervals": {"pulses": {"prf_hz": [4e3, 4.5e3, 5.2e3], "needed": 2}},
+    "Swerling 3": {"target": [{"swerling": 3}]},
+    "lasting strengths": {"decorrelation_s": 1.0},
+    "aspect": {"target": [{"aspect": {"kind": "lobes", "depth_db": 6.0}}]},
+    "straddling": {"straddling": {"range": "sinc"}},
+    "rain": {"weather": {"rain_mm_h": 25.0}},
+    "a jammer": {
+        "jamming": {
+            "noisy": {
+                "east_m": 3000.0,
+                "north_m": 0.0,
+                "above_site_m": 50.0,
+                "eirp_w": 1.0,
+                "frequency_hz": 10e9,
+                "bandwidth_hz": 1e8,
+            }
+        }
+    },
+    "a bird for each ten drones": {"birds": "a tenth"},
+    "a road": {
+        "road": [
+            {
+                "id": "a6",
+                "cars_per_h": 300.0,
+                "speed_m_s": 25.0,
+                "path": [
+                    {"east_m": 2000.0, "north_m": -500.0, "above_site_m": 1.0},
+                    {"east_m": 3000.0, "north_m": 500.0, "above_site_m": 1.0},
+                ],
+            }
+        ]
+    },
+    "a wind turbine": {
+        "turbine": [
+            {"id": "wt", "east_m": 3000.0, "north_m": 0.0, "above_site_m": 90.0, "radius_m": 50.0}
+        ]
+    },
+    "clutter, ten plots a scan": {
+        "clutter": [
+            {
+                "id": "woods",
+                "plots_per_km2": 5.0,
+                "area": [
+                    {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 0.0},
+                    {"east_m": 4000.0, "north_m": 0.0, "above_site_m": 0.0},
+                    {"east_m": 3000.0, "north_m": 2000.0, "above_site_m": 0.0},
+                ],
+            }
+        ]
+    },
+    "spiky clutter": {
+        "clutter": [
+            {
+                "id": "sea",
+                "threshold_db": 13.0,
+                "texture_stays": False,
+                "area": [
+                    {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 0.0},
+                    {"east_m": 4000.0, "north_m": 0.0, "above_site_m": 0.0},
+                    {"east_m": 3000.0, "north_m": 2000.0, "above_site_m": 0.0},
+                ],
+            }
+        ]
+    },
+    "a ridge": {"terrain": {"elevation": ["N40W004.hgt"], "diffraction": True}},
+    "out of reach": {"range_max_m": 1000.0},
+}
+FLOCK = {
+    "id": "gulls",
+    "path": [
+        {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 80.0},
+        {"east_m": 4000.0, "north_m": 100.0, "above_site_m": 80.0},
+    ],
+}
+OF_SCENE = frozenset({"terrain", "target", "birds", "clutter", "road", "turbine"})
+
+
+def station_of(n: int, named: dict[str, Any]) -> Station:
+    """A station of n drones, as `_at_work` has it."""
+    of_scene = {key: table for key, table in named.items() if key in OF_SCENE}
+    if "birds" in of_scene:
+        of_scene["birds"] = [FLOCK | {"count": max(n // 10, 1)}]
+    of_radar = {key: value for key, value in named.items() if key not in OF_SCENE}
+    with tempfile.TemporaryDirectory() as folder:
+        write_ridge(Path(folder), height_m=700)
+        scene = scene_of(n, Path(folder), of_scene, report=["asterix-015"], **of_radar)
+        return _at_work(scene)
+
+
+def _at_work(scene: Scene) -> Station:
+    """At work for two scans already."""
+    trajectories = Trajectories(stale_after_s=3.0)
+    launch(scene, trajectories, START_NS)
+    station = Station(scene, scene.sensor[0], trajectories)
+    sector = station.sector_at(START_NS)
+    for _ in range(2):
+        sector = station.next_sector(sector)
+        station.report(sector)
+    return station
+
+
+def ns_per_drone(station: Station, n: int) -> float:
+    """Mean of as many sectors as go into the time."""
+    sector = station.sector_at(START_NS + 5 * NS)
+    sectors, start_s = 0, time.perf_counter()
+    while (spent_s := time.perf_counter() - start_s) < SECONDS_A_REPEAT:
+        station.report(sector)
+        sector = station.next_sector(sector)
+        sectors += 1
+    return spent_s / sectors / n * 1e9
+
+
+def main() -> None:
+    """Measures in turns and prints two tables."""
+    keep_freed()
+    found: dict[tuple[str, int], list[float]] = defaultdict(list)
+    for n in SIZES:
+        stations = {name: station_of(n, named) for name, named in EFFECTS.items()}
+        for _ in range(REPEATS):
+            for name, station in stations.items():
+                found[name, n].append(ns_per_drone(station, n))
+    print(f"ns per drone and scan: median (least to most) of {REPEATS} repeats, in turns.\n")
+    print("| named | " + " | ".join(f"{n:,} drones" for n in SIZES) + " |")
+    print("|---|" + "--:|" * len(SIZES))
+    for name in EFFECTS:
+        print(f"| {name} | " + " | ".join(spread(found[name, n], ",.0f") for n in SIZES) + " |")
+    print("\nTimes what it takes with nothing named, by turns:\n")
+    print("| named | " + " | ".join(f"{n:,} drones" for n in SIZES) + " |")
+    print("|---|" + "--:|" * len(SIZES))
+    for name in list(EFFECTS)[1:]:
+        each = (ratios(found[name, n], found["nothing named", n]) for n in SIZES)
+        print(f"| {name} | " + " | ".join(map(spread, each)) + " |")
+    print(
+        "\nWith nothing named, of the instructions of a sector of three drones, those that ask:\n"
+    )
+    print("| sensor | instructions | that ask | share |\n|---|--:|--:|--:|")
+    for kind in SENSORS:
+        counts = executed(kind)
+        asking = sum(n for place, n in counts.items() if QUESTIONS.search(text_of(place)))
+        share = asking / counts.total()
+        print(f"| {kind} | {counts.total():,} | {asking} | {share:.2%} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""What layouts, classifiers, several stations and steered beams cost, by ratio to a plain sensor.
+
+    python tools/benchmarks/bench_stations.py
+
+Each row is a sensor beside the plain one that it says, both with the same drones, a whole scan:
+truth, geometry, physics, plots, and their batches in protobuf. Joining what several stations see
+grows with more than the number of drones: ghosts do.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+
+from aims import ratios, spread
+from support.road import START_NS, held, radar, scene, staring
+from support.station import Station
+
+from plotfeed.feeds.console.process import keep_freed
+from plotfeed.feeds.engine.scene_drones import launch
+from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
+
+SIZES = (1, 4, 10)
+REPEATS = 3
+SECONDS_A_REPEAT = 0.05
+Keys = dict[str, Any]
+
+
+def place(east_m: float, north_m: float, above_site_m: float = 5.0) -> Keys:
+    return {"east_m": east_m, "north_m": north_m, "above_site_m": above_site_m}
+
+
+MICROPHONES: Keys = {
+    "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": -40.0,
+    "range_max_m": 3000.0, "azimuth_beamwidth_deg": 20.0, "microphones": 8, "frequency_hz": 200.0,
+}  # fmt: skip
+PASSIVE: Keys = {
+    "id": "radar", "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0,
+    "transmitters": [
+        {"id": f"m{i}", "preset": "dvb-t", "erp_w": 1e5, "place": place(*where)}
+        for i, where in enumerate(((-8e3, 15e3, 200.0), (17e3, 3e3, 150.0), (2e3, -17.5e3, 120.0)))
+    ],
+    "azimuth_beamwidth_deg": 10.0, "integration_s": 0.3, "external_noise_db": -4.45,
+    "range_max_m": 9000.0,
+}  # fmt: skip
+RADAR = radar(integration_s=0.001, power_w=1e4, elevation_min_deg=-5.0, elevation_max_deg=45.0)
+STEERED = {"kind": "electronic", "period_s": 0.1, "dwell_s": 0.001, "revisit_s": 0.1}
+MATRIX = {"claims": ["drone", "bird"], "confusion": {"drone": [0.9, 0.1]}}
+SEVERAL: Keys = {"type": "multistatic_passive"}
+SECOND: Keys = {"receivers": [{"id": "b"} | place(2500.0, 800.0)]}
+EMITTER: Keys = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
+RF: Keys = {
+    "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
+    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
+    "range_max_m": 9000.0, "baseline_m": 0.2,
+}  # fmt: skip
+CAMERA: Keys = {
+    "id": "radar", "type": "camera", "scan": staring(), "range_max_m": 9000.0,
+    "horizontal_fov_deg": 60.0, "vertical_fov_deg": 40.0, "pixels_across": 40_000,
+    "pixels_down": 30_000,
+}  # fmt: skip
+# The plain sensor, and the one that is measured beside it.
+PAIRS: dict[str, tuple[Keys, Keys]] = {
+    "microphones in a circle, by a beam": (
+        MICROPHONES,
+        MICROPHONES | {"layout": {"shape": "circle", "spacing_m": 0.4}},
+    ),
+    "a classifier, by none": (MICROPHONES, MICROPHONES | {"classifier": MATRIX}),
+    "an RF sensor in a city, by one in the open": (
+        RF,
+        RF | {"path_loss": {"kind": "city", "environment": "urban"}},
+    ),
+    "a camera on a mount, by a fixed one": (CAMERA, CAMERA | {"mount": {}}),
+    "two arrays, by one": (
+        MICROPHONES,
+        MICROPHONES | {"type": "acoustic_pair", "second_array": place(200.0, 0.0)},
+    ),
+    "a place by three masts, by a plot of each": (PASSIVE, PASSIVE | SEVERAL),
+    "three masts and two receivers, by one": (PASSIVE, PASSIVE | SEVERAL | SECOND),
+    "a steered beam, by one that stares": (
+        RADAR | {"scan": staring(0.1), "report": ["plots"]},
+        RADAR | {"scan": STEERED, "report": ["plots"]},
+    ),
+}
+
+
+def station_of(keys: Keys, n: int) -> Station:
+    """At work for as long as sounds travel."""
+    drones = [
+        held(
+            f"d{i}",
+            17.0 * i,
+            5.0,
+            700.0 + 40.0 * i,
+            rcs_m2=1.0,
+            sound_power_db=120.0,
+            emitters=[EMITTER],
+        )
+        for i in range(n)
+    ]
+    made = scene([keys | {"report": ["plots"]}], drones, seed=1)
+    trajectories = Trajectories(stale_after_s=3.0)
+    launch(made, trajectories, START_NS)
+    return Station(made, made.sensor[0], trajectories)
+
+
+def ns_per_drone(station: Station, n: int) -> float:
+    """Mean of as many scans as go into the time."""
+    sector = station.sector_at(START_NS + 10 * NS)
+    scans, start_s = 0, time.perf_counter()
+    while (spent_s := time.perf_counter() - start_s) < SECONDS_A_REPEAT:
+        station.report(sector)
+        sector = station.next_sector(sector)
+        scans += 1
+    return spent_s / scans / n * 1e9
+
+
+def main() -> None:
+    """Measures in turns and prints a table."""
+    keep_freed()
+    found: dict[tuple[str, int, int], list[float]] = defaultdict(list)
+    for n in SIZES:
+        stations = {
+            (name, side): station_of(keys, n)
+            for name, pair in PAIRS.items()
+            for side, keys in enumerate(pair)
+        }
+        for _ in range(REPEATS):
+            for (name, side), station in stations.items():
+                found[name, side, n].append(ns_per_drone(station, n))
+    print(f"Times that of the plain sensor, median (least to most) of {REPEATS} runs in turns.\n")
+    sizes = " | ".join(f"{n} drones" for n in SIZES)
+    print(f"| sensor | {sizes} | us per drone, of the last |")
+    print("|---|" + "--:|" * (len(SIZES) + 1))
+    for name in PAIRS:
+        cells = [spread(ratios(found[name, 1, n], found[name, 0, n]), ".2f") for n in SIZES]
+        last = spread([ns / 1e3 for ns in found[name, 1, SIZES[-1]]], ",.0f")
+        print(f"| {name} | " + " | ".join(cells) + f" | {last} |")
+
+
+if __name__ == "__main__":
+    main()
