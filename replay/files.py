@@ -347,15 +347,14 @@ class RepeatableRecording(Protocol):
 class FileSource:
     """A file that has no index; each pass reads all of it."""
 
-    def __init__(self, path: Path, form: FileFormat, date_utc_ns: int) -> None:
+    def __init__(self, path: Path, form: FileFormat) -> None:
         self._path = path
         self._form = form
-        self._date_utc_ns = date_utc_ns
         self.damage: Sequence[Damage] = []
 
     def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
         """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
-        with open_recording(self._path, self._form, date_utc_ns=self._date_utc_ns) as recording:
+        with open_recording(self._path, self._form) as recording:
             self.damage = recording.reader.damage
             for message in recording.reader.messages():
                 t_ns = message.log_time_ns
@@ -364,11 +363,11 @@ class FileSource:
 
 
 @contextmanager
-def open_repeatable(path: Path, *, date_utc_ns: int = 0) -> Iterator[RepeatableRecording]:
+def open_repeatable(path: Path) -> Iterator[RepeatableRecording]:
     """A file to be read more than once; as `open_recording`."""
     form = format_of(path)
     if form is not FileFormat.MCAP:
-        yield FileSource(path, form, date_utc_ns)
+        yield FileSource(path, form)
         return
     from plotfeed.replay.mcap.mcap_reader import McapReader
 

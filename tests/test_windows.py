@@ -128,7 +128,7 @@ def test_commands_that_need_no_network_do_as_ever(poorer: dict[str, str], tmp_pa
         ("report", here / "a.mcap"),
         ("score", here / "a.mcap", "--feed"),
         ("sweep", SCENE, "--runs", 2, "--duration", 5, "--processes", 1, "--out", here / "sweep"),
-        ("replay", here / "a.mcap", "--udp", f"127.0.0.1:{free_port()}", "--fastest", "--json"),
+        ("replay", here / "a.mcap", "--udp", f"127.0.0.1:{free_port()}", "--speed", "max"),
         ("schema",),
         ("schema", "asyncapi"),
         ("scenes",),
@@ -170,7 +170,7 @@ def test_a_session_a_flight_and_a_recorder_meet_and_ctrl_c_ends_them(
         ):
             flight = tmp_path / "flight.csv"
             flight.write_text("".join(FLIGHT.read_text("utf-8").splitlines(True)[:5]), "utf-8")
-            how = ("--now", "--altitude-reference", "ellipsoid")
+            how = ("--now", "--set", "altitude_reference=ellipsoid")
             injected = ended(poorer, "inject", flight, *how, "--broker", url)
             assert injected[0] == 0, injected
             out, err = recorder.communicate(timeout=PATIENCE_S)

@@ -18,7 +18,10 @@ SUMMARIES_AND_EXAMPLES = {
     ),
     "inject": (
         "Publish a flight, or what a live source says.",
-        ("inject flight.srt --now --takeoff-height-m 650", "inject mavlink:udpin:127.0.0.1:14550"),
+        (
+            "inject flight.srt --now --set takeoff_height_m=650",
+            "inject mavlink:udpin:127.0.0.1:14550 --set ask_hz=5",
+        ),
     ),
     "check": (
         "Validate a scene; print who sees which drone, and Pd against range.",
@@ -95,3 +98,35 @@ def epilog_of(name: str) -> str:
     examples = SUMMARIES_AND_EXAMPLES[name][1]
     title = "Example:" if len(examples) == 1 else "Examples:"
     return "\n".join(["\b", title, *(f"  plotfeed {line}" for line in examples)])
+
+
+# Options that were: what is typed in place of them.
+GONE = {
+    "--ca-file": "ca_file in the file of --credentials",
+    "--client-certificate": "client_certificate_file in the file of --credentials",
+    "--client-key": "client_key_file in the file of --credentials",
+    "--mqtt-version": "version in the file of --credentials",
+    "--interface": "?interface=NAME behind a multicast address, --set interface=NAME for a source",
+    "--ttl": "?ttl=NUMBER behind the address of --udp",
+    "--fastest": "--speed max",
+    "--no-page": "--page none",
+    "--date": "plotfeed convert --date before the replay",
+    "--column": "--set columns.OURS=THEIRS",
+    "--view": "--set view=[LAT,LON,LAT,LON]",
+    **{
+        f"--{key.replace('_', '-')}": f"--set {key}=VALUE"
+        for key in (
+            "altitude",
+            "altitude_reference",
+            "ask_hz",
+            "geoid_undulation_m",
+            "gps_order",
+            "height_m",
+            "max_speed_m_s",
+            "qnh_hpa",
+            "rcs_m2",
+            "takeoff_height_m",
+            "utc_offset_h",
+        )
+    },
+}

@@ -8,15 +8,24 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
 
 from plotfeed.feeds.cli.flight_summary import summary_lines
 from plotfeed.feeds.cli.inject_settings import InjectSettings
 from plotfeed.feeds.cli.session_answers import SessionAnswers
 from plotfeed.feeds.console import FAILED
+from plotfeed.feeds.console.option_fields import keys_given
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.engine.visibility import shown_m
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing, publish
+from plotfeed.feeds.scene.drones import FlightFile
+from plotfeed.feeds.scene.fields import Height, Positive
+from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.feeds.scene.telemetry_keys import FlownSpeed, TelemetrySource, Undulation
+from plotfeed.feeds.telemetry.admission import MAX_SPEED_M_S
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
@@ -34,13 +43,41 @@ CONNECT_S = 5.0
 MOST_SKIPPED_TOLD, MOST_REFUSALS_TOLD = 5, 5
 
 
-def completed(settings: InjectSettings, report: PositionReport) -> PositionReport:
+class InjectedFlight(FlightFile):
+    """A file that is published, and what the session is told that the file does not say."""
+
+    max_speed_m_s: FlownSpeed = MAX_SPEED_M_S
+    rcs_m2: Positive | None = None
+
+
+class InjectedSource(TelemetrySource):
+    """A source whose reports are published, and what the session is told beside them."""
+
+    takeoff_height_m: Height | None = None
+    geoid_undulation_m: Undulation | None = None
+
+
+T = TypeVar("T", InjectedFlight, InjectedSource)
+
+
+def keys_of(kind: type[T], settings: InjectSettings, **stated: Any) -> T:
+    """What `--set` says of what is published, beside what is `stated`; raises `PlotfeedError`."""
+    tree = keys_given("--set", settings.changes) | stated
+    try:
+        return kind.model_validate(tree)
+    except ValidationError as error:
+        key, text = next(iter(problems_of(error, tree)))
+        where = {"url": stated.get("url"), "drone": "--drone"}.get(key, f"--set {key}")
+        raise PlotfeedError(f"{where}: {text}") from None
+
+
+def completed(keys: InjectedFlight | InjectedSource, report: PositionReport) -> PositionReport:
     """The report with what only the user knows: height above the ellipsoid, metres, and RCS."""
-    if settings.rcs_m2 is not None:
-        report = replace(report, rcs_m2=settings.rcs_m2)
+    if keys.rcs_m2 is not None:
+        report = replace(report, rcs_m2=keys.rcs_m2)
     declared = {
-        AltitudeReference.ABOVE_TAKEOFF: settings.takeoff_height_m,
-        AltitudeReference.MEAN_SEA_LEVEL: settings.geoid_undulation_m,
+        AltitudeReference.ABOVE_TAKEOFF: keys.takeoff_height_m,
+        AltitudeReference.MEAN_SEA_LEVEL: keys.geoid_undulation_m,
     }
     above_m = declared.get(report.altitude_reference)
     if above_m is None:
@@ -49,11 +86,10 @@ def completed(settings: InjectSettings, report: PositionReport) -> PositionRepor
     return replace(report, altitude_m=height_m, altitude_reference=AltitudeReference.ELLIPSOID)
 
 
-def publish_flight(
-    path: Path, options: FlightOptions, settings: InjectSettings, broker: BrokerAddress
-) -> int:
+def publish_flight(path: Path, settings: InjectSettings, broker: BrokerAddress) -> int:
     """Publish the flight in a file at its own tempo; the exit code. Raises `PlotfeedError`."""
-    recorded = read(path, replace(options, start_utc_ns=time.time_ns()))
+    keys = keys_of(InjectedFlight, settings, file=str(path))
+    recorded = read(path, keys.made(FlightOptions, start_utc_ns=time.time_ns()))
     skipped = recorded.skipped[:MOST_SKIPPED_TOLD]
     if more := len(recorded.skipped) - len(skipped):
         skipped = (*skipped, f"and {more} more records skipped")
@@ -64,7 +100,7 @@ def publish_flight(
     say(f"{path}: {len(flight.reports)} reports, {duration_s:.0f} s to fly")
     for line in summary_lines(recorded):
         say(f"  {line}")
-    return asyncio.run(_Injection(flight, settings, broker).run())
+    return asyncio.run(_Injection(flight, keys, settings, broker).run())
 
 
 def retimed(
@@ -102,8 +138,10 @@ def retimed(
 class _Injection:
     """A flight on its way to a broker, and what becomes of its reports."""
 
-    def __init__(self, flight: Flight, settings: InjectSettings, broker: BrokerAddress) -> None:
-        self._flight = flight
+    def __init__(
+        self, flight: Flight, keys: InjectedFlight, settings: InjectSettings, broker: BrokerAddress
+    ) -> None:
+        self._flight, self._keys = flight, keys
         self._settings, self._broker = settings, broker
         drone = settings.drone or re.sub(r"[\s/+#]", "-", flight.name)
         self._topic = f"{settings.prefix}/telemetry/{drone}"
@@ -182,7 +220,7 @@ class _Injection:
                 await clock.sleep_until(report.t_utc_ns)
                 message = Message(
                     topic=self._topic,
-                    payload=encode(completed(settings, report)),
+                    payload=encode(completed(self._keys, report)),
                     content_type=content_type,
                     due_utc_ns=report.t_utc_ns,
                 )

@@ -7,12 +7,15 @@ import contextlib
 import signal
 import time
 from collections import Counter
-from typing import Any
 
-from pydantic import ValidationError
-
-from plotfeed.feeds.cli.inject import CONNECT_S, MOST_REFUSALS_TOLD, completed
-from plotfeed.feeds.cli.inject_settings import InjectSettings, SourceKeys
+from plotfeed.feeds.cli.inject import (
+    CONNECT_S,
+    MOST_REFUSALS_TOLD,
+    InjectedSource,
+    completed,
+    keys_of,
+)
+from plotfeed.feeds.cli.inject_settings import InjectSettings
 from plotfeed.feeds.cli.session_answers import SessionAnswers
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.printed import say
@@ -20,8 +23,6 @@ from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing, publish
-from plotfeed.feeds.scene.problems import problems_of
-from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import WallClock
@@ -31,50 +32,25 @@ from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
 
-# By the keys of a scene that they are.
-OPTIONS = {"drone": "--drone", "view": "--view", "qnh_hpa": "--qnh-hpa", "interface": "--interface"}
 MAX_DRONES_TOLD = 5
 MAX_DRONES = 10_000  # That are told apart in the counts
 
 
-def settings_of_source(url: str, settings: InjectSettings, options: SourceKeys) -> TelemetrySource:
-    """The keys of a source as options give them; raises `PlotfeedError`."""
+def publish_source(url: str, settings: InjectSettings, broker: BrokerAddress) -> int:
+    """Listen and publish; the exit code. Raises `PlotfeedError`."""
     if settings.speed != 1 or settings.shift or settings.raw:
         raise PlotfeedError(f"{url}: --speed, --now and --raw are for files")
-    tree: dict[str, Any] = {"url": url, "drone": settings.drone, "rcs_m2": settings.rcs_m2}
-    tree |= {
-        name: getattr(options, name) for name in ("altitude", "ask_hz", "qnh_hpa", "interface")
-    }
-    if options.view is not None:
-        try:
-            tree["view"] = [float(text) for text in options.view.split(",")]
-        except ValueError:
-            raise PlotfeedError(f"--view: expected LAT,LON,LAT,LON, not {options.view!r}") from None
-    try:
-        return TelemetrySource.model_validate(tree)
-    except ValidationError as error:
-        key, text = next(iter(problems_of(error, tree)))
-        option = OPTIONS.get(key, url)
-        raise PlotfeedError(f"{option}: {text}") from None
-
-
-def publish_source(
-    source: TelemetrySource,
-    settings: InjectSettings,
-    broker: BrokerAddress,
-    duration_s: float | None,
-) -> int:
-    """Listen and publish; the exit code. Raises `PlotfeedError`."""
-    return asyncio.run(_Relay(source, settings, broker).run(duration_s))
+    source = keys_of(InjectedSource, settings, url=url, drone=settings.drone)
+    return asyncio.run(_Relay(source, settings, broker).run(settings.duration))
 
 
 class _Relay:
     """Reports on their way from a source to a broker, and what becomes of them."""
 
     def __init__(
-        self, source: TelemetrySource, settings: InjectSettings, broker: BrokerAddress
+        self, source: InjectedSource, settings: InjectSettings, broker: BrokerAddress
     ) -> None:
-        self._settings = settings
+        self._keys, self._settings = source, settings
         self._clock = WallClock()
         self._template = source.template
         self._source = LiveSource(
@@ -154,7 +130,7 @@ class _Relay:
             self._drones[drone] = None
         message = Message(
             topic=f"{self._settings.prefix}/telemetry/{drone}",
-            payload=self._encode(completed(self._settings, report)),
+            payload=self._encode(completed(self._keys, report)),
             content_type=self._content_type,
             due_utc_ns=report.t_utc_ns,
         )

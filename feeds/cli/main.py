@@ -13,8 +13,8 @@ from typing import Any
 import click
 
 from plotfeed.feeds.cli.fleet import fleet
-from plotfeed.feeds.cli.help_texts import SUMMARIES_AND_EXAMPLES, epilog_of
-from plotfeed.feeds.cli.inject_settings import FlightKeys, InjectSettings, SourceKeys
+from plotfeed.feeds.cli.help_texts import GONE, SUMMARIES_AND_EXAMPLES, epilog_of
+from plotfeed.feeds.cli.inject_settings import InjectSettings
 from plotfeed.feeds.cli.options import NEW_FILE, POSITIVE, AccessOptions, force_option, options_of
 from plotfeed.feeds.cli.recording_commands import convert, merge, record, replay, report, show
 from plotfeed.feeds.cli.run_settings import RunSettings
@@ -62,8 +62,7 @@ def cli() -> None:
 @cli.command()
 @click.argument("scene", default="field-day")
 @options_of(RunSettings)
-@click.option("--no-page", is_flag=True, help="Serve no live page, which a demo has by itself.")
-def demo(settings: RunSettings, *, scene: str, no_page: bool) -> int:
+def demo(settings: RunSettings, *, scene: str) -> int:
     """Run a scene that comes with plotfeed: a field day, or another one by its name.
 
     `plotfeed scenes` lists them. On the field day five kinds of sensors see twenty-one drones, over
@@ -74,9 +73,7 @@ def demo(settings: RunSettings, *, scene: str, no_page: bool) -> int:
     from plotfeed.feeds.cli.run import run_in_terminal
     from plotfeed.feeds.scene.scene import example
 
-    if no_page and settings.page is not None:
-        raise click.UsageError("--no-page contradicts --page")
-    settings = replace(settings, shows_page=not no_page, can_be_held=True)
+    settings = replace(settings, shows_page=True, can_be_held=True)
     return run_in_terminal(example(scene), settings)
 
 
@@ -115,14 +112,8 @@ def run(settings: RunSettings, *, scene: Path, **more: Any) -> int:
 
 @cli.command()
 @click.argument("flight", metavar="FLIGHT-or-SOURCE")
-@options_of(InjectSettings, AccessOptions, FlightKeys, SourceKeys)
-def inject(
-    settings: InjectSettings,
-    access: AccessOptions,
-    how_to_read: FlightKeys,
-    how_to_listen: SourceKeys,
-    flight: str,
-) -> int:
+@options_of(InjectSettings, AccessOptions)
+def inject(settings: InjectSettings, access: AccessOptions, flight: str) -> int:
     """Publish FLIGHT, a recorded file, or what a live SOURCE says, as live telemetry.
 
     FLIGHT is a DJI subtitle file (.srt), a table (.csv, .tsv, .txt), a log of ArduPilot (.bin),
@@ -132,16 +123,14 @@ def inject(
     kinds mavlink, remote-id, sbs1, beast and asterix-021.
     """
     from plotfeed.feeds.cli.inject import publish_flight
-    from plotfeed.feeds.cli.inject_live import publish_source, settings_of_source
+    from plotfeed.feeds.cli.inject_live import publish_source
     from plotfeed.feeds.scene.telemetry_keys import looks_like_source
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
     address = BrokerAddress.parse(settings.broker, **access.parsed())
-    options = how_to_read.parsed()
     if looks_like_source(flight) and not Path(flight).exists():
-        source = settings_of_source(flight, settings, how_to_listen)
-        return publish_source(source, settings, address, how_to_listen.duration)
-    return publish_flight(Path(flight), options, settings, address)
+        return publish_source(flight, settings, address)
+    return publish_flight(Path(flight), settings, address)
 
 
 @cli.command()
@@ -265,6 +254,9 @@ def _run() -> int:
     try:
         code = cli.main(prog_name="plotfeed", standalone_mode=False)
     except click.ClickException as error:
+        if isinstance(error, click.NoSuchOption) and error.option_name in GONE:
+            told = f"No such option: {error.option_name}. It is {GONE[error.option_name]} now."
+            error = click.UsageError(told, error.ctx)
         error.show()
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get
 
 import click
 
-from plotfeed.feeds.console.option_fields import option
+from plotfeed.feeds.console.option_fields import keys_given, option
 
 if TYPE_CHECKING:
     from plotfeed.feeds.scene.output_keys import UdpDestination
@@ -105,54 +105,41 @@ def force_option(help_text: str) -> Decorator:
 class AccessOptions:
     """How to get into a broker; user and password come from the environment or a file."""
 
-    ca_file: Path | None = option(
-        None,
-        "Trust the certificate of an mqtts:// broker by the authorities in this PEM file; "
-        "without it by those that the system trusts.",
-        path="existing",
-    )
-    client_certificate: Path | None = option(
-        None, "Show this certificate, a PEM file, to a broker that asks for one.", path="existing"
-    )
-    client_key: Path | None = option(
-        None, "Take the private key of --client-certificate from this PEM file.", path="existing"
-    )
     credentials: Path | None = option(
         None,
-        "Take username and password from this TOML file; PLOTFEED_MQTT_USERNAME and "
+        "Take username, password, ca_file, client_certificate_file, client_key_file and version "
+        "(of MQTT: 5, 3.1.1 or any) from this TOML file; PLOTFEED_MQTT_USERNAME and "
         "PLOTFEED_MQTT_PASSWORD stand before it.",
         path="existing",
-    )
-    mqtt_version: Literal["5", "3.1.1", "any"] = option(
-        "any", "Speak this version of MQTT; any tries 5 first, and then 3.1.1."
+        metavar="FILE",
     )
     wait: bool = option(False, "Wait for a broker that is not up yet, with a line, until it is.")
 
     def parsed(self) -> dict[str, Any]:
         """Keyword arguments of `BrokerAddress.parse`; raises `PlotfeedError` for a file amiss."""
-        from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess
+        from plotfeed.feeds.transport.mqtt.address import BrokerAccess
 
-        access = BrokerAccess(
-            ca_file=self.ca_file, certificate_file=self.client_certificate, key_file=self.client_key
-        ).with_credentials(self.credentials)
-        return {"access": access, "versions": VERSIONS[self.mqtt_version], "waits": self.wait}
+        access = BrokerAccess().with_credentials(self.credentials)
+        return {"access": access, "waits": self.wait}
 
 
-def udp_destination(to: str, ttl: int = 1, interface: str | None = None) -> UdpDestination:
-    """Where a command sends datagrams; raises `PlotfeedError`. Multicast leaves by `interface`."""
+def udp_destination(text: str) -> UdpDestination:
+    """Where datagrams go: ADDRESS:PORT, or with keys of [[udp]], ADDRESS:PORT?ttl=4&interface=eth0.
+
+    Raises `PlotfeedError`.
+    """
     from pydantic import ValidationError
 
-    from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
+    from plotfeed.feeds.scene.output_keys import UdpDestination
     from plotfeed.feeds.scene.problems import problems_of
     from plotfeed.proto.errors import PlotfeedError
 
-    tree: dict[str, Any] = {"destination": to, "ttl": ttl}
+    place, mark, keys = text.partition("?")
+    given = keys_given("--udp", keys.split("&")) if mark else {}
+    tree: dict[str, Any] = {"destination": place} | given
     try:
-        if interface is not None and Endpoint.parse(to).address.is_multicast:
-            tree["interface"] = interface
         return UdpDestination.model_validate(tree)
     except ValidationError as error:
-        _, text = next(iter(problems_of(error, tree)))
-        raise PlotfeedError(f"--udp: {text}") from None
-    except ValueError as error:
-        raise PlotfeedError(f"--udp: {error}") from None
+        key, problem = next(iter(problems_of(error, tree)))
+        where = f"{key}: " if key in given else ""
+        raise PlotfeedError(f"--udp: {where}{problem}") from None

@@ -76,7 +76,8 @@ def record(settings: RecordSettings, access: AccessOptions, source: str, file: P
     """Record what a broker or a network has to FILE, MCAP.
 
     URL is mqtt://HOST:PORT/TOPIC-FILTER (mqtts:// for TLS, plotfeed/# without a filter), or
-    udp://ADDRESS:PORT: an address of this machine, 0.0.0.0 for all of them, or a multicast group.
+    udp://ADDRESS:PORT: an address of this machine, 0.0.0.0 for all of them, or a multicast group,
+    which is joined at the network interface that ?interface=NAME behind it names.
     """
     from plotfeed.feeds.recording.record import record_source
 

@@ -64,7 +64,7 @@ def replay_as_asked(
 ) -> int:
     """Replay a file until it ends or is stopped; the exit code. Raises `PlotfeedError`."""
     to, settings = options.destinations(default_broker, access), options.settings()
-    with open_repeatable(path, date_utc_ns=options.date_utc_ns) as source:
+    with open_repeatable(path) as source:
         return asyncio.run(_replay(path, source, to, settings, as_json=options.as_json))
 
 
@@ -116,7 +116,7 @@ def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:
         say(f"  MQTT  {broker}")
     for udp in to.udp:
         say(f"  UDP   {udp.destination}")
-    if to.recorded_udp:
+    if to.recorded is not None:
         say("  UDP   where each datagram once went")
     if has_keys:
         say(HELP)

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.console.option_fields import MAX_SEED, option
-from plotfeed.proto.utc import NS
+from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
     from plotfeed.feeds.replaying.destinations import Destinations
     from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplaySettings
     from plotfeed.feeds.scene.link_keys import LinkSettings
+    from plotfeed.feeds.scene.output_keys import UdpDestination
 
 MAX_OCTETS = 1 << 20  # Of a file with the keys of a link
 RECORDED = "recorded"  # In place of an address: where each datagram once went
+ANY_GROUP = "239.0.0.0:1"  # Stands for the groups that they once went to, whose keys are given
+FASTEST = "max"  # In place of a speed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,15 +35,9 @@ class ReplayOptions:
     )
     udp: tuple[str, ...] = option(
         (),
-        "Send ASTERIX there by UDP, or by 'recorded' each datagram to where it once went; may be "
-        "repeated.",
-        metavar="ADDRESS:PORT",
-    )
-    ttl: int = option(
-        1, "Let multicast pass so many networks less one (its time to live).", low=0, high=255
-    )
-    interface: str | None = option(
-        None, "Send multicast by this network interface, such as eth0.", metavar="NAME"
+        "Send ASTERIX there by UDP, or by 'recorded' each datagram to where it once went, with "
+        "keys of a scene's [[udp]] such as ?ttl=4&interface=eth0 behind either; may be repeated.",
+        metavar="ADDRESS:PORT[?KEYS]",
     )
     topics: tuple[str, ...] = option(
         (),
@@ -49,10 +45,12 @@ class ReplayOptions:
         metavar="OLD=NEW",
         name="--topic",
     )
-    speed: float = option(
-        1.0, "Replay so many times as fast as it was recorded.", low=0.001, high=10_000
+    speed: str = option(
+        "1",
+        "Replay so many times as fast as it was recorded (0.001 to 10000), or with 'max' as fast "
+        "as possible, without deadlines.",
+        metavar="FACTOR",
     )
-    fastest: bool = option(False, "Send as fast as possible, without deadlines.")
     start: str | None = option(
         None,
         "Begin so many seconds after the beginning, or at a time as 2026-01-01T12:00:00Z.",
@@ -71,9 +69,6 @@ class ReplayOptions:
         name="--loop",
         tells_default=False,
         bare=0,
-    )
-    date: datetime | None = option(
-        None, "Let a file without dates (FINAL, raw ASTERIX) begin on this day; else on 1970-01-01."
     )
     stage: Literal["after", "before", "telemetry"] = option(
         "after",
@@ -102,26 +97,22 @@ class ReplayOptions:
         high=MAX_SEED,
     )
 
-    @property
-    def date_utc_ns(self) -> int:
-        """Midnight of the date; 0 without one."""
-        return 0 if self.date is None else int(self.date.replace(tzinfo=UTC).timestamp()) * NS
-
     def destinations(self, default_broker: str, access: dict[str, Any]) -> Destinations:
         """The places that it goes to; `access` is all but the URL of a broker's address."""
         from plotfeed.feeds.replaying.destinations import Destinations
         from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
         url = self.broker or (None if self.udp else default_broker)
-        return Destinations(
-            brokers=() if url is None else (BrokerAddress.parse(url, **access),),
-            udp=tuple(
-                udp_destination(to, self.ttl, self.interface) for to in self.udp if to != RECORDED
-            ),
-            recorded_udp=RECORDED in self.udp,
-            ttl=self.ttl,
-            interface=self.interface,
-        )
+        udp: list[UdpDestination] = []
+        recorded: UdpDestination | None = None
+        for text in self.udp:
+            place, mark, keys = text.partition("?")
+            if place == RECORDED:
+                recorded = udp_destination(f"{ANY_GROUP}{mark}{keys}")
+            else:
+                udp.append(udp_destination(text))
+        brokers = () if url is None else (BrokerAddress.parse(url, **access),)
+        return Destinations(brokers=brokers, udp=tuple(udp), recorded=recorded)
 
     def settings(self) -> ReplaySettings:
         """What is replayed, and how; raises `ReplayError`."""
@@ -134,10 +125,15 @@ class ReplayOptions:
         )
         from plotfeed.replay.pacing import speed_of
 
+        fastest = self.speed == FASTEST
+        try:
+            speed = speed_of(1.0 if fastest else float(self.speed))
+        except ValueError:
+            raise PlotfeedError("--speed: expected 0.001 to 10000, or max") from None
         return ReplaySettings(
             selection=Selection(stage=self.stage, truth=self.truth),
-            speed=speed_of(1.0 if self.fastest else self.speed),
-            fastest=self.fastest,
+            speed=speed,
+            fastest=fastest,
             start=None if self.start is None else Moment.parse(self.start),
             end=None if self.end is None else Moment.parse(self.end),
             laps=self.laps or None,

@@ -61,6 +61,7 @@ NOT_SENT = "plotfeed: {}: not sent to where its session went: {}"
 REASONS_TOLD = 3  # Of refusals, in the line of status
 RECORDS = ".mcap"  # How the names of files end that hold the record of a session
 FASTEST = "max"  # In place of a speed
+NO_PAGE = "none"  # In place of the page's address
 
 RunSession = Callable[..., Coroutine[None, None, SessionCounters]]  # Given `stop` and `on_ready`
 
@@ -147,7 +148,7 @@ def _part_and_clock(
     from plotfeed.feeds.fleet.part_asked import part_asked
 
     for option, value in {"--page": settings.page, "--telemetry": settings.telemetry}.items():
-        if value is not None:
+        if value not in (None, NO_PAGE):
             raise PlotfeedError(
                 f"{option} is of a whole session; plotfeed fleet status has the page of all parts"
             )
@@ -178,7 +179,7 @@ def _page(settings: RunSettings) -> tuple[bool, str]:
     Where nobody asked for it, it is not served if nobody would be told, nor where time leaps.
     """
     is_welcome = settings.shows_page and not settings.as_json and settings.speed != FASTEST
-    if settings.page is None and not is_welcome:
+    if settings.page == NO_PAGE or (settings.page is None and not is_welcome):
         return False, ""
     absent = [name for name in LIBRARIES if not find_spec(name)]
     if not absent:

@@ -22,8 +22,8 @@ class RunSettings:
     udp: tuple[str, ...] = option(
         (),
         "Send all ASTERIX to this address by UDP, unicast or multicast, instead of where the "
-        "scene says; may be repeated.",
-        metavar="ADDRESS:PORT",
+        "scene says, with keys of its [[udp]] such as ?ttl=4&interface=eth0; may be repeated.",
+        metavar="ADDRESS:PORT[?KEYS]",
     )
     middleware: str | None = option(
         None,
@@ -78,7 +78,7 @@ class RunSettings:
     page: str | None = option(
         None,
         "Serve the live page there: to this machine alone, or where HOST says, with a token; "
-        "below /audience/ for an audience, without truth and controls.",
+        "below /audience/ for an audience, without truth and controls. With 'none' there is none.",
         metavar="[HOST:]PORT",
     )
     as_json: bool = option(False, "Print nothing but the totals at the end, as one JSON object.")

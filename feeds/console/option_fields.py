@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import tomllib
+from collections.abc import Iterable
 from dataclasses import field
 from typing import Any
+
+from plotfeed.proto.errors import PlotfeedError
 
 MAX_SEED = (1 << 63) - 1
 
@@ -17,3 +22,24 @@ def option(default: Any, help_text: str, **how: Any) -> Any:
     "existing", "file" or "folder"; `bare`, its value where none is given; `tells_default`.
     """
     return field(default=default, metadata={"help": help_text, **how})
+
+
+def keys_given(option_name: str, pairs: Iterable[str]) -> dict[str, Any]:
+    """The keys of KEY=VALUE pairs, as a scene has them; a value that is no TOML is text.
+
+    Raises `PlotfeedError`, which names the option.
+    """
+    lines = []
+    for text in pairs:
+        key, equals, value = text.partition("=")
+        if not (key and equals and value):
+            raise PlotfeedError(f"{option_name} {text}: expected KEY=VALUE")
+        try:
+            tomllib.loads(f"x = {value}")
+        except ValueError:
+            value = json.dumps(value, ensure_ascii=False)
+        lines.append(f"{key} = {value}")
+    try:
+        return tomllib.loads("\n".join(lines))
+    except ValueError as error:
+        raise PlotfeedError(f"{option_name}: {error}") from None

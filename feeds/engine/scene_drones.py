@@ -201,14 +201,8 @@ def _recorded_reports(
     """
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
 
-    options = FlightOptions(
-        columns=recorded.columns,
-        altitude_reference=recorded.altitude_reference,
-        gps_order=recorded.gps_order,
-        utc_offset_h=recorded.utc_offset_h,
-        height_m=recorded.height_m,
-        start_utc_ns=begin_ns,
-        max_speed_m_s=scene.telemetry.max_speed_m_s,
+    options = recorded.made(
+        FlightOptions, start_utc_ns=begin_ns, max_speed_m_s=scene.telemetry.max_speed_m_s
     )
     from plotfeed.feeds.telemetry.flights import read, smoothed
 

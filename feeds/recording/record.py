@@ -64,7 +64,7 @@ class UdpSource:
     def __init__(self, endpoint: Endpoint, interface: str | None = None) -> None:
         """`interface` is where a group is joined; raises `UdpError`."""
         if interface is not None and not endpoint.address.is_multicast:
-            raise UdpError(f"--interface: only for multicast, which {endpoint.address} is not")
+            raise UdpError(f"interface: only for multicast, which {endpoint.address} is not")
         host = str(endpoint.address)
         self.shown = f"udp://{f'[{host}]' if ':' in host else host}:{endpoint.port}"
         self.has_kernel_times = False  # Whether times are those of the kernel, not of this program
@@ -263,29 +263,27 @@ MAX_TOPICS = 65_536  # That are counted
 
 
 LIVE = "mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"
+# Behind the address of a group: the network interface at which it is joined.
+INTERFACE = "?interface="
 CaptureSource = BrokerSource | UdpSource
 
 
 def source_of(
-    url: str,
-    access: dict[str, Any],
-    interface: str | None,
-    name: str = "plotfeed-record",
-    expected: str = LIVE,
+    url: str, access: dict[str, Any], name: str = "plotfeed-record", expected: str = LIVE
 ) -> CaptureSource:
     """The source at mqtt://HOST:PORT/FILTER or udp://ADDRESS:PORT; raises `PlotfeedError`.
 
+    Behind the latter, ?interface=NAME says at which network interface a group is joined.
     `access` holds the keyword arguments of `BrokerAddress.parse`, `name` is that of the client,
     and `expected` is what an error says is wanted.
     """
     scheme, _, rest = url.partition("://")
     if scheme == "udp":
+        place, mark, interface = rest.partition(INTERFACE)
         try:
-            return UdpSource(Endpoint.parse(rest.rstrip("/")), interface)
+            return UdpSource(Endpoint.parse(place.rstrip("/")), interface if mark else None)
         except ValueError as error:
             raise AddressError(f"{without_secrets(url)}: {error}") from None
-    if interface is not None and scheme in DEFAULT_PORTS:
-        raise AddressError("--interface: only for udp://")
     source = BrokerSource.parse(url, access, name, expected=expected)
     checked_topic_filter(source.topic_filter)
     return source
@@ -296,7 +294,7 @@ def record_source(url: str, target: Path, access: dict[str, Any], settings: Reco
 
     Raises `PlotfeedError`, and `OSError` if the file cannot be written.
     """
-    source = source_of(url, access, settings.interface)
+    source = source_of(url, access)
     if target.suffix.lower() != SUFFIX:
         raise PlotfeedError(
             f"{target}: expected a name that ends in {SUFFIX}, of which plotfeed convert makes more"

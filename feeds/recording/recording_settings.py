@@ -38,9 +38,6 @@ class ShowSettings:
         "each line with its stage.",
         name="--stage",
     )
-    interface: str | None = option(
-        None, "Join a multicast group at this network interface, such as eth0.", metavar="NAME"
-    )
     as_json: bool = option(False, "Print one JSON object a line.")
     verbose: bool = option(
         False, "Print trees with names, units and what numbers stand for; implies --list."
@@ -138,9 +135,6 @@ class ConvertSettings:
 class RecordSettings:
     """What a recording is asked to do."""
 
-    interface: str | None = option(
-        None, "Join a multicast group at this network interface, such as eth0.", metavar="NAME"
-    )
     count: int | None = option(None, "End after so many messages.", low=1)
     duration: float | None = option(None, "End after so many seconds.", over=0, metavar="SECONDS")
     force: bool = option(False, "Replace FILE where it is there already.")

@@ -273,14 +273,12 @@ def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> 
     if settings.verbose and tables() is None:
         say(f"plotfeed: units alone; for names and words: {EXTRA}", err=True)
     if "://" not in source:
-        if settings.interface is not None:
-            raise PlotfeedError("--interface: only for udp://")
         return show_file(Path(source), settings)
     if settings.stages:
         raise PlotfeedError("--stage: only of a file")
     from plotfeed.feeds.recording.record import LIVE, show_live, source_of  # and what sends
 
-    live = source_of(source, access, settings.interface, "plotfeed-show", f"a file, {LIVE}")
+    live = source_of(source, access, "plotfeed-show", f"a file, {LIVE}")
 
     def lines_of(message: Recorded) -> Iterator[str]:
         return _content_lines(message, settings) if settings.chooses(message) else iter(())

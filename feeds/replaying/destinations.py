@@ -83,8 +83,9 @@ class ReplayUdp(UdpTransport):
 class RecordedUdp(ImmediateTransport):
     """The destinations that datagrams once had, by their topics udp/ADDRESS/PORT."""
 
-    def __init__(self, *, ttl: int = 1, interface: str | None = None, waits: bool = False) -> None:
-        self._ttl, self._interface, self._waits = ttl, interface, waits
+    def __init__(self, keys: UdpDestination, *, waits: bool = False) -> None:
+        """`keys` are those of all destinations, but for the address; `interface` is of groups."""
+        self._keys, self._waits = keys, waits
         self._links: dict[str, ReplayUdp | None] = {}
 
     @property
@@ -123,8 +124,10 @@ class RecordedUdp(ImmediateTransport):
         try:
             address = ip_address(host)
             text = f"{bracketed(str(address))}:{port}"
-            interface = self._interface if address.is_multicast else None
-            settings = UdpDestination(destination=text, ttl=self._ttl, interface=interface)
+            own: dict[str, str | None] = {"destination": text}
+            if not address.is_multicast:
+                own["interface"] = None
+            settings = UdpDestination(**{**dict(self._keys), **own})
             link = ReplayUdp(settings, topic, waits=self._waits)
             link.open()
         except (ValueError, UdpError) as error:  # pydantic's errors are ValueErrors
@@ -152,9 +155,8 @@ class Destinations:
 
     brokers: tuple[BrokerAddress, ...] = ()
     udp: tuple[UdpDestination, ...] = ()
-    recorded_udp: bool = False  # Whether datagrams go where they once went
-    ttl: int = 1  # Of those that once went to a multicast group
-    interface: str | None = None  # By which those leave
+    # If datagrams go where they once went, the keys of all those destinations but the address.
+    recorded: UdpDestination | None = None
 
 
 @contextlib.asynccontextmanager
@@ -167,8 +169,8 @@ async def open_transports(to: Destinations, *, waits: bool) -> AsyncIterator[lis
             stack.callback(link.close)
             link.open()
             transports.append(link)
-        if to.recorded_udp:
-            recorded = RecordedUdp(ttl=to.ttl, interface=to.interface, waits=waits)
+        if to.recorded is not None:
+            recorded = RecordedUdp(to.recorded, waits=waits)
             stack.callback(recorded.close)
             transports.append(recorded)
         for broker in to.brokers:

@@ -25,14 +25,12 @@ from plotfeed.feeds.scene.fields import (
     Size,
     Speed,
 )
+from plotfeed.feeds.scene.telemetry_keys import Undulation
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.state import DRONE, AltitudeReference, Floats
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.target_echoes import Aspect, TargetEcho, TargetEchoes
-
-if TYPE_CHECKING:
-    pass
 
 MAX_TURNS = 100.0
 
@@ -385,7 +383,7 @@ class FlightFile(SceneTable):
     height_m: Annotated[float, Field(ge=-1000, le=100_000)] | None = None
     """Of a flight whose file has no heights: above take-off, or what altitude_reference says."""
     takeoff_height_m: Height | None = None
-    geoid_undulation_m: Annotated[float, Field(ge=-150, le=150)] | None = None
+    geoid_undulation_m: Undulation | None = None
     """For this flight alone, in place of those of [telemetry]."""
 
 

@@ -100,7 +100,8 @@ class Mqtt(SceneTable):
     client_key_file: str | None = None
     credentials_file: str | None = None
     """TOML with username and password, which the environment variables PLOTFEED_MQTT_USERNAME and
-    PLOTFEED_MQTT_PASSWORD override; a scene itself never holds them."""
+    PLOTFEED_MQTT_PASSWORD override, as a scene itself never holds them; of the keys above, the file
+    may hold those of certificates and version."""
     queue: MqttQueueKeys = MqttQueueKeys()
     """What waits for the broker."""
     embedded: EmbeddedBrokerKeys = EmbeddedBrokerKeys()

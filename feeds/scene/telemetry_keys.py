@@ -319,6 +319,10 @@ class TelemetryMapping(SceneTable):
         return self.topic.replace(PLACE, "+")
 
 
+Undulation = Annotated[float, Field(ge=-150, le=150)]  # Of the sea above the ellipsoid, metres
+FlownSpeed = Annotated[float, Field(gt=0, le=1000)]  # Of a drone at most
+
+
 class Telemetry(SceneTable):
     """How telemetry is taken, from MQTT, from files and from live sources."""
 
@@ -326,7 +330,7 @@ class Telemetry(SceneTable):
     """A drone without news flies on for this long, and is then gone."""
     takeoff_height_m: Height | None = None
     """Above the ellipsoid; added to altitudes above take-off, which are refused without it."""
-    geoid_undulation_m: Annotated[float, Field(ge=-150, le=150)] | None = None
+    geoid_undulation_m: Undulation | None = None
     """Of mean sea level above the ellipsoid; without it, that of the geoid EGM96 at each place."""
     geoid_grid: str | None = None
     """A grid of a finer geoid, GeoTIFF or GTX, that PROJ reads, in place of the package's; relative
@@ -335,7 +339,7 @@ class Telemetry(SceneTable):
     """Telemetry from further in the future is refused."""
     max_age_s: Positive = 60.0
     """Telemetry older than this is refused."""
-    max_speed_m_s: Annotated[float, Field(gt=0, le=1000)] = 150.0
+    max_speed_m_s: FlownSpeed = 150.0
     """Of a drone: what it cannot have flown to at this speed, with 30 m of grace, is refused.
 
     Multicopters reach 60 m/s, those with jets 150 m/s. No faster velocity is fitted either.

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 
 from plotfeed.feeds.scene.output_keys import USUAL_PORT
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAccess, BrokerAddress
+from plotfeed.feeds.transport.mqtt.address import BrokerAccess, BrokerAddress
 
 NO_BROKER = "none"
 LINGER_S = 0.3  # The embedded broker stays on for so long, to pass on the last messages
@@ -50,7 +50,9 @@ def broker_address(scene: Scene, url: str) -> BrokerAddress:
     """A broker of the user's own, with the keys to it that the scene names."""
     to = scene.outgoing
     access = BrokerAccess(
-        ca_file=to.ca_file, certificate_file=to.certificate_file, key_file=to.key_file
+        ca_file=to.ca_file,
+        certificate_file=to.certificate_file,
+        key_file=to.key_file,
+        version=scene.mqtt.version if "version" in scene.mqtt.model_fields_set else None,
     ).with_credentials(to.credentials_file)
-    versions = VERSIONS[scene.mqtt.version]
-    return BrokerAddress.parse(url, versions=versions, access=access, waits=to.waits)
+    return BrokerAddress.parse(url, access=access, waits=to.waits)

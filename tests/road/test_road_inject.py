@@ -78,7 +78,7 @@ async def _inject(
     flight: GivenFlight, broker: str, totals: SessionCounters, stop: asyncio.Event
 ) -> tuple[int | None, str]:
     """Run the command to its end, or until there are looks enough; then stop the session."""
-    more = ["--altitude-reference", flight.reference.value] if flight.reference else []
+    more = ["--set", f"altitude_reference={flight.reference.value}"] if flight.reference else []
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         *("-m", "plotfeed.feeds.cli", "inject", str(flight.log)),

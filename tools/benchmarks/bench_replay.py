@@ -327,7 +327,7 @@ def rates(folder: Path, messages: Sequence[Any], repeats: int) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
             deaf.bind((HOST, 0))
             port = deaf.getsockname()[1]
-            runs = [by_plotfeed(file, port, "--fastest") for _ in range(repeats)]
+            runs = [by_plotfeed(file, port, "--speed", "max") for _ in range(repeats)]
         print(f"| plotfeed | {octets} | UDP | {_rate(runs, theirs)} |", flush=True)
         for broker, url in brokers(folder):
             runs = [by_broker(file, url) for _ in range(repeats)]
@@ -351,7 +351,7 @@ def by_broker(file: Path, url: str) -> dict[str, Any]:
     """Replay it to a broker to which nobody listens; the counts."""
     command = [sys.executable, "-m", "plotfeed.feeds.cli", "replay", str(file), "--json"]
     out = subprocess.run(
-        [*command, "--broker", url, "--fastest"], check=True, stdout=subprocess.PIPE
+        [*command, "--broker", url, "--speed", "max"], check=True, stdout=subprocess.PIPE
     ).stdout
     counts: dict[str, Any] = json.loads(out)
     return counts

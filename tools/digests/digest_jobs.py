@@ -205,7 +205,7 @@ def _replay(bench: Bench, name: str, record: str) -> None:
         "before": ["--stage", "before", "--stamps", "+3600"],
         "lossy": [*link, "--start", "1.5"],
     }.items():
-        how = ["replay", record, "--fastest", "--json", *more]
+        how = ["replay", record, "--speed", "max", "--json", *more]
         with datagrams() as listener:
             to, port = f"127.0.0.1:{listener.port}", listener.port
             bench.run(name, *how, "--udp", to, change=OF_REPLAYS, port=port)
@@ -216,7 +216,7 @@ def _replay(bench: Bench, name: str, record: str) -> None:
         "lossy": [*link, "--end", "9"],
         "telemetry": ["--stage", "telemetry", "--stamps", "keep"],
     }.items():
-        how = ["replay", record, "--fastest", "--json", *more]
+        how = ["replay", record, "--speed", "max", "--json", *more]
         _over_mqtt(bench, f"{name}: replay {which}", *how, change=OF_REPLAYS)
 
 
@@ -251,12 +251,19 @@ def _foreign(bench: Bench, *, path: Path) -> None:
 
 
 def _inject(bench: Bench, *, file: str) -> None:
-    reference = ["--altitude-reference", "ellipsoid"] if file == "eight.csv" else []
-    reference += ["--height-m", "60"] if file == "frames.srt" else []
+    reference = ["--set", "altitude_reference=ellipsoid"] if file == "eight.csv" else []
+    reference += ["--set", "height_m=60"] if file == "frames.srt" else []
     fast = ["--speed", "1000", *reference]
     _over_mqtt(bench, f"inject {file}", "inject", file, *fast)
-    more = ["--encoding", "json", "--raw", "--drone", "d", "--rcs-m2", "0.2", "--prefix", "lab/1"]
-    datum = ["--takeoff-height-m", "62", "--geoid-undulation-m", "19.5"]
+    more = ["--encoding", "json", "--raw", "--drone", "d", "--prefix", "lab/1"]
+    datum = [
+        "--set",
+        "rcs_m2=0.2",
+        "--set",
+        "takeoff_height_m=62",
+        "--set",
+        "geoid_undulation_m=19.5",
+    ]
     _over_mqtt(bench, f"inject {file} as JSON", "inject", file, *fast, *more, *datum)
 
 

@@ -50,7 +50,7 @@ USES = (
     "run heard.toml --broker none --speed max --page nowhere:x",
     "run heard.toml --broker none --speed max --record no/such/folder/x.mcap",
     "run heard.jsonl --broker none --speed max",
-    "demo --no-page --page 8590",
+    "demo --no-page",
     "check absent.toml",
     "check heard.jsonl",
     "check heard.toml --rcs-m2 0",
@@ -86,9 +86,9 @@ USES = (
     "sensors nobody",
     "schema nothing",
     "inject absent.csv",
-    "inject loop.gpx --column x",
+    "inject loop.gpx --set columns.x",
     "inject heard.toml",
-    "inject loop.gpx --gps-order up",
+    "inject loop.gpx --set gps_order=up",
 )
 
 

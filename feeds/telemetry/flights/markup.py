@@ -21,7 +21,7 @@ def read_gpx(text: str, options: FlightOptions, log: Log) -> None:
     reference = options.altitude_reference
     if reference is None:
         reference = AltitudeReference.MEAN_SEA_LEVEL
-        log.assume("elevations are above mean sea level (--altitude-reference)")
+        log.assume("elevations are above mean sea level (altitude_reference)")
     for number, point in enumerate(_points(text, log), start=1):
         where, height = f"track point {number}", options.stated_height
         if point.elevation is not None:
@@ -150,11 +150,11 @@ def _take_point(  # noqa: PLR0917
     if altitude_m is None and options.stated_height is not None:
         altitude_m, reference = options.stated_height
     if altitude_m is None or reference is None:
-        log.skip(where, f"no height: altitudeMode is {mode or 'clampToGround'}; give --height-m")
+        log.skip(where, f"no height: altitudeMode is {mode or 'clampToGround'}; give height_m")
         return
     log.state(f"height in metres, {REFERENCE_WORDS[reference]}: altitudeMode {mode or 'none'}")
     if mode == "relativeToGround" and options.altitude_reference is None:
-        log.assume("heights above the ground are taken as above take-off (--altitude-reference)")
+        log.assume("heights above the ground are taken as above take-off (altitude_reference)")
     log.take(where, t_utc_ns, (latitude_deg, longitude_deg), (altitude_m, reference))
 
 

@@ -35,7 +35,7 @@ _DATE = re.compile(
 _FRAME_TIME = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{3})[ \t]{0,9}-->")
 
 
-STATED = "--height-m"
+STATED = "height_m"
 
 
 @dataclass(slots=True)
@@ -106,7 +106,7 @@ def _times(blocks: list[_Block], options: FlightOptions, log: Log) -> list[int |
     dates = [_date_ns(block, options) for block in blocks]
     frames = [_frame_ns(block) for block in blocks]
     if any(date is not None for date in dates):
-        log.assume(f"dates are {options.utc_offset_h:+g} h from UTC (--utc-offset-h)")
+        log.assume(f"dates are {options.utc_offset_h:+g} h from UTC (utc_offset_h)")
     elif options.start_utc_ns is None:
         raise PlotfeedError(
             "no date lines: the time of the first frame must be given (start_utc_ns)"
@@ -136,9 +136,9 @@ def _gps_order(blocks: list[_Block], options: FlightOptions, log: Log) -> GpsOrd
     else:
         raise PlotfeedError(
             f"line {block.line}: {gps[0]} may be latitude first or longitude first; "
-            "say which with --gps-order lat-lon or --gps-order lon-lat"
+            "say which with --set gps_order=lat-lon or lon-lat"
         )
-    log.assume(f"{gps[0]} is {order}, as in other files of this dialect (--gps-order)")
+    log.assume(f"{gps[0]} is {order}, as in other files of this dialect (gps_order)")
     return order
 
 
@@ -191,7 +191,7 @@ def _height_source(blocks: list[_Block], options: FlightOptions) -> _Heights:
             if wanted is None and source not in _DECLARED:
                 raise PlotfeedError(
                     f"{source.name} does not say what it is measured from; say so with "
-                    "--altitude-reference above_takeoff, mean_sea_level or ellipsoid"
+                    "--set altitude_reference=above_takeoff, mean_sea_level or ellipsoid"
                 )
             return source
     if options.stated_height is not None:
@@ -199,7 +199,7 @@ def _height_source(blocks: list[_Block], options: FlightOptions) -> _Heights:
         return _Heights(STATED, reference, height_m)
     raise PlotfeedError(
         "no heights: expected BAROMETER, Hb, H, rel_alt, abs_alt or altitude; "
-        "give one height with --height-m"
+        "give one height with --set height_m"
     )
 
 

@@ -170,7 +170,7 @@ def altitude_column(
     if reference is None:
         raise PlotfeedError(
             f"column {column.header!r} does not say what its altitudes are measured from; say so "
-            "with --altitude-reference above_takeoff, mean_sea_level or ellipsoid"
+            "with --set altitude_reference=above_takeoff, mean_sea_level or ellipsoid"
         )
     return AltitudeColumn(column, column.factor(METRES), reference)
 
@@ -178,7 +178,7 @@ def altitude_column(
 def missing(quantity: str, columns: Sequence[TableColumn]) -> PlotfeedError:
     """The error of a table that has no column for that."""
     return PlotfeedError(
-        f"no column found for {quantity}; name it with --column {quantity}=NAME; "
+        f"no column found for {quantity}; name it with --set columns.{quantity}=NAME; "
         f"columns are {headers(columns)}"
     )
 
@@ -270,7 +270,7 @@ def _dated(
     log.state(f"time: columns {dates.header!r} and {of_day.header!r}")
     is_utc = "utc" in (dates.unit, of_day.unit)
     if not is_utc:
-        log.assume(f"times are {offset_h:+g} h from UTC (--utc-offset-h)")
+        log.assume(f"times are {offset_h:+g} h from UTC (utc_offset_h)")
     ahead_ns = 0 if is_utc else round(offset_h * 3600 * NS)
     found: Times = []
     cells = [cell_of(row, of_day) for _, row in rows]
@@ -385,13 +385,11 @@ def _named(columns: Sequence[TableColumn], named: Mapping[str, str]) -> dict[str
     for quantity, name in named.items():
         if quantity not in USER_QUANTITIES:
             expected = ", ".join(USER_QUANTITIES)
-            raise PlotfeedError(
-                f"--column {quantity}: no such quantity; expected one of {expected}"
-            )
+            raise PlotfeedError(f"columns.{quantity}: no such quantity; expected one of {expected}")
         column = next((c for c in columns if c.header == name.strip()), None)
         if column is None:
             raise PlotfeedError(
-                f"--column {quantity}={name}: no such column; columns are {headers(columns)}"
+                f"columns.{quantity}={name}: no such column; columns are {headers(columns)}"
             )
         found[quantity] = column
     return found
@@ -425,7 +423,7 @@ def _altitude(
     found = altitude_column(columns, options.altitude_reference, named.get("altitude_m"), implied)
     if found is None and options.height_m is None:
         error = missing("altitude_m", columns)
-        raise PlotfeedError(f"{error}; or give one height with --height-m")
+        raise PlotfeedError(f"{error}; or give one height with --set height_m")
     return found
 
 

@@ -6,7 +6,7 @@ import os
 import ssl
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -18,6 +18,17 @@ USERNAME_VARIABLE = "PLOTFEED_MQTT_USERNAME"
 PASSWORD_VARIABLE = "PLOTFEED_MQTT_PASSWORD"  # noqa: S105 - its name, not its value  # nosec B105
 MAX_OCTETS = 65_535  # Of a text in MQTT
 MAX_FILE_OCTETS = 1 << 16
+# What a file of credentials may hold: the names that they have in [mqtt] of a scene.
+CREDENTIALS = {
+    "username",
+    "password",
+    "ca_file",
+    "client_certificate_file",
+    "client_key_file",
+    "version",
+}
+# MQTT by its own names; 4 is how 3.1.1 is numbered in the protocol.
+VERSIONS = {"5": (5,), "3.1.1": (4,), "any": (5, 4)}
 
 
 class AccessError(PlotfeedError):
@@ -26,13 +37,14 @@ class AccessError(PlotfeedError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerAccess:
-    """Certificates and credentials; the password is never shown."""
+    """Certificates, credentials and the version of MQTT; the password is never shown."""
 
     ca_file: Path | None = None  # Who vouches for the broker; without it, whom the system trusts
     certificate_file: Path | None = None
     key_file: Path | None = None  # Of the client, where the broker asks for one
     username: str | None = None
     password: str | None = field(default=None, repr=False)
+    version: str | None = None  # Of VERSIONS; without it, any
 
     @property
     def needs_tls(self) -> bool:
@@ -46,19 +58,29 @@ class BrokerAccess:
     def with_credentials(
         self, file: Path | None, environment: Mapping[str, str] = os.environ
     ) -> BrokerAccess:
-        """Access with a user name and password of a file; the environment stands before it.
+        """Access with what a file of credentials holds beside what is stated already.
 
-        Raises `AccessError`.
+        User name and password of the environment stand before those of the file. Raises
+        `AccessError`.
         """
-        username, password = (None, None) if file is None else _credentials(file)
-        username = environment.get(USERNAME_VARIABLE, username)
-        password = environment.get(PASSWORD_VARIABLE, password)
+        found = {} if file is None else _credentials(file)
+        username = environment.get(USERNAME_VARIABLE, found.get("username"))
+        password = environment.get(PASSWORD_VARIABLE, found.get("password"))
         if password is not None and username is None:
             raise AccessError(f"{PASSWORD_VARIABLE} is set, and there is no {USERNAME_VARIABLE}")
         for what, text in (("user name", username), ("password", password)):
             if text is not None and not _fits(text):
                 raise AccessError(f"the {what} for MQTT is not UTF-8, or too long")
-        return replace(self, username=username, password=password)
+        folder = Path() if file is None else file.parent
+        return BrokerAccess(
+            ca_file=self.ca_file or _beside(folder, found.get("ca_file")),
+            certificate_file=self.certificate_file
+            or _beside(folder, found.get("client_certificate_file")),
+            key_file=self.key_file or _beside(folder, found.get("client_key_file")),
+            username=username,
+            password=password,
+            version=self.version or found.get("version"),
+        )
 
 
 def _fits(text: str) -> bool:
@@ -68,9 +90,17 @@ def _fits(text: str) -> bool:
         return False
 
 
-def _credentials(file: Path) -> tuple[str, str | None]:
+def _beside(folder: Path, name: str | None) -> Path | None:
+    """The file of that name, relative to the folder of the file that names it."""
+    return None if name is None else folder / name
+
+
+def _credentials(file: Path) -> dict[str, str]:
     # What TOML says of a mistake is not passed on: it might quote the password.
-    expected = AccessError(f"{file}: expected TOML with username and password, both text")
+    expected = AccessError(
+        f"{file}: expected TOML with username and password, or any of ca_file, "
+        "client_certificate_file, client_key_file and version, all text"
+    )
     try:
         with file.open("rb") as opened:
             found = tomllib.loads(opened.read(MAX_FILE_OCTETS).decode("utf-8-sig"))
@@ -78,10 +108,12 @@ def _credentials(file: Path) -> tuple[str, str | None]:
         raise AccessError(f"{file}: {error.strerror}") from None
     except (ValueError, RecursionError):
         raise expected from None
-    username, password = found.get("username"), found.get("password")
-    if not isinstance(username, str) or not isinstance(password, str | None):
+    is_known = found.keys() <= CREDENTIALS and all(isinstance(x, str) for x in found.values())
+    if not found or not is_known or ("password" in found and "username" not in found):
         raise expected
-    return username, password
+    if found.get("version", "any") not in VERSIONS:
+        raise AccessError(f"{file}: version: expected one of {', '.join(VERSIONS)}, as text")
+    return found
 
 
 @lru_cache(maxsize=16)  # a session has a link for each sensor, and the system's CAs are many
@@ -117,8 +149,6 @@ def _why(error: OSError) -> str:
 
 DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 NO_ACCESS = BrokerAccess()
-# MQTT by its own names; 4 is how 3.1.1 is numbered in the protocol.
-VERSIONS = {"5": (5,), "3.1.1": (4,), "any": (5, 4)}
 
 
 class AddressError(PlotfeedError):
@@ -149,11 +179,14 @@ class BrokerAddress:
         cls,
         url: str,
         *,
-        versions: tuple[int, ...] = VERSIONS["any"],
+        versions: tuple[int, ...] | None = None,
         access: BrokerAccess | None = None,
         waits: bool = False,
     ) -> BrokerAddress:
-        """Read mqtt://HOST[:PORT], or mqtts:// for TLS; raises `AddressError`."""
+        """Read mqtt://HOST[:PORT], or mqtts:// for TLS; raises `AddressError`.
+
+        The versions are those of `access` unless others are given.
+        """
         try:
             parts = urlsplit(url)
             port = parts.port
@@ -173,6 +206,7 @@ class BrokerAddress:
                 f"broker {url!r}: a CA, certificate or key is given, and they need mqtts://"
             )
         port = port or DEFAULT_PORTS[parts.scheme]
+        versions = versions or VERSIONS[access.version or "any"]
         return cls(parts.hostname, port, versions, tls, access, waits=waits)
 
     def __str__(self) -> str:

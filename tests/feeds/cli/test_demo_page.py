@@ -67,7 +67,7 @@ def test_an_address_that_was_asked_for_is_the_only_one() -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("options", [("--no-page",), ("--speed", "max")])
+@pytest.mark.parametrize("options", [("--page", "none"), ("--speed", "max")])
 def test_without_a_page_nothing_is_said_of_one(options: tuple[str, ...]) -> None:
     done = plotfeed("demo", *QUICK, *options)
     assert done.returncode == 0
@@ -78,12 +78,6 @@ def test_without_a_page_nothing_is_said_of_one(options: tuple[str, ...]) -> None
 def test_totals_as_json_are_all_that_is_said() -> None:
     with port_is_taken(USUAL_PORT):
         assert json.loads(plotfeed("demo", *QUICK, "--json").stdout)["messages"] > 0
-
-
-def test_a_page_and_no_page_are_a_contradiction() -> None:
-    done = plotfeed_here("demo", "--page", "8590", "--no-page")
-    assert done.returncode == 2
-    assert "--no-page contradicts --page" in done.stderr
 
 
 @pytest.fixture

@@ -102,8 +102,8 @@ ENDS = {
     "run here.toml --record there.mcap": f"{SIMULATED} --duration 70",
     "run here.toml --speed max --duration 60 --write here.ast": "--broker none",
     "fleet here.toml --workers 2 --broker mqtt://127.0.0.1:1883": "--duration 2",
-    "inject flight.srt --now --takeoff-height-m 650": "--broker {broker}",
-    "inject mavlink:udpin:127.0.0.1:14550": "--broker {broker} --duration 2",
+    "inject flight.srt --now --set takeoff_height_m=650": "--broker {broker}",
+    "inject mavlink:udpin:127.0.0.1:14550 --set ask_hz=5": "--broker {broker} --duration 2",
     "sweep here.toml --vary sensor.radar.pfa=1e-6,1e-5 --runs 100": (
         "--runs 2 --duration 2 --processes 1"
     ),
@@ -113,8 +113,8 @@ ENDS = {
     "show mqtt://127.0.0.1:1883/plotfeed/#": "--count 3",
     "record mqtt://127.0.0.1:1883/plotfeed/# heard.mcap": "--count 3",
     "record udp://0.0.0.0:8600 udp.mcap": "--duration 0.1",
-    "replay there.mcap": "--broker {broker} --fastest",
-    "replay here.pcap --udp 127.0.0.1:8600 --speed 2": "--fastest",
+    "replay there.mcap": "--broker {broker} --speed max",
+    "replay here.pcap --udp 127.0.0.1:8600 --speed 2": "--speed max",
 }
 
 

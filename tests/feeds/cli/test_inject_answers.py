@@ -28,7 +28,7 @@ def test_it_says_what_became_of_the_reports(tmp_path: Path) -> None:
     far.write_text(near.read_text().replace("40.46", "-33.0"))
     with running("run", scene) as session:
         usual = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT 5')}")
-        usual += ("--altitude-reference", "ellipsoid")
+        usual += ("--set", "altitude_reference=ellipsoid")
         taken = plotfeed("inject", near, "--now", *usual)
         assert (taken.returncode, taken.stderr) == (0, "")
         assert "session of test: the flight comes to 1.11 km from radar, which sees to 10 km" in (
@@ -51,7 +51,7 @@ def test_it_says_what_became_of_the_reports(tmp_path: Path) -> None:
 def test_a_drone_without_a_name_is_refused_before_anything_is_sent(
     name: str, tmp_path: Path
 ) -> None:
-    words = ("--broker", "mqtt://127.0.0.1:1", "--altitude-reference", "ellipsoid")
+    words = ("--broker", "mqtt://127.0.0.1:1", "--set", "altitude_reference=ellipsoid")
     done = plotfeed_here("inject", flight_file(tmp_path, 40.0), "--drone", name, *words)
     assert done.returncode == 2
     assert "--drone: " in done.stderr

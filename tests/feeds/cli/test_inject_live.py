@@ -44,7 +44,15 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
         (("mavlink:udp::14550", "--drone", "{serial}"), "--drone: {serial} is not known"),
         (("mavlink:udp::14550", "--speed", "2"), "are for files"),
         (("remote-id:-",), "expected one of http, https, mcast, udp, udpin, udpout"),
-        (("mavlink:udp::14550", "--interface", "lo"), "--interface: only for a multicast group"),
+        (
+            ("mavlink:udp::14550", "--set", "interface=lo"),
+            "--set interface: only for a multicast group",
+        ),
+        (("mavlink:udp::14550", "--set", "columns.time=t"), "--set columns: no such key here"),
+        (("mavlink:udp::14550", "--set", "ask_hz"), "--set ask_hz: expected KEY=VALUE"),
+        (("mavlink:udp::14550", "--set", "ask_hz=0"), "--set ask_hz: "),
+        (("nothing.srt", "--set", "utc_offset_h=far"), "--set utc_offset_h: "),
+        (("nothing.srt", "--gps-order", "lat-lon"), "It is --set gps_order=VALUE now."),
         (("nothing.srt",), "cannot be read: No such file"),
     ],
 )

@@ -40,12 +40,12 @@ def demo(_folder: Path, url: str) -> list[object]:
 
 
 def inject(folder: Path, url: str) -> list[object]:
-    how = ("--altitude-reference", "ellipsoid", "--speed", 100, "--drone", "d")
+    how = ("--set", "altitude_reference=ellipsoid", "--speed", 100, "--drone", "d")
     return ["inject", flight(folder), *how, "--broker", url, "--wait"]
 
 
 def replay(folder: Path, url: str) -> list[object]:
-    return ["replay", recording(folder), "--broker", url, "--wait", "--fastest"]
+    return ["replay", recording(folder), "--broker", url, "--wait", "--speed", "max"]
 
 
 def record(folder: Path, url: str) -> list[object]:

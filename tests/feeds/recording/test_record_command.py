@@ -224,7 +224,6 @@ def test_without_a_broker_there_is_no_file(tmp_path: Path) -> None:
         (("here", "a.mcap"), "'here': expected mqtt://HOST:PORT/TOPIC-FILTER or udp"),
         (("mqtt://me:secret@here/#", "a.mcap"), "a broker's address holds no credentials"),
         (("mqtt://here/a/#/b", "a.mcap"), "'a/#/b': + is a whole level, # is the last one"),
-        (("mqtt://here", "a.mcap", "--interface", "lo"), "--interface: only for udp://"),
         (("udp://here:1", "a.mcap"), "udp://here:1: expected ADDRESS:PORT"),
         (("udp://127.0.0.1:1", "a.pcap"), "a.pcap: expected a name that ends in .mcap"),
     ],

@@ -195,7 +195,7 @@ async def test_what_the_socket_had_no_room_for_is_counted(monkeypatch: pytest.Mo
 @pytest.mark.parametrize(
     ("place", "interface", "text"),
     [
-        ("127.0.0.1:8600", "lo", "--interface: only for multicast, which 127.0.0.1 is not"),
+        ("127.0.0.1:8600", "lo", "interface: only for multicast, which 127.0.0.1 is not"),
         ("192.0.2.1:8600", None, "udp://192.0.2.1:8600: "),
         (f"{GROUP_4}:8600", "nowhere0", f"udp://{GROUP_4}:8600: "),
     ],

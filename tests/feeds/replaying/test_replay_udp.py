@@ -25,6 +25,9 @@ from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.replay.files import open_repeatable
 from plotfeed.replay.recorded import Recorded
 
+# Stands for any address, where only the other keys count.
+ANYWHERE = UdpDestination(destination="239.0.0.0:1")
+
 
 async def sent_over(
     outs: Sequence[Transport], recorded: Sequence[Recorded], settings: ReplaySettings | None = None
@@ -70,7 +73,7 @@ async def test_datagrams_go_where_they_once_went() -> None:
     with receiver() as first, receiver() as second:
         topics = [f"udp/127.0.0.1/{ears.getsockname()[1]}" for ears in (first, second)]
         recorded = [message(i * MS, topics[i % 2], bytes([i])) for i in range(10)]
-        out = RecordedUdp()
+        out = RecordedUdp(ANYWHERE)
         totals = await sent_over([out], [*recorded, message(0, "p/radar/asterix/048")])
         out.close()
         assert heard(first) == [bytes([i]) for i in range(0, 10, 2)]
@@ -83,7 +86,7 @@ async def test_datagrams_go_where_they_once_went() -> None:
 async def test_a_rule_sends_datagrams_elsewhere() -> None:
     with receiver() as ears:
         rule = TopicRule.parse(f"udp/239.1.2.3/8600=udp/127.0.0.1/{ears.getsockname()[1]}")
-        out = RecordedUdp()
+        out = RecordedUdp(ANYWHERE)
         await sent_over(
             [out], [message(0, "udp/239.1.2.3/8600", b"x")], ReplaySettings(topics=(rule,))
         )
@@ -95,7 +98,7 @@ async def test_a_rule_sends_datagrams_elsewhere() -> None:
 @pytest.mark.asyncio
 async def test_ipv6_is_written_without_brackets_in_topics() -> None:
     with receiver("::1") as ears:
-        out = RecordedUdp()
+        out = RecordedUdp(ANYWHERE)
         await sent_over([out], [message(0, f"udp/::1/{ears.getsockname()[1]}", b"x")])
         out.close()
         assert heard(ears) == [b"x"]
@@ -107,7 +110,7 @@ async def test_ipv6_is_written_without_brackets_in_topics() -> None:
 )
 @pytest.mark.asyncio
 async def test_a_destination_that_is_none_is_skipped(topic: str) -> None:
-    out = RecordedUdp()
+    out = RecordedUdp(ANYWHERE)
     totals = await sent_over([out], [message(0, topic, b"x"), message(1, topic, b"y")])
     assert totals.messages == 0
     assert totals.skipped.total() == 2
@@ -116,7 +119,7 @@ async def test_a_destination_that_is_none_is_skipped(topic: str) -> None:
 
 @pytest.mark.asyncio
 async def test_many_destinations_do_not_take_all_sockets() -> None:
-    out = RecordedUdp()
+    out = RecordedUdp(ANYWHERE)
     recorded = [message(i, f"udp/127.0.0.1/{1024 + i}", b"x") for i in range(400)]
     totals = await sent_over([out], recorded)
     out.close()

@@ -21,7 +21,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 
 FAST = radar(period_s=0.2, sectors=8)
 ABOUT = {"status", "settings", "description"}
-ME, PASSWORD = "surveyor", "open sesame"
+ME, PASSWORD, WRONG = "surveyor", "open sesame", "open barley"
 
 
 @dataclass(frozen=True)
@@ -38,17 +38,20 @@ class Broker:
         return f"mqtts://127.0.0.1:{self.secured}"
 
     def keys(self, **changes: object) -> list[str]:
-        """The options of `show` and `inject`."""
+        """The option of `show` and `inject`, whose file holds all but what is None."""
         ours = self.certificates
-        options = {
-            "ca-file": ours.ca,
-            "client-certificate": ours.client.certificate,
-            "client-key": ours.client.key,
-            "credentials": self.credentials,
+        keys = {
+            "username": ME,
+            "password": PASSWORD,
+            "ca_file": ours.ca,
+            "client_certificate_file": ours.client.certificate,
+            "client_key_file": ours.client.key,
             **changes,
         }
-        given = [(f"--{name}", str(value)) for name, value in options.items() if value]
-        return [word for pair in given for word in pair]
+        text = "".join(f'{key} = "{value}"\n' for key, value in keys.items() if value)
+        file = self.credentials.with_name(f"{len(list(self.credentials.parent.iterdir()))}.toml")
+        file.write_text(text)
+        return ["--credentials", str(file)]
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +154,7 @@ def test_the_environment_opens_the_door_too(
     monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", ME)
     for password, code in ((PASSWORD, 0), ("open barley", 1)):
         monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", password)
-        keys = broker.keys(credentials=None)
+        keys = broker.keys(username=None, password=None)
         done = plotfeed_here("show", broker.url, "--duration", "0.2", *keys)
         assert done.returncode == code
         assert password not in done.stderr
@@ -161,16 +164,14 @@ def test_every_failure_is_one_line_that_names_the_broker_and_no_secret(
     broker: Broker, tmp_path: Path
 ) -> None:
     ours = broker.certificates
-    wrong = tmp_path / "wrong.toml"
-    wrong.write_text(f'username = "{ME}"\npassword = "open barley"\n')
     flight = tmp_path / "flight.csv"
     flight.write_text("time,latitude_deg,longitude_deg,altitude_m\n1767268800,40,-3,9\n")
-    inject = ("inject", flight, "--now", "--altitude-reference", "ellipsoid", "--broker")
+    inject = ("inject", flight, "--now", "--set", "altitude_reference=ellipsoid", "--broker")
     cases: list[tuple[list[str], str]] = [
-        (broker.keys(credentials=wrong), "not authori"),  # as 5 spells it, or 3.1.1
-        (broker.keys(**{"ca-file": ours.other_ca}), "certificate is not good"),
-        (broker.keys(**{"ca-file": None}), "certificate is not good"),
-        (broker.keys(**{"client-certificate": None, "client-key": None}), ""),
+        (broker.keys(password=WRONG), "not authori"),  # as 5 spells it, or 3.1.1
+        (broker.keys(ca_file=ours.other_ca), "certificate is not good"),
+        (broker.keys(ca_file=None), "certificate is not good"),
+        (broker.keys(client_certificate_file=None, client_key_file=None), ""),
     ]
     begun = [
         (text, Started(*words, *keys))
@@ -191,5 +192,5 @@ def test_every_failure_is_one_line_that_names_the_broker_and_no_secret(
         assert len(err.splitlines()) == 1
         assert err.startswith(f"plotfeed: MQTT broker {broker.url}: ")
         assert text in err
-        assert "open barley" not in err
+        assert WRONG not in err
         assert PASSWORD not in err

@@ -45,7 +45,7 @@ def test_a_port_that_a_scene_names_is_not_exchanged(
 
 
 def test_where_the_usual_port_is_taken_another_stands_in_and_that_is_told() -> None:
-    with port_is_taken(1883), running("demo", "--no-page") as demo:
+    with port_is_taken(1883), running("demo", "--page", "none") as demo:
         (line,) = (line for line in demo.introduction if line.startswith("  MQTT 3.1.1"))
         port = demo.port("MQTT 3.1.1")
         assert port != 1883

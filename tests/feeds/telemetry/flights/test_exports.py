@@ -74,7 +74,7 @@ def test_a_binary_record_of_a_dji_app_is_refused_with_what_reads_it(
 
 
 def test_a_film_without_heights_flies_at_the_one_that_is_given() -> None:
-    with pytest.raises(PlotfeedError, match="--height-m"):
+    with pytest.raises(PlotfeedError, match="--set height_m"):
         read(FLIGHTS / "frames.srt")
     flight = read(FLIGHTS / "frames.srt", FlightOptions(height_m=60.0))
     assert len(flight.reports) == WHOLE * 5  # of dates alone one in five would be left
@@ -178,7 +178,7 @@ def test_the_order_of_days_and_months_is_told_by_the_days_beyond_twelve() -> Non
 
 def test_a_month_that_nobody_tells_is_assumed_aloud() -> None:
     flight = read(FLIGHTS / "phantomhelp.csv")
-    assert "times are +0 h from UTC (--utc-offset-h)" in flight.assumed
+    assert "times are +0 h from UTC (utc_offset_h)" in flight.assumed
     log = Log()
     text = (FLIGHTS / "phantomhelp.csv").read_text().replace("5/14/2024", "5/4/2024")
     read_table(text, FlightOptions(), log)

@@ -47,7 +47,7 @@ def test_smoothing_finds_the_velocity_that_was_flown(given: GivenFlight) -> None
 
 
 def test_what_a_log_leaves_open_is_asked_for_or_told() -> None:
-    with pytest.raises(PlotfeedError, match="--altitude-reference"):
+    with pytest.raises(PlotfeedError, match="--set altitude_reference"):
         read(CSV.log)
     assert CSV.recorded.skipped == SRT.recorded.skipped == ()
     references = [each.recorded.reports[0].altitude_reference for each in (SRT, CSV, BIN)]

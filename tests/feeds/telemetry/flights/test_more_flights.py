@@ -32,7 +32,7 @@ def test_the_matrice_flight() -> None:
 
 
 def test_the_rotary_flight() -> None:
-    with pytest.raises(PlotfeedError, match="--altitude-reference"):
+    with pytest.raises(PlotfeedError, match="--set altitude_reference"):
         read(ROTARY)
     flight = read(ROTARY, FlightOptions(altitude_reference=SEA))
     assert len(flight.reports) == 965

@@ -73,7 +73,7 @@ def test_the_height_of_the_wanted_reference_is_taken_where_there_are_two() -> No
 
 def test_a_height_of_unknown_reference_must_be_explained() -> None:
     text = subtitles(["[latitude: 1.5] [longitude: 2.5] [altitude: 117.0]"])
-    with pytest.raises(PlotfeedError, match="--altitude-reference"):
+    with pytest.raises(PlotfeedError, match="--set altitude_reference"):
         flown(text)
     flight = flown(text, altitude_reference=AltitudeReference.ELLIPSOID)
     assert positions(flight) == [(1.5, 2.5, 117.0)]
@@ -89,7 +89,7 @@ def test_a_value_beyond_90_tells_the_order_whatever_the_dialect() -> None:
 
 def test_an_ambiguous_order_is_asked_for() -> None:
     text = subtitles(["GPS(36.6,-6.1,16) BAROMETER:1.0"])
-    with pytest.raises(PlotfeedError, match="--gps-order"):
+    with pytest.raises(PlotfeedError, match="--set gps_order"):
         flown(text)
     assert positions(flown(text, gps_order="lat-lon")) == [(36.6, -6.1, 1.0)]
     assert positions(flown(text, gps_order="lon-lat")) == [(-6.1, 36.6, 1.0)]

@@ -92,12 +92,12 @@ def test_a_wrong_column_is_named(columns: dict[str, str], message: str) -> None:
 
 
 def test_a_missing_column_is_named_with_the_option() -> None:
-    with pytest.raises(PlotfeedError, match="--column latitude_deg=NAME"):
+    with pytest.raises(PlotfeedError, match=r"--set columns\.latitude_deg=NAME"):
         flown(TABLE.replace("lat", "breite"))
 
 
 def test_an_unstated_altitude_reference_is_asked_for() -> None:
-    with pytest.raises(PlotfeedError, match="--altitude-reference"):
+    with pytest.raises(PlotfeedError, match="--set altitude_reference"):
         flown(TABLE, altitude_reference=None)
 
 

@@ -62,9 +62,31 @@ def test_a_password_is_never_shown() -> None:
 
 def test_credentials_that_cannot_be_read_are_one_line_without_them(tmp_path: Path) -> None:
     path = tmp_path / "credentials.toml"
-    for text in ('username = "me"\npassword = secret', 'password = "secret"', "username = 5"):
+    for text in (
+        'username = "me"\npassword = secret',
+        'password = "secret"',
+        "username = 5",
+        "",
+        'ca = "secret"',
+    ):
         path.write_text(text)
         with pytest.raises(AccessError) as caught:
             BrokerAccess().with_credentials(path, {})
         assert "secret" not in str(caught.value)
         assert str(path) in str(caught.value)
+
+
+def test_a_file_of_credentials_holds_what_a_scene_can_say_and_the_scene_stands_before_it(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "credentials.toml"
+    path.write_text('ca_file = "ca.pem"\nclient_key_file = "/a/key.pem"\nversion = "3.1.1"\n')
+    found = BrokerAccess(key_file=Path("own.pem")).with_credentials(path, {})
+    assert found == BrokerAccess(
+        ca_file=tmp_path / "ca.pem", key_file=Path("own.pem"), version="3.1.1"
+    )
+    assert BrokerAddress.parse("mqtts://here", access=found).versions == (4,)
+    assert BrokerAccess(version="5").with_credentials(path, {}).version == "5"
+    path.write_text('version = "4"\n')
+    with pytest.raises(AccessError, match=r"version: expected one of 5, 3\.1\.1, any"):
+        BrokerAccess().with_credentials(path, {})

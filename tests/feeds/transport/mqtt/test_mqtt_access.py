@@ -341,7 +341,7 @@ def test_credentials_that_mqtt_cannot_carry_are_refused(environment: dict[str, s
 def test_topics_that_no_broker_takes_are_refused(tmp_path: Path, topic: str) -> None:
     flight = tmp_path / "flight.csv"
     flight.write_text("time,latitude_deg,longitude_deg,altitude_m\n1767268800,40,-3,9\n")
-    options = ("--altitude-reference", "ellipsoid", "--prefix", topic)
+    options = ("--set", "altitude_reference=ellipsoid", "--prefix", topic)
     done = plotfeed_here("inject", flight, *options)
     assert done.returncode == 2
     assert done.stderr.startswith("plotfeed: topic 'a")
