@@ -48,6 +48,8 @@ def utc_ns(text: str) -> int | None:
         time = datetime.fromisoformat(found[1] + found[3].replace("Z", "+00:00"))
     except ValueError:
         return None
+    if time.tzinfo is None:  # a date alone, whose zone `fromisoformat` does not take for one
+        return None
     since = time - _EPOCH
     return (since.days * 86_400 + since.seconds) * NS + int((found[2] or "").ljust(9, "0"))
 

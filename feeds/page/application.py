@@ -34,6 +34,7 @@ from plotfeed.feeds.page.updates import (
     request_in,
 )
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.transport.peers import PEER_LIMITS, Places
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
@@ -119,8 +120,6 @@ def _with_headers(send: Send, host: str) -> Send:
 STALLED_S = 5.0  # A viewer that takes nothing for so long is dropped
 MAX_VIEWERS = 50
 MAX_CONNECTIONS = 200
-# Connections on which a request has not been sent to its end, and for how long it may not be.
-MAX_HALF_ASKED, HALF_ASKED_S = 50, 5.0
 MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "css": "text/css; charset=utf-8",
@@ -287,8 +286,7 @@ class Application:
 class _Impatient(H11Protocol):
     """A connection that is closed when its request does not come; the oldest when many are so."""
 
-    # The oldest first, with when they are closed.
-    half_asked: ClassVar[dict[_Impatient, asyncio.TimerHandle]] = {}
+    half_asked: ClassVar[Places[_Impatient]] = Places(PEER_LIMITS["live page: a request"])
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Give it some time."""
@@ -299,28 +297,18 @@ class _Impatient(H11Protocol):
         """Take what comes; a request that has begun anew has as much time as the first."""
         super().data_received(data)
         if self.conn.their_state is not h11.IDLE:
-            self._wait_no_more()
+            self.half_asked.give_up(self)
         elif self not in self.half_asked:
             self._wait()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Nothing comes any more."""
-        self._wait_no_more()
+        self.half_asked.give_up(self)
         super().connection_lost(exc)
 
     def _wait(self) -> None:
-        if len(self.half_asked) >= MAX_HALF_ASKED:
-            next(iter(self.half_asked))._give_up()
-        self.half_asked[self] = self.loop.call_later(HALF_ASKED_S, self._give_up)
-
-    def _wait_no_more(self) -> None:
-        timer = self.half_asked.pop(self, None)
-        if timer is not None:
-            timer.cancel()
-
-    def _give_up(self) -> None:
-        self._wait_no_more()
-        self.transport.abort()
+        host = (self.transport.get_extra_info("peername") or ("",))[0]
+        self.half_asked.take(self, host, self.transport.abort)
 
 
 class _Server(uvicorn.Server):

@@ -61,6 +61,10 @@ class FairQueue:
             dropped=self._given_up,
         )
 
+    def of_topic(self, topic: str) -> int:
+        """How many messages of a topic wait."""
+        return len(self._turns.get(topic, ()))
+
     def know(self, topic: str) -> None:
         """Keep room for that topic from now on: something of it was taken."""
         if topic not in self._known:

@@ -17,6 +17,7 @@ from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
 from plotfeed.feeds.transport.octet_sources import OctetSource, OctetsTaker, SourceError
+from plotfeed.feeds.transport.peers import PEER_LIMITS
 from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError
 from plotfeed.proto.errors import PlotfeedError
 
@@ -204,8 +205,7 @@ def token_of(name: str, key: str, environment: Mapping[str, str]) -> str:
 log = logging.getLogger(__name__)
 
 POLL_TOKEN = "PLOTFEED_REMOTE_ID_TOKEN"  # noqa: S105 - where it is, not what it is
-TIMEOUT_S = 10.0
-MAX_ANSWER_OCTETS = 8 << 20
+ANSWER = PEER_LIMITS["live source, HTTP: an answer"]
 SLOWEST_S = 30.0  # Between two questions to a service that fails
 WHY = {
     401: f"it wants a token: {POLL_TOKEN}",
@@ -246,7 +246,7 @@ class PolledOctets(OctetSource):
                     log.warning("%s: it answers again", self._address)
                     self._is_told = False
                 wait_s = self._every_s
-                self._taker.octets(str(self._address), answer)
+                self._taker.put(str(self._address), answer)
             await asyncio.sleep(wait_s)
 
     def close(self) -> None:
@@ -260,12 +260,12 @@ class PolledOctets(OctetSource):
         server = HttpClient(self._url, tls, fields)
         try:
             status, answer = await server.ask(
-                "GET", (), b"", timeout_s=TIMEOUT_S, most=MAX_ANSWER_OCTETS
+                "GET", (), b"", timeout_s=ANSWER.patience_s, most=ANSWER.octets
             )
         finally:
             server.hang_up()
         if status != 200:
             raise HttpError(f"status {status}" + (f", {WHY[status]}" if status in WHY else ""))
         if answer is None:
-            raise HttpError(f"an answer of more than {MAX_ANSWER_OCTETS} octets")
+            raise HttpError(f"an answer of more than {ANSWER.octets} octets")
         return answer

@@ -7,11 +7,12 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from plotfeed.feeds.scene.telemetry_keys import KINDS, SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.live.aircraft import AircraftReports
-from plotfeed.feeds.telemetry.live.heard import Listener
+from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener
 from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports, RemoteIdReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.transport.http import PolledOctets
@@ -23,6 +24,7 @@ from plotfeed.feeds.transport.octet_sources import (
     TcpOctets,
     UdpOctets,
 )
+from plotfeed.feeds.transport.peers import PeerTurns
 
 log = logging.getLogger(__name__)
 
@@ -51,14 +53,19 @@ class LiveSource:
         self._settings = settings
         stated = {"rcs_m2": settings.rcs_m2, "target_class": settings.target_class}
         self._stated: dict[str, Any] = {k: v for k, v in stated.items() if v is not None}
-        self._now_utc_ns, self._take, self._refuse = now_utc_ns, take, refuse
-        self._listener = listener_of(settings)
+        self._take, self._refuse = take, refuse
+        self._turns = PeerTurns(
+            listener_of(settings),
+            say=self._hand_on,
+            note=partial(log.warning, "%s: %s", self.name),
+            now_utc_ns=now_utc_ns,
+        )
         self._octets: OctetSource
         if settings.view is None:
-            self._octets = octets_of(self.address, self, settings.interface)
+            self._octets = octets_of(self.address, self._turns, settings.interface)
         else:
             view = ",".join(f"{degrees:.6f}" for degrees in settings.view)
-            self._octets = PolledOctets(self.address, self, view, settings.poll_s)
+            self._octets = PolledOctets(self.address, self._turns, view, settings.poll_s)
 
     @property
     def bound_port(self) -> int:
@@ -71,13 +78,13 @@ class LiveSource:
 
     async def run(self) -> None:
         """Keep listening; returns where what is read has an end."""
-        if self.address.kind != "mavlink":
-            await self._octets.run()
-            return
         asks = self.address.transport == "udpout" or self._settings.ask_hz is not None
-        asking = asyncio.create_task(self._ask()) if asks else None
+        asking = None
+        if self.address.kind == "mavlink" and asks:
+            asking = asyncio.create_task(self._ask())
         try:
             await self._octets.run()
+            await self._turns.emptied()
         finally:
             if asking is not None:
                 asking.cancel()
@@ -85,21 +92,14 @@ class LiveSource:
     def close(self) -> None:
         """Take no more."""
         self._octets.close()
+        self._turns.close()
 
-    def octets(self, peer: str, data: bytes) -> None:
-        """Hand on the reports in what a peer has sent."""
-        for heard in self._listener.hear(peer, data, self._now_utc_ns()):
-            if isinstance(heard.said, Refused):
-                self._refuse(heard.drone, heard.said)
-            else:
-                said = replace(heard.said, **self._stated) if self._stated else heard.said
-                self._take(heard.drone, said)
-        for note in self._listener.notes():
-            log.warning("%s: %s", self.name, note)
-
-    def gone(self, peer: str) -> None:
-        """Forget what is incomplete of a peer."""
-        self._listener.forget(peer)
+    def _hand_on(self, heard: HeardReport) -> None:
+        if isinstance(heard.said, Refused):
+            self._refuse(heard.drone, heard.said)
+        else:
+            said = replace(heard.said, **self._stated) if self._stated else heard.said
+            self._take(heard.drone, said)
 
     async def _ask(self) -> None:
         """Say every second that somebody listens, and from time to time what is wanted."""

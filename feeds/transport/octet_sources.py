@@ -20,18 +20,18 @@ from typing import Protocol
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import HAS_POSIX, watched
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
+from plotfeed.feeds.telemetry.live.heard import remember
+from plotfeed.feeds.transport.peers import PEER_LIMITS, SLICE_OCTETS, Places
 from plotfeed.feeds.transport.udp import receiver_at
 from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
-LARGEST_OCTETS = 1 << 16
+UDP, TCP = PEER_LIMITS["live source, UDP"], PEER_LIMITS["live source, TCP"]
 BUFFER_OCTETS = 1 << 20
-AT_ONCE = 64  # Datagrams, until something else has its turn
+AT_ONCE = 16  # Datagrams, until something else has its turn
 # Between attempts to connect: each of them, and the last from then on.
 AGAIN_S = (0.5, 1.0, 2.0, 5.0)
-MAX_CONNECTIONS = 64
-MAX_CORRESPONDENTS = 256
 
 
 class SourceError(PlotfeedError):
@@ -43,11 +43,17 @@ class SourceError(PlotfeedError):
 class OctetsTaker(Protocol):
     """Whoever is told what comes."""
 
-    def octets(self, peer: str, data: bytes) -> None:
-        """A peer has sent these."""
+    def put(self, peer: str, data: bytes) -> None:
+        """A peer has sent these, and cannot be told to wait."""
+
+    async def hear(self, peer: str, data: bytes) -> None:
+        """A peer has sent these; returns when there is room for more."""
 
     def gone(self, peer: str) -> None:
         """A peer's connection has ended."""
+
+    def refuse(self, why: str) -> None:
+        """Something of a peer was not taken."""
 
 
 class OctetSource(ABC):
@@ -134,15 +140,14 @@ class UdpOctets(OctetSource):
     def _take(self, opened: socket.socket) -> None:
         for _ in range(AT_ONCE):
             try:
-                data, sender = opened.recvfrom(LARGEST_OCTETS)
+                data, sender = opened.recvfrom(UDP.octets)
             except OSError:  # there is nothing, or only word of an error
                 return
             peer = f"{sender[0]}:{sender[1]}"
-            if self._address.transport == "udpin" and peer not in self._senders:
-                if len(self._senders) >= MAX_CORRESPONDENTS:
-                    del self._senders[next(iter(self._senders))]
-                self._senders[peer] = sender
-            self._taker.octets(peer, data)
+            if self._address.transport == "udpin":
+                remember(self._senders, peer, sender, UDP.peers)
+            if data:
+                self._taker.put(peer, data)
 
 
 class TcpOctets(OctetSource):
@@ -151,6 +156,7 @@ class TcpOctets(OctetSource):
     def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
         self._address, self._taker = address, taker
         self._writers: dict[str, asyncio.StreamWriter] = {}
+        self._places = Places[str](TCP)
         self._server: asyncio.Server | None = None
 
     async def open(self) -> None:
@@ -159,7 +165,9 @@ class TcpOctets(OctetSource):
         if address.transport != "tcpin":
             return
         try:
-            self._server = await asyncio.start_server(self._accepted, address.host, address.port)
+            self._server = await asyncio.start_server(
+                self._accepted, address.host, address.port, limit=TCP.octets
+            )
             self.bound_port = int(self._server.sockets[0].getsockname()[1])
         except OSError as error:
             raise SourceError(f"{address}: {error.strerror or error}") from None
@@ -172,7 +180,7 @@ class TcpOctets(OctetSource):
         while True:
             try:
                 reader, writer = await asyncio.open_connection(
-                    self._address.host, self._address.port, limit=LARGEST_OCTETS
+                    self._address.host, self._address.port, limit=TCP.octets
                 )
             except OSError as error:
                 if not was_told:
@@ -201,7 +209,7 @@ class TcpOctets(OctetSource):
         """Send something over a connection that is there."""
         writer = self._writers.get(peer)
         # Who reads nothing is sent nothing more.
-        if writer is not None and writer.transport.get_write_buffer_size() < LARGEST_OCTETS:
+        if writer is not None and writer.transport.get_write_buffer_size() < TCP.octets:
             writer.write(data)
 
     @property
@@ -210,10 +218,6 @@ class TcpOctets(OctetSource):
         return list(self._writers)
 
     async def _accepted(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if len(self._writers) >= MAX_CONNECTIONS:
-            log.warning("%s: more than %d connections", self._address, MAX_CONNECTIONS)
-            writer.close()
-            return
         await self._read(reader, writer)
 
     async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
@@ -221,18 +225,25 @@ class TcpOctets(OctetSource):
         host, port = (writer.get_extra_info("peername") or ("", 0))[:2]
         peer, has_come = f"{host}:{port}", False
         self._writers[peer] = writer
+        self._places.take(peer, host, partial(self._leave, peer))
         _keep_alive(writer.get_extra_info("socket"))
         try:
-            while data := await reader.read(LARGEST_OCTETS):
+            while data := await reader.read(TCP.octets):
                 has_come = True
-                self._taker.octets(peer, data)
+                self._places.heard(peer)
+                await self._taker.hear(peer, data)
         except OSError:
             pass  # it is over
         finally:
             self._writers.pop(peer, None)
+            self._places.give_up(peer)
             writer.close()
             self._taker.gone(peer)
         return has_come
+
+    def _leave(self, peer: str) -> None:
+        self._taker.refuse(f"{peer}: its connection gave way: {TCP.peers} are the most kept")
+        self._writers[peer].transport.abort()
 
 
 def _keep_alive(connection: socket.socket) -> None:
@@ -243,7 +254,7 @@ def _keep_alive(connection: socket.socket) -> None:
             connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
-READ_OCTETS = 1 << 16
+READ_OCTETS = PEER_LIMITS["live source, serial port, file or pipe"].octets
 REOPEN_S = 1.0  # Between attempts to open a port
 
 
@@ -313,7 +324,8 @@ class SerialOctets(OctetSource):
             self.close()
             self._ended.set()
         elif data:
-            self._taker.octets(self._address.path, data)
+            for at in range(0, len(data), SLICE_OCTETS):
+                self._taker.put(self._address.path, data[at : at + SLICE_OCTETS])
 
 
 class PipedOctets(OctetSource):
@@ -337,10 +349,10 @@ class PipedOctets(OctetSource):
         """Take all there is, and return at the end."""
         loop, done = asyncio.get_running_loop(), asyncio.Event()
 
-        def take(data: bytes) -> None:
+        async def take(data: bytes) -> None:
             try:
-                if data and not self._is_closed:
-                    self._taker.octets(self._peer, data)
+                if not self._is_closed:
+                    await self._taker.hear(self._peer, data)
             finally:
                 self._is_taken.set()
 
@@ -349,7 +361,7 @@ class PipedOctets(OctetSource):
                 try:
                     for data in self._pieces():
                         self._is_taken.clear()
-                        loop.call_soon_threadsafe(take, data)
+                        asyncio.run_coroutine_threadsafe(take(data), loop)
                         self._is_taken.wait()
                 except OSError as error:
                     log.warning("%s: %s", self._address, error.strerror or error)

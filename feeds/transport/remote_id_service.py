@@ -16,12 +16,11 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import RemoteIdService
 from plotfeed.feeds.transport.http import token_of
 from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
+from plotfeed.feeds.transport.peers import PEER_LIMITS, Places
 from plotfeed.feeds.transport.ways_out import ListeningTransport
 from plotfeed.proto.tracks.remote_id_answers import MAX_DIAGONAL_M, DisplayArea, KnownFlights
 
-MAX_HEAD_OCTETS = 8192
-MAX_CLIENTS = 100  # At a time; others are told that the service is busy
-PATIENCE_S = 10.0  # Who takes longer to ask, or to take the answer, is left
+ASKING = PEER_LIMITS["service of network Remote ID: a request"]
 
 
 class RefusedRequest(Exception):  # noqa: N818 - what happened to it, not what broke
@@ -50,13 +49,13 @@ class RemoteIdTransport(ListeningTransport):
         if settings.token is not None:
             self._token = token_of(settings.token, f"{key}.token", environment)
         self._flights = KnownFlights()
-        self._clients = 0
+        self._places = Places[asyncio.StreamWriter](ASKING)
 
     @contextlib.asynccontextmanager
     async def listening(self) -> AsyncIterator[None]:
         """The server, while there is one; entering raises `OSError`."""
         server = await asyncio.start_server(
-            self._attend, self.settings.host, self.settings.port, limit=MAX_HEAD_OCTETS
+            self._attend, self.settings.host, self.settings.port, limit=ASKING.octets
         )
         try:
             yield
@@ -72,18 +71,19 @@ class RemoteIdTransport(ListeningTransport):
 
     async def _attend(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer one request, and hang up."""
-        self._clients += 1
+        host = (writer.get_extra_info("peername") or ("",))[0]
+        self._places.take(writer, host, writer.transport.abort)
         try:
-            async with asyncio.timeout(PATIENCE_S):
-                head = await reader.readuntil(b"\r\n\r\n")
-                writer.write(self._answer(head.decode("latin-1")))
-                await writer.drain()
-                writer.close()
-                await writer.wait_closed()
-        except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+            head = await reader.readuntil(b"\r\n\r\n")
+            self._places.heard(writer)
+            writer.write(self._answer(head.decode("latin-1")))
+            await writer.drain()
+            writer.close()
+            await writer.wait_closed()
+        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
             pass  # who does not ask as one does, or has gone, is told nothing
         finally:
-            self._clients -= 1
+            self._places.give_up(writer)
             writer.transport.abort()
 
     def _answer(self, head: str) -> bytes:
@@ -106,8 +106,6 @@ class RemoteIdTransport(ListeningTransport):
             raise RefusedRequest(HTTPStatus.FORBIDDEN, "ask for this host by its own name")
         if "origin" in fields:
             raise RefusedRequest(HTTPStatus.FORBIDDEN, "web pages are not answered")
-        if self._clients > MAX_CLIENTS:
-            raise RefusedRequest(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients")
         said = fields.get("authorization", "").encode()
         if self._token and not hmac.compare_digest(said, f"Bearer {self._token}".encode()):
             raise RefusedRequest(HTTPStatus.UNAUTHORIZED, "expected the bearer token")

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named
+from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named, remember
 from plotfeed.feeds.telemetry.position_report import (
     PositionReport,
     Reason,
@@ -155,21 +155,20 @@ class AircraftReports(Listener):
         self._frames.pop(peer, None)
 
     def _of(self, icao: str) -> _Aircraft:
-        found = self._aircraft.pop(icao, None) or _Aircraft()
-        if len(self._aircraft) >= MAX_AIRCRAFT:
-            del self._aircraft[next(iter(self._aircraft))]
-        self._aircraft[icao] = found  # the last that was heard is the last to be forgotten
+        found = self._aircraft.get(icao) or _Aircraft()
+        remember(self._aircraft, icao, found, MAX_AIRCRAFT)
         return found
 
     def _hear_lines(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
         *lines, rest = (self._lines.pop(peer, b"") + data).split(b"\n")
-        if len(rest) > MAX_LINE_OCTETS:
-            detail = f"a line of more than {MAX_LINE_OCTETS} octets"
-            yield HeardReport("", Refused(Reason.OVERSIZED, detail))
-        elif len(self._lines) < MAX_PEERS:
-            self._lines[peer] = rest
-        for line in lines:
-            if line.strip():  # an empty one says that the receiver is there
+        if len(rest) <= MAX_LINE_OCTETS:
+            remember(self._lines, peer, rest, MAX_PEERS)
+            rest = b""
+        for line in (*lines, rest):
+            if len(line) > MAX_LINE_OCTETS:
+                detail = f"a line of more than {MAX_LINE_OCTETS} octets"
+                yield HeardReport("", Refused(Reason.OVERSIZED, detail))
+            elif line.strip():  # an empty one says that the receiver is there
                 yield from self._line(line.decode("latin-1").strip().split(","), now_utc_ns)
 
     def _line(self, cells: list[str], now_utc_ns: int) -> Iterator[HeardReport]:
@@ -192,11 +191,8 @@ class AircraftReports(Listener):
             yield self._report(icao, aircraft, now_utc_ns, place, (math.nan, pressure_m))
 
     def _hear_frames(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
-        splitter = self._frames.get(peer)
-        if splitter is None:
-            if len(self._frames) >= MAX_PEERS:
-                del self._frames[next(iter(self._frames))]
-            splitter = self._frames[peer] = BeastSplitter()
+        splitter = self._frames.get(peer) or BeastSplitter()
+        remember(self._frames, peer, splitter, MAX_PEERS)
         damaged = splitter.damaged
         for message in splitter.split(data):
             found = read_squitter(message)
@@ -245,8 +241,8 @@ class AircraftReports(Listener):
             reports = []
             detail = f"no ASTERIX 021 of editions 2.1 to 2.7: {error}"
             yield HeardReport("", Refused(Reason.UNDECODABLE, detail))
-        if rest[:1] == b"\x15" and len(self._lines) < MAX_PEERS and rest[1:3] != b"\0\0":
-            self._lines[peer] = rest
+        if rest[:1] == b"\x15" and rest[1:3] != b"\0\0":
+            remember(self._lines, peer, rest, MAX_PEERS)
         elif rest:
             detail = f"{len(rest)} octets that are no block of ASTERIX 021"
             yield HeardReport("", Refused(Reason.UNDECODABLE, detail))

@@ -6,10 +6,14 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
+from typing import TypeVar
 
-from plotfeed.feeds.telemetry.position_report import PositionReport, Refused, check
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, check
 
+Known = TypeVar("Known")
 MAX_NAME = 64
+UNFORESEEN = "something that no reader foresaw"
 _FIELD = re.compile(r"\{([a-z_]*)\}")
 _NO_NAME = re.compile(r"[\s/+#]|[^ -~]")
 
@@ -29,6 +33,21 @@ class HeardReport:
         except Refused as refused:
             return cls(drone, refused)
         return cls(drone, report)
+
+
+def unforeseen(error: Exception) -> Refused:
+    """The refusal of something at which a reader broke, instead of saying what is wrong with it."""
+    return Refused(Reason.UNDECODABLE, f"{UNFORESEEN}: {type(error).__name__}")
+
+
+def remember(known: dict[str, Known], name: str, what: Known, most: int) -> list[str]:
+    """Know that of a name, as the last that is forgotten; the names that gave way."""
+    known.pop(name, None)
+    gone = list(islice(known, max(len(known) + 1 - most, 0)))
+    for other in gone:
+        del known[other]
+    known[name] = what
+    return gone
 
 
 class Listener(ABC):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from plotfeed.feeds.scene.telemetry_keys import PLACE, TelemetryMapping
-from plotfeed.feeds.telemetry.live.heard import HeardReport, named
+from plotfeed.feeds.telemetry.live.heard import HeardReport, named, unforeseen
 from plotfeed.feeds.telemetry.position_report import (
     PositionReport,
     Reason,
@@ -24,6 +24,7 @@ ANGLES = {"deg": 1.0, "rad": 180 / math.pi, "1e-7deg": 1e-7}
 LENGTHS = {"m": 1.0, "ft": FOOT_M, "mm": 1e-3, "cm": 1e-2}
 SPEEDS_M_S = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": KNOT_M_S, "mph": MILE_H_M_S, "cm/s": 1e-2}
 TIMES_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+MOST_NS = 2.0**100  # Far beyond all that is taken for a time; a product of two numbers may be inf
 
 
 class MappedReports:
@@ -59,6 +60,8 @@ def _heard(mapping: TelemetryMapping, drone: str, payload: bytes, now_utc_ns: in
         return HeardReport.checked(drone, _report(mapping, tree, now_utc_ns))
     except Refused as refused:
         return HeardReport(drone, refused)
+    except Exception as error:  # noqa: BLE001 - of strangers' data, whatever it is
+        return HeardReport(drone, unforeseen(error))
 
 
 def _tree(payload: bytes) -> Any:
@@ -134,7 +137,8 @@ def _time_ns(mapping: TelemetryMapping, tree: Any, now_utc_ns: int) -> int:
     value = _value(tree, mapping.time)
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 1 << 63:
         return value * TIMES_NS[mapping.time_format]  # to the last digit
-    return round(_number(tree, mapping.time) * TIMES_NS[mapping.time_format])
+    t_utc_ns = _number(tree, mapping.time) * TIMES_NS[mapping.time_format]
+    return round(max(-MOST_NS, min(t_utc_ns, MOST_NS)))
 
 
 def _velocity(mapping: TelemetryMapping, tree: Any) -> Velocity | None:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from plotfeed.feeds.telemetry.flights.autopilot_logs import mavlink_decoder
 from plotfeed.feeds.telemetry.live.aircraft import OF_EMITTER_MAVLINK, SMALL, as_reported
-from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named
+from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named, remember
 from plotfeed.feeds.telemetry.live.remote_id import RemoteIdReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, over_ground
 from plotfeed.models.state import AltitudeReference
@@ -146,7 +146,7 @@ MS_NS, US_NS = 1_000_000, 1000
 # A system is not followed by what is less for so long after it sent its estimate, or came.
 PREFERRED_FOR_NS = 3 * NS
 MAX_PEERS = 256
-MAX_SYSTEMS = 1000  # That are remembered; the one that was heard first gives way
+MAX_SYSTEMS = 1000  # That are remembered; the one that has been silent longest gives way
 
 AltitudeKind = Literal["mean_sea_level", "above_takeoff"]
 
@@ -179,7 +179,7 @@ class MavlinkReports(Listener):
         self._template, self._altitude = template, altitude
         self._decode = mavlink_decoder()
         self._peers: dict[str, FrameSplitter[Any]] = {}
-        self._systems: dict[tuple[str, int], _System] = {}
+        self._systems: dict[str, _System] = {}
         self._others = RemoteIdReports("{id}")
         self._notes: list[str] = []
         self._take: dict[int, Callable[[str, _System, Any, int], Iterator[HeardReport]]] = {
@@ -192,11 +192,8 @@ class MavlinkReports(Listener):
 
     def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
         """The reports in octets of a peer; octets that are no frames are refused in one."""
-        splitter = self._peers.get(peer)
-        if splitter is None:
-            if len(self._peers) >= MAX_PEERS:
-                self.forget(next(iter(self._peers)))
-            splitter = self._peers[peer] = FrameSplitter(WANTED, self._decode)
+        splitter = self._peers.get(peer) or FrameSplitter[Any](WANTED, self._decode)
+        remember(self._peers, peer, splitter, MAX_PEERS)
         damaged = splitter.damaged
         for message in splitter.split(data):
             system = self._system(peer, message.get_srcSystem(), now_utc_ns)
@@ -218,12 +215,9 @@ class MavlinkReports(Listener):
         return notes
 
     def _system(self, peer: str, number: int, now_utc_ns: int) -> _System:
-        system = self._systems.get((peer, number))
-        if system is None:
-            if len(self._systems) >= MAX_SYSTEMS:
-                del self._systems[next(iter(self._systems))]
-            system = self._systems[peer, number] = _System()
-            system.best_until_ns = now_utc_ns + PREFERRED_FOR_NS
+        key = f"{peer} {number}"
+        system = self._systems.get(key) or _System(best_until_ns=now_utc_ns + PREFERRED_FOR_NS)
+        remember(self._systems, key, system, MAX_SYSTEMS)
         return system
 
     def _name(self, peer: str, message: Any) -> str:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named
+from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named, remember
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, over_ground
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import DecodeError
@@ -30,7 +30,9 @@ from plotfeed.proto.utc import NS, utc_ns
 HOUR_NS = 3600 * NS
 # A position that would be older, or as far ahead, is of a clock that is off: it is of now.
 OFF_NS = 60 * NS
-MAX_TRANSMITTERS = 1000  # Whose identities are remembered; the one that was heard first gives way
+MAX_TRANSMITTERS = (
+    1000  # Whose identities are remembered; the one that has been silent longest gives way
+)
 
 
 def report_of(location: OdidLocation, now_utc_ns: int) -> PositionReport:
@@ -98,11 +100,8 @@ class RemoteIdReports(Listener):
 
     def identify(self, transmitter: str, said: OdidIdentity) -> None:
         """Know whose the transmitter is from now on."""
-        if not said.identity:
-            return
-        if transmitter not in self._identities and len(self._identities) >= MAX_TRANSMITTERS:
-            del self._identities[next(iter(self._identities))]
-        self._identities[transmitter] = said.identity
+        if said.identity:
+            remember(self._identities, transmitter, said.identity, MAX_TRANSMITTERS)
 
     def located(self, transmitter: str, location: OdidLocation, now_utc_ns: int) -> HeardReport:
         """The report of a location."""
@@ -198,9 +197,15 @@ def _number(tree: Any, key: str) -> float:
     value = tree.get(key) if isinstance(tree, dict) else None
     if value is None:
         return math.nan
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    try:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise TypeError
+        number = float(value)  # of a whole number with hundreds of digits, none
+    except (TypeError, OverflowError):
+        number = math.inf
+    if not math.isfinite(number):
         raise Refused(Reason.UNDECODABLE, f"{key} is {ascii(value)[:40]}; expected a number")
-    return float(value)
+    return number
 
 
 def _accuracy(tree: Any, key: str, scale: float) -> float | None:

@@ -22,6 +22,7 @@ from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import octet_sources
 from plotfeed.feeds.transport.live_source import LiveSource, octets_of
 from plotfeed.feeds.transport.octet_sources import SourceError, TcpOctets, UdpOctets
+from plotfeed.feeds.transport.peers import PeerLimits
 from plotfeed.proto.errors import PlotfeedError
 
 # A Location message of Open Drone ID, of now, whenever that is.
@@ -35,12 +36,19 @@ class Taker:
     def __init__(self) -> None:
         self.came: dict[str, bytes] = {}
         self.left: list[str] = []
+        self.refused: list[str] = []
 
-    def octets(self, peer: str, data: bytes) -> None:
+    def put(self, peer: str, data: bytes) -> None:
         self.came[peer] = self.came.get(peer, b"") + data
+
+    async def hear(self, peer: str, data: bytes) -> None:
+        self.put(peer, data)
 
     def gone(self, peer: str) -> None:
         self.left.append(peer)
+
+    def refuse(self, why: str) -> None:
+        self.refused.append(why)
 
     @property
     def all(self) -> bytes:
@@ -210,23 +218,30 @@ async def test_a_connection_that_ends_is_made_again(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.asyncio
-async def test_several_connect_and_each_is_a_peer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(octet_sources, "MAX_CONNECTIONS", 2)
+async def test_several_connect_and_who_is_silent_longest_gives_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(octet_sources, "TCP", PeerLimits(2, 1 << 16))
     port = free_port()
     async with listening(f"mavlink:tcpin:127.0.0.1:{port}") as (taker, source):
         assert isinstance(source, TcpOctets)
         assert source.bound_port == port
-        writers = []
+        ends = []
         for name in (b"a", b"b"):
-            _, writer = await asyncio.open_connection("127.0.0.1", port)
-            writer.write(name)
-            writers.append(writer)
+            ends.append(await asyncio.open_connection("127.0.0.1", port))
+            ends[-1][1].write(name)
         await until(lambda: sorted(taker.came.values()) == [b"a", b"b"])
-        reader, third = await asyncio.open_connection("127.0.0.1", port)
-        assert await reader.read(1) == b""  # one too many
-        for writer in (*writers, third):
+        ends[0][1].write(b"again")
+        await until(lambda: b"aagain" in taker.came.values())
+        ends.append(await asyncio.open_connection("127.0.0.1", port))
+        with contextlib.suppress(OSError):
+            assert await ends[1][0].read(1) == b""
+        ends[2][1].write(b"c")
+        await until(lambda: b"c" in taker.came.values())
+        assert len(taker.refused) == 1
+        for _, writer in ends:
             writer.close()
-        await until(lambda: len(taker.left) == 2)
+        await until(lambda: len(taker.left) == 3)
 
 
 def watch_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
