@@ -63,7 +63,7 @@ audit: .venv-audit/.ready
 
 .venv/.ready-test: .venv/.ready
 	mkdir -p .typing/plotfeed
-	for room in feeds models proto replay face/__init__.py face/py.typed; do \
+	for room in feeds models proto replay face/__init__.py face/testing.py face/py.typed; do \
 	ln -sfn ../../$$room .typing/plotfeed/$${room##*/}; done
 	if test -d .venv/lib/python3*/site-packages/asterix_decoder-*; then \
 	$(BIN)/python -m pip uninstall --quiet --yes asterix-decoder libasterix; fi  # as once: both or none

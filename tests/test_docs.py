@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import subprocess
@@ -19,7 +20,7 @@ from plotfeed.feeds.schema import text_of
 
 ROOT = DOCS.parent
 PAGES = sorted([*DOCS.glob("*.md"), *ROOT.glob("*.md"), *(ROOT / "examples").glob("*.md")])
-ROOMS = ("feeds", "models", "proto", "replay", "tests", "docs", "examples", "requirements")
+ROOMS = ("feeds", "models", "proto", "replay", "tests", "tools", "docs", "examples", "requirements")
 # Columns of plots that few will ask for.
 NOT_ON_THE_PAGE = {
     "channel",
@@ -122,6 +123,11 @@ async def test_the_examples_in_python_do_what_their_page_says(
     for code in re.findall(r"```python\n(.*?)```", (DOCS / "engine.md").read_text(), re.DOTALL):
         exec(compile(code, "docs/engine.md", "exec"), {})  # noqa: S102 - our own page
     assert "plotfeed/active/asterix/048" in capsys.readouterr().out
+    for code in re.findall(r"```python\n(.*?)```", (DOCS / "testing.md").read_text(), re.DOTALL):
+        await asyncio.to_thread(exec, compile(code, "docs/testing.md", "exec"), {})
+    assert re.search(
+        r"(\d+) plots, 20 of the drone, .*\n\d+ octets on tracks/mine", capsys.readouterr().out
+    )
     page = (DOCS / "python.md").read_text()
     names: dict[str, Any] = {}
     for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL):

@@ -11,12 +11,13 @@ from typing import Any, get_args
 import pytest
 from support.command import plotfeed_here
 from support.hills import write_ridge
-from support.scene_files import radar, scene_file, scene_text, toml_of
+from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.effect_keys import EFFECTS
+from plotfeed.feeds.testing.built_scene import toml_of
 
 ROOT = Path(__file__).parents[1]
 # Tables that say how a sensor reports, turns, or is made.

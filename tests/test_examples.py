@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from support.brokers import free_port
 from support.command import Running, plotfeed_here, running
-from support.mqtt_client import Heard, listening
 from support.tools import NODE_MODULES, needed, node_module
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCENES = sorted((EXAMPLES / "scenes").glob("*.toml"))
@@ -176,14 +176,14 @@ def test_a_tracker_under_test_follows_the_drone(
     port = radar_and_port[0].port("MQTT 3.1.1")
     topic, site = f"under-test/{tracker}", LocalFrame(40.45, -3.73, 650.0)
 
-    def follows(heard: Heard) -> bool:
+    def follows(heard: MqttMessage) -> bool:
         """A track near the path, as the page and the score read it."""
         told = tracks_to_show(heard.payload, None, time.time_ns(), site)
         places = [[each.latitude_deg, each.longitude_deg, each.height_m] for each in told]
         enu_m = site.from_ecef(geodetic_to_ecef(*np.reshape(places, (-1, 3)).T))
         return any(off_the_path_m(*place) < 60.0 for place in enu_m[:, :2].tolist())
 
-    with listening(port, 4, topic) as client:
+    with MqttReceiver(port, 4, topic) as client:
         process = subprocess.Popen(
             [python, str(EXAMPLES / tracker), "127.0.0.1", str(port), "plotfeed", topic],
             stdout=subprocess.PIPE,

@@ -7,9 +7,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-from support import road
 from support.random_scenes import random_tree
 
+from plotfeed import testing
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.output_keys import WaysOut
 from plotfeed.feeds.scene.scene import Scene, example, from_tree, load
@@ -58,7 +58,7 @@ def listed() -> dict[int, set[str]]:
 def test_what_is_sent_is_what_is_listed() -> None:
     sent: defaultdict[int, set[str]] = defaultdict(set)
     for scene in scenes():
-        for message in road.fly(scene.sent_to(WaysOut()), SECONDS).messages:
+        for message in testing.fly(scene.sent_to(WaysOut()), SECONDS).messages:
             if "/asterix/" in message.topic:
                 for record in decode(message.payload):
                     sent[record.category] |= {item.partition("/")[2] for item in record.items}

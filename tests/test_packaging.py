@@ -34,7 +34,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = tmp_path_factory.mktemp("source")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
-    for room in (*ROOMS, "face", "tests"):
+    for room in (*ROOMS, "face", "tests", "tools"):
         shutil.copytree(ROOT / room, source / room, ignore=shutil.ignore_patterns("__pycache__"))
     built = tmp_path_factory.mktemp("built")
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check")
@@ -53,7 +53,7 @@ def test_the_wheel_holds_all_that_the_rooms_do_and_nothing_else(wheel: Path) -> 
         for path in (ROOT / room).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    assert packed == expected | {"plotfeed/__init__.py", "plotfeed/py.typed"}
+    assert packed == expected | {f"plotfeed/{name}" for name in ("__init__.py", "testing.py", "py.typed")}
     for name in (
         "plotfeed/feeds/scene/examples/section-4.toml",
         "plotfeed/feeds/py.typed",

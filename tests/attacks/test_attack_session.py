@@ -14,9 +14,10 @@ import pytest
 from fuzz.first_seeds import seeds_of
 from support.brokers import free_port
 from support.command import plotfeed, running
-from support.mqtt_client import Client
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S
+
+from plotfeed.testing import MqttReceiver
 
 pytest.importorskip("uvicorn")
 
@@ -35,7 +36,7 @@ def damaged(name: str, rng: random.Random) -> bytes:
 
 def at_the_broker(port: int, version: int, rng: random.Random) -> None:
     """Telemetry, commands and answers that nobody can read, by the hundred."""
-    client = Client(port, version, "plotfeed/errors/#")
+    client = MqttReceiver(port, version, "plotfeed/errors/#")
     try:
         for _ in range(20):
             client.publish_all(

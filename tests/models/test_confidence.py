@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import SITE, radar, staring
 
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.scene import from_tree
@@ -16,6 +15,7 @@ from plotfeed.models.confidence import TargetPrior, confidence_of
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Emitter, Signature
+from plotfeed.testing import SITE, radar, staring
 
 HERE = {
     "latitude_deg": SITE.latitude_deg,

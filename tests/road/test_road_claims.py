@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import NS, SITE, START_NS, Road, flown, fly, radar, scene, waypoint
 from support.significance import assert_standard_normal, assert_sum, assert_uncorrelated
 
 from plotfeed.feeds.messages.message import Message
@@ -23,6 +22,8 @@ from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import Floats
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.decode_cooperative import read_129
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE, START_NS, Feed, flown, fly, radar, scene, waypoint
 
 DATUM = {"geoid_undulation_m": 51.0}
 QUIET = radar(scan={"kind": "staring", "period_s": 30.0}, report=["plots"])
@@ -38,7 +39,7 @@ def claiming(
     return scene([QUIET], [drone | more], seed=41, telemetry=DATUM, cooperative=said)
 
 
-def claimed(road: Road, drone: str = "a") -> dict[int, PositionReport]:
+def claimed(road: Feed, drone: str = "a") -> dict[int, PositionReport]:
     """What it said, by when it was due, seconds from the start."""
     topic = f"plotfeed/claimed/{drone}"
     return {
@@ -48,7 +49,7 @@ def claimed(road: Road, drone: str = "a") -> dict[int, PositionReport]:
     }
 
 
-def truths(road: Road) -> dict[int, pb.Claim]:
+def truths(road: Feed) -> dict[int, pb.Claim]:
     """What the ledger says of the same."""
     return {
         entry.scan - START_NS // NS: claim
@@ -203,7 +204,7 @@ COMMANDS = (
 )
 
 
-async def flown_with(made: Scene, *observers: Observer) -> Road:
+async def flown_with(made: Scene, *observers: Observer) -> Feed:
     messages: list[Message] = []
     await run(
         made,
@@ -213,7 +214,7 @@ async def flown_with(made: Scene, *observers: Observer) -> Road:
         tap=lambda message, _t: messages.append(message),
         observers=observers,
     )
-    return Road(messages)
+    return Feed(messages)
 
 
 @pytest.mark.asyncio

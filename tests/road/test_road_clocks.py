@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from support.road import NS, START_NS, Road, fly, held, rotating
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer
 from plotfeed.proto.retime import retime_protobuf
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.utc import NS, iso_utc
+from plotfeed.testing import START_NS, Feed, fly, held, rotating
 
 # Whole periods of what is said every ten seconds, which is then said at the same true times.
 AHEAD_S = 20
@@ -41,7 +41,7 @@ DRONES = [
 
 
 @cache
-def road(ahead_s: float) -> Road:
+def road(ahead_s: float) -> Feed:
     tree = tomllib.loads((files("plotfeed.feeds.scene.examples") / "section-4.toml").read_text())
     tree["sensor"].append(dict(FINDER))
     tree["drone"] = DRONES

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import NS, SITE, START_NS, Road, flown, fly, held, radar, scene, waypoint
 from support.significance import assert_standard_normal, assert_uncorrelated
 
 from plotfeed.feeds.engine.scene_drones import launch
@@ -22,6 +21,8 @@ from plotfeed.models.truth import Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.decode_cooperative import UasReport, read_129
 from plotfeed.proto.ledger import entries_in
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE, START_NS, Feed, flown, fly, held, radar, scene, waypoint
 
 UNDULATION_M = 51.0
 DATUM = {"geoid_undulation_m": UNDULATION_M}
@@ -42,7 +43,7 @@ def flight(cooperative: dict[str, Any] | None = None, **more: Any) -> Scene:
     return scene([radar(report=["plots"])], drones(), seed=221, telemetry=DATUM, **given, **more)
 
 
-def reports(road: Road) -> dict[str, list[UasReport]]:
+def reports(road: Feed) -> dict[str, list[UasReport]]:
     found: dict[str, list[UasReport]] = {}
     for payload in road.payloads("cooperative/asterix/129"):
         (report,) = read_129(payload)
@@ -57,11 +58,11 @@ def test_without_the_table_nobody_reports() -> None:
 def test_the_table_changes_nothing_else() -> None:
     quiet, loud = (fly(each, 20.0) for each in (flight(), flight({"accuracy_m": 3.0})))
 
-    def said(road: Road) -> list[Message]:
+    def said(road: Feed) -> list[Message]:
         own = [m for m in road.messages if ("source", "plotfeed/cooperative") not in m.properties]
         return [m for m in own if not m.topic.endswith(("status", "truth", TOPIC))]
 
-    def told(road: Road) -> list[pb.Ledger]:
+    def told(road: Feed) -> list[pb.Ledger]:
         """Of sectors: what cooperative drones say is told in messages of the same turns."""
         payloads = [m.payload for m in road.messages if m.topic.endswith("truth")]
         entries = [entry for payload in payloads for entry in entries_in(payload)]
@@ -141,7 +142,7 @@ def test_a_second_session_sees_the_same_path_to_the_steps_of_129(start_ns: int) 
 
 
 @cache
-def noisy() -> Road:
+def noisy() -> Feed:
     fixed = [held("c", 100.0, 5.0, 2000.0)]
     return fly(
         scene(

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 from support.asterix_readers import items_of, read_blocks, values_of
-from support.road import NS, START_NS, Road, fly
 
 from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, Feed, fly
 
 DURATION_S = 349.0
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 10e6, "eirp_dbm": 20.0, "kind": "control"}
@@ -36,7 +37,7 @@ FINDER = {
 
 
 @cache
-def road() -> Road:
+def road() -> Feed:
     """The whole approach of section 4, whose drone is also heard by its radio."""
     tree = tomllib.loads((files("plotfeed.feeds.scene.examples") / "section-4.toml").read_text())
     tree["sensor"].append(FINDER)

@@ -7,10 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 from support.given_flights import EVERY_FLIGHT, GivenFlight
-from support.road import NS, START_NS, Road, Table, fly, rotating, staring
 from support.significance import assert_standard_normal
 
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, Feed, FeedTable, fly, rotating, staring
 
 SENSORS = ({"id": "staring", "scan": staring(0.2)}, {"id": "turning", "scan": rotating(0.4, 4)})
 LONGEST_GAP_S = 3.0
@@ -18,12 +19,12 @@ EVERY_SENSOR = pytest.mark.parametrize("sensor", ["staring", "turning"])
 
 
 @cache
-def road(flight: GivenFlight) -> Road:
+def road(flight: GivenFlight) -> Feed:
     parsed = flight.scene(*SENSORS, seed=101, drone=[flight.as_drone()])
     return fly(parsed, min(flight.flight.duration_s, 250.0))
 
 
-def detections(flight: GivenFlight, sensor: str) -> Table:
+def detections(flight: GivenFlight, sensor: str) -> FeedTable:
     """Those while the recording goes on without a gap that is not bridged."""
     plots, times_s = road(flight).plots(sensor), flight.times_s
     t_s = (plots.time_utc_ns - START_NS) / NS

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import Road, fly, held, radar, rotating, scene
 
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import aer_to_enu, geoid_undulation_m
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.testing import Feed, fly, held, radar, rotating, scene
 
 FOOT_M = 0.3048
 
@@ -27,7 +27,7 @@ def far_off(**more: Any) -> Scene:
     return scene(sensors, drones, seed=3, **more)
 
 
-def values(flown: Road, topic: str, path: str) -> list[float]:
+def values(flown: Feed, topic: str, path: str) -> list[float]:
     found = [r.get(path) for p in flown.payloads(topic) for r in decode(p)]
     return [value for value in found if isinstance(value, float)]
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest_asyncio
 from support.brokers import free_port
 from support.given_flights import EVERY_FLIGHT, FLIGHTS, GivenFlight
-from support.road import Road, Table, staring
 from support.significance import assert_standard_normal
 from support.waiting import until
 
@@ -21,6 +20,7 @@ from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.session.session import run
 from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.testing import Feed, FeedTable, staring
 
 SPEED = 20
 STALE_S = 0.3  # It does not fly straight on for long when nothing comes any more
@@ -33,7 +33,7 @@ LOOKS = 90  # Of the others, until so many
 class Live:
     """What left, what the session counted, and what `inject` ended with if it came to its end."""
 
-    road: Road
+    road: Feed
     totals: SessionCounters
     injected: int | None
     told: str
@@ -71,7 +71,7 @@ async def _live(flight: GivenFlight, port: int) -> Live:
         scene, stop=stop, tap=lambda message, _: messages.append(message), on_ready=ready
     )
     code, told = await injecting[0]
-    return Live(Road(messages), totals, code, told)
+    return Live(Feed(messages), totals, code, told)
 
 
 async def _inject(
@@ -100,7 +100,7 @@ async def _inject(
     return code, told.decode()
 
 
-def detections(sessions: dict[str, Live], flight: GivenFlight) -> Table:
+def detections(sessions: dict[str, Live], flight: GivenFlight) -> FeedTable:
     plots = sessions[flight.file].road.plots()
     return plots.rows(plots.drone == "d")
 

@@ -10,22 +10,23 @@ import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from scipy import stats
-from support.road import NS, START_NS, Road, fly, held, radar, rotating, scene, staring
 from support.significance import assert_law, assert_sum
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, Feed, fly, held, radar, rotating, scene, staring
 
 MS = 1_000_000
 
 
-def sent(road: Road, sensor: str = "radar") -> list[pb.Sent]:
+def sent(road: Feed, sensor: str = "radar") -> list[pb.Sent]:
     return [one for entry in road.ledgers if entry.sensor == sensor for one in entry.messages]
 
 
 def flight(
     link: dict[str, Any] | None, duration_s: float = 60.0, seed: int = 7, **more: Any
-) -> Road:
+) -> Feed:
     sensor = radar(scan=rotating(1.0, 32), pfa=1e-8, **more)
     if link is not None:
         sensor["link"] = link
@@ -33,11 +34,11 @@ def flight(
 
 
 @cache
-def clear() -> Road:
+def clear() -> Feed:
     return flight(None)
 
 
-def told(road: Road) -> list[tuple[str, bytes]]:
+def told(road: Feed) -> list[tuple[str, bytes]]:
     return [(m.topic, m.payload) for m in road.messages if "/radar/" in m.topic and _is_plots(m)]
 
 

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from support.asterix_readers import items_of, read_blocks, values_of
-from support.road import NS, SITE, Road, flown, fly, radar, rotating, scene, waypoint
 from support.significance import Array
+
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE, Feed, flown, fly, radar, rotating, scene, waypoint
 
 UNDULATION_M = 51.0
 PERIOD_S = 2.0
@@ -24,7 +26,7 @@ DAY_NS = 86_400 * NS
 
 
 @cache
-def road() -> Road:
+def road() -> Feed:
     """Three minutes of sixty drones, a radar that turns and one that stares."""
     rng = np.random.default_rng(91)
     drones = [

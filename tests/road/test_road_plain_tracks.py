@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import NS, START_NS, Road, flown, fly, radar, rotating, scene, staring, waypoint
 from support.seen_sectors import scene_of, sectors_of, seen_by
 
 from plotfeed.feeds.formats import SceneFormats
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.feeds.scene.sensors.sensor_keys import TracksKeys
 from plotfeed.proto.asterix.codec.decode import Record
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, Feed, flown, fly, radar, rotating, scene, staring, waypoint
 
 PLAIN = {"kind": "plain"}
 DURATION_S = 40.0
@@ -37,7 +38,7 @@ def drones() -> list[dict[str, Any]]:
 
 
 @cache
-def road() -> Road:
+def road() -> Feed:
     sensors = [sensor("turning", sic=1), sensor("staring", sic=2)]
     return fly(scene(sensors, drones(), seed=301), DURATION_S)
 

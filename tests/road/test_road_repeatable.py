@@ -7,12 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from support.road import NS, START_NS, Road, flown, fly, held, radar, rotating, scene, waypoint
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.ledger_pb2 import LedgerBatch
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, Feed, flown, fly, held, radar, rotating, scene, waypoint
 
 SENSORS = (
     radar(id="turning", scan=rotating(1.0, 8), pfa=1e-5),
@@ -43,7 +44,7 @@ def unnumbered(message: Message) -> Iterator[Message]:
         yield replace(message, payload=payload, due_utc_ns=end_ns, properties=())
 
 
-def told(road: Road, sensor: str | None = None, since_ns: int = 0) -> list[Message]:
+def told(road: Feed, sensor: str | None = None, since_ns: int = 0) -> list[Message]:
     """What left from then on, of one sensor or of all with the ledger; its status is not told."""
     return [
         m
@@ -55,7 +56,7 @@ def told(road: Road, sensor: str | None = None, since_ns: int = 0) -> list[Messa
     ]
 
 
-def run(seed: int = 81, *, sensors: Any = SENSORS, start_s: float = 0.0, **more: Any) -> Road:
+def run(seed: int = 81, *, sensors: Any = SENSORS, start_s: float = 0.0, **more: Any) -> Feed:
     start_ns = more.pop("start_ns", START_NS)
     which = more.pop("drones", None)
     flying = [d for d in drones(start_s) if which is None or d["id"] in which]

@@ -11,12 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 from support.one_sample import add_sample
-from support.road import (
-    NS,
+from support.significance import Array, assert_standard_normal
+from support.station import Station
+
+from plotfeed.models.frames import aer_to_enu, enu_to_aer, geodetic_to_ecef, wrap_180
+from plotfeed.models.state import Signature
+from plotfeed.models.truth import Trajectories
+from plotfeed.proto.utc import NS
+from plotfeed.testing import (
     SITE,
     START_NS,
-    Road,
-    Table,
+    Feed,
+    FeedTable,
     flown,
     fly,
     held,
@@ -25,12 +31,6 @@ from support.road import (
     scene,
     waypoint,
 )
-from support.significance import Array, assert_standard_normal
-from support.station import Station
-
-from plotfeed.models.frames import aer_to_enu, enu_to_aer, geodetic_to_ecef, wrap_180
-from plotfeed.models.state import Signature
-from plotfeed.models.truth import Trajectories
 
 SCANS = {"quick": rotating(1.0, 32), "odd": rotating(0.7, 7), "slow, few sectors": rotating(4.0, 4)}
 TURNS = 60
@@ -42,7 +42,7 @@ def beam_deg(t_utc_ns: Array, period_ns: int) -> Array:
 
 
 @cache
-def crossing(name: str) -> Road:
+def crossing(name: str) -> Feed:
     """Drones that cross north, south and every sector's border, both ways, near and far."""
     rng = np.random.default_rng(60)
     drones = []
@@ -62,7 +62,7 @@ def crossing(name: str) -> Road:
     return fly(scene([radar(scan=SCANS[name])], drones, seed=61), TURNS * SCANS[name]["period_s"])
 
 
-def by_drone(looks: Table) -> dict[str, Table]:
+def by_drone(looks: FeedTable) -> dict[str, FeedTable]:
     return {name: looks.rows(looks.drone == name) for name in np.unique(looks.drone)}
 
 
@@ -167,7 +167,7 @@ def test_the_last_of_any_number_of_sectors_ends_at_north(sectors: int) -> None:
     assert records[-2].get("I034/030") == records[-1].get("I034/030")
 
 
-def straight(period_s: float) -> tuple[Table, Array]:
+def straight(period_s: float) -> tuple[FeedTable, Array]:
     """Detections of a drone on one straight line, and where it was at any of their times."""
     ends = [waypoint(80.0, 3.0, 600.0), waypoint(117.0, 3.0, 600.0)]
     sensor = radar(scan=rotating(period_s, 8))

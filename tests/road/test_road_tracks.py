@@ -9,11 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from support.asterix_readers import items_of, read_blocks, values_of
-from support.road import (
-    NS,
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import SceneError
+from plotfeed.models.frames import geodetic_to_ecef
+from plotfeed.models.tracks import AlphaBeta
+from plotfeed.proto.asterix.codec.decode import Record
+from plotfeed.proto.utc import NS
+from plotfeed.testing import (
     SITE,
     START_NS,
-    Road,
+    Feed,
     flown,
     fly,
     held,
@@ -22,12 +28,6 @@ from support.road import (
     scene,
     waypoint,
 )
-
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.tracks import AlphaBeta
-from plotfeed.proto.asterix.codec.decode import Record
 
 TURNS = 120
 KNOWN = {"I062/010", "I062/040", "I062/070", "I062/080", "I062/100", "I062/105", "I062/185"}
@@ -67,7 +67,7 @@ def drones() -> list[dict[str, Any]]:
 
 
 @cache
-def road() -> Road:
+def road() -> Feed:
     sensors = [SENSORS[0], *SENSORS[1:]]
     return fly(scene(sensors, drones(), seed=211), float(TURNS))
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import expit
-from support.road import START_NS, flown, fly, held, scene, staring, waypoint
 from support.significance import assert_law, assert_sum
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import FALSE_ALARM
+from plotfeed.testing import START_NS, flown, fly, held, scene, staring, waypoint
 
 APART_M = 150.0
 

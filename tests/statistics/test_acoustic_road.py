@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.special import expit
-from support.road import SITE, START_NS, Road, flown, fly, held, scene, staring
 from support.significance import (
     Array,
     assert_counts,
@@ -26,6 +25,7 @@ from support.significance import (
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import SITE, START_NS, Feed, flown, fly, held, scene, staring
 
 ELEVATION_DEG = 5.0
 RANGES_M = (60.0, 80.0, 95.0, 105.0, 115.0, 125.0, 135.0, 150.0, 170.0, 200.0)
@@ -61,7 +61,7 @@ def snr_db(range_m: Array, sound_power_db: float = 80.0) -> Array:
     return np.asarray(level_db + 10 * np.log10(8))
 
 
-def started(road: Road) -> tuple[Any, Any]:
+def started(road: Feed) -> tuple[Any, Any]:
     """Looks and plots once the first sounds have arrived from everywhere."""
     late = START_NS + 3_000_000_000
     looks, plots = road.looks("mic"), road.plots("mic")
@@ -69,7 +69,7 @@ def started(road: Road) -> tuple[Any, Any]:
 
 
 @cache
-def rings() -> Road:
+def rings() -> Feed:
     drones = [
         held(f"{ring}-{i}", 18 * i + ring, ELEVATION_DEG, range_m, sound_power_db=80.0)
         for ring, range_m in enumerate(RANGES_M)
@@ -106,7 +106,7 @@ def test_scans_and_drones_fare_independently() -> None:
 
 
 @cache
-def loud() -> Road:
+def loud() -> Feed:
     drones = [
         held(f"{level}-{i}", 17 * i + level, ELEVATION_DEG, 100.0, sound_power_db=power_db)
         for level, power_db in enumerate(SOUND_POWERS_DB)

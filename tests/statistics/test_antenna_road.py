@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from support.every_kind import MIMO, PASSIVE
 from support.oracle_beside import check, sensors_of
-from support.road import flown, fly, held, radar, rotating, scene, waypoint
 from support.significance import assert_sum
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import SceneError
+from plotfeed.testing import flown, fly, held, radar, rotating, scene, waypoint
 
 SHAPED = {"kind": "cosecant-squared", "from_deg": 4.0, "to_deg": 30.0, "beamwidth_deg": 3.0}
 NARROW = {"kind": "gaussian", "beamwidth_deg": 8.0, "boresight_deg": 10.0}

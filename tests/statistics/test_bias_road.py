@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from support.every_kind import RADAR, SENSORS, drones
-from support.road import NS, SITE, Road, Table, fly, held, scene
 from support.significance import Array, assert_standard_normal, assert_uncorrelated
 
 from plotfeed.models.frames import aer_to_enu, geodetic_to_ecef, wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE, Feed, FeedTable, fly, held, scene
 
 SCANS = 60
 BIAS = {
@@ -27,12 +28,12 @@ KINDS = pytest.mark.parametrize("kind", SENSORS)
 
 
 @cache
-def road(kind: str, **effects: Any) -> Road:
+def road(kind: str, **effects: Any) -> Feed:
     named = {name: dict(keys) for name, keys in effects.items()}
     return fly(scene([SENSORS[kind] | named], drones(kind), seed=81), SCANS)
 
 
-def measured(flight: Road) -> tuple[list[pb.Plot], list[pb.PlotTruth]]:
+def measured(flight: Feed) -> tuple[list[pb.Plot], list[pb.PlotTruth]]:
     """Detections as sent, and the truth of each."""
     batches = [pb.PlotBatch.FromString(p) for p in flight.payloads("radar/plots")]
     plots = [plot for batch in batches for plot in batch.plots]
@@ -158,11 +159,11 @@ def test_drift_in_range_adds_to_the_ranges() -> None:
     )
 
 
-def positions(flight: Road) -> Table:
+def positions(flight: Feed) -> FeedTable:
     """Of tracks in category 062: places from the site and times of day."""
     records = flight.records("radar", 62)
     names = {"latitude_deg": "I062/105/LAT", "longitude_deg": "I062/105/LON", "t_s": "I062/070"}
-    return Table({n: np.array([r.get(path) for r in records]) for n, path in names.items()})
+    return FeedTable({n: np.array([r.get(path) for r in records]) for n, path in names.items()})
 
 
 def test_tracks_are_where_the_sensor_believes_the_drones_to_be() -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
-from support.road import NS, Road, fly, held, rotating, scene, staring
 from support.significance import (
     Array,
     assert_counts,
@@ -19,6 +18,8 @@ from support.significance import (
 
 from plotfeed.models.frames import wrap_180, wrap_360
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
+from plotfeed.testing import Feed, fly, held, rotating, scene, staring
 
 SIZE_M = 0.4
 DETECT, RECOGNISE, IDENTIFY = 2.0, 4.0, 6.4
@@ -57,11 +58,11 @@ def rings(target_class: str = "drone", model: str = "Phantom 4") -> list[dict[st
 
 
 @cache
-def plain() -> Road:
+def plain() -> Feed:
     return fly(scene([camera()], rings(), seed=81), FRAMES * 0.5)
 
 
-def kinds(road: Road) -> tuple[Array, Array]:
+def kinds(road: Feed) -> tuple[Array, Array]:
     batches = [pb.PlotBatch.FromString(payload) for payload in road.payloads("camera/plots")]
     told = [plot for batch in batches for plot in batch.plots]
     return np.array([p.kind for p in told]), np.array(

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from support.every_kind import FAR_SENSORS
-from support.road import START_NS, held, scene
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import Simulation, simulate
 from plotfeed.models.effects.city import CITIES
+from plotfeed.testing import START_NS, held, scene
 
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 LAWS = {"suburban": (4.88, 0.43, 0.1, 21), "urban": (9.61, 0.16, 1, 20),

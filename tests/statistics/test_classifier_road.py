@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from support.road import START_NS, Road, fly, held, radar, scene, staring
 from support.significance import assert_standard_normal, assert_sum
 
 from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import START_NS, Feed, fly, held, radar, scene, staring
 
 CLASSIFIER = {
     "claims": ["drone", "bird"],
@@ -39,7 +39,7 @@ EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0, "kind"
 
 
 @cache
-def heard() -> Road:
+def heard() -> Feed:
     drones = [
         held(f"{name}{i}", 40.0 * i, 4.0, 120.0, sound_power_db=110.0, target_class=name)
         for i in range(4)

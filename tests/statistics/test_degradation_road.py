@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.every_kind import EMITTER, RADAR, SENSORS, drones
-from support.road import START_NS, Road, Table, fly, held, radar, rotating, scene, staring
 from support.significance import Array, assert_chance, assert_standard_normal, assert_sum
 
 from plotfeed.feeds.formats.sapient.sapient_node import detection_confidence_of, node_of
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Emitter, Signature
+from plotfeed.testing import START_NS, Feed, FeedTable, fly, held, radar, rotating, scene, staring
 
 KINDS = pytest.mark.parametrize("kind", SENSORS)
 SCANS = 30
@@ -23,17 +23,17 @@ MEASURED = ("range_m", "azimuth_deg", "elevation_deg", "bistatic_range_m", "rang
 
 
 @cache
-def road(kind: str, **degradation: float) -> Road:
+def road(kind: str, **degradation: float) -> Feed:
     named = {"degradation": degradation} if degradation else {}
     return fly(scene([SENSORS[kind] | named], drones(kind), seed=71), SCANS)
 
 
-def of_drones(flight: Road) -> Table:
+def of_drones(flight: Feed) -> FeedTable:
     plots = flight.plots()
     return plots.rows(plots.drone != "")
 
 
-def errors(plots: Table, kind: str) -> dict[str, Array]:
+def errors(plots: FeedTable, kind: str) -> dict[str, Array]:
     """Errors over the standard deviations that plots state, of what the kind measures at once."""
     place = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
     true = {name: getattr(plots, f"true_{name}") for name in MEASURED[:3]}

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from support.radar_equations import LIGHT_M_S, pd
-from support.road import NS, Road, Table, flown, fly, radar, scene, waypoint
 from support.significance import (
     Array,
     assert_law,
@@ -19,6 +18,8 @@ from support.significance import (
 
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.utc import NS
+from plotfeed.testing import Feed, FeedTable, flown, fly, radar, scene, waypoint
 
 RADAR = radar(elevation_max_deg=30.0, range_floor_m=5.0)
 CELL_M_S = LIGHT_M_S / RADAR["frequency_hz"] / (2 * RADAR["integration_s"])
@@ -41,15 +42,15 @@ def drones(range_m: float, n: int = 60) -> list[dict[str, Any]]:
 
 
 @cache
-def road(range_m: float, **doppler: Any) -> Road:
+def road(range_m: float, **doppler: Any) -> Feed:
     return fly(scene([RADAR | {"doppler": doppler}], drones(range_m), seed=61), SCANS)
 
 
-def detections(plots: Table) -> Table:
+def detections(plots: FeedTable) -> FeedTable:
     return plots.rows(plots.drone != "")
 
 
-def rates_of(looks: Table) -> Array:
+def rates_of(looks: FeedTable) -> Array:
     """How fast ranges change, by differences from scan to scan; NaN at the ends."""
     found = np.full(len(looks), np.nan)
     for drone in np.unique(looks.drone):

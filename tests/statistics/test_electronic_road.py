@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import NS, START_NS, fly, held, radar, scene
 from support.significance import assert_standard_normal, assert_sum
 
 from plotfeed.feeds.engine import simulation
@@ -25,6 +24,8 @@ from plotfeed.models.frames import wrap_180
 from plotfeed.models.sensors.electronic_radar import CONFIRMATION, REVISIT, SEARCH, ElectronicRadar
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Signatures
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, fly, held, radar, scene
 
 SCAN = {"kind": "electronic", "period_s": 0.1, "dwell_s": 0.001, "revisit_s": 0.1}
 

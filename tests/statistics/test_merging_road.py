@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from support.radar_equations import mean_snr, multiplier
-from support.road import Road, fly, held, radar, rotating, scene
 from support.significance import assert_mean, assert_standard_normal, assert_sum
 
 from plotfeed.models.frames import wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import Feed, fly, held, radar, rotating, scene
 
 RADAR = radar(elevation_max_deg=60.0, merging={})
 SCANS = 60
@@ -21,7 +21,7 @@ PAIRS = 20
 RANGE_M = 3000.0  # Where a drone of 1 m2 is detected nearly always
 
 
-def merged_in(road: Road) -> Counter[tuple[str, ...]]:
+def merged_in(road: Feed) -> Counter[tuple[str, ...]]:
     """How often each set of drones made one plot."""
     return Counter(
         tuple(sorted([plot.drone, *plot.merged_drones]))
@@ -95,7 +95,7 @@ def test_pairs_on_a_border_of_sectors_merge_as_often_as_others() -> None:
 
 
 @cache
-def unequal() -> Road:
+def unequal() -> Feed:
     """A drone of 1 m2 and one of a third, 4 m and a degree apart."""
     drones = [
         held(f"{i}-{k}", 18 * i + k * 1.0, 10.0, RANGE_M + 4.0 * k, rcs_m2=(1.0, 1 / 3)[k])

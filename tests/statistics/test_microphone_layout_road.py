@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import START_NS, held, scene, staring
 from support.significance import assert_standard_normal, assert_sum
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import wrap_180
+from plotfeed.testing import START_NS, held, scene, staring
 
 AZIMUTHS_DEG = np.arange(7.0, 360.0, 15.0)
 SPACING_M, MICROPHONES, FREQUENCY_HZ = 0.5, 8, 200.0

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from scipy import stats
 from support import mimo_equations
-from support.road import SITE, START_NS, Road, Table, errors_of, fly, held, scene, staring
 from support.significance import (
     Array,
     assert_chance,
@@ -22,10 +21,12 @@ from support.significance import (
     assert_standard_normal,
     assert_sum,
     assert_uncorrelated,
+    errors_of,
 )
 
 from plotfeed.feeds.lab import oracle
 from plotfeed.models.frames import aer_to_enu
+from plotfeed.testing import SITE, START_NS, Feed, FeedTable, fly, held, scene, staring
 
 TRANSMITTERS = [
     {"power_w": 2000.0, "east_m": 0.0, "north_m": 800.0, "above_site_m": 15.0},
@@ -114,7 +115,7 @@ def expected_pd() -> Array:
 
 
 @cache
-def road() -> Road:
+def road() -> Feed:
     """Rings of drones at each of the ranges."""
     drones = [
         held(f"{ring}-{i}", float(azimuth_deg), ELEVATION_DEG, range_m)
@@ -125,7 +126,7 @@ def road() -> Road:
 
 
 @cache
-def detections() -> tuple[Table, Array, Array]:
+def detections() -> tuple[FeedTable, Array, Array]:
     """Plots of drones, with their rings and their numbers."""
     plots = road().plots()
     plots = plots.rows(plots.drone != "")
@@ -223,7 +224,7 @@ def test_errors_do_not_depend_on_each_other() -> None:
 
 
 @cache
-def alarms() -> Table:
+def alarms() -> FeedTable:
     return fly(scene([ALARMS], seed=74), ALARM_SCANS + 0.1).plots()
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.radar_equations import pd
-from support.road import START_NS, Road, fly, held, radar, rotating, scene
 from support.significance import assert_chance, assert_sum
 
 from plotfeed.feeds.engine.simulation import Simulation, simulate
 from plotfeed.models.frames import aer_to_enu
+from plotfeed.testing import START_NS, Feed, fly, held, radar, rotating, scene
 
 
 def place(azimuth_deg: float, range_m: float, up_m: float = 60.0) -> dict[str, float]:
@@ -194,7 +194,7 @@ def test_spiky_clutter_crosses_a_fixed_threshold_as_often_as_the_k_distribution_
         assert_sum(float((over > 2).sum()), n * twice, n * twice * (1 - twice), "spikes")
 
 
-def told(**world: Any) -> Road:
+def told(**world: Any) -> Feed:
     return fly(scene([radar(scan=rotating(), pfa=1e-7)], [held("d", 10, 4.0, 2000.0, rcs_m2=0.1)],
                      seed=9, **world), 12)  # fmt: skip
 

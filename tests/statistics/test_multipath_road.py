@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from support.oracle_beside import check, sensors_of
-from support.road import flown, fly, held, radar, scene, staring, waypoint
 from support.significance import assert_sum
+
+from plotfeed.testing import flown, fly, held, radar, scene, staring, waypoint
 
 RHO, HEIGHT_M = -0.9, 5.0
 GROUND = {"reflection": RHO, "antenna_height_m": HEIGHT_M}

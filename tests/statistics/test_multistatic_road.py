@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import START_NS, fly, held, scene, staring
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import FALSE_ALARM
+from plotfeed.testing import START_NS, fly, held, scene, staring
 
 MASTS = [(-8000.0, 15_000.0, 200.0), (17_000.0, 3000.0, 150.0), (2000.0, -17_500.0, 120.0)]
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from scipy import stats
-from support.road import Road, Table, fly, held, scene, staring, waypoint
 from support.significance import (
     Array,
     assert_counts,
@@ -27,6 +26,7 @@ from support.significance import (
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import Feed, FeedTable, fly, held, scene, staring, waypoint
 
 LIGHT_M_S = 299_792_458.0
 NOISE_W_HZ = 1.380649e-23 * 290.0
@@ -96,7 +96,7 @@ def odds(snr: Array, pfa: float = 1e-6, n: int = 16) -> Array:
     return np.asarray((1 + (pfa ** (-1 / n) - 1) / (1 + snr)) ** -n)
 
 
-def channels(road: Road) -> Array:
+def channels(road: Feed) -> Array:
     """Of the plots, in their order."""
     batches = [pb.PlotBatch.FromString(p) for p in road.payloads("passive/plots")]
     return np.array([plot.channel for batch in batches for plot in batch.plots])
@@ -108,7 +108,7 @@ SCANS = 200
 
 
 @cache
-def approach() -> Road:
+def approach() -> Feed:
     drones = [
         held(f"{range_m}:{i}", AZIMUTH_DEG, 2.0, range_m, rcs_m2=0.01)
         for range_m in RANGES_M
@@ -118,7 +118,7 @@ def approach() -> Road:
     return fly(scene([level], drones, seed=61), SCANS)
 
 
-def at_range(table: Table, range_m: float) -> Table:
+def at_range(table: FeedTable, range_m: float) -> FeedTable:
     return table.rows(np.char.startswith(table.drone, f"{range_m}:"))
 
 
@@ -137,7 +137,9 @@ def test_plots_are_as_frequent_as_pd_at_each_of_ten_ranges(range_m: float) -> No
     assert_sum(reported, n * p, n * p * (1 - p), f"{range_m:.0f} m")
 
 
-def measured_and_true_excess_m(plots: Table, transmitter: dict[str, Any]) -> tuple[Array, Array]:
+def measured_and_true_excess_m(
+    plots: FeedTable, transmitter: dict[str, Any]
+) -> tuple[Array, Array]:
     true_enu_m = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
     at_enu_m = transmitter_enu_m(transmitter)
     there_m = np.linalg.norm(true_enu_m - at_enu_m, axis=-1)
@@ -223,7 +225,7 @@ PFA = 1e-3
 
 
 @cache
-def alarms() -> Road:
+def alarms() -> Feed:
     sensor = passive(transmitters=THREE, pfa=PFA)
     return fly(scene([sensor], seed=62), ALARM_SCANS - 0.5)
 
@@ -267,7 +269,7 @@ def test_alarms_of_one_channel_do_not_know_of_the_others() -> None:
 
 
 @cache
-def by_three() -> Road:
+def by_three() -> Feed:
     drones = [held(f"d{i}", AZIMUTH_DEG, 1.0, 3500.0, rcs_m2=0.02) for i in range(20)]
     return fly(scene([passive(transmitters=THREE)], drones, seed=63), SCANS)
 

@@ -9,11 +9,11 @@ import pytest
 from scipy import stats
 from support.every_kind import MIMO, PASSIVE
 from support.radar_equations import LIGHT_M_S, mean_snr, multiplier
-from support.road import Road, flown, fly, held, radar, rotating, scene, waypoint
 from support.significance import Array, assert_chance, assert_standard_normal, assert_sum
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import SceneError
+from plotfeed.testing import Feed, flown, fly, held, radar, rotating, scene, waypoint
 
 PRF_HZ = 25_000.0
 FOLD_M = LIGHT_M_S / (2 * PRF_HZ)
@@ -33,7 +33,7 @@ def spread(n: int = 40, **more: Any) -> list[dict[str, Any]]:
     return [held(f"d{i}", 9.0 * i + 1, 4.0, 1000.0 + 331.0 * i, **more) for i in range(n)]
 
 
-def assert_detected(flight: Road) -> None:
+def assert_detected(flight: Feed) -> None:
     looks = flight.looks()
     assert_sum(looks.detected.sum(), looks.pd.sum(), (looks.pd * (1 - looks.pd)).sum(), "hits")
 

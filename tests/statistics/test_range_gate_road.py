@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import NS, SITE, START_NS, Road, flown, fly, held, scene, staring, waypoint
 from support.significance import assert_standard_normal, assert_uncorrelated
 
 from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef, wrap_180
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE, START_NS, Feed, flown, fly, held, scene, staring, waypoint
 
 SIGMA_M = 4.0
 INSIDE_M = (5.0, 100.0, 900.0, 1999.9)
@@ -37,7 +38,7 @@ def gate(**changes: Any) -> dict[str, Any]:
 
 
 @cache
-def rings() -> Road:
+def rings() -> Feed:
     drones = [
         held(f"{range_m}:{i}", 36 * i + 5, 25.0, range_m)
         for range_m in INSIDE_M + OUTSIDE_M

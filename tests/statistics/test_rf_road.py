@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.special import gammaincc, gammainccinv
-from support.road import NS, START_NS, Road, flown, fly, held, scene, staring, waypoint
 from support.significance import (
     Array,
     assert_counts,
@@ -26,6 +25,8 @@ from support.significance import (
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import wrap_180
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, Feed, flown, fly, held, scene, staring, waypoint
 
 C_M_S = 299_792_458.0
 NOISE_DBM = 10 * np.log10(1.380649e-23 * 290.0 * 1e6) + 30 + 6
@@ -87,7 +88,7 @@ def pd(range_m: float) -> float:
     return float(crossing(10 ** (snr_db(np.array(range_m)) / 10)))
 
 
-def reported(road: Road, sensor: str = "rf") -> list[pb.Plot]:
+def reported(road: Feed, sensor: str = "rf") -> list[pb.Plot]:
     batches = [pb.PlotBatch.FromString(p) for p in road.payloads(f"{sensor}/plots")]
     return [plot for batch in batches for plot in batch.plots]
 
@@ -98,7 +99,7 @@ SCANS = 200
 
 
 @cache
-def rings(seed: int = 71, **changes: Any) -> Road:
+def rings(seed: int = 71, **changes: Any) -> Feed:
     drones = [
         held(f"{ring}-{i}", 18 * i + ring, ELEVATION_DEG, range_m - 0.005, emitters=[CONTROL])
         for ring, range_m in enumerate(RANGES_M)
@@ -143,7 +144,7 @@ FOUND_M = 800.0
 
 
 @cache
-def strengths() -> Road:
+def strengths() -> Feed:
     """Mean signal-to-noise ratios of a sample from -7 to 33 dB."""
     drones = [
         held(f"{k}-{i}", 17 * i + k, ELEVATION_DEG, FOUND_M, emitters=[CONTROL | {"eirp_dbm": p}])
@@ -193,7 +194,7 @@ def test_the_floor_of_two_degrees_is_there_unless_the_scene_says_otherwise() -> 
 
 
 @cache
-def two_and_two() -> Road:
+def two_and_two() -> Feed:
     """Two drones of two and three emitters, a direction finder and a detector that reads."""
     drones = [
         held("a", 40.0, ELEVATION_DEG, 400.0, emitters=[CONTROL, REMOTE_ID]),

@@ -9,8 +9,9 @@ import pytest
 from scipy import integrate
 from scipy.special import ndtr
 from support.radar_equations import detected_power_density, mean_snr, sigma_range_m
-from support.road import Road, fly, held, radar, rotating, scene, staring
 from support.significance import assert_sum
+
+from plotfeed.testing import Feed, fly, held, radar, rotating, scene, staring
 
 BLIND_M, FAR_M = 1000.0, 1100.0
 RCS_M2 = 2e-6
@@ -21,7 +22,7 @@ SCANS = 400
 
 
 @cache
-def edges() -> Road:
+def edges() -> Feed:
     drones = [
         held(f"{range_m}:{i}", 10 * i + 5, 8.0, range_m, rcs_m2=RCS_M2)
         for range_m in INSIDE_M + OUTSIDE_M

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.radar_equations import mean_snr, pd
-from support.road import NS, Road, flown, fly, held, radar, rotating, scene, waypoint
 from support.significance import Array, assert_chance, assert_sum
+
+from plotfeed.proto.utc import NS
+from plotfeed.testing import Feed, flown, fly, held, radar, rotating, scene, waypoint
 
 RANGES_M = (2e3, 4e3, 5.5e3, 7e3, 8.5e3, 10e3, 11.5e3, 13e3, 15e3, 18e3)
 AT_EACH = 24
@@ -23,7 +25,7 @@ KINDS = pytest.mark.parametrize("kind", SENSORS)
 
 
 @cache
-def road(kind: str) -> Road:
+def road(kind: str) -> Feed:
     """Rings of drones at each of the ranges."""
     drones = [
         held(f"{ring}-{i}", 15 * i + ring + 1, 4.0, range_m)

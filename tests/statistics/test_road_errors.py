@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 from scipy import integrate
 from support.radar_equations import detected_power_density, mean_snr, sigma_angle_deg, sigma_range_m
-from support.road import NS, SITE, START_NS, Table, errors_of, fly, held, radar, rotating, scene
 from support.significance import (
     assert_law,
     assert_mean,
     assert_standard_normal,
     assert_sum,
     assert_uncorrelated,
+    errors_of,
 )
 
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE, START_NS, FeedTable, fly, held, radar, rotating, scene
 
 # Mean signal-to-noise ratios from 74 dB to 20 dB.
 RANGES_M = (500.0, 2000.0, 5000.0, 8000.0, 11_000.0)
@@ -33,12 +35,12 @@ ALTITUDE_LSB_M = 25 * 0.3048
 DAY_NS = 86_400 * NS
 
 
-def detections(plots: Table) -> Table:
+def detections(plots: FeedTable) -> FeedTable:
     return plots.rows(plots.drone != "")
 
 
 @cache
-def rings(kind: str) -> Table:
+def rings(kind: str) -> FeedTable:
     """Detections of rings of drones, by a radar that stares and one that turns."""
     drones = [
         held(f"{ring}-{i}", 18 * i + ring + 0.5, 8.0, range_m)
@@ -125,7 +127,7 @@ UNDULATION_M = 51.0
 
 
 @cache
-def scattered(sensor: str) -> Table:
+def scattered(sensor: str) -> FeedTable:
     """One detection of each of many drones that are anywhere between 2 and 4 km."""
     rng = np.random.default_rng(2)
     drones = [

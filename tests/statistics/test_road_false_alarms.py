@@ -8,8 +8,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 from scipy import stats
-from support.road import NS, START_NS, Table, fly, radar, rotating, scene, staring
 from support.significance import Array, assert_counts, assert_law, assert_sum, assert_uncorrelated
+
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, FeedTable, fly, radar, rotating, scene, staring
 
 TURNS = 1200
 SECTORS = 5
@@ -47,7 +49,7 @@ COVERS = pytest.mark.parametrize("cover", CELLS)
 
 
 @cache
-def alarms(kind: str, cover: str) -> Table:
+def alarms(kind: str, cover: str) -> FeedTable:
     sensor = radar(**(EXTENT | CASES[kind, cover]))
     return fly(scene([sensor], seed=51), TURNS * PERIOD_S + 0.1).plots()
 

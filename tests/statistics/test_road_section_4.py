@@ -6,18 +6,18 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.road import SITE, Road, fly, held
 from support.significance import assert_sum
 
 from plotfeed.feeds.scene.drones import Drone
 from plotfeed.feeds.scene.scene import example
+from plotfeed.testing import SITE, Feed, fly, held
 
 TURNS = 100
 DRONES = 200
 
 
 @cache
-def road() -> Road:
+def road() -> Feed:
     """Drones like its own held at 7 km all round its own radar, which turns on."""
     bundled = example("section-4")
     site = bundled.scene.site

@@ -7,8 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 from support.radar_equations import BOLTZMANN_J_K, detected_power_cdf, mean_snr
-from support.road import Table, fly, held, radar, scene
 from support.significance import assert_law
+
+from plotfeed.testing import FeedTable, fly, held, radar, scene
 
 # Mean signal-to-noise ratios from 50 dB to 12 dB, about the threshold.
 RANGES_M = (2000.0, 7000.0, 11_000.0, 16_000.0, 18_000.0)
@@ -21,7 +22,7 @@ NAMES = pytest.mark.parametrize("name", RADARS)
 
 
 @cache
-def plots_of(name: str) -> Table:
+def plots_of(name: str) -> FeedTable:
     drones = [
         held(f"{ring}-{i}", 12 * i + ring, 4.0, range_m - 1)
         for ring, range_m in enumerate(RANGES_M)

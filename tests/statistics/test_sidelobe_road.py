@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from support.every_kind import PASSIVE
 from support.radar_equations import pd
-from support.road import START_NS, fly, held, radar, rotating, scene, staring
 from support.significance import Array, assert_law, assert_standard_normal, assert_sum
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import wrap_180
+from plotfeed.testing import START_NS, fly, held, radar, rotating, scene, staring
 
 SCANS, BEAM_DEG, AZIMUTH_DEG, RANGE_M = 150, 2.0, 77.0, 1500.0
 OUT_DB, BACK_DB = 25.0, 25.0

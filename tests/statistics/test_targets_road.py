@@ -10,13 +10,14 @@ from scipy.special import i0
 from support.every_kind import MIMO, PASSIVE
 from support.fluctuating_echoes import joint_hit_gauss_markov
 from support.radar_equations import mean_snr
-from support.road import NS, Road, flown, fly, held, radar, rotating, scene, staring, waypoint
 from support.significance import Array, assert_standard_normal, assert_sum
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.detection import threshold_noncoherent_cfar
 from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.proto.utc import NS
+from plotfeed.testing import Feed, flown, fly, held, radar, rotating, scene, staring, waypoint
 
 STEADY, ONE, STRONG_PART = 0, 1, 3
 
@@ -109,7 +110,7 @@ def circling() -> list[dict[str, Any]]:
     return ways
 
 
-def seen_aspects(flight: Road) -> Array:
+def seen_aspects(flight: Feed) -> Array:
     """Clockwise from where each drone flies to, by differences of its places; NaN at ends."""
     looks = flight.looks()
     found = np.full(len(looks), np.nan)
@@ -188,7 +189,7 @@ def test_targets_that_cannot_be_are_refused(target: list[dict[str, Any]], said: 
 STARING = {"scan": staring(0.1), "n_reference": 4096, "report": ["plots"]}
 
 
-def by_scan(flight: Road, column: str, n: int) -> Array:
+def by_scan(flight: Feed, column: str, n: int) -> Array:
     """A column of the looks, a row a drone."""
     looks = flight.looks()
     order = np.lexsort((looks.time_utc_ns, looks.drone))

@@ -10,12 +10,12 @@ import pytest
 from support.every_kind import FAR_SENSORS
 from support.hills import footprint, write_buildings, write_ridge
 from support.radar_equations import LIGHT_M_S, mean_snr, pd
-from support.road import START_NS, held, radar, scene, staring, waypoint
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.models.effects.line_of_sight import knife_edge_loss_db
 from plotfeed.models.frames import aer_to_enu
+from plotfeed.testing import START_NS, held, radar, scene, staring, waypoint
 
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 WAYS = {"radar": 2, "mimo": 2, "passive": 1, "rf": 1, "array": 1}

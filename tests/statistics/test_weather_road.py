@@ -10,7 +10,6 @@ import pytest
 from support.every_kind import FAR_SENSORS
 from support.hills import write_ridge
 from support.radar_equations import LIGHT_M_S, mean_snr, pd
-from support.road import START_NS, held, radar, scene
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
@@ -18,6 +17,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.effects.weather import rain_db_per_km
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.testing import START_NS, held, radar, scene
 
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 RADAR = radar(power_w=5e4, frequency_hz=24.15e9)

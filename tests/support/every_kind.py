@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from support.road import held, radar, rotating, staring, waypoint
+from plotfeed.testing import held, radar, rotating, staring, waypoint
 
 RANGES_M = (1000.0, 4000.0)
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}

@@ -9,10 +9,10 @@ from itertools import pairwise
 from typing import Any
 
 from support.fleet_scenes import by_topic
-from support.road import fly
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.testing import fly
 
 
 @dataclass

@@ -16,10 +16,10 @@ from typing import Any
 
 from support.command import PLOTFEED
 from support.fleet_oracle import Verdict, judged, reference
-from support.mqtt_client import Client
 from support.waiting import wait_until
 
 from plotfeed.feeds.scene.scene import load
+from plotfeed.testing import MqttReceiver
 
 NS = 1_000_000_000
 
@@ -32,7 +32,7 @@ class Fleet:
     ) -> None:
         """`by_port` is what its processes take for the broker's."""
         self.scene, self.port, self._errors = scene, port, errors
-        self.client = Client(port, 5, "plotfeed/#")
+        self.client = MqttReceiver(port, 5, "plotfeed/#")
         url = f"mqtt://127.0.0.1:{by_port or port}"
         words = ["fleet", str(scene), "--broker", url, *more]
         with errors.open("w") as file:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 from support.given_files import more_input, places
-from support.road import NS, radar
 from support.significance import Array
 
 from plotfeed.feeds.scene.scene import Scene, from_tree
@@ -19,6 +18,8 @@ from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.utc import NS
+from plotfeed.testing import radar
 
 
 @dataclass(frozen=True, eq=False)

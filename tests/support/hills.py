@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support.road import SITE
 
 from plotfeed.models.frames import aer_to_enu
+from plotfeed.testing import SITE
 
 SIDE = 1201
 TILE = "N40W004.hgt"

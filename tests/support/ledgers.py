@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from support.links import OCTETS, due_times, passed
-from support.road import START_NS
 
 from plotfeed.feeds.lab.gathering import FeedReport, judged_recording
 from plotfeed.feeds.link.impairment import Fate, Outcome
@@ -21,6 +20,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.testing import START_NS
 
 LEDGER = "application/x-protobuf; messageType=plotfeed.v1.Ledger"
 FATES = {

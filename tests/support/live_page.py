@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 from support.chromium import looking, until, wait_beside
 from support.command import Running, running
-from support.mqtt_client import Client, Heard, listening
 from support.scene_files import DRONE, RADAR, scene_file, scene_text
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import entries_in
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -83,7 +83,7 @@ def sectors_within(sensor: str, after_ns: int, until_ns: int) -> list[tuple[int,
 class Broker:
     """All that a broker has delivered, read once."""
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: MqttReceiver) -> None:
         self.client = client
         self._read = 0
         self._places: dict[tuple[type, str], list[int]] = defaultdict(list)
@@ -129,7 +129,7 @@ def _link(text: str) -> dict[str, Any]:
     return found
 
 
-def _parsed(message: Heard) -> Sequence[pb.Ledger] | Sequence[pb.PlotBatch]:
+def _parsed(message: MqttMessage) -> Sequence[pb.Ledger] | Sequence[pb.PlotBatch]:
     if message.topic.endswith("/truth"):
         return entries_in(message.payload)
     return [pb.PlotBatch.FromString(message.payload)] if message.topic.endswith("/plots") else []
@@ -252,7 +252,7 @@ def heard(folder: Path, *, page: str = "127.0.0.1:0") -> Iterator[tuple[Running,
     (folder / "other.toml").write_text(scene_text(sensors=radar("north", 64), drones=""))
     with (
         running("run", scene, "--page", page, "--speed", SPEED, folder=folder) as run,
-        listening(run.port("MQTT 5"), 5, "#") as client,
+        MqttReceiver(run.port("MQTT 5"), 5, "#") as client,
     ):
         yield run, Broker(client)
 

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from support import road
 from support.station import Station
 
+from plotfeed import testing
 from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.link.counters import SessionCounters
@@ -36,10 +36,10 @@ TRACKED = 24  # Drones that the imagined tracker has a track of
 
 def sensors(range_max_m: float = 8000.0) -> list[dict[str, Any]]:
     """One of each kind, about the site."""
-    polar = road.radar(
+    polar = testing.radar(
         id="radar",
         report=["asterix-048", "plots"],
-        scan=road.rotating(period_s=2.0, sectors=32),
+        scan=testing.rotating(period_s=2.0, sectors=32),
         range_max_m=range_max_m,
         range_min_m=150.0,
         receive_beams=32,
@@ -54,7 +54,7 @@ def sensors(range_max_m: float = 8000.0) -> list[dict[str, Any]]:
         "id": "gate",
         "type": "mimo_radar",
         "report": ["asterix-015", "plots"],
-        "scan": road.staring(),
+        "scan": testing.staring(),
         "frequency_hz": 15e9,
         "gain_tx_dbi": 11.6,
         "gain_rx_dbi": 14.0,
@@ -86,7 +86,7 @@ def sensors(range_max_m: float = 8000.0) -> list[dict[str, Any]]:
         "barrier_db": 3.0,
         "misc_db": 3.0,
         "range_max_m": 1500.0,
-        "scan": road.staring(),
+        "scan": testing.staring(),
     }
     receiver = {
         "id": "receiver",
@@ -100,7 +100,7 @@ def sensors(range_max_m: float = 8000.0) -> list[dict[str, Any]]:
         "azimuth_beamwidth_deg": 10.0,
         "baseline_m": 0.3,
         "duty_cycle": 0.5,
-        "scan": road.staring(2.0),
+        "scan": testing.staring(2.0),
     }
     return [polar, mimo, microphone, receiver]
 
@@ -118,7 +118,7 @@ def drones(count: int, radius_m: float = 7500.0, emitting: int = 12) -> list[dic
         ]
         emitters = [{"frequency_hz": 2.45e9, "bandwidth_hz": 1e7, "eirp_dbm": 20.0}]
         found.append(
-            road.flown(
+            testing.flown(
                 f"drone-{i:03}",
                 *path,
                 speed_m_s=float(rng.uniform(8, 25)),
@@ -130,7 +130,7 @@ def drones(count: int, radius_m: float = 7500.0, emitting: int = 12) -> list[dic
 
 
 def scene(count: int = 40, **more: Any) -> Scene:
-    return road.scene(sensors(), drones(count), seed=8, **more)
+    return testing.scene(sensors(), drones(count), seed=8, **more)
 
 
 class MadeUpSession:
@@ -140,7 +140,7 @@ class MadeUpSession:
         self,
         view: View | None,
         shown: Scene,
-        start_ns: int = road.START_NS,
+        start_ns: int = testing.START_NS,
         basemap: Basemap | None = None,
     ) -> None:
         """Without a view, the same work is done and shown to nobody."""
@@ -304,7 +304,7 @@ class MadeUpSession:
         state = state.rows(np.arange(min(TRACKED, len(state))))
         noise_m = self._rng.normal(0, 8.0, state.position_ecef_m.shape)
         places = np.stack(ecef_to_geodetic(state.position_ecef_m + noise_m), axis=-1).tolist()
-        velocity = road.SITE.rotate_from_ecef(state.velocity_ecef_m_s).tolist()
+        velocity = testing.SITE.rotate_from_ecef(state.velocity_ecef_m_s).tolist()
         if self.view is None or not len(state):
             return
         self.view.tracks(

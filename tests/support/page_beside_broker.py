@@ -8,14 +8,13 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from support.mqtt_client import Client, Heard
-
 from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.page.updates import TrackFlag
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import entries_in
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -60,7 +59,7 @@ SAMPLE = """() => {
 class Beside:
     """A page that shows a session, and a client of its broker that hears all."""
 
-    def __init__(self, page: Page, client: Client, scene: Scene) -> None:
+    def __init__(self, page: Page, client: MqttReceiver, scene: Scene) -> None:
         """From now on both are taken down; the scene's is the broker's prefix."""
         self.page, self.client, self.scene = page, client, scene
         # When the page was asked, by the monotonic clock, and what it said.
@@ -98,7 +97,7 @@ class Beside:
         }
 
     def _plots(
-        self, shown: list[tuple[str, float]], heard: list[Heard], ended_s: float
+        self, shown: list[tuple[str, float]], heard: list[MqttMessage], ended_s: float
     ) -> Iterator[str]:
         """Plots on the page that did not leave, and those that left and are not on it."""
         page, told = Counter(map(tuple, shown)), Counter[tuple[str, float]]()
@@ -125,13 +124,13 @@ class Beside:
         for end in ("plots", "asterix/048", "asterix/015", "asterix/205"):
             yield f"{self.scene.mqtt.prefix}/{sensor}/{end}"
 
-    def _tracks(self, heard: list[Heard]) -> Iterator[str]:
+    def _tracks(self, heard: list[MqttMessage]) -> Iterator[str]:
         """Tracks of which a sample says otherwise than the tracker did, or nothing."""
         told = self._tracks_told(heard)
         for asked_s, sample in self.samples:
             yield from _tracks_of_sample(told, asked_s, self.began_s, sample)
 
-    def _tracks_told(self, heard: list[Heard]) -> dict[int, list[tuple[float, int, float]]]:
+    def _tracks_told(self, heard: list[MqttMessage]) -> dict[int, list[tuple[float, int, float]]]:
         """When what was told of each track: flags, and as of which time, milliseconds."""
         told: dict[int, list[tuple[float, int, float]]] = defaultdict(list)
         site = site_frame(self.scene.scene.site)
@@ -147,7 +146,7 @@ class Beside:
                     told[number].append((message.at_s, flags, (track.t_utc_ns or 0) / 1e6))
         return told
 
-    def _most_behind_s(self, heard: list[Heard]) -> float:
+    def _most_behind_s(self, heard: list[MqttMessage]) -> float:
         """How long the next report of a track had been there at most that was not shown yet."""
         told, most_s = self._tracks_told(heard), 0.0
         for asked_s, sample in self.samples:
@@ -156,7 +155,7 @@ class Beside:
                 most_s = max(most_s, asked_s - min(later, default=asked_s))
         return round(most_s, 2)
 
-    def _covers(self, heard: list[Heard]) -> Iterator[str]:
+    def _covers(self, heard: list[MqttMessage]) -> Iterator[str]:
         """Covers that are not those of the sensors' descriptions on the broker."""
         shown = self.samples[-1][1]["covers"]
         for message in heard:
@@ -169,7 +168,7 @@ class Beside:
             if cover is not None and cover != [low, span, told["range_max_m"]]:
                 yield f"{told['sensor']} is drawn with cover {cover}, and has {[low, span]}"
 
-    def _pointing(self, shown: list[Any], heard: list[Heard]) -> Iterator[str]:
+    def _pointing(self, shown: list[Any], heard: list[MqttMessage]) -> Iterator[str]:
         """Mounts that the page did not draw where their statuses say that they pointed."""
         paths: dict[str, list[tuple[float, float]]] = defaultdict(list)
         for now_ms, pointing in shown:
@@ -193,7 +192,7 @@ class Beside:
                 drawn = sorted(set(near))
                 yield f"{status['sensor']} pointed to {pan_deg}, and was drawn at {drawn}"
 
-    def _states(self, heard: list[Heard]) -> Iterator[str]:
+    def _states(self, heard: list[MqttMessage]) -> Iterator[str]:
         """Sensors whose state the page told otherwise than their settings on the broker."""
         for asked_s, sample in self.samples:
             for sensor, state in sample["states"].items():

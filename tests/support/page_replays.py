@@ -7,14 +7,15 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from support.mqtt_client import Client, Heard
 from support.page_sessions import Begun
 from support.page_updates import Frame, read_frame
 from support.waiting import PATIENCE_S
 
+from plotfeed.testing import MqttMessage, MqttReceiver
+
 TRACKS = "lab/track_reports"
 SESSION_S = 20
-Act = Callable[["Viewer", Client, Begun], Any]
+Act = Callable[["Viewer", MqttReceiver, Begun], Any]
 
 
 class Viewer:
@@ -69,11 +70,11 @@ class Viewer:
         return None
 
 
-def of_lab(client: Client, since: int = 0) -> list[Heard]:
+def of_lab(client: MqttReceiver, since: int = 0) -> list[MqttMessage]:
     return [m for m in client.heard[since:] if m.topic.startswith("lab/") and m.topic != TRACKS]
 
 
-async def settled(client: Client) -> int:
+async def settled(client: MqttReceiver) -> int:
     """How many messages have come once no more do: what left before a pause has come by then."""
     count = -1
     while count != len(client.heard):

@@ -14,14 +14,14 @@ from support.dice import Dice, Keys
 from support.hills import TILE, write_ridge
 from support.random_links import random_link
 from support.random_sensors import SENSOR_MAKERS, random_sensor, tables_of
-from support.road import SITE
-from support.scene_files import toml_of
 
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import system_names
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.feeds.scene.sensors.scan_keys import AnyScan
+from plotfeed.feeds.testing.built_scene import toml_of
+from plotfeed.testing import SITE
 
 SECONDS = 60.0
 PLAIN_M = 545  # Above sea level: some 50 m under the site

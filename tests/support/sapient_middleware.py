@@ -10,7 +10,6 @@ from typing import Any
 
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from support.deliveries import NOBODY
-from support.road import radar, scene
 from support.sapient_rules import checked
 from support.waiting import PATIENCE_S
 
@@ -22,6 +21,7 @@ from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews, SapientTcpTransport
+from plotfeed.testing import radar, scene
 
 SCENE = scene([radar(report=["sapient"])], seed=1)
 ANNOUNCER = SapientAnnouncer(SCENE, SCENE.sensor[0])

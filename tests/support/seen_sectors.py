@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from support.road import START_NS, radar, rotating, scene, staring, waypoint
 
 from plotfeed.feeds.formats import Batch
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.beam import Sectors
 from plotfeed.models.state import Looks, Plots
+from plotfeed.testing import START_NS, radar, rotating, scene, staring, waypoint
 
 NS = 1_000_000_000
 TRANSMITTER = {

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from support.brokers import mosquitto, rumqttd
-from support.road import START_NS
 from support.waiting import until
 
 from plotfeed.feeds.link.counters import SessionCounters
@@ -23,6 +22,7 @@ from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS
 
 Start = Callable[[Path, int], AbstractContextManager["subprocess.Popen[bytes]"]]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from support.road import held, radar, scene
 from toy_category.asterix_250 import FORMAT
 
 from plotfeed.feeds.formats import FORMATS, register
@@ -13,6 +12,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys
 from plotfeed.proto.asterix.categories import CATEGORIES, PLOT_ITEMS
+from plotfeed.testing import held, radar, scene
 
 
 @pytest.fixture(autouse=True)

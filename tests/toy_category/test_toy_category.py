@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.asyncapi_rules import problems
-from support.road import Road, fly
 from toy_category.asterix_250 import FORMAT
 
 from plotfeed.feeds.formats import FORMATS, carries_plots, register
@@ -21,16 +20,17 @@ from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.utc import NS
 from plotfeed.replay.plots_csv import PlotsCsvWriter
 from plotfeed.replay.recorded import Recorded
+from plotfeed.testing import Feed, fly
 
 TOPIC = "plotfeed/radar/asterix/250"
 
 
 @pytest.fixture
-def flown(radar_scene: Scene) -> Road:
+def flown(radar_scene: Scene) -> Feed:
     return fly(radar_scene, 3.0)
 
 
-def test_it_is_sent_and_decoded(flown: Road) -> None:
+def test_it_is_sent_and_decoded(flown: Feed) -> None:
     records = [r for payload in flown.payloads("radar/asterix/250") for r in decode(payload)]
     plots = flown.plots()
     assert len(records) == len(plots) > 0
@@ -40,7 +40,7 @@ def test_it_is_sent_and_decoded(flown: Road) -> None:
         assert read == pytest.approx(getattr(plots, name), abs=0.6 if name == "range_m" else 0.01)
 
 
-def test_its_plots_are_read_into_columns(flown: Road) -> None:
+def test_its_plots_are_read_into_columns(flown: Feed) -> None:
     plots = flown.plots()
     (first, *_) = [m for m in flown.messages if m.topic == TOPIC]
     read = FORMATS["asterix-250"].plots_in
@@ -51,14 +51,14 @@ def test_its_plots_are_read_into_columns(flown: Road) -> None:
     assert carries_plots(TOPIC)
 
 
-def test_it_is_shown_as_text_with_its_time_of_day(flown: Road) -> None:
+def test_it_is_shown_as_text_with_its_time_of_day(flown: Feed) -> None:
     payload = flown.payloads("radar/asterix/250")[0]
     line, *_ = message_lines(TOPIC, payload, None, as_json=False)
     assert line.startswith(f"{TOPIC}  CAT250  22:13:2")
     assert "030 R=" in line
 
 
-def test_it_is_in_tables_of_plots(flown: Road) -> None:
+def test_it_is_in_tables_of_plots(flown: Feed) -> None:
     file = io.BytesIO()
     writer = PlotsCsvWriter(file)
     (sent, *_) = [m for m in flown.messages if m.topic == TOPIC]

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from importlib import import_module
 
 import pytest
-from support.road import held, scene, staring
 
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.testing import held, scene, staring
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from support.asterix_readers import read_blocks
-from support.road import Road, fly
 from support.sapient_rules import checked
 
 from plotfeed.feeds.lab.needs import choices_of
@@ -22,13 +21,14 @@ from plotfeed.feeds.schema.flows import types_that_report
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import Geometry
+from plotfeed.testing import Feed, fly
 
 TRUE_DEG = [(10.0, 20.0), (80.0, 5.0)]
 WITHIN_DEG = 1.0
 
 
 @pytest.fixture
-def flown(lookout_scene: Scene) -> Road:
+def flown(lookout_scene: Scene) -> Feed:
     return fly(lookout_scene, 3.0)
 
 
@@ -39,7 +39,7 @@ def directions_are_right(found_deg: list[tuple[float, float]]) -> None:
         assert min(off) < WITHIN_DEG, direction
 
 
-def test_category_015_has_its_bearings_and_calls_it_no_radar(flown: Road) -> None:
+def test_category_015_has_its_bearings_and_calls_it_no_radar(flown: Feed) -> None:
     records = flown.records("lookout", 15)
     directions_are_right([(r.get("I015/627/AZ"), r.get("I015/628/EL")) for r in records])
     assert {r.get("I015/020/MOMU") for r in records} == {Geometry.OTHER}
@@ -50,21 +50,21 @@ def test_category_015_has_its_bearings_and_calls_it_no_radar(flown: Road) -> Non
     assert len(theirs) == len(records)
 
 
-def test_category_205_has_its_bearings(flown: Road) -> None:
+def test_category_205_has_its_bearings(flown: Feed) -> None:
     records = flown.records("lookout", 205)
     directions_are_right([(r.get("I205/070"), r.get("I205/200")) for r in records])
     theirs = [r for block in read_blocks(flown.payloads("lookout/asterix/205")) for r in block]
     assert len(theirs) == len(records)
 
 
-def test_protobuf_has_its_bearings_and_no_range(flown: Road) -> None:
+def test_protobuf_has_its_bearings_and_no_range(flown: Feed) -> None:
     batches = [pb.PlotBatch.FromString(payload) for payload in flown.payloads("lookout/plots")]
     plots = [plot for batch in batches for plot in batch.plots]
     directions_are_right([(plot.azimuth_deg, plot.elevation_deg) for plot in plots])
     assert not any(plot.HasField("range_m") or plot.HasField("height_m") for plot in plots)
 
 
-def test_sapient_has_a_lookout_and_its_bearings(flown: Road) -> None:
+def test_sapient_has_a_lookout_and_its_bearings(flown: Feed) -> None:
     messages = [checked(payload) for payload in flown.payloads("lookout/sapient")]
     (definition,) = messages[0].registration.node_definition
     assert definition.node_type == Registration.NODE_TYPE_OTHER

@@ -22,12 +22,11 @@ from scipy import stats
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1] / "tests"))
 
-from support.road import flown, radar, rotating, scene, waypoint  # noqa: E402
-
 from plotfeed.feeds.link.counters import SessionCounters  # noqa: E402
 from plotfeed.feeds.messages.message import Message  # noqa: E402
 from plotfeed.feeds.session.session import run  # noqa: E402
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
+from plotfeed.testing import flown, radar, rotating, scene, waypoint  # noqa: E402
 
 SECONDS, RUNS = 40.0, 3
 RADARS, SECTORS = 20, 32

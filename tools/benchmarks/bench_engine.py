@@ -34,10 +34,7 @@ from aims import YARDSTICK, aim, ratios, spread, yardstick_us  # noqa: E402
 from demo_process import COMMAND  # noqa: E402
 from support.arrivals import Arrivals  # noqa: E402
 from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
-from support.mqtt_client import listening  # noqa: E402
 from support.nanosleep import nanosleep_late_us  # noqa: E402
-from support.road import flown, radar, rotating, staring, waypoint  # noqa: E402
-from support.scene_files import toml_of  # noqa: E402
 from support.tools import place_of  # noqa: E402
 from support.waiting import wait_until  # noqa: E402
 
@@ -46,8 +43,10 @@ from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
 from plotfeed.feeds.session.loop import SessionLoop  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
+from plotfeed.feeds.testing.built_scene import toml_of  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock, WallClock  # noqa: E402
 from plotfeed.feeds.timing.schedule import Schedule  # noqa: E402
+from plotfeed.testing import MqttReceiver, flown, radar, rotating, staring, waypoint  # noqa: E402
 
 SECONDS, RUNS = 12.0, 3
 RADARS, SECTORS, DRONES = 200, 32, 50
@@ -150,7 +149,7 @@ def loaded(
             port += 1  # of MQTT 5
             wait_until(lambda: is_open(port), "no broker listens")
             arrivals = Arrivals(port)
-        with listening(port, 5, "plotfeed/session") as ears:
+        with MqttReceiver(port, 5, "plotfeed/session") as ears:
             ears.wait_for(lambda _: True)  # that it has begun
         time.sleep(settled_s)
         before_s, began_s = cpu_s(process.pid), time.monotonic()

@@ -27,7 +27,6 @@ sys.path.insert(0, str(HERE.parents[1] / "tests"))
 from aims import aim, ratios, spread  # noqa: E402
 from support.brokers import free_port, mosquitto  # noqa: E402
 from support.fleet_process import Fleet, fleet  # noqa: E402
-from support.road import START_NS, radar, rotating, scene  # noqa: E402
 from support.scene_files import DRONE, scene_file, scene_text  # noqa: E402
 from support.scene_files import radar as radar_text  # noqa: E402
 
@@ -38,6 +37,7 @@ from plotfeed.feeds.session.observer import Observer, RunningSession  # noqa: E4
 from plotfeed.feeds.session.part import SessionPart  # noqa: E402
 from plotfeed.feeds.session.session import run_over  # noqa: E402
 from plotfeed.feeds.timing.clock import InstantClock  # noqa: E402
+from plotfeed.testing import START_NS, radar, rotating, scene  # noqa: E402
 
 RADARS, DRONES, SIMULATED_S, RUNS = 100, 50, 60.0, 4
 SPEEDUP, MOST_TAKE_OVER_S = 1.8, 1.0

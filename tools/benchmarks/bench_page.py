@@ -16,10 +16,11 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 from aims import aim, spread
-from support import made_up_session, road
+from support import made_up_session
 from support.chromium import OPTIONS
 from support.tools import place_of
 
+from plotfeed import testing
 from plotfeed.feeds.page.page_access import PageAddress
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.view import View
@@ -40,13 +41,13 @@ def crowded(drones: int) -> Scene:
     """One radar that finds every drone once a second, so that ten seconds of plots are on show."""
     radar = made_up_session.sensors(9000.0)[0] | {
         "power_w": 5e6,
-        "scan": road.rotating(period_s=1.0, sectors=32),
+        "scan": testing.rotating(period_s=1.0, sectors=32),
         "range_min_m": 0.0,
         "elevation_min_deg": -10.0,
         "elevation_max_deg": 90.0,
         "pfa": 1e-8,
     }
-    return road.scene([radar], made_up_session.drones(drones, 8000.0), seed=8)
+    return testing.scene([radar], made_up_session.drones(drones, 8000.0), seed=8)
 
 
 async def serve(drones: int, *, with_page: bool) -> None:

@@ -32,8 +32,6 @@ sys.path.insert(0, str(HERE.parents[1] / "tests"))
 from aims import YARDSTICK, ratios, spread, yardstick_us  # noqa: E402
 from bench_engine import a_broker, radars, scene_tree  # noqa: E402
 from by_room import NAMES, sampled_rooms  # noqa: E402
-from support.mqtt_client import Client  # noqa: E402
-from support.road import radar, staring  # noqa: E402
 
 from plotfeed.feeds.console.process import (  # noqa: E402
     GARBAGE_OF_SESSION,
@@ -45,6 +43,7 @@ from plotfeed.feeds.scene.scene import from_tree  # noqa: E402
 from plotfeed.feeds.session.observer import Observer, RunningSession  # noqa: E402
 from plotfeed.feeds.session.session import run  # noqa: E402
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
+from plotfeed.testing import MqttReceiver, radar, staring  # noqa: E402
 
 PICTURE = HERE.parents[1] / "docs" / "scaling.png"
 # Seconds before the first look, and how many of a second each follow; in so many processes.
@@ -158,7 +157,7 @@ def point(series: str, n: int) -> dict[str, Any]:
 
 def fly(port: int, n: int) -> None:
     """Report drones that go in circles, all of them ten times a second, until somebody ends it."""
-    client, period_s = Client(port, 5), 1 / TELEMETRY_HZ
+    client, period_s = MqttReceiver(port, 5), 1 / TELEMETRY_HZ
     places = [(40.45 + 0.0003 * (i % 200), 0.001 + 0.0003 * (i // 200)) for i in range(n)]
     next_s = time.monotonic()
     while True:

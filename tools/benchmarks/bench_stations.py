@@ -18,13 +18,13 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 from aims import ratios, spread
-from support.road import START_NS, held, radar, scene, staring
 from support.station import Station
 
 from plotfeed.feeds.console.process import keep_freed
 from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, held, radar, scene, staring
 
 SIZES = (1, 4, 10)
 REPEATS = 3

@@ -22,7 +22,6 @@ sys.path.insert(0, str(HERE.parents[1] / "tests"))
 
 from aims import YARDSTICK, ratios, spread, yardstick_us  # noqa: E402
 from support.brokers import free_port, mosquitto  # noqa: E402
-from support.mqtt_client import listening  # noqa: E402
 from support.scene_files import radar, scene_file, scene_text  # noqa: E402
 
 from plotfeed.feeds.engine.engine import Engine  # noqa: E402
@@ -37,6 +36,7 @@ from plotfeed.feeds.telemetry.position_report import PositionReport  # noqa: E40
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
 from plotfeed.models.state import AltitudeReference  # noqa: E402
 from plotfeed.models.truth import Trajectories  # noqa: E402
+from plotfeed.testing import MqttReceiver  # noqa: E402
 
 NS = 1_000_000_000
 TICK_NS = 10_000_000
@@ -139,7 +139,7 @@ FLOOD_HZ, QUIET_HZ, RADARS = 50_000.0, 10.0, 20
 def publish(drone: str, rate_hz: float, port: int, start_ns: int, seconds: float) -> None:
     """Publish one drone's reports at that rate, from that time on; packets are made before."""
     step_ns, together = round(NS / rate_hz), max(1, round(rate_hz / 100))
-    with listening(port, 5) as client:
+    with MqttReceiver(port, 5) as client:
         parts = []
         for first in range(0, round(seconds * rate_hz), together):
             reports = [

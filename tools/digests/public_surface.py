@@ -20,6 +20,7 @@ from typing import Any
 import click
 
 import plotfeed
+from plotfeed import testing
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.schema import text_of
 from plotfeed.proto import ledger_pb2, plotfeed_pb2
@@ -84,6 +85,9 @@ def _names() -> Iterator[str]:
     for name in plotfeed.__all__:
         value = getattr(plotfeed, name)
         yield f"name {name}{inspect.signature(value) if inspect.isfunction(value) else ''}"
+    for name in testing.__all__:
+        value = getattr(testing, name)
+        yield f"name testing.{name}{inspect.signature(value) if inspect.isfunction(value) else ''}"
     for name, value in vars(plotfeed.Observer).items():
         if inspect.isfunction(value) and not name.startswith("_"):
             yield f"name Observer.{name}{inspect.signature(value)}"

@@ -31,8 +31,9 @@ from pages import between, table
 from soak_scene import reported
 from support.brokers import free_port, mosquitto, wait_until_listening
 from support.command import PLOTFEED, plotfeed
-from support.mqtt_client import Client
 from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.testing import MqttReceiver
 
 DOCS = Path(__file__).parents[2] / "docs"
 START = "2026-01-01T12:00:00Z"
@@ -71,7 +72,7 @@ def exits(folder: Path, times: int) -> Kept:
                 *("--broker", f"mqtt://127.0.0.1:{port}", "--force"),
                 *("--record", folder / "exit.mcap"),
             )
-            tracker = Client(port, 5, "plotfeed/one/plots")
+            tracker = MqttReceiver(port, 5, "plotfeed/one/plots")
             tracker.wait_for(lambda _heard: True)
             if number % 2:
                 broker.send_signal(signal.SIGSTOP)
@@ -95,7 +96,7 @@ def paused(folder: Path, for_s: float) -> Kept:
     """A broker that stands still: with QoS 1 everything is there in the end, once and in order."""
     port, scene = free_port(), scene_file(folder, scene_text(sensors=SENSORS, mqtt="qos = 1"))
     with mosquitto(folder, port) as broker:
-        heard = Client(port, 5, "plotfeed/+/asterix/034")
+        heard = MqttReceiver(port, 5, "plotfeed/+/asterix/034")
         options = ("--broker", f"mqtt://127.0.0.1:{port}", "--duration", for_s + 15)
         session = begun("run", scene, *options)
         heard.wait_for(lambda _: True)
@@ -127,7 +128,7 @@ def garbage(folder: Path, for_s: float) -> Kept:
     seeds = [seed for name in ("telemetry", "control") for seed in seeds_of(name) if seed]
     session = begun("run", scene, *options, "--write", beside)
     wait_until_listening(port + 1)
-    client = Client(port + 1, 5, "plotfeed/one/plots")
+    client = MqttReceiver(port + 1, 5, "plotfeed/one/plots")
     client.wait_for(lambda _: True)
     until_s = time.monotonic() + for_s
     while time.monotonic() < until_s:
@@ -159,7 +160,7 @@ def burst(folder: Path, messages: int) -> Kept:
     settings = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
     with mosquitto(folder, port, settings):
         session = begun(*("run", scene, "--duration", 20, "--broker", f"mqtt://127.0.0.1:{port}"))
-        client = Client(port, 5, "plotfeed/one/plots")
+        client = MqttReceiver(port, 5, "plotfeed/one/plots")
         client.wait_for(lambda _: True)
         now_ns = time.time_ns()
         client.publish_all(

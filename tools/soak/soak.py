@@ -41,9 +41,10 @@ from soak_scene import KEPT_MESSAGES, Load, everything, many_radars, reported
 from support.arrivals import Arrivals
 from support.brokers import free_port, mosquitto, rumqttd, wait_until_listening
 from support.command import PLOTFEED
-from support.mqtt_client import Client
 from support.nanosleep import Nanosleep
 from support.tools import place_of
+
+from plotfeed.testing import MqttReceiver
 
 DOCS = Path(__file__).parents[2] / "docs"
 SAMPLE_EVERY_S = 5.0
@@ -213,9 +214,9 @@ class Soak:
             payload = random.Random(self.published).randbytes(200)  # noqa: S311 - no secret
         return f"plotfeed/telemetry/d{drone}", payload
 
-    def _client(self) -> Client | None:
+    def _client(self) -> MqttReceiver | None:
         with suppress(OSError):
-            return Client(self.broker.port, 5) if self.broker.is_up else None
+            return MqttReceiver(self.broker.port, 5) if self.broker.is_up else None
         return None
 
     def sample(self, process: subprocess.Popen[bytes], port: int) -> None:

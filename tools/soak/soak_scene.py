@@ -11,8 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from support.road import radar, rotating
-from support.scene_files import toml_of
+from plotfeed.feeds.testing.built_scene import toml_of
+from plotfeed.testing import radar, rotating
 
 SECTION_4 = Path(__file__).parents[2] / "feeds" / "scene" / "examples" / "section-4.toml"
 KEPT_MESSAGES = 200  # Of each sensor, while the broker is away; the oldest give way

@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 from support.chromium import chromium, looking
 from support.command import running
-from support.mqtt_client import listening
 from support.page_beside_broker import Beside
 
 from plotfeed.feeds.scene.scene import example
+from plotfeed.testing import MqttReceiver
 
 SIZES = ((1280, 720), (1920, 1080), (2560, 1440))
 # Of equal parts of the time; in those without a name all is as usual.
@@ -34,7 +34,7 @@ def watch(scene: str, seconds: float, folder: Path) -> list[dict[str, object]]:
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         run = stack.enter_context(running("demo", scene, "--page", "127.0.0.1:0", folder=folder))
-        client = stack.enter_context(listening(run.port("MQTT 5"), 5, "#"))
+        client = stack.enter_context(MqttReceiver(run.port("MQTT 5"), 5, "#"))
         browser = stack.enter_context(chromium())
         url = f"http://127.0.0.1:{run.port('page')}/"
         windows = []

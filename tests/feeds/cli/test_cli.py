@@ -15,13 +15,13 @@ from pathlib import Path
 import pytest
 from support.brokers import deaf_server, free_port
 from support.command import PLOTFEED, Started, plotfeed, plotfeed_here, running, started
-from support.mqtt_client import Client, listening
 from support.recordings import block_048
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.ledger import entries_in
+from plotfeed.testing import MqttReceiver
 
 FAST = radar(period_s=0.2, sectors=8)
 START = "2026-01-01T12:00:00.05Z"
@@ -114,7 +114,7 @@ def test_a_signal_is_a_clean_end(how: signal.Signals, code: int, tmp_path: Path)
     scene = scene_file(tmp_path, scene_text(sensors=FAST))
     with (
         running("run", scene) as session,
-        listening(session.port("MQTT 5"), 5, "plotfeed/radar/status") as client,
+        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/radar/status") as client,
     ):
         client.wait_for(lambda m: json.loads(m.payload)["state"] == "ONLINE")
         returned, out, err = session.end(how)
@@ -393,7 +393,7 @@ def srt_flight(folder: Path) -> Path:
     return path
 
 
-def looks_at(client: Client, drone: str) -> None:
+def looks_at(client: MqttReceiver, drone: str) -> None:
     client.wait_for(
         lambda m: drone in {look.drone for entry in entries_in(m.payload) for look in entry.looks}
     )
@@ -403,7 +403,7 @@ def test_a_flight_can_be_injected_into_a_session(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=FAST, drones=""))
     flight = csv_flight(tmp_path)
     with running("run", scene) as session:
-        with listening(session.port("MQTT 5"), 5, "plotfeed/truth") as client:
+        with MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/truth") as client:
             for port, encoding in (
                 (session.port("MQTT 3.1.1"), "json"),
                 (session.port("MQTT 5"), "protobuf"),

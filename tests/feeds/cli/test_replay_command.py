@@ -15,7 +15,6 @@ import click
 import pytest
 from support.brokers import free_port
 from support.command import PLOTFEED, plotfeed, plotfeed_here
-from support.mqtt_client import listening
 from support.recordings import plots
 from support.replays import SESSION, Memory, S, log_file, message
 from support.udp_receiver import heard, place, receiver
@@ -30,6 +29,7 @@ from plotfeed.feeds.replaying.destinations import ReplayMqtt
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import AT_ONCE, replay
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.testing import MqttReceiver
 
 
 def test_keys_steer_it_in_a_terminal(tmp_path: Path, broker: int) -> None:
@@ -37,7 +37,7 @@ def test_keys_steer_it_in_a_terminal(tmp_path: Path, broker: int) -> None:
     path = log_file(tmp_path, recorded)
     url = f"mqtt://127.0.0.1:{broker}"
     ours, theirs = pty.openpty()
-    with listening(broker, 5, "plotfeed/radar/plots") as ears:
+    with MqttReceiver(broker, 5, "plotfeed/radar/plots") as ears:
         process = subprocess.Popen(
             [*PLOTFEED, "replay", str(path), "--broker", url],
             stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed, running, started
-from support.mqtt_client import Heard, listening
 from support.recordings import plots
 from support.replays import MS, RECORDED, SESSION, TYPE, log_file, message
 from support.scene_files import scene_file, scene_text
@@ -23,6 +22,7 @@ from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.state import AltitudeReference
 from plotfeed.replay.pcap import PcapWriter
 from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 
 @pytest.fixture(params=["mosquitto", "iotcore"])
@@ -35,7 +35,7 @@ def any_broker(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[int]:
         yield port
 
 
-def is_last(message: Heard) -> bool:
+def is_last(message: MqttMessage) -> bool:
     return message.payload == b"last"
 
 
@@ -44,7 +44,7 @@ def test_the_same_messages_come_on_the_same_topics(
     tmp_path: Path, any_broker: int, how: list[str]
 ) -> None:
     path = log_file(tmp_path, SESSION)
-    with listening(any_broker, 5, "#") as ears:
+    with MqttReceiver(any_broker, 5, "#") as ears:
         url = f"mqtt://127.0.0.1:{any_broker}"
         done = plotfeed("replay", path, "--broker", url, "--json", *how)
         assert done.returncode == 0, done.stderr
@@ -61,7 +61,7 @@ def test_the_same_messages_come_on_the_same_topics(
         found = by_payload[recorded.payload]
         assert found.content_type == TYPE
         assert found.user_properties == dict(recorded.properties)
-    with listening(any_broker, 5, "#") as later:
+    with MqttReceiver(any_broker, 5, "#") as later:
         assert later.wait_for(lambda m: m.retained).topic == "plotfeed/radar/status"
     summary = json.loads(done.stdout)
     assert summary["messages"] == 41
@@ -72,7 +72,7 @@ def test_the_same_messages_come_on_the_same_topics(
 def test_topics_links_and_times_are_as_asked(tmp_path: Path, broker: int) -> None:
     path = log_file(tmp_path, SESSION)
     (tmp_path / "link.toml").write_text("latency_ms = 20\nduplicate = 1.0\n")
-    with listening(broker, 5, "#") as ears:
+    with MqttReceiver(broker, 5, "#") as ears:
         url = f"mqtt://127.0.0.1:{broker}"
         options = ["--broker", url, "--topic", "plotfeed=again", "--stamps", "now", "--json"]
         done = plotfeed("replay", path, *options, "--link", tmp_path / "link.toml")
@@ -101,7 +101,7 @@ def test_telemetry_is_told_as_of_now(tmp_path: Path, broker: int) -> None:
         return message(i * 10 * MS, topic, payload, stage=Stage.TELEMETRY)
 
     path = log_file(tmp_path, [sample(i) for i in range(5)])
-    with listening(broker, 5, "#") as ears:
+    with MqttReceiver(broker, 5, "#") as ears:
         begun_ns = time.time_ns()
         url = f"mqtt://127.0.0.1:{broker}"
         done = plotfeed("replay", path, "--broker", url, "--stage", "telemetry")
@@ -119,7 +119,7 @@ def test_a_capture_goes_to_udp_and_to_a_broker_at_once(tmp_path: Path, broker: i
         writer = PcapWriter(file)
         assert [writer.write(each) for each in recorded] == [None] * 20
         writer.close()
-    with receiver() as udp_ears, listening(broker, 5, "radar") as ears:
+    with receiver() as udp_ears, MqttReceiver(broker, 5, "radar") as ears:
         destinations = ["--udp", place(udp_ears), "--broker", f"mqtt://127.0.0.1:{broker}"]
         rule = ["--topic", "udp/10.0.0.1/8600=radar"]
         done = plotfeed("replay", path, *destinations, *rule, "--speed", "max")
@@ -134,7 +134,7 @@ def test_a_replay_without_end_ends_when_it_is_interrupted(tmp_path: Path, broker
     path = log_file(tmp_path, SESSION)
     url = f"mqtt://127.0.0.1:{broker}"
     with (
-        listening(broker, 5, "plotfeed/radar/plots") as ears,
+        MqttReceiver(broker, 5, "plotfeed/radar/plots") as ears,
         started("replay", path, "--broker", url, "--json", "--loop") as process,
     ):
         ears.wait_for(is_last)
@@ -161,7 +161,7 @@ def test_telemetry_flies_again_in_an_emulator(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(drones=""))
     with running("run", scene, "--duration", "60") as session:
         port = session.port("MQTT 5")
-        with listening(port, 5, "plotfeed/truth", "plotfeed/errors") as ears:
+        with MqttReceiver(port, 5, "plotfeed/truth", "plotfeed/errors") as ears:
             url = f"mqtt://127.0.0.1:{port}"
             done = plotfeed("replay", path, "--broker", url, "--stage", "telemetry")
             assert done.returncode == 0, done.stderr

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed_here, started
-from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
+
+from plotfeed.testing import MqttReceiver
 
 Words = Callable[[Path, str], list[object]]
 
@@ -72,7 +73,7 @@ def test_a_broker_that_comes_later_is_waited_for(words: Words, tmp_path: Path) -
         assert line.startswith(f"plotfeed: waits for the MQTT broker {url} (")
         assert line.endswith("; stop: Ctrl-C\n")
         assert process.poll() is None
-        with mosquitto(tmp_path, port), listening(port, 5, "#") as client:
+        with mosquitto(tmp_path, port), MqttReceiver(port, 5, "#") as client:
             if words not in (record, inject_live):
                 client.wait_for(lambda m: m.topic.startswith("plotfeed/"))
             wait_until(lambda: process.poll() is not None)

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from support.road import NS, START_NS
 
 from plotfeed import Engine, Observer, PlotfeedError, Scene, load, run
 from plotfeed.feeds.messages.batch import Batch
@@ -16,7 +15,8 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.utc import NS, iso_utc
+from plotfeed.testing import START_NS
 
 ROOT = Path(__file__).parents[3]
 DURATION_S = 8

@@ -18,11 +18,11 @@ import pytest
 from support.every_kind import EMITTER, GATE, MIMO, PASSIVE, RF
 from support.hills import write_ridge
 from support.instructions import Place, instructions_of, text_of
-from support.road import START_NS, held, radar, rotating, scene, staring
 from support.station import Station
 
 from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.models.truth import Trajectories
+from plotfeed.testing import START_NS, held, radar, rotating, scene, staring
 
 QUESTIONS = re.compile(
     r"is_in_free_space|self\.jammers|surroundings is|\bmultipath is|\bdoppler is|\bmerging is"

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import START_NS, Road, flown, fly, held, radar, rotating, scene, staring, waypoint
 
 from plotfeed import simulate
 from plotfeed.feeds.engine import emulated_sensors
@@ -14,6 +13,18 @@ from plotfeed.models import beam
 from plotfeed.models.frames import Axes, LocalFrame, aer_to_enu
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.sensor_model import Targets
+from plotfeed.testing import (
+    START_NS,
+    Feed,
+    flown,
+    fly,
+    held,
+    radar,
+    rotating,
+    scene,
+    staring,
+    waypoint,
+)
 
 MICROPHONES = {
     "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
@@ -51,7 +62,7 @@ def leaving(count: int) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def left(road: Road) -> list[tuple[str, bytes]]:
+def left(road: Feed) -> list[tuple[str, bytes]]:
     return [(m.topic, m.payload) for m in road.messages if not m.topic.endswith("/status")]
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import NS, SITE, START_NS, radar, scene
 
 from plotfeed.feeds.engine.scene_drones import SceneDrones, launch
 from plotfeed.feeds.scene.drones import Hold, Resume, Stray
@@ -15,6 +14,8 @@ from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE, START_NS, radar, scene
 
 PLACE = {"east_m": 600.0, "north_m": 0.0, "above_site_m": 50.0}
 LEGS: list[dict[str, Any]] = [

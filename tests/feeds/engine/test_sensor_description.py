@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 from google.protobuf import json_format
 from support.brokers import free_port
-from support.mqtt_client import listening
-from support.road import NS, START_NS, fly, radar, rotating, scene
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 from support.sessions import at_work, iotcore
@@ -25,6 +23,8 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, MqttReceiver, fly, radar, rotating, scene
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -114,7 +114,7 @@ async def test_a_command_that_changes_a_sensor_changes_what_is_retained(tmp_path
     port = free_port()
     there_is = load(scene_file(tmp_path, scene_text(port=1883)))
     topic = "plotfeed/radar/description"
-    with iotcore(tmp_path, port), listening(port, 5, topic) as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, topic) as ears:
         async with at_work(there_is, port):
             first = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == topic)
             command = {
@@ -123,7 +123,7 @@ async def test_a_command_that_changes_a_sensor_changes_what_is_retained(tmp_path
             }
             ears.publish("plotfeed/control", json.dumps(command).encode())
             second = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == topic, 1)
-            with listening(port, 5, topic) as late:
+            with MqttReceiver(port, 5, topic) as late:
                 kept = await asyncio.to_thread(late.wait_for, lambda m: m.retained)
     before, after = json.loads(first.payload), json.loads(second.payload)
     assert json.loads(kept.payload) == after

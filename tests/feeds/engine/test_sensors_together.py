@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import START_NS, radar, rotating, scene, staring, waypoint
 
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.truth import Trajectories
+from plotfeed.testing import START_NS, radar, rotating, scene, staring, waypoint
 
 S = 1_000_000_000
 DURATION_NS = 3 * S

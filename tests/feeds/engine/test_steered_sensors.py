@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
-from support.road import NS, START_NS, flown, held, radar, rotating, scene, staring, waypoint
 from support.significance import assert_law, assert_standard_normal, assert_sum
 
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
@@ -16,6 +15,8 @@ from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simula
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import wrap_180
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, flown, held, radar, rotating, scene, staring, waypoint
 
 MOUNT = {"cued_by": "radar", "fov_min_deg": 4.0, "fov_max_deg": 40.0, "zoom_s": 1.0}
 QUIET = {"pfa": 1e-15, "power_w": 5e4}

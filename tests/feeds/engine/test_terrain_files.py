@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from support.command import plotfeed_here
 from support.hills import METRES_PER_DEG, SIDE, TILE, footprint, write_buildings, write_ridge
-from support.road import SITE, START_NS, held, radar, scene
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 
@@ -21,6 +20,7 @@ from plotfeed.feeds.engine.terrain_files import ground_of, walls_of
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.models.frames import geoid_undulation_m
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.testing import SITE, START_NS, held, radar, scene
 
 HERE = np.array([SITE.latitude_deg]), np.array([SITE.longitude_deg])
 SIMULATED = ("--speed", "max", "--broker", "none", "--json")

@@ -12,13 +12,14 @@ import pytest
 from support.command import plotfeed_here
 from support.hills import write_ridge
 from support.random_scenes import random_tree
-from support.scene_files import radar, scene_file, scene_text, toml_of
+from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
 from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.engine.visibility import SEEN_PD, Outlook, Sightline
 from plotfeed.feeds.scene.scene import Scene, from_tree, load
+from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.models.truth import Trajectories
 
 START_NS = 1_767_268_800_000_000_000

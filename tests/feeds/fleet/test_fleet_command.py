@@ -14,8 +14,6 @@ from support.brokers import free_port, mosquitto
 from support.command import PLOTFEED, plotfeed_here
 from support.fleet_process import fleet
 from support.fleet_scenes import by_topic
-from support.mqtt_client import listening
-from support.road import fly
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.waiting import wait_until
 
@@ -23,6 +21,7 @@ from plotfeed.feeds.recording.recorder import SessionRecord
 from plotfeed.feeds.scene.scene import load
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
+from plotfeed.testing import MqttReceiver, fly
 
 SENSORS = "".join(
     [
@@ -131,7 +130,7 @@ def test_parts_go_on_without_who_started_them(tmp_path: Path) -> None:
 def test_there_is_no_fleet_where_none_says_so(tmp_path: Path) -> None:
     port = free_port()
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS))
-    with mosquitto(tmp_path, port), listening(port, 5, "plotfeed/#") as client:
+    with mosquitto(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as client:
         for level in ("1", "2", "1/gaps", "1/session", "x"):
             client.publish(f"plotfeed/fleet/{level}", b'{"part": [{}]}', retain=True)
         client.wait_for(lambda m: m.topic == "plotfeed/fleet/x")
@@ -184,7 +183,7 @@ def test_a_scene_whose_parts_would_get_into_each_others_way_is_refused(
 def test_a_fleet_in_the_foreground_ends_by_ctrl_c_as_a_whole(tmp_path: Path) -> None:
     port = free_port()
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS))
-    with mosquitto(tmp_path, port), listening(port, 5, "plotfeed/#") as client:
+    with mosquitto(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as client:
         words = ["fleet", scene, "--broker", f"mqtt://127.0.0.1:{port}", "--json"]
         process = subprocess.Popen(
             [*PLOTFEED, *map(str, words)], stdout=subprocess.PIPE, start_new_session=True

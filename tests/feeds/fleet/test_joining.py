@@ -7,7 +7,6 @@ import asyncio
 import pytest
 from support.fleet_oracle import judged, reference
 from support.fleet_scenes import by_topic, mixed
-from support.road import NS, START_NS, fly
 from support.sessions import AtWork, StallingClock
 
 from plotfeed.feeds.fleet.partition import partition
@@ -16,6 +15,8 @@ from plotfeed.feeds.session.observer import Tap
 from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, fly
 
 DURATION_S = 8.0
 EVERY = tuple(sensor.id for sensor in mixed().sensor)

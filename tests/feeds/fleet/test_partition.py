@@ -9,7 +9,6 @@ from collections import Counter
 import numpy as np
 import pytest
 from support.fleet_scenes import by_topic, drones, mixed, wanderers
-from support.road import START_NS, fly, radar, rotating, scene, staring
 
 from plotfeed.feeds.fleet.partition import load_of, partition, together
 from plotfeed.feeds.messages.message import Message
@@ -19,6 +18,7 @@ from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.beam import CULLED_FROM
+from plotfeed.testing import START_NS, fly, radar, rotating, scene, staring
 
 DURATION_S = 6.0
 

@@ -16,8 +16,6 @@ from support.brokers import free_port, mosquitto
 from support.cut_proxy import Proxy, proxied
 from support.fleet_oracle import Verdict, judged, reference
 from support.fleet_scenes import by_topic, stateless
-from support.mqtt_client import Client, listening
-from support.road import START_NS, fly
 from support.sessions import AtWork, Start, every_broker, quiet_mosquitto
 from support.waiting import until
 
@@ -28,6 +26,7 @@ from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.connection import MqttError
 from plotfeed.proto.utc import NS, whole_second_ns
+from plotfeed.testing import START_NS, MqttReceiver, fly
 
 
 @pytest.mark.asyncio
@@ -35,7 +34,7 @@ async def test_the_parts_of_a_shipped_scene_send_what_one_process_does(tmp_path:
     """Its links, which lose and delay, among them; a broker's connections, simulated time."""
     scene, port, duration_s = example("field-day"), free_port(), 30.0
     parts = partition(scene, 3)
-    with quiet_mosquitto(tmp_path, port), listening(port, 5, "plotfeed/#") as client:
+    with quiet_mosquitto(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as client:
         sent = await asyncio.to_thread(lambda: fly(scene, duration_s).messages)
         whole = by_topic(sent)
         sessions = [
@@ -101,7 +100,7 @@ class Part:
 
     scene: Scene
     port: int
-    client: Client
+    client: MqttReceiver
     network: Proxy  # What lies between the first process and the broker
     began_ns: int
     processes: list[Process] = field(default_factory=list)
@@ -155,7 +154,7 @@ class Part:
 async def a_part(folder: Path, start: Start = quiet_mosquitto) -> AsyncIterator[Part]:
     """At the end: nothing twice, nothing foreign, and what is missing is told."""
     port = free_port()
-    with start(folder, port), listening(port, 5, "plotfeed/#") as client:
+    with start(folder, port), MqttReceiver(port, 5, "plotfeed/#") as client:
         async with proxied(port) as network:
             began_ns = whole_second_ns(WallClock().now_ns() + 2 * NS)
             part = Part(stateless(), port, client, network, began_ns)

@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port, mosquitto
-from support.mqtt_client import listening
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.waiting import wait_until
 
@@ -21,6 +20,7 @@ from plotfeed.feeds.fleet.ray_parts import start_parts, stop_parts
 from plotfeed.feeds.lab.runs import QUIET
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.testing import MqttReceiver
 
 if find_spec("ray") is None:  # whose import takes long
     pytest.skip("could not import 'ray'", allow_module_level=True)
@@ -36,7 +36,7 @@ def test_ray_starts_a_part_again_whose_process_is_killed_and_ends_all(tmp_path: 
         "broker": f"mqtt://127.0.0.1:{port}",
         "duration_s": None,
     }
-    with mosquitto(tmp_path, port), listening(port, 5, "plotfeed/#") as client:
+    with mosquitto(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as client:
 
         def told(part: int) -> dict[str, Any]:
             said = [m.payload for m in [*client.heard] if m.topic == f"plotfeed/fleet/{part}"]

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.road import scene
 from support.seen_sectors import KINDS, scene_of, sectors_of, seen_by
 
 from plotfeed.feeds.formats import Batch, SceneFormats
@@ -18,6 +17,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.state import Ints, TruthState
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.utc import iso_utc
+from plotfeed.testing import scene
 
 CASES = (
     ("rotating", ["asterix-048"]),

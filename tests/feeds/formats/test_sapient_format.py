@@ -8,7 +8,6 @@ from types import ModuleType
 
 import pytest
 from support.command import plotfeed_here
-from support.road import fly, radar, scene
 from support.sapient_tasks import ONE, task
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
@@ -18,6 +17,7 @@ from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.sapient.envelope import node_id
+from plotfeed.testing import fly, radar, scene
 
 REPORT = 'report = ["sapient"]'
 

@@ -10,8 +10,6 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port, mosquitto
 from support.command import plotfeed_here
-from support.mqtt_client import listening
-from support.road import NS, START_NS, Road, flown, fly, radar, rotating, scene, waypoint
 from support.waiting import wait_until
 
 from plotfeed.feeds.messages.message import Message
@@ -19,12 +17,24 @@ from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.report_formats import TRACK_FORMATS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.utc import NS
+from plotfeed.testing import (
+    START_NS,
+    Feed,
+    MqttReceiver,
+    flown,
+    fly,
+    radar,
+    rotating,
+    scene,
+    waypoint,
+)
 
 DRONES = [flown(f"d{i}", waypoint(90.0 * i, 8, 900), waypoint(90.0 * i, 8, 2000)) for i in range(4)]
 
 
 @pytest.fixture(scope="module")
-def road() -> Road:
+def road() -> Feed:
     def sensor(name: str, **more: object) -> dict[str, object]:
         return radar(id=name, report=list(TRACK_FORMATS), scan=rotating(1.0, 8), **more)
 
@@ -60,7 +70,7 @@ def told_in(message: Message) -> Iterator[tuple[str, int]]:
         yield sensor, int(number)
 
 
-def test_all_formats_tell_of_the_same_tracks_and_numbers_are_of_one_sensor(road: Road) -> None:
+def test_all_formats_tell_of_the_same_tracks_and_numbers_are_of_one_sensor(road: Feed) -> None:
     tracks: dict[str, set[tuple[str, int]]] = {}
     for message in road.messages:
         kind = message.topic.removeprefix("plotfeed/").partition("/")[2]
@@ -91,7 +101,7 @@ def test_a_sensor_that_was_off_for_a_minute_begins_its_tracks_anew(kind: str) ->
     assert abs((later[0][0] - 70 * NS) - told[0][0]) <= NS
 
 
-def test_show_reads_every_one_of_them(road: Road) -> None:
+def test_show_reads_every_one_of_them(road: Feed) -> None:
     known = {}
     for message in road.messages:
         known[message.topic] = message
@@ -107,7 +117,7 @@ def test_show_reads_every_one_of_them(road: Road) -> None:
 
 @pytest.mark.parametrize("version", [4, 5])
 def test_show_reads_tracks_of_every_format_from_a_broker_on_any_topic_of_tracks(
-    version: int, road: Road, tmp_path: Path
+    version: int, road: Feed, tmp_path: Path
 ) -> None:
     """On the topics of sensors, and as a tracker under test would publish them."""
     pytest.importorskip("sapient_msg")
@@ -117,13 +127,13 @@ def test_show_reads_tracks_of_every_format_from_a_broker_on_any_topic_of_tracks(
     tracker = json.dumps([{"track": 1, "latitude_deg": 1.0, "longitude_deg": 2.0}]).encode()
     payloads = [*(m.payload for m in messages if "cot" not in m.topic), tracker, sapient_track()]
     port = free_port()
-    with mosquitto(tmp_path, port), listening(port, version) as client:
+    with mosquitto(tmp_path, port), MqttReceiver(port, version) as client:
         for message in messages:
             client.publish(message.topic, message.payload, message.content_type, retain=True)
         for number, payload in enumerate(payloads):
             client.publish(f"tracker-{number}/tracks", payload, retain=True)
         sent = len(messages) + len(payloads)
-        with listening(port, version, "#") as whoever:
+        with MqttReceiver(port, version, "#") as whoever:
             wait_until(lambda: len(whoever.heard) == sent)
         payloads += [m.payload for m in messages]
         count = sum(len(decode(p)) if p[:1] == b">" else 1 for p in payloads)
@@ -143,7 +153,7 @@ def sapient_track() -> bytes:
     return bytes(message.SerializeToString())
 
 
-def test_kinds_of_tracks_are_told(road: Road) -> None:
+def test_kinds_of_tracks_are_told(road: Feed) -> None:
     for sensor, kind in (("first", pb.PLAIN), ("second", pb.SMOOTHED_TRUTH)):
         batches = [pb.TrackBatch.FromString(p) for p in road.payloads(f"{sensor}/tracks")]
         assert {batch.kind for batch in batches} == {kind}

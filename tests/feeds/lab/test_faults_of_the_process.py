@@ -9,14 +9,14 @@ from typing import Any, get_args
 import pytest
 from support.every_kind import SENSORS
 from support.ledgers import record_session
-from support.road import held
-from support.scene_files import toml_of
 
 from plotfeed.feeds.lab.gathering import judged_recording
 from plotfeed.feeds.lab.judge import Against
+from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.active_radar import IntervalRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.testing import held
 
 SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
 SIGMAS = {f"{quantity} sigma" for quantity in ("range", "azimuth", "elevation")}

@@ -13,7 +13,6 @@ from support.claimed_feeds import NAMED, SCENE, SPREADS, called_wrong, claims_of
 from support.command import plotfeed_here
 from support.every_kind import SENSORS, drones
 from support.ledgers import record_session
-from support.road import flown, scene, waypoint
 from support.significance import assert_chance
 
 from plotfeed.feeds.engine.simulation import simulate
@@ -21,6 +20,7 @@ from plotfeed.feeds.lab.gathering import FeedReport, judged_recording
 from plotfeed.feeds.lab.report import feed_lines
 from plotfeed.models.residuals import Check, wrong_at
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.testing import flown, scene, waypoint
 
 SEEDS = 20
 

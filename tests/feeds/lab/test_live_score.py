@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import START_NS, held, radar, scene
 
 from plotfeed.feeds.lab.live import EVERY_SECONDS, LiveScore
 from plotfeed.feeds.scene.scene import Scene
@@ -17,6 +16,7 @@ from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.frames import LocalFrame
+from plotfeed.testing import START_NS, held, radar, scene
 
 NS = 10**9
 SITE = LocalFrame(40.45, -3.73, 650.0)

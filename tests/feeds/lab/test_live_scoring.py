@@ -7,12 +7,12 @@ from pathlib import Path
 
 import jsonschema
 from support.command import running
-from support.mqtt_client import Heard, listening
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.schema.asyncapi import document
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 TRACK = {"track": 7, "latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 700.0}
 TRACKER = '[page]\ntracks_topic = "tracker/tracks"\n'
@@ -27,10 +27,10 @@ def scene(folder: Path, *, truth: bool) -> Path:
 def test_a_score_is_published_as_it_is_described(tmp_path: Path) -> None:
     with (
         running("run", scene(tmp_path, truth=True)) as session,
-        listening(session.port("MQTT 5"), 5, "plotfeed/score") as client,
+        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/score") as client,
     ):
 
-        def has_a_track(message: Heard) -> bool:
+        def has_a_track(message: MqttMessage) -> bool:
             """A score with the track, which is said again in case nobody listened before."""
             client.publish("tracker/tracks", json.dumps(TRACK).encode())
             return bool(json.loads(message.payload)["tracks"])
@@ -52,7 +52,7 @@ def test_a_sensors_own_tracker_is_scored_and_recorded_once(tmp_path: Path) -> No
     record = tmp_path / "own.mcap"
     with (
         running("run", path, "--record", record) as session,
-        listening(session.port("MQTT 5"), 5, "plotfeed/score") as client,
+        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/score") as client,
     ):
         found = client.wait_for(lambda message: bool(json.loads(message.payload)["tracks"]))
     told = json.loads(found.payload)
@@ -66,11 +66,11 @@ def test_a_sensors_own_tracker_is_scored_and_recorded_once(tmp_path: Path) -> No
 def test_where_the_truth_is_not_published_the_score_is_not(tmp_path: Path) -> None:
     with (
         running("run", scene(tmp_path, truth=False)) as session,
-        listening(session.port("MQTT 5"), 5, "plotfeed/#") as client,
+        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/#") as client,
     ):
         scans: set[int] = set()
 
-        def is_three_seconds_on(message: Heard) -> bool:
+        def is_three_seconds_on(message: MqttMessage) -> bool:
             if message.topic.endswith("/plots"):
                 scans.add(int(message.user_properties["scan"]))
             return len(scans) > 6  # two a second

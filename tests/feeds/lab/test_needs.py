@@ -10,8 +10,6 @@ import pytest
 from scipy.optimize import brentq
 from support.command import plotfeed_here
 from support.every_kind import EMITTER, RF
-from support.road import flown, held, radar, staring, waypoint
-from support.scene_files import toml_of
 
 from plotfeed.feeds.lab.needs import (
     METRICS,
@@ -26,7 +24,9 @@ from plotfeed.feeds.lab.needs import (
 from plotfeed.feeds.lab.needs_text import rewritten
 from plotfeed.feeds.lab.oracle import rain_db_km
 from plotfeed.feeds.scene.scene import Scene, example, from_tree, parsed
+from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.testing import flown, held, radar, staring, waypoint
 
 START_NS = 1_767_268_800 * 10**9
 # Of which one in 20 may be wrong: four are in one test of 970.

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 from support.ledgers import changed, record_session, told
-from support.road import SITE
-from support.scene_files import toml_of
 
 from plotfeed.feeds.lab.gathering import FeedReport
+from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import LEDGER, protobuf_content_type
 from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.recorded import Recorded
+from plotfeed.testing import SITE
 
 Keys = dict[str, Any]
 Change = Callable[[pb.PlotBatch], None]

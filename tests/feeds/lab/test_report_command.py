@@ -16,9 +16,9 @@ from support.ledgers import entries, record_session, recorded, told, told_of, wr
 from support.links import link
 from support.random_scenes import random_tree
 from support.recordings import mcap_of
-from support.scene_files import toml_of
 
 from plotfeed.feeds.lab.report import lines, print_report
+from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 

@@ -10,7 +10,6 @@ import pytest
 from scipy import stats
 from support.claimed_feeds import claims_of
 from support.doc_commands import doc_command
-from support.road import held, radar, scene
 from support.significance import assert_chance
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
@@ -18,6 +17,7 @@ from plotfeed.feeds.lab.judge import FALSE_RATES, simulated_feed
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys
 from plotfeed.models.residuals import Check, wrong_at
+from plotfeed.testing import held, radar, scene
 
 FALSE_RATE = FALSE_RATES["claimed"]
 SEED, SECONDS = 1, 30.0

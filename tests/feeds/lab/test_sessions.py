@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.ledgers import as_received, changed, record_session, told, written
-from support.road import NS, START_NS
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import assert_chance
 
@@ -20,8 +19,10 @@ from plotfeed.feeds.lab.links import LinkFigures
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.residuals import Check
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.testing import START_NS
 
 SECONDS = 100.0
 LOSSY = """

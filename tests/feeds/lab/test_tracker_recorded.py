@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from support.brokers import free_port, mosquitto
-from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import until
 
@@ -26,6 +25,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
+from plotfeed.testing import MqttReceiver
 
 TOPIC = "tracker/out"
 TRACK = {"track": 7, "latitude_deg": 40.45, "longitude_deg": -3.73}
@@ -59,7 +59,7 @@ async def test_tracks_are_in_the_record_and_are_no_telemetry(tmp_path: Path) -> 
                 observers=observers)
         )  # fmt: skip
         await watch.begins.wait()
-        with listening(port, 4) as client:
+        with MqttReceiver(port, 4) as client:
 
             def is_heard() -> bool:
                 client.publish(TOPIC, json.dumps(TRACK).encode())

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from support import made_up_session, road
+from support import made_up_session
 from support.brokers import free_port, mosquitto
 from support.chromium import chromium, looking
 from support.command import plotfeed
 from support.made_up_session import MadeUpSession
-from support.mqtt_client import Client
 from support.page_replays import SESSION_S, TRACKS, Act, Viewer
 from support.page_server import Served, on_stage
 from support.page_sessions import with_page
@@ -19,6 +18,8 @@ from support.scene_files import radar, scene_text
 
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.scene import load
+from plotfeed.proto.utc import NS
+from plotfeed.testing import MqttReceiver
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -35,7 +36,7 @@ def stage() -> MadeUpSession:
     """After four seconds, at which its time stands: on any machine there is the same to see."""
     stage = MadeUpSession(View(), made_up_session.scene(16))
     for _ in range(40):
-        stage.advance(stage.now_ns + road.NS // 10)
+        stage.advance(stage.now_ns + NS // 10)
     stage.stand()
     return stage
 
@@ -88,7 +89,7 @@ def play(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cal
     scene.write_text(scene_text(port=port))
 
     async def run(act: Act) -> list[str]:
-        client = await asyncio.to_thread(Client, port, 5, "lab/#", "plotfeed/#")
+        client = await asyncio.to_thread(MqttReceiver, port, 5, "lab/#", "plotfeed/#")
         try:
             async with with_page(load(scene), f"mqtt://127.0.0.1:{port}") as (feed, begun):
                 await act(Viewer(feed), client, begun)

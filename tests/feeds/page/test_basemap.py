@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from support import road
 
+from plotfeed import testing
 from plotfeed.feeds.page import scene_outline
 from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.scene.fields import Site
@@ -21,7 +21,7 @@ PNG = b"\x89PNG\r\n\x1a\n" + bytes(20)
 
 def place(east_m: float, north_m: float) -> list[float]:
     """Longitude and latitude."""
-    latitude_deg, longitude_deg, _ = road.SITE.to_geodetic(np.array([east_m, north_m, 0.0]))
+    latitude_deg, longitude_deg, _ = testing.SITE.to_geodetic(np.array([east_m, north_m, 0.0]))
     return [float(longitude_deg), float(latitude_deg)]
 
 

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from support import road
 from support.chromium import drawn, until
 from support.made_up_session import MadeUpSession
 from support.page_server import Served, wait_for_command
 from support.page_updates import read_frame
 
+from plotfeed import testing
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import LAYOUTS, SectionKind
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-NS = road.NS
 SEA = np.array([0x0A, 0x16, 0x1F])
 # Of the dark theme, as the style sheet has them: what is under plots, the first two sensors.
 SENSOR_COLOURS = np.array([[0x1A, 0xC2, 0xA3], [0xDC, 0x69, 0x6E]])
@@ -73,7 +73,7 @@ def delivered_plots(stage: MadeUpSession) -> dict[str, list[tuple[float, float, 
         for plot in batch.plots:
             if plot.HasField("range_m"):
                 local_m = aer_to_enu(plot.azimuth_deg, plot.elevation_deg, plot.range_m)
-                enu_m = road.SITE.from_ecef(frames[batch.sensor].to_ecef(local_m))
+                enu_m = testing.SITE.from_ecef(frames[batch.sensor].to_ecef(local_m))
                 found[batch.sensor].append((plot.time_utc_ns / 1e6, enu_m[0], enu_m[1]))
     return found
 
@@ -255,7 +255,7 @@ def test_another_scene_replaces_the_first_and_its_map_lies_where_it_is(
     square = [-3000, 1000, -1000, 1000, -1000, 3000, -3000, 3000]
     shapes = {"lines": [[-4000, 0, 4000, 0]], "areas": [square], "points": [[500, 500, "Tower"]]}
     basemap = Basemap("application/json", json.dumps(shapes).encode())
-    scene = road.scene([road.radar(id="lonely", range_max_m=5000.0)], seed=1)
+    scene = testing.scene([testing.radar(id="lonely", range_max_m=5000.0)], seed=1)
     served.call(lambda: served.server._view.scene(scene, basemap))
     page.get_by_role("heading", name="lonely: settings").wait_for()
     assert page.evaluate("plotfeed.picture.plots.end") == 0

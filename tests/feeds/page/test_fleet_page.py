@@ -10,9 +10,7 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port, mosquitto
-from support.mqtt_client import Client
 from support.page_updates import read_frame
-from support.road import NS, radar, scene
 from support.waiting import PATIENCE_S
 from websockets.asyncio.client import connect
 
@@ -23,7 +21,8 @@ from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.utc import iso_utc
+from plotfeed.proto.utc import NS, iso_utc
+from plotfeed.testing import MqttReceiver, radar, scene
 
 TRACKS = "tracker/tracks"
 
@@ -100,7 +99,7 @@ async def test_the_page_shows_the_plots_and_tracks_that_the_broker_of_a_fleet_de
     port = free_port()
     with mosquitto(tmp_path, port):
         watch = a_watch(port)
-        client = await asyncio.to_thread(Client, port, 5, "#")
+        client = await asyncio.to_thread(MqttReceiver, port, 5, "#")
         batch = pb.PlotBatch(sensor="near")
         batch.plots.add(time_utc_ns=watch.now_utc_ns, range_m=1200.0, azimuth_deg=30.0)
         track = {"track": 7, "latitude_deg": 40.46, "longitude_deg": -3.72}

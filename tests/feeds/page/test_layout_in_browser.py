@@ -192,10 +192,12 @@ def test_a_card_is_dragged_by_its_head(page: Page) -> None:
 def test_sensors_that_stand_together_are_all_named_and_no_words_lie_over_others(
     page: Page, served: Served
 ) -> None:
-    from support import road
+    from plotfeed import testing
 
-    together = [road.radar(id=f"radar-{i}", position_enu_m=[10.0 * i, 0.0, 5.0]) for i in range(9)]
-    scene = road.scene(together, seed=1)
+    together = [
+        testing.radar(id=f"radar-{i}", position_enu_m=[10.0 * i, 0.0, 5.0]) for i in range(9)
+    ]
+    scene = testing.scene(together, seed=1)
     served.call(lambda: served.server._view.scene(scene))
     page.get_by_role("heading", name="radar-0: settings").wait_for()
     until(page, "plotfeed.display.words.filter((w) => w[4].startsWith('radar-')).length === 9")

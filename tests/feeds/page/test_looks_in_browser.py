@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from support import road
 from support.chromium import drawn, until
 from support.page_server import Served
 
+from plotfeed import testing
 from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.page.updates import TrackFlag
+from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-NS = road.NS
 LENS = {
     "id": "camera",
     "type": "camera",
@@ -26,7 +26,7 @@ LENS = {
     "pixels_across": 1920,
     "pixels_down": 1080,
     "range_max_m": 2000.0,
-    "scan": road.staring(),
+    "scan": testing.staring(),
 }
 JAMMER = {
     "east_m": -900.0,
@@ -50,7 +50,7 @@ SEA = [0x0A, 0x16, 0x1F]
 
 def show(page: Page, served: Served, sensors: list[dict[str, Any]]) -> None:
     """Another scene, of which nothing but the cover of sensors is drawn."""
-    scene = road.scene(sensors, seed=1)
+    scene = testing.scene(sensors, seed=1)
     served.call(lambda: served.server._view.scene(scene))
     page.get_by_role("heading", name=f"{sensors[0]['id']}: settings").wait_for()
     for layer in ("Sweep", "Labels", "Map"):
@@ -103,9 +103,9 @@ def test_beams_of_an_electronic_radar_are_drawn_where_they_pointed(
 def test_jammers_are_drawn_where_they_are_for_as_long_as_they_jam(
     page: Page, served: Served
 ) -> None:
-    clear = road.scene([road.radar(range_max_m=3000.0)], seed=1)
-    jammed = road.scene([road.radar(range_max_m=3000.0, jamming={"east": JAMMER})], seed=1)
-    show(page, served, [road.radar(range_max_m=3000.0)])
+    clear = testing.scene([testing.radar(range_max_m=3000.0)], seed=1)
+    jammed = testing.scene([testing.radar(range_max_m=3000.0, jamming={"east": JAMMER})], seed=1)
+    show(page, served, [testing.radar(range_max_m=3000.0)])
     page.get_by_role("checkbox", name="Labels").check()
     words = "plotfeed.display.words.filter((w) => w[4].includes('jammer')).map((w) => w[4])"
     for scene, told in ((jammed, "jammer east: radar"), (clear, None)):
@@ -123,9 +123,9 @@ def reports(times_ns: list[int], track: int, flags: int = 0, name: str = "") -> 
         ToldTrack(
             name=name or str(track),
             t_utc_ns=t_utc_ns,
-            latitude_deg=road.SITE.latitude_deg + 0.01 * (track - 90),
-            longitude_deg=road.SITE.longitude_deg,
-            height_m=road.SITE.height_m,
+            latitude_deg=testing.SITE.latitude_deg + 0.01 * (track - 90),
+            longitude_deg=testing.SITE.longitude_deg,
+            height_m=testing.SITE.height_m,
             velocity_enu_m_s=(20.0, 0.0, 0.0),
             coasted=bool(flags & TrackFlag.COASTED),
             ended=bool(flags & TrackFlag.ENDED),

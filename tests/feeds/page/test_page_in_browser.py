@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from support import made_up_session, road
+from support import made_up_session
 from support.brokers import free_port
 from support.chromium import (
     THEME,
@@ -20,6 +20,7 @@ from support.chromium import (
 from support.made_up_session import MadeUpSession
 from support.page_server import Served, clock_button, on_stage, wait_for_command
 
+from plotfeed import testing
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View
@@ -145,7 +146,7 @@ def test_no_request_leaves_for_anybody_else(browser: Browser, served: Served) ->
     page.get_by_role("button", name="Apply").click()
     page.get_by_text("In force.").wait_for()
     basemap = Basemap("application/json", b'{"lines": [], "areas": [], "points": []}')
-    scene = road.scene([road.radar(id="north")], seed=1)
+    scene = testing.scene([testing.radar(id="north")], seed=1)
     served.call(lambda: served.server._view.scene(scene, basemap))
     page.get_by_role("heading", name="north: settings").wait_for()
     host = f"127.0.0.1:{served.port}"

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import road
 from support.brokers import free_port, mosquitto
-from support.mqtt_client import Client
 from support.page_updates import Frame, read_frame
 from support.waiting import until
 
+from plotfeed import testing
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.run_with_page import PageObserver, alongside, receiving_tracks
 from plotfeed.feeds.page.scene_outline import cover_of
@@ -28,14 +27,18 @@ from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import entries_in
+from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
+from plotfeed.testing import MqttReceiver
 
-DRONE = road.flown("a", road.waypoint(10, 5, 3000), road.waypoint(60, 5, 5000))
-SCENE = road.scene(
+DRONE = testing.flown("a", testing.waypoint(10, 5, 3000), testing.waypoint(60, 5, 5000))
+SCENE = testing.scene(
     [
-        road.radar(scan=road.rotating(sectors=16), link={"latency_ms": 40.0, "jitter_ms": 5.0}),
-        road.radar(id="other", position_enu_m=[500.0, 0.0, 0.0], sic=2),
+        testing.radar(
+            scan=testing.rotating(sectors=16), link={"latency_ms": 40.0, "jitter_ms": 5.0}
+        ),
+        testing.radar(id="other", position_enu_m=[500.0, 0.0, 0.0], sic=2),
     ],
     [DRONE],
     seed=3,
@@ -108,7 +111,7 @@ class Show:
 
 @pytest.mark.asyncio
 async def test_the_page_shows_every_plot_and_when_it_left_as_the_ledger_has_it() -> None:
-    show = Show(WallClock(road.START_NS, speed=5.0))
+    show = Show(WallClock(testing.START_NS, speed=5.0))
     await show.play(6.0)
     expected: list[tuple[int, int, float]] = []
     for message, _ in show.messages:
@@ -143,8 +146,8 @@ async def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on(
             assert (await show.observer.apply(command))["ok"]
         await show.until(lambda: len(show.news["marks"]) == 5)
 
-    sensors = [road.radar(), road.radar(id="other", sic=2, event=[SWITCHED_OFF])]
-    show = Show(WallClock(road.START_NS, speed=10.0), road.scene(sensors, [DRONE], seed=3))
+    sensors = [testing.radar(), testing.radar(id="other", sic=2, event=[SWITCHED_OFF])]
+    show = Show(WallClock(testing.START_NS, speed=10.0), testing.scene(sensors, [DRONE], seed=3))
     await show.play(act=act)
     marks = show.news["marks"]
     assert sorted(mark["words"] for mark in marks) == [
@@ -161,7 +164,7 @@ async def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on(
     told = {story["id"]: story["since_utc_ms"] for story in show.news["stories"]}
     assert [name for name, since_ms in told.items() if since_ms is not None] == ["outage"]
     assert show.news["undoes"] == "Outage of radar"
-    assert all(second["t_utc_ms"] > road.START_NS / 1e6 for second in show.news["seconds"])
+    assert all(second["t_utc_ms"] > testing.START_NS / 1e6 for second in show.news["seconds"])
 
 
 @pytest.mark.asyncio
@@ -179,7 +182,7 @@ async def test_a_sensor_is_changed_while_it_runs_and_the_page_says_what_is_in_fo
         await show.observer.apply({"sensor": "other", "set": {"enabled": False}})
         await show.until(lambda: show.news["settings"]["other"].get("enabled") is False)
 
-    show = Show(WallClock(road.START_NS, speed=10.0))
+    show = Show(WallClock(testing.START_NS, speed=10.0))
     await show.play(act=act)
     settings = show.news["settings"]
     assert settings["radar"]["link"]["latency_ms"] == 40.0
@@ -203,7 +206,7 @@ async def test_what_the_session_refuses_is_an_error_in_a_line() -> None:
                 await show.observer.apply(command)
             assert "\n" not in str(refused.value)
 
-    await Show(WallClock(road.START_NS, speed=10.0)).play(act=act)
+    await Show(WallClock(testing.START_NS, speed=10.0)).play(act=act)
 
 
 @pytest.mark.asyncio
@@ -219,7 +222,7 @@ async def test_a_simulated_clock_is_held_stepped_and_hurried() -> None:
         await show.observer.apply({"clock": {"paused": False, "speed": 20.0}})
         assert show.look().news["session"]["clock"]["speed"] == 20.0
 
-    show = Show(WallClock(road.START_NS, speed=5.0))
+    show = Show(WallClock(testing.START_NS, speed=5.0))
     await show.play(act=act)
     assert show.news["session"]["clock"]["kind"] == "simulated"
     assert show.news["session"]["refuses"] == {}
@@ -255,7 +258,7 @@ async def test_refused_telemetry_and_totals_reach_the_page() -> None:
         session.receive([(topic, b"nonsense", None)], show.observer.now_utc_ns())
         await show.until(lambda: show.news.get("refusal") and show.news["totals"].get("refused"))
 
-    show = Show(WallClock(road.START_NS, speed=10.0))
+    show = Show(WallClock(testing.START_NS, speed=10.0))
     await show.play(act=act)
     assert "plotfeed/telemetry/x" in show.news["refusal"]
     assert show.news["totals"]["refused"] == 1
@@ -266,19 +269,21 @@ async def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) 
     port = free_port()
     view = View()
     view.scene(SCENE)
-    view.update(road.START_NS, 0.0)
+    view.update(testing.START_NS, 0.0)
 
     with mosquitto(tmp_path, port):
         address = BrokerAddress.parse(f"mqtt://127.0.0.1:{port}")
-        async with receiving_tracks(view, SCENE, address, "tracker/tracks", lambda: road.START_NS):
-            tracker = await asyncio.to_thread(Client, port, 5)
+        async with receiving_tracks(
+            view, SCENE, address, "tracker/tracks", lambda: testing.START_NS
+        ):
+            tracker = await asyncio.to_thread(MqttReceiver, port, 5)
             place = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
             seen: dict[str, Any] = {}
 
             def both_are_seen() -> bool:
                 tracker.publish("tracker/tracks", json.dumps(place).encode())
                 tracker.publish("tracker/tracks", b"nonsense")
-                frame = read_frame(view.update(road.START_NS, 0.0).public)
+                frame = read_frame(view.update(testing.START_NS, 0.0).public)
                 if frame.of(SectionKind.TRACKS):
                     seen["tracks"] = frame.column(SectionKind.TRACKS, "track")[0]
                 if "track_problem" in frame.news:
@@ -309,9 +314,9 @@ async def test_what_a_page_has_changed_changes_again_when_the_record_is_run_agai
             enough = len(show.messages) + 30
             await show.until(partial(has_sent, show, enough))
             assert (await show.observer.apply(command))["ok"]
-        await show.until(lambda: show.observer.now_utc_ns() > road.START_NS + 8 * road.NS)
+        await show.until(lambda: show.observer.now_utc_ns() > testing.START_NS + 8 * NS)
 
-    show = Show(WallClock(road.START_NS, speed=2.0))
+    show = Show(WallClock(testing.START_NS, speed=2.0))
     with Recorder(path) as recorder:
         show.others.append(SessionRecorder(recorder, ledger_is_sent=True))
         await show.play(act=act)
@@ -320,9 +325,9 @@ async def test_what_a_page_has_changed_changes_again_when_the_record_is_run_agai
     assert taken == asked
     again: list[Message] = []
     observers = [Tap(lambda message, _t: again.append(message)), RecordedTelemetry(path)]
-    clock = InstantClock(road.START_NS)
+    clock = InstantClock(testing.START_NS)
     last_ns = max(m.due_utc_ns for m, _ in show.messages)
-    lasts_s = (last_ns - road.START_NS) / 1e9 + 1.0
+    lasts_s = (last_ns - testing.START_NS) / 1e9 + 1.0
     await run(SCENE, clock=clock, broker="none", duration_s=lasts_s, observers=observers)
     for topic in ("radar/plots", "radar/asterix/048", "other/plots"):
         first, second = (
@@ -345,7 +350,7 @@ def has_sent(show: Show, count: int) -> bool:
 LENS = {
     "id": "camera",
     "type": "camera",
-    "scan": road.staring(0.1),
+    "scan": testing.staring(0.1),
     "range_max_m": 3000.0,
     "horizontal_fov_deg": 20.0,
     "pixels_across": 1920,
@@ -359,7 +364,7 @@ LENS = {
 async def test_the_page_is_told_where_a_mount_points_while_it_turns_and_what_a_beam_looks_at() -> (
     None
 ):
-    steered = road.radar(
+    steered = testing.radar(
         id="steered",
         azimuth_min_deg=-60.0,
         azimuth_max_deg=60.0,
@@ -369,7 +374,7 @@ async def test_the_page_is_told_where_a_mount_points_while_it_turns_and_what_a_b
         report=["asterix-015", "plots"],
         scan={"kind": "electronic", "period_s": 0.5, "dwell_s": 0.01},
     )
-    show = Show(WallClock(road.START_NS), road.scene([LENS, steered], [DRONE], seed=3))
+    show = Show(WallClock(testing.START_NS), testing.scene([LENS, steered], [DRONE], seed=3))
 
     def lens(news: dict[str, Any]) -> dict[str, Any]:
         found: dict[str, Any] = news.get("pointing", {}).get("camera", {})
@@ -397,14 +402,18 @@ def test_the_cover_of_a_sensor_is_that_of_its_keys_as_they_are_now() -> None:
     lens = {key: value for key, value in LENS.items() if key not in {"mount", "event"}}
     for keys, low_deg, span_deg in (
         (lens | {"pan_deg": 60.0}, 50.0, 20.0),
-        (road.radar(azimuth_min_deg=10.0, azimuth_max_deg=50.0, scan=road.staring()), 10.0, 40.0),
-        (road.radar(), -180.0, 360.0),
+        (
+            testing.radar(azimuth_min_deg=10.0, azimuth_max_deg=50.0, scan=testing.staring()),
+            10.0,
+            40.0,
+        ),
+        (testing.radar(), -180.0, 360.0),
     ):
-        (sensor,) = road.scene([keys], seed=1).sensor
+        (sensor,) = testing.scene([keys], seed=1).sensor
         cover = cover_of(sensor, SCENE.scene.site)
         assert (cover["azimuth_min_deg"], cover["azimuth_span_deg"]) == (low_deg, span_deg)
     place = {"east_m": 900.0, "north_m": -300.0, "above_site_m": 40.0}
     how = {"eirp_w": 10.0, "frequency_hz": 9.4e9, "bandwidth_hz": 4e7}
-    (sensor,) = road.scene([road.radar(jamming={"east": place | how})], seed=1).sensor
+    (sensor,) = testing.scene([testing.radar(jamming={"east": place | how})], seed=1).sensor
     (jammer,) = cover_of(sensor, SCENE.scene.site)["jammers"]
     assert jammer == {"id": "east", "east_m": 900.0, "north_m": -300.0}

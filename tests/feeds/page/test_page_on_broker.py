@@ -22,11 +22,11 @@ from support.live_page import (
     sectors_within,
     told,
 )
-from support.mqtt_client import Heard
 from support.significance import assert_chance, assert_law, assert_sum
 
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import MqttMessage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -281,5 +281,5 @@ def is_pace(run: Live, since: int, speed: int) -> bool:
     return bool(abs(late - early) < 0.25 * 2 * third)
 
 
-def heard_of_gate(run: Live, since: int) -> list[Heard]:
+def heard_of_gate(run: Live, since: int) -> list[MqttMessage]:
     return [m for m in run.broker.client.heard[since:] if m.topic == "plotfeed/gate/plots"]

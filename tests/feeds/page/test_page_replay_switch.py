@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.mqtt_client import Client, Heard
 from support.page_replays import Act, Viewer, of_lab
 from support.page_sessions import Begun
 from support.waiting import until
@@ -15,6 +14,7 @@ from support.waiting import until
 from plotfeed.feeds.page import page_replay
 from plotfeed.feeds.page.page_replay import NOT_NOW, REFUSES
 from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ from plotfeed.replay.mcap.mcap_reader import McapReader
 async def test_leaving_goes_back_to_a_session(
     play: Callable[[Act], Any], leave: dict[str, Any]
 ) -> None:
-    async def act(viewer: Viewer, client: Client, begun: Begun) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, begun: Begun) -> None:
         await viewer.load()
         begun.waiting.clear()
         await viewer.done(**leave)
@@ -40,7 +40,7 @@ async def test_leaving_goes_back_to_a_session(
     assert await play(act) == ["test", "test"]
 
 
-def of_session(client: Client, since: int) -> list[Heard]:
+def of_session(client: MqttReceiver, since: int) -> list[MqttMessage]:
     return [m for m in client.heard[since:] if m.topic == "plotfeed/radar/plots"]
 
 
@@ -48,7 +48,7 @@ def of_session(client: Client, since: int) -> list[Heard]:
 async def test_another_scene_or_recording_takes_the_place_of_a_replay(
     play: Callable[[Act], Any], folder: Path
 ) -> None:
-    async def act(viewer: Viewer, _client: Client, begun: Begun) -> None:
+    async def act(viewer: Viewer, _client: MqttReceiver, begun: Begun) -> None:
         (folder / "again.mcap").write_bytes((folder / "session.mcap").read_bytes())
         await viewer.load()
         await viewer.done(replay={"load": "again.mcap"})
@@ -65,7 +65,7 @@ async def test_another_scene_or_recording_takes_the_place_of_a_replay(
 async def test_what_the_page_itself_recorded_is_replayed_with_the_settings_of_then(
     play: Callable[[Act], Any],
 ) -> None:
-    async def act(viewer: Viewer, client: Client, begun: Begun) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, begun: Begun) -> None:
         await viewer.done(sensor="radar", set={"pfa": 1e-4})
         file = (await viewer.done(record={"start": True}))["file"]
         await until(lambda: len(client.on("plotfeed/truth")) > 30)
@@ -84,7 +84,7 @@ async def test_what_the_page_itself_recorded_is_replayed_with_the_settings_of_th
 
 @pytest.mark.asyncio
 async def test_what_makes_no_sense_in_a_replay_is_refused(play: Callable[[Act], Any]) -> None:
-    async def act(viewer: Viewer, _client: Client, _begun: Begun) -> None:
+    async def act(viewer: Viewer, _client: MqttReceiver, _begun: Begun) -> None:
         await viewer.load()
         for command in (
             {"sensor": "lab", "set": {"pfa": 1e-5}},
@@ -127,7 +127,7 @@ async def test_what_cannot_be_replayed_is_refused_and_the_session_goes_on(
     (folder / "foreign.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(100))
     (folder / "text.toml").write_text("")
 
-    async def act(viewer: Viewer, _client: Client, _begun: Begun) -> None:
+    async def act(viewer: Viewer, _client: MqttReceiver, _begun: Begun) -> None:
         for name in (
             "live/beside.mcap",
             "../session.mcap",
@@ -165,7 +165,7 @@ async def test_after_a_replay_that_fails_a_session_says_so(
 
     monkeypatch.setattr(page_replay, "McapReader", torn)
 
-    async def act(viewer: Viewer, _client: Client, begun: Begun) -> None:
+    async def act(viewer: Viewer, _client: MqttReceiver, begun: Begun) -> None:
         begun.waiting.clear()
         await viewer.done(replay={"load": "session.mcap"})
         await begun.wait()

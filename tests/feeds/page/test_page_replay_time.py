@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.mqtt_client import Client, Heard
 from support.page_replays import SESSION_S, TRACKS, Act, Viewer, of_lab, settled
 from support.page_sessions import Begun
 from support.waiting import until
@@ -23,6 +22,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Recorded
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 NS = 1_000_000_000
 
@@ -44,7 +44,7 @@ def has_id(message: Recorded) -> bool:
     return message.topic.endswith(("/plots", "/048", "/034"))
 
 
-def shifts_ns(heard: list[Heard], sent: list[Recorded]) -> list[tuple[int, int]]:
+def shifts_ns(heard: list[MqttMessage], sent: list[Recorded]) -> list[tuple[int, int]]:
     """When messages were recorded, and by how much later they say that they are now."""
     stamps = {f"{m.topic} {dict(m.properties)['id']}": dict(m.properties)["time"]
               for m in sent if has_id(m)}  # fmt: skip
@@ -63,7 +63,7 @@ def shifts_ns(heard: list[Heard], sent: list[Recorded]) -> list[tuple[int, int]]
 async def test_a_recording_is_loaded_and_its_messages_come_as_of_now(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
-    async def act(viewer: Viewer, client: Client, begun: Begun) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, begun: Begun) -> None:
         await viewer.until(lambda: viewer.session.get("recordings") == ["session.mcap"])
         await viewer.load()
         assert viewer.scene == "lab"
@@ -74,7 +74,7 @@ async def test_a_recording_is_loaded_and_its_messages_come_as_of_now(
         await until(lambda: len(of_lab(client)) >= len(sent))
         assert begun.names == ["test"]
 
-    async def checked(viewer: Viewer, client: Client, begun: Begun) -> None:
+    async def checked(viewer: Viewer, client: MqttReceiver, begun: Begun) -> None:
         before_ns = WallClock().now_ns()
         await act(viewer, client, begun)
         heard = of_lab(client)
@@ -95,7 +95,7 @@ async def test_a_recording_is_loaded_and_its_messages_come_as_of_now(
 async def test_twice_the_speed_is_twice_the_recorded_time(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
-    async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
         await viewer.load()
         await viewer.done(replay={"speed": 2})
         since = len(client.heard)
@@ -113,7 +113,7 @@ async def test_twice_the_speed_is_twice_the_recorded_time(
 async def test_a_seek_back_brings_the_same_again_and_one_ahead_leaves_some_out(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
-    async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
         await viewer.load()
         await viewer.until(lambda: viewer.replay["position_s"] >= 2.0)
         await viewer.done(replay={"paused": True})
@@ -144,7 +144,7 @@ async def test_a_seek_back_brings_the_same_again_and_one_ahead_leaves_some_out(
 async def test_a_pause_holds_everything_until_it_goes_on(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
-    async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
         await viewer.load()
         await viewer.done(clock={"paused": True, "speed": 1})
         await viewer.until(lambda: viewer.session["clock"]["paused"])
@@ -166,7 +166,7 @@ async def test_a_pause_holds_everything_until_it_goes_on(
         times = [was_ns for was_ns, _ in shifts_ns(of_lab(client, heard), sent)]
         assert min(times) >= sent[0].log_time_ns + 8 * NS
 
-    def has_id_of(message: Heard) -> bool:
+    def has_id_of(message: MqttMessage) -> bool:
         return message.topic.startswith("lab/") and "id" in message.user_properties
 
     await play(act)
@@ -189,7 +189,7 @@ async def test_a_recording_lasts_as_long_as_anything_in_it(
             log_writer.write(message)
         log_writer.close()
 
-    async def act(viewer: Viewer, _client: Client, _begun: Begun) -> None:
+    async def act(viewer: Viewer, _client: MqttReceiver, _begun: Begun) -> None:
         await viewer.load("silent.mcap")
         await viewer.until(lambda: viewer.is_at_end)
         assert viewer.replay["duration_s"] > 1.0
@@ -203,7 +203,7 @@ async def test_a_recording_lasts_as_long_as_anything_in_it(
 async def test_at_its_end_it_stands_and_can_be_moved_back_or_played_again(
     play: Callable[[Act], Any],
 ) -> None:
-    async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
         await viewer.load()
         await viewer.done(replay={"position_s": 1e6})
         await viewer.until(lambda: viewer.is_at_end)
@@ -226,7 +226,7 @@ async def test_at_its_end_it_stands_and_can_be_moved_back_or_played_again(
 async def test_tracks_that_are_published_now_are_shown_in_recorded_time(
     play: Callable[[Act], Any], sent: list[Recorded]
 ) -> None:
-    async def act(viewer: Viewer, client: Client, _begun: Begun) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
         await viewer.load()
         await viewer.done(replay={"position_s": 9.0})
         track = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from support import road
 from support.brokers import free_port
 from support.made_up_session import MadeUpSession
 from support.page_server import (
@@ -22,6 +21,7 @@ from support.waiting import PATIENCE_S, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
+from plotfeed import testing
 from plotfeed.feeds.page import application
 from plotfeed.feeds.page.page_access import PageAddress, PageError, Tokens
 from plotfeed.feeds.page.updates import MAX_COMMAND_OCTETS, NoControls, SectionKind
@@ -306,7 +306,7 @@ def test_another_scene_is_a_snapshot_for_everybody(page: Served, stage: MadeUpSe
     with page.feed() as one, page.feed() as other:
         assert next_frame(one).is_snapshot
         assert next_frame(other).is_snapshot
-        scene = road.scene([road.radar(id="new")], seed=1)
+        scene = testing.scene([testing.radar(id="new")], seed=1)
         page.call(lambda: stage.view and stage.view.scene(scene))
         for feed in (one, other):
             frame = next(f for f in frames(feed) if sensors_of(f) == ["new"])

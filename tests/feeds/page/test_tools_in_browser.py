@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from support import road
 from support.chromium import broken_rules, drawn, looking, until, until_shown
 from support.made_up_session import MadeUpSession
 from support.page_server import Served, wait_for_command
 
+from plotfeed import testing
 from plotfeed.models.frames import ecef_to_geodetic
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def test_the_place_of_the_pointer_is_right_in_every_way_that_it_is_told(page: Pa
         "[plotfeed.display.view.eastAt(400), plotfeed.display.view.northAt(300)]"
     )
     geodetic, enu, site, sensor = cursor.inner_text().split("·")
-    expected = ecef_to_geodetic(road.SITE.to_ecef(np.array([east, north, 0.0])))
+    expected = ecef_to_geodetic(testing.SITE.to_ecef(np.array([east, north, 0.0])))
     told = [float(part.strip().rstrip("°")) for part in geodetic.split(",")]
     assert told == pytest.approx([float(x) for x in expected[:2]], abs=1e-5)
     assert f"E {east:.0f} m, N {north:.0f} m" in enu

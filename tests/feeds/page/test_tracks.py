@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support import road
 from support.asterix_input import tracks
 from support.page_updates import Frame, read_frame
 
+from plotfeed import testing
 from plotfeed.feeds.lab.track_reports import MAX_OCTETS, ToldTrack
 from plotfeed.feeds.page.shown import MAX_TRACKS, ShownTracks, tracks_to_show
 from plotfeed.feeds.page.updates import SectionKind, TrackFlag
@@ -22,12 +22,12 @@ from plotfeed.proto.content_types import TRACK_BATCH, protobuf_content_type
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.utc import DAY_NS
 
-NOW_NS = road.START_NS
+NOW_NS = testing.START_NS
 HERE = {"track": 7, "latitude_deg": 40.46, "longitude_deg": -3.72}
 
 
 def decoded(message: Any) -> list[ToldTrack]:
-    return tracks_to_show(json.dumps(message).encode(), None, NOW_NS, road.SITE)
+    return tracks_to_show(json.dumps(message).encode(), None, NOW_NS, testing.SITE)
 
 
 def of_062(source: int = 1, **columns: Any) -> bytes:
@@ -38,10 +38,10 @@ def of_062(source: int = 1, **columns: Any) -> bytes:
 def shown(*payloads: bytes) -> Frame:
     """What the page is told of messages."""
     view = View()
-    view.scene(road.scene([road.radar()], seed=1))
+    view.scene(testing.scene([testing.radar()], seed=1))
     view.update(NOW_NS, 0.0)
     for payload in payloads:
-        view.tracks(tracks_to_show(payload, None, NOW_NS, road.SITE))
+        view.tracks(tracks_to_show(payload, None, NOW_NS, testing.SITE))
     return read_frame(view.update(NOW_NS, 0.0).public)
 
 
@@ -64,7 +64,7 @@ def test_tracks_of_category_062_are_where_they_say() -> None:
     assert frame.column(SectionKind.TRACKS, "velocity_east_m_s").tolist() == [10.0, -20.0]
     flags = frame.column(SectionKind.TRACKS, "flags").tolist()
     assert flags == [TrackFlag.TENTATIVE, TrackFlag.COASTED | TrackFlag.ENDED]
-    told = tracks_to_show(block, None, NOW_NS, road.SITE)
+    told = tracks_to_show(block, None, NOW_NS, testing.SITE)
     np.testing.assert_allclose([each.latitude_deg for each in told], 40.5, atol=1e-5)
 
 
@@ -73,7 +73,7 @@ def test_times_of_day_are_of_the_nearest_day(seconds: float) -> None:
     midnight_ns = NOW_NS // DAY_NS * DAY_NS
     then_ns = midnight_ns - round(seconds * 1e9)
     (block,) = TrackEncoder062(1, 2).blocks(tracks(t_utc_ns=then_ns))
-    (told,) = tracks_to_show(block, None, midnight_ns + round(seconds * 1e9), road.SITE)
+    (told,) = tracks_to_show(block, None, midnight_ns + round(seconds * 1e9), testing.SITE)
     assert abs((told.t_utc_ns or 0) - then_ns) < 10**7
 
 
@@ -124,7 +124,7 @@ def test_tracks_are_shown_of_every_format_that_a_score_reads() -> None:
     assert frame.news["track_names"] == names, "tower-9 has ended"
     flags = frame.column(SectionKind.TRACKS, "flags").tolist()
     assert flags == [0, 0, 0, 0, TrackFlag.COASTED | TrackFlag.ENDED]
-    by_type = tracks_to_show(batch, protobuf_content_type(TRACK_BATCH), NOW_NS, road.SITE)
+    by_type = tracks_to_show(batch, protobuf_content_type(TRACK_BATCH), NOW_NS, testing.SITE)
     assert [each.name for each in by_type] == ["tower-9"]
 
 
@@ -169,10 +169,10 @@ def test_what_is_no_track_is_refused_by_its_key(message: Any, named: str) -> Non
 def test_any_octets_are_tracks_or_an_error(payload: bytes) -> None:
     for prefix in (b"", b">", b"{", b'[{"track":'):
         try:
-            told = tracks_to_show(prefix + payload, None, NOW_NS, road.SITE)
+            told = tracks_to_show(prefix + payload, None, NOW_NS, testing.SITE)
         except DecodeError:
             continue
-        kept = ShownTracks(road.SITE)
+        kept = ShownTracks(testing.SITE)
         kept.take(told)
         kept.news(NOW_NS)
         assert np.isfinite([each.latitude_deg for each in told]).all()
@@ -180,14 +180,14 @@ def test_any_octets_are_tracks_or_an_error(payload: bytes) -> None:
 
 def test_what_is_too_long_is_not_read() -> None:
     with pytest.raises(DecodeError, match="at most"):
-        tracks_to_show(b" " * (MAX_OCTETS + 1), None, NOW_NS, road.SITE)
+        tracks_to_show(b" " * (MAX_OCTETS + 1), None, NOW_NS, testing.SITE)
     with pytest.raises(DecodeError):
-        tracks_to_show(b"[" * 100_000, None, NOW_NS, road.SITE)
+        tracks_to_show(b"[" * 100_000, None, NOW_NS, testing.SITE)
 
 
 def test_tracks_are_placed_along_the_horizontal_of_the_site() -> None:
     enu_m = np.array([[3000.0, -4000.0, 120.0]])
-    latitude_deg, longitude_deg, height_m = road.SITE.to_geodetic(enu_m)
+    latitude_deg, longitude_deg, height_m = testing.SITE.to_geodetic(enu_m)
     place = {
         "latitude_deg": latitude_deg[0],
         "longitude_deg": longitude_deg[0],
@@ -200,7 +200,7 @@ def test_tracks_are_placed_along_the_horizontal_of_the_site() -> None:
 
 def test_a_track_is_shown_until_it_ends_or_is_silent_for_long() -> None:
     view = View()
-    view.scene(road.scene([road.radar()], seed=1))
+    view.scene(testing.scene([testing.radar()], seed=1))
     view.update(NOW_NS, 0.0)
     view.tracks(decoded([HERE, {**HERE, "track": 8}]))
     frame = read_frame(view.update(NOW_NS, 0.0).public)
@@ -216,7 +216,7 @@ def test_a_track_is_shown_until_it_ends_or_is_silent_for_long() -> None:
 
 
 def test_no_flood_of_tracks_takes_more_than_its_room() -> None:
-    kept = ShownTracks(road.SITE)
+    kept = ShownTracks(testing.SITE)
     (here,) = decoded(HERE)
     for start in range(0, 5 * MAX_TRACKS, 5000):
         kept.take([replace(here, name=f"{n:064}") for n in range(start, start + 5000)])

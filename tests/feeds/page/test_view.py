@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import made_up_session, road
+from support import made_up_session
 from support.made_up_session import MadeUpSession
 from support.page_updates import Frame, read_frame
 from support.station import Station
 
+from plotfeed import testing
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.shown import MAX_KEPT
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, Update
@@ -18,15 +19,15 @@ from plotfeed.models.beam import Sector
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
 
-NS = road.NS
 TRUE_KINDS = {
     SectionKind.PLOT_TRUTHS,
     SectionKind.LOST_PLOTS,
     SectionKind.DRONES,
     SectionKind.TRUE_NEWS,
 }
-SECTOR = Sector(5, 0, road.START_NS, road.START_NS + NS, 0.0, 360.0)
+SECTOR = Sector(5, 0, testing.START_NS, testing.START_NS + NS, 0.0, 360.0)
 
 
 def frames(update: Update) -> tuple[Frame, Frame]:
@@ -36,7 +37,7 @@ def frames(update: Update) -> tuple[Frame, Frame]:
 
 def plots(n: int, **columns: Any) -> Plots:
     given = {
-        "t_utc_ns": np.full(n, road.START_NS),
+        "t_utc_ns": np.full(n, testing.START_NS),
         "range_m": np.full(n, 2000.0),
         "azimuth_deg": np.linspace(10.0, 80.0, n),
         "elevation_deg": np.full(n, 3.0),
@@ -66,15 +67,15 @@ def lost(**changes: Any) -> pb.Sent:
 
 def view_of_radar(**changes: Any) -> View:
     view = View()
-    view.scene(road.scene([road.radar(**changes)], seed=1))
-    view.update(road.START_NS, 0.0)
+    view.scene(testing.scene([testing.radar(**changes)], seed=1))
+    view.update(testing.START_NS, 0.0)
     return view
 
 
 def details(view: View, sensor: str) -> Any:
     view.watch([])
     view.watch([sensor])
-    return read_frame(view.update(road.START_NS, 0.0).public).news["details"][sensor]
+    return read_frame(view.update(testing.START_NS, 0.0).public).news["details"][sensor]
 
 
 def test_everybody_sees_plots_and_only_who_asks_sees_whose_they_are() -> None:
@@ -97,16 +98,16 @@ def test_everybody_sees_plots_and_only_who_asks_sees_whose_they_are() -> None:
 
 
 def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
-    far = road.radar(id="far", position_enu_m=[12_000.0, -7000.0, 80.0])
-    scene = road.scene([road.radar(), far], seed=1)
+    far = testing.radar(id="far", position_enu_m=[12_000.0, -7000.0, 80.0])
+    scene = testing.scene([testing.radar(), far], seed=1)
     station = Station(scene, scene.sensor[1], None)  # type: ignore[arg-type] - only its place
     view = View()
     view.scene(scene)
     found = plots(50, range_m=np.linspace(100, 19_000, 50), elevation_deg=np.linspace(-5, 70, 50))
     view.settled(report(found, "far"), [sent("plotfeed/far/plots")])
-    frame = read_frame(view.update(road.START_NS, 0.0).public)
+    frame = read_frame(view.update(testing.START_NS, 0.0).public)
     measured = aer_to_enu(found.azimuth_deg, found.elevation_deg, found.range_m)
-    expected = road.SITE.from_ecef(station.frame.to_ecef(measured))
+    expected = testing.SITE.from_ecef(station.frame.to_ecef(measured))
     for name, column in (("east_m", 0), ("north_m", 1)):
         np.testing.assert_allclose(
             frame.column(SectionKind.PLOTS, name), expected[:, column], atol=5e-3
@@ -121,7 +122,7 @@ def test_a_plot_without_range_is_a_bearing_and_one_without_azimuth_is_nowhere() 
     nothing = np.full(1, np.nan)
     view.settled(report(plots(1, range_m=nothing, elevation_deg=nothing)), [sent()])
     view.settled(report(plots(1, range_m=nothing, azimuth_deg=nothing)), [sent()])
-    frame = read_frame(view.update(road.START_NS, 0.0).public)
+    frame = read_frame(view.update(testing.START_NS, 0.0).public)
     assert frame.column(SectionKind.PLOTS, "flags").tolist() == [PlotFlag.BEARING, PlotFlag.NOWHERE]
     east_m, north_m = (frame.column(SectionKind.PLOTS, name) for name in ("east_m", "north_m"))
     assert np.hypot(east_m[0], north_m[0]) == pytest.approx(20_000.0)  # the edge of cover
@@ -134,14 +135,14 @@ def test_plots_are_delivered_by_the_first_message_that_brings_them() -> None:
     late = sent("plotfeed/radar/asterix/048", sent_utc_ns=SECTOR.end_ns + NS)
     north_message = sent("plotfeed/radar/asterix/034", sent_utc_ns=SECTOR.end_ns)
     view.settled(report(plots(3)), [late, north_message, sent()])
-    frame = read_frame(view.update(road.START_NS, 0.0).public)
+    frame = read_frame(view.update(testing.START_NS, 0.0).public)
     np.testing.assert_allclose(frame.column(SectionKind.PLOTS, "latency_ms"), 1250.0)
 
 
 def test_what_no_message_brought_is_seen_with_the_truth_alone() -> None:
     view = view_of_radar()
     view.settled(report(plots(3)), [lost(), sent("plotfeed/radar/asterix/034")])
-    public, everything = frames(view.update(road.START_NS, 0.0))
+    public, everything = frames(view.update(testing.START_NS, 0.0))
     assert not public.of(SectionKind.PLOTS)
     assert np.isnan(everything.column(SectionKind.LOST_PLOTS, "latency_ms")).all()
     assert len(everything.column(SectionKind.LOST_PLOTS, "east_m")) == 3
@@ -153,7 +154,7 @@ def test_merged_drones_are_counted_for_who_sees_the_truth() -> None:
     others[:] = [(), (1,), (1, 2)]
     merged = plots(3, drone=np.zeros(3, np.int64), merged_drones=others)
     view.settled(report(merged), [sent()])
-    _, everything = frames(view.update(road.START_NS, 0.0))
+    _, everything = frames(view.update(testing.START_NS, 0.0))
     assert everything.column(SectionKind.PLOT_TRUTHS, "merged").tolist() == [0, 1, 2]
 
 
@@ -162,7 +163,7 @@ def test_a_snapshot_has_what_updates_had_and_forgets_what_has_faded() -> None:
     numbers = []
     for second in range(100):
         view.settled(report(plots(4)), [sent()])
-        now_ns = road.START_NS + second * NS
+        now_ns = testing.START_NS + second * NS
         frame = read_frame(view.update(now_ns, float(second)).public)
         numbers.append(frame.of(SectionKind.PLOTS)[0].first)
     assert numbers == list(range(0, 400, 4))
@@ -177,25 +178,27 @@ def test_a_snapshot_is_bounded_whatever_is_reported() -> None:
     view = view_of_radar()
     for _ in range(60):
         view.settled(report(plots(1000)), [sent()])
-        view.update(road.START_NS, 0.0)
-    kept = len(read_frame(view.snapshot(road.START_NS).public).column(SectionKind.PLOTS, "sensor"))
+        view.update(testing.START_NS, 0.0)
+    kept = len(
+        read_frame(view.snapshot(testing.START_NS).public).column(SectionKind.PLOTS, "sensor")
+    )
     assert MAX_KEPT - 1000 <= kept <= MAX_KEPT
 
 
 def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
     view = view_of_radar()
     view.settled(report(plots(4)), [sent()])
-    view.update(road.START_NS, 0.0)
-    view.scene(road.scene([road.radar(id="other")], seed=1))
-    update = view.update(road.START_NS, 0.0)
+    view.update(testing.START_NS, 0.0)
+    view.scene(testing.scene([testing.radar(id="other")], seed=1))
+    update = view.update(testing.START_NS, 0.0)
     frame = read_frame(update.public)
     assert update.is_snapshot
     assert frame.is_snapshot
     assert not frame.of(SectionKind.PLOTS)
     assert [s["id"] for s in frame.news["scene"]["sensors"]] == ["other"]
-    assert not view.update(road.START_NS, 0.0).is_snapshot
+    assert not view.update(testing.START_NS, 0.0).is_snapshot
     view.settled(report(plots(4), "radar"), [sent()])  # of the scene before: nobody's
-    assert not read_frame(view.update(road.START_NS, 0.0).public).of(SectionKind.PLOTS)
+    assert not read_frame(view.update(testing.START_NS, 0.0).public).of(SectionKind.PLOTS)
 
 
 def test_news_are_told_once_and_again_in_every_snapshot() -> None:
@@ -203,12 +206,12 @@ def test_news_are_told_once_and_again_in_every_snapshot() -> None:
     view.refusal("it was no telemetry")
     view.session({"clock": {"paused": True}})
     view.session({"clock": {"paused": True}, "record": {"on": False}})
-    told = read_frame(view.update(road.START_NS, 0.0).public).news
+    told = read_frame(view.update(testing.START_NS, 0.0).public).news
     assert told["refusal"] == "it was no telemetry"
     assert told["session"] == {"clock": {"paused": True}, "record": {"on": False}}
     view.session({"clock": {"paused": True}})
-    assert read_frame(view.update(road.START_NS, 0.0).public).news == {}
-    again = read_frame(view.snapshot(road.START_NS).public).news
+    assert read_frame(view.update(testing.START_NS, 0.0).public).news == {}
+    again = read_frame(view.snapshot(testing.START_NS).public).news
     assert {"layouts", "scene", "settings", "session", "refusal"} <= again.keys()
 
 
@@ -218,7 +221,7 @@ def test_detections_are_counted_by_range_beside_what_was_predicted() -> None:
     looks = Looks(
         drone=np.zeros(12, np.int64),
         channel=np.zeros(12, np.int64),
-        t_utc_ns=np.full(12, road.START_NS),
+        t_utc_ns=np.full(12, testing.START_NS),
         range_m=range_m,
         azimuth_deg=np.zeros(12),
         elevation_deg=np.zeros(12),
@@ -278,15 +281,15 @@ def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None
 
 def test_a_drone_that_went_is_shown_where_it_was_for_a_while() -> None:
     view = view_of_radar()
-    here = road.SITE.to_ecef(np.array([[100.0, 200.0, 50.0], [0.0, 1000.0, 60.0]]))
+    here = testing.SITE.to_ecef(np.array([[100.0, 200.0, 50.0], [0.0, 1000.0, 60.0]]))
     both = TruthState(
         drone=np.arange(2),
-        t_utc_ns=np.full(2, road.START_NS),
+        t_utc_ns=np.full(2, testing.START_NS),
         position_ecef_m=here,
         velocity_ecef_m_s=np.zeros((2, 3)),
     )
-    view.truth(road.START_NS, both, ["a", "b"])
-    later_ns = road.START_NS + 12 * NS
+    view.truth(testing.START_NS, both, ["a", "b"])
+    later_ns = testing.START_NS + 12 * NS
     view.truth(later_ns, both.rows(np.array([1])), ["a", "b"])
     _, frame = frames(view.update(later_ns, 0.0))
     assert frame.column(SectionKind.DRONES, "gone_ms").tolist() == [12_000.0, 0.0]
@@ -305,21 +308,21 @@ def test_the_class_of_what_is_no_drone_is_told_beside_the_names() -> None:
     view = view_of_radar()
     state = TruthState(
         drone=np.arange(2),
-        t_utc_ns=np.full(2, road.START_NS),
-        position_ecef_m=road.SITE.to_ecef(np.array([[100.0, 200.0, 50.0], [0.0, 1000.0, 60.0]])),
+        t_utc_ns=np.full(2, testing.START_NS),
+        position_ecef_m=testing.SITE.to_ecef(np.array([[100.0, 200.0, 50.0], [0.0, 1000.0, 60.0]])),
         velocity_ecef_m_s=np.zeros((2, 3)),
     )
     classes = np.array(["drone", "aircraft", 0, 0], np.object_)  # with room for more
     names = ["a", "b"]
-    view.truth(road.START_NS, state, names, classes)
+    view.truth(testing.START_NS, state, names, classes)
     said = {"drones": ["a", "b"], "classes": {"1": "aircraft"}, "unseen": {}}
-    assert said in true_news(view.update(road.START_NS, 0.0))
-    view.truth(road.START_NS, state, names, classes)
-    assert said not in true_news(view.update(road.START_NS, 0.0))
-    view.truth(road.START_NS, state, names, np.array(["drone", "drone"], np.object_))
-    assert {**said, "classes": {}} in true_news(view.update(road.START_NS, 0.0))
+    assert said in true_news(view.update(testing.START_NS, 0.0))
+    view.truth(testing.START_NS, state, names, classes)
+    assert said not in true_news(view.update(testing.START_NS, 0.0))
+    view.truth(testing.START_NS, state, names, np.array(["drone", "drone"], np.object_))
+    assert {**said, "classes": {}} in true_news(view.update(testing.START_NS, 0.0))
     view.unseen({"b": "far away"})
-    told = view.update(road.START_NS, 0.0)
+    told = view.update(testing.START_NS, 0.0)
     assert {**said, "classes": {}, "unseen": {"b": "far away"}} in true_news(told)
     assert b"far away" not in told.public
 
@@ -330,14 +333,14 @@ def test_what_the_session_says_of_unknown_sensors_is_nothing() -> None:
     view.settled(report(plots(2), "nobody"), [sent()])
     view.settings("nobody", {})
     view.watch(["nobody"])
-    assert read_frame(view.update(road.START_NS, 0.0).public).news.get("details", {}) == {}
+    assert read_frame(view.update(testing.START_NS, 0.0).public).news.get("details", {}) == {}
 
 
 def test_nothing_is_told_that_is_no_json() -> None:
     view = view_of_radar()
     view.settings("radar", {"pfa": float("nan"), "link": {"latency_ms": float("inf")}})
     view.session({"replay": {"position_s": float("nan")}})
-    text = view.update(road.START_NS, 0.0).public.decode("latin-1")
+    text = view.update(testing.START_NS, 0.0).public.decode("latin-1")
     assert "NaN" not in text
     assert "Infinity" not in text
 
@@ -347,9 +350,9 @@ def test_the_site_may_be_anywhere() -> None:
         tree = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "height_m": 0.0}
         general = {"name": "edge", "seed": 1, "site": tree}
         view = View()
-        view.scene(road.scene([road.radar()], seed=1, scene=general))
+        view.scene(testing.scene([testing.radar()], seed=1, scene=general))
         view.settled(report(plots(4)), [sent()])
-        frame = read_frame(view.update(road.START_NS, 0.0).public)
+        frame = read_frame(view.update(testing.START_NS, 0.0).public)
         assert np.isfinite(frame.column(SectionKind.PLOTS, "east_m")).all()
 
 

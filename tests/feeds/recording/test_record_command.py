@@ -15,11 +15,11 @@ import pytest
 from mcap.reader import make_reader
 from support.brokers import free_port, rumqttd
 from support.command import Started, plotfeed_here, started
-from support.mqtt_client import Client
 from support.recordings import read_log
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.replay.recorded import Recorded
+from plotfeed.testing import MqttReceiver
 
 
 @contextlib.contextmanager
@@ -182,7 +182,7 @@ def test_a_broker_is_recorded(tmp_path: Path) -> None:
     with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
         url = f"mqtt://127.0.0.1:{port}/site/+/plots"
         with recording(url, path, "--count", 2) as process:
-            client = Client(port, 5)
+            client = MqttReceiver(port, 5)
             for topic in ("site/a/plots", "site/a/other", "site/b/plots"):
                 client.publish(topic, topic.encode(), "text/plain")
             process.wait(PATIENCE_S)

@@ -8,13 +8,13 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from support.road import scene, staring, waypoint
 
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS
 from plotfeed.feeds.schema import text_of
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.passive_radar import PassiveRadar
+from plotfeed.testing import scene, staring, waypoint
 
 PLACE = waypoint(90.0, 0.2, 20_000.0)
 KINDS = pytest.mark.parametrize("kind", BROADCASTS)

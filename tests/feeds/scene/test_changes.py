@@ -3,11 +3,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from support.road import radar, scene
 
 from plotfeed.feeds.scene.changes import ChangeError, changed, merged
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.testing import radar, scene
 
 
 def sensor(**keys: Any) -> Sensor:

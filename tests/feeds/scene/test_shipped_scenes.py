@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.command import plotfeed_here
-from support.road import NS, START_NS, Road, fly
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
@@ -20,6 +19,8 @@ from plotfeed.feeds.scene.scene import example
 from plotfeed.models.state import FALSE_ALARM, Floats
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.proto.utc import NS
+from plotfeed.testing import START_NS, Feed, fly
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "scenes.md").read_text()
@@ -182,11 +183,11 @@ def test_the_coast_s_broadcasts_place_a_drone_finely_and_coarsely() -> None:
 
 
 @pytest.fixture(scope="module")
-def delivered() -> Road:
+def delivered() -> Feed:
     return fly(example("delivery"), 40.0)
 
 
-def claims(road: Road, drone: str) -> dict[int, pb.Claim]:
+def claims(road: Feed, drone: str) -> dict[int, pb.Claim]:
     """What the ledger says of a drone's claims, by seconds from the start."""
     return {
         entry.scan - START_NS // NS: claim
@@ -201,7 +202,7 @@ def off_m(claim: pb.Claim) -> float:
     return float(np.linalg.norm([claim.error_east_m, claim.error_north_m, claim.error_up_m]))
 
 
-def test_four_deliverers_do_not_do_or_say_what_they_should(delivered: Road) -> None:
+def test_four_deliverers_do_not_do_or_say_what_they_should(delivered: Feed) -> None:
     stray, spoofed, frozen, runaway = (
         claims(delivered, name) for name in ("stray", "spoofed", "frozen", "runaway")
     )

@@ -5,12 +5,12 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.road import fly, held, radar, rotating, scene
 
 from plotfeed.feeds.scene.changes import changed
 from plotfeed.feeds.scene.presets.preset import names
 from plotfeed.feeds.scene.scene import SceneError, numbered
 from plotfeed.proto.asterix.codec.decode import decode
+from plotfeed.testing import fly, held, radar, rotating, scene
 
 CODES = st.none() | st.integers(0, 3)
 

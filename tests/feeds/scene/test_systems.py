@@ -9,13 +9,13 @@ from typing import Any
 import jsonschema
 import pytest
 from click.testing import CliRunner
-from support.road import fly, held
 
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.scene.presets.preset import preset, system_names
 from plotfeed.feeds.scene.presets.system import system
 from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree, parsed
 from plotfeed.feeds.schema import text_of
+from plotfeed.testing import fly, held
 
 HEAD = {"name": "s", "seed": 1, "site": {"latitude_deg": 40.45, "longitude_deg": -3.73,
                                          "height_m": 650.0}}  # fmt: skip

@@ -12,12 +12,12 @@ import pytest
 from support import every_kind
 from support.command import plotfeed_here
 from support.every_kind import GATE, MICROPHONES
-from support.road import radar, scene, staring, waypoint
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.models.propagation import C_M_S
+from plotfeed.testing import radar, scene, staring, waypoint
 
 RADAR = {k: v for k, v in radar().items() if "floor" not in k}
 MIMO = {k: RADAR[k] for k in RADAR if k != "power_w"} | {

@@ -13,8 +13,6 @@ import pytest
 from support.asyncapi_rules import problems
 from support.brokers import free_port, mosquitto, rumqttd
 from support.command import plotfeed
-from support.mqtt_client import Client, Heard, listening
-from support.road import START_NS, held, radar, rotating, staring, waypoint
 from support.sapient_tasks import ONE, task
 
 from plotfeed.feeds.formats import FORMATS
@@ -29,6 +27,16 @@ from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.position_report import Refused
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.testing import (
+    START_NS,
+    MqttMessage,
+    MqttReceiver,
+    held,
+    radar,
+    rotating,
+    staring,
+    waypoint,
+)
 
 PREFIX = "north/site/7"
 OF_SENSORS = ("status", "settings", "description", "sapient")
@@ -160,13 +168,13 @@ def scene(**mqtt: Any) -> Scene:
     )
 
 
-async def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict[str, int]]:
+async def published(what: Scene, port: int) -> tuple[list[MqttMessage], set[str], dict[str, int]]:
     """All messages of a session as an MQTT 5 client hears them, topics with retained ones, QoS.
 
     QoS is that with which messages left, by their sources and ids: iotcore delivers with the QoS
     of the subscription whatever they had.
     """
-    heard: list[Heard] = []
+    heard: list[MqttMessage] = []
     retained: set[str] = set()
     qos: dict[str, int] = {}
 
@@ -174,7 +182,7 @@ async def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict
         qos[event_of(dict(message.properties))] = message.qos
 
     async def session() -> None:
-        ears = await asyncio.to_thread(Client, port, 5, "#")
+        ears = await asyncio.to_thread(MqttReceiver, port, 5, "#")
         ready = asyncio.Event()
         running = asyncio.create_task(
             run(
@@ -203,10 +211,10 @@ async def published(what: Scene, port: int) -> tuple[list[Heard], set[str], dict
 
     def hear_retained() -> set[str]:
         # Of all messages it has more than this broker hands to one client while it is busy.
-        with listening(port, 5, f"{PREFIX}/+/status") as first:
+        with MqttReceiver(port, 5, f"{PREFIX}/+/status") as first:
             for sensor in SENSORS:
                 first.wait_for(lambda m, s=sensor: m.topic.endswith(f"{s['id']}/status"))  # type: ignore[misc]
-        with listening(port, 5, f"{PREFIX}/#") as late:
+        with MqttReceiver(port, 5, f"{PREFIX}/#") as late:
             # What is retained comes before what is not, also where the session has ended by now.
             late.publish(f"{PREFIX}/telemetry/nobody", b"{}", "application/json")
             late.wait_for(lambda m: not m.retained)
@@ -240,7 +248,7 @@ def sends(api: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {name: o for name, o in api["operations"].items() if o["action"] == "send"}
 
 
-def matching(api: dict[str, Any], heard: Heard) -> list[str]:
+def matching(api: dict[str, Any], heard: MqttMessage) -> list[str]:
     """Operations whose channel has that topic, and whose message has those headers and content."""
     found = []
     for name, operation in sends(api).items():

@@ -13,11 +13,11 @@ import pytest
 from support.brokers import free_port, mosquitto, password_file
 from support.certificates import Certificates
 from support.command import Started, plotfeed, plotfeed_here, running
-from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S
 
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import MqttReceiver
 
 FAST = radar(period_s=0.2, sectors=8)
 ABOUT = {"status", "settings", "description"}
@@ -97,7 +97,7 @@ def test_a_session_publishes_through_tls(
 ) -> None:
     prefix = f"a/session/of/{version}"
     scene = scene_with_keys(tmp_path, broker, prefix, f'version = "{version}"')
-    with listening(broker.open, 5, f"{prefix}/#") as ears, running("run", scene) as session:
+    with MqttReceiver(broker.open, 5, f"{prefix}/#") as ears, running("run", scene) as session:
         batch = ears.wait_for(lambda m: m.topic == f"{prefix}/radar/plots")
         status = ears.wait_for(lambda m: m.topic == f"{prefix}/radar/status")
         assert f"  MQTT        {broker.url}" in session.introduction
@@ -117,11 +117,11 @@ def test_a_session_that_was_killed_is_put_offline_through_tls(
     broker: Broker, tmp_path: Path
 ) -> None:
     scene = scene_with_keys(tmp_path, broker, "killed")
-    with listening(broker.open, 5, "killed/+/status") as ears, running("run", scene) as session:
+    with MqttReceiver(broker.open, 5, "killed/+/status") as ears, running("run", scene) as session:
         ears.wait_for(lambda m: b"ONLINE" in m.payload)
         session.process.kill()
         ears.wait_for(lambda m: b"OFFLINE" in m.payload)
-    with listening(broker.open, 4, "killed/+/status") as late:
+    with MqttReceiver(broker.open, 4, "killed/+/status") as late:
         assert late.wait_for(lambda m: b"OFFLINE" in m.payload).retained
 
 
@@ -129,7 +129,7 @@ def test_qos_1_brings_every_message_however_fast_they_come(broker: Broker, tmp_p
     # Mosquitto takes 20 unacknowledged messages at a time; simulated time waits for nobody.
     scene = scene_with_keys(tmp_path, broker, "surely", "qos = 1")
     options = ("--speed", "max", "--duration", "30", "--json")
-    with listening(broker.open, 5, "surely/radar/+", "surely/radar/asterix/+") as ears:
+    with MqttReceiver(broker.open, 5, "surely/radar/+", "surely/radar/asterix/+") as ears:
         done = plotfeed("run", scene, *options)
         totals = json.loads(done.stdout)
         ears.wait_for(lambda m: b"OFFLINE" in m.payload)
@@ -142,7 +142,7 @@ def test_qos_1_brings_every_message_however_fast_they_come(broker: Broker, tmp_p
 
 def test_qos_0_is_delivered_as_qos_0(broker: Broker, tmp_path: Path) -> None:
     scene = scene_with_keys(tmp_path, broker, "lightly")
-    with listening(broker.open, 5, "lightly/#") as ears, running("run", scene):
+    with MqttReceiver(broker.open, 5, "lightly/#") as ears, running("run", scene):
         assert ears.wait_for(lambda m: m.topic.endswith("/plots")).qos == 0
         assert ears.wait_for(lambda m: m.topic.endswith("/truth")).qos == 0
         assert ears.wait_for(lambda m: m.topic.endswith("/status")).qos == 1

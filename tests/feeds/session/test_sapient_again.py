@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
-from support.road import radar, scene, staring
 from support.sapient_middleware import Peer, listening
 from support.sapient_tasks import ONE, THREE, TWO, task
 from support.waiting import until
@@ -23,6 +22,7 @@ from plotfeed.feeds.recording.recorder import (
 from plotfeed.feeds.session.observer import Tap
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.testing import radar, scene, staring
 
 SENSORS = [radar(report=["sapient"], scan=staring(0.1), pfa=1e-6)]
 

@@ -8,17 +8,18 @@ from pathlib import Path
 from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from support.brokers import free_port, mosquitto, wait_until_listening
 from support.command import running
-from support.mqtt_client import Heard, listening
 from support.sapient_rules import checked
 from support.sapient_tasks import ONE, TWO, task
 from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 REPORT = 'report = ["sapient", "plots"]'
 SENSOR = radar(period_s=0.5, sectors=16, more=REPORT)
 TOPIC = "plotfeed/radar/sapient"
 
 
-def content(heard: Heard) -> str | None:
+def content(heard: MqttMessage) -> str | None:
     return checked(heard.payload).WhichOneof("content") if heard.topic == TOPIC else None
 
 
@@ -30,7 +31,7 @@ def test_both_versions_of_mqtt_carry_bare_messages(tmp_path: Path) -> None:
     ) as session:
         for each in (port, port + 1):
             wait_until_listening(each)
-        with listening(port, 4, TOPIC) as old, listening(port + 1, 5, TOPIC) as new:
+        with MqttReceiver(port, 4, TOPIC) as old, MqttReceiver(port + 1, 5, TOPIC) as new:
             for client in (old, new):
                 client.wait_for(lambda m: content(m) == "detection_report")
                 client.wait_for(lambda m: content(m) == "status_report")
@@ -51,7 +52,7 @@ def test_both_versions_of_mqtt_carry_bare_messages(tmp_path: Path) -> None:
     assert all(b == a or b - a >= 80_000_000 for a, b in pairwise(stamps))
 
 
-def goodbye(message: Heard) -> bool:
+def goodbye(message: MqttMessage) -> bool:
     report = checked(message.payload).status_report
     return report.System.Name(report.system) == "SYSTEM_GOODBYE" if report.report_id else False
 
@@ -60,11 +61,11 @@ def test_a_broker_that_comes_back_hears_the_registration_again(tmp_path: Path) -
     port = free_port()
     path = scene_file(tmp_path, scene_text(sensors=SENSOR))
     with ExitStack() as stack:
-        with mosquitto(tmp_path, port), listening(port, 5, TOPIC) as ears:
+        with mosquitto(tmp_path, port), MqttReceiver(port, 5, TOPIC) as ears:
             stack.enter_context(running("run", path, "--broker", f"mqtt://127.0.0.1:{port}"))
             first = ears.wait_for(lambda m: content(m) == "registration")
             ears.wait_for(lambda m: content(m) == "detection_report")
-        with mosquitto(tmp_path, port), listening(port, 5, TOPIC) as ears:
+        with mosquitto(tmp_path, port), MqttReceiver(port, 5, TOPIC) as ears:
             again = ears.wait_for(lambda m: content(m) == "registration")
             ears.wait_for(lambda m: content(m) == "detection_report")
             kinds = [content(m) for m in ears.heard]
@@ -78,15 +79,15 @@ def test_whoever_comes_later_has_the_registration_and_may_ask(tmp_path: Path) ->
     port, inbox = free_port(), f"{TOPIC}/task"
     path = scene_file(tmp_path, scene_text(sensors=SENSOR))
 
-    def status_of(m: Heard) -> int:
+    def status_of(m: MqttMessage) -> int:
         return checked(m.payload).task_ack.task_status
 
     with ExitStack() as stack:
         stack.enter_context(mosquitto(tmp_path, port))
         session = stack.enter_context(running("run", path, "--broker", f"mqtt://127.0.0.1:{port}"))
-        early = stack.enter_context(listening(port, 5, TOPIC))
+        early = stack.enter_context(MqttReceiver(port, 5, TOPIC))
         early.wait_for(lambda m: content(m) == "detection_report")
-        late = stack.enter_context(listening(port, 4, TOPIC))
+        late = stack.enter_context(MqttReceiver(port, 4, TOPIC))
         registered = late.wait_for(lambda m: content(m) == "registration")
         assert registered.retained
         assert late.heard[0] == registered
@@ -98,6 +99,6 @@ def test_whoever_comes_later_has_the_registration_and_may_ask(tmp_path: Path) ->
         assert "expected one of default, standby" in checked(refused.payload).task_ack.reason[0]
         session.process.terminate()
         late.wait_for(goodbye)
-        after = stack.enter_context(listening(port, 5, TOPIC))
+        after = stack.enter_context(MqttReceiver(port, 5, TOPIC))
         assert after.wait_for(goodbye).retained
         assert len(after.heard) == 1

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from support.road import fly, held, radar, rotating, scene, staring
 from support.sapient_rules import assert_declared, checked
 
 from plotfeed.feeds.scene.presets.preset import names
+from plotfeed.testing import fly, held, radar, rotating, scene, staring
 
 KINDS = ("control", "video", "remote-id", "wifi")
 BANDS_HZ = (433.5e6, 915e6, 2.437e9, 5.8e9)

@@ -11,7 +11,6 @@ import pytest
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
-from support.road import START_NS, Road, fly, held, radar, rotating, scene, staring
 from support.sapient_rules import checked, checked_together
 
 from plotfeed.feeds.formats import Batch
@@ -20,6 +19,7 @@ from plotfeed.feeds.scene.scene import example, from_tree
 from plotfeed.models.beam import Timetable
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import START_NS, Feed, fly, held, radar, rotating, scene, staring
 
 PLACES = {
     "range_gate": {"type": "range_gate", "scan": staring(), "range_max_m": 5e3, "sigma_m": 5.0},
@@ -62,23 +62,23 @@ DRONES = [
 OF_THE_PAPER = ("active", "mimo", "passive", "microphone")
 
 
-def built(seed: int = 5, **settings: Any) -> Road:
+def built(seed: int = 5, **settings: Any) -> Feed:
     sensors = [{**sensor, "report": ["sapient", "plots"]} for sensor in SENSORS]
     return fly(scene(sensors, DRONES, seed=seed, sapient=settings), 12.0)
 
 
 @cache
-def plain() -> Road:
+def plain() -> Feed:
     return built()
 
 
 @cache
-def on_earth() -> Road:
+def on_earth() -> Feed:
     return built(location="location", default_class="Air Vehicle", default_class_confidence=0.8)
 
 
 @cache
-def section_4() -> Road:
+def section_4() -> Feed:
     """The paper's sensors, and a drone that each of them finds."""
     usual = example("section-4")
     tree = usual.model_dump(exclude_none=True, exclude_defaults=True)
@@ -94,11 +94,11 @@ RUNS = [
 ]
 
 
-def messages(road: Road, sensor: str) -> list[SapientMessage]:
+def messages(road: Feed, sensor: str) -> list[SapientMessage]:
     return [checked(payload) for payload in road.payloads(f"{sensor}/sapient")]
 
 
-def detections(road: Road, sensor: str) -> list[SapientMessage]:
+def detections(road: Feed, sensor: str) -> list[SapientMessage]:
     return [m for m in messages(road, sensor) if m.HasField("detection_report")]
 
 
@@ -251,7 +251,7 @@ def test_statuses_come_at_their_interval_and_end_with_goodbye() -> None:
 
 
 def test_the_same_scene_gives_the_same_octets() -> None:
-    def octets(road: Road) -> list[tuple[str, bytes]]:
+    def octets(road: Feed) -> list[tuple[str, bytes]]:
         return [(m.topic, m.payload) for m in road.messages if m.topic.endswith("/sapient")]
 
     assert octets(built()) == octets(plain())

@@ -11,7 +11,6 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
-from support.road import START_NS, held, radar, scene, staring
 from support.sapient_middleware import Peer, listening
 from support.sapient_rules import checked, checked_together
 from support.sapient_tasks import ONE, THREE, TWO, task
@@ -26,6 +25,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto.sapient.envelope import node_id
+from plotfeed.testing import START_NS, held, radar, scene, staring
 
 INBOX = "plotfeed/radar/sapient/task"
 ACCEPTED, REJECTED, COMPLETED = (

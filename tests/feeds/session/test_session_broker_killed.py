@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from support.brokers import free_port
 from support.cut_proxy import proxied
-from support.mqtt_client import Heard, listening
 from support.scene_files import radar, scene_file, scene_text
 from support.sessions import AtWork, Start, at_work, every_broker
 from support.waiting import until
@@ -17,6 +16,7 @@ from support.waiting import until
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.transport import ways_out
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 KEPT = 12
 SECTOR_S = 6.0 / 240
@@ -53,7 +53,7 @@ async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promi
         else:
             await session.sectors_more(2 * KEPT)
             assert task.outbox.waiting <= full
-        with start(tmp_path, port), listening(port, 5, "plotfeed/radar/plots") as ears:
+        with start(tmp_path, port), MqttReceiver(port, 5, "plotfeed/radar/plots") as ears:
             back_ns = session.clock.now_ns()
             proxy.is_closed = False
             await until(lambda: not task.outbox.waiting)
@@ -69,7 +69,7 @@ def place(sector: Any) -> tuple[int, int]:
     return sector.scan, sector.index
 
 
-def heard_place(message: Heard) -> tuple[int, int]:
+def heard_place(message: MqttMessage) -> tuple[int, int]:
     batch = pb.PlotBatch.FromString(message.payload)
     return batch.scan, batch.sector
 

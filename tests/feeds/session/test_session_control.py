@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port
-from support.mqtt_client import Client, Heard, listening
 from support.scene_files import radar, scene_file, scene_text
 from support.sessions import AtWork, Start, at_work, every_broker, iotcore
 from support.waiting import until
@@ -17,6 +16,7 @@ from support.waiting import until
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 MS = 1_000_000
 CONTROL, SETTINGS, ERRORS = "plotfeed/control", "plotfeed/radar/settings", "plotfeed/errors"
@@ -29,7 +29,7 @@ def scene(folder: Path, **changes: str) -> Scene:
     return load(scene_file(folder, text))
 
 
-async def command(ears: Client, **what: Any) -> dict[str, Any]:
+async def command(ears: MqttReceiver, **what: Any) -> dict[str, Any]:
     """What the settings are afterwards."""
     await asyncio.to_thread(ears.wait_for, is_settings)  # the first ones are from the beginning
     since = len(ears.heard)
@@ -39,7 +39,7 @@ async def command(ears: Client, **what: Any) -> dict[str, Any]:
     return told
 
 
-def is_settings(message: Heard) -> bool:
+def is_settings(message: MqttMessage) -> bool:
     return message.topic == SETTINGS
 
 
@@ -70,7 +70,7 @@ async def test_commands_change_a_sensor_at_once_and_are_retained(
     start: Start, tmp_path: Path
 ) -> None:
     port = free_port()
-    with start(tmp_path, port), listening(port, 5, "plotfeed/#") as ears:
+    with start(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as ears:
         async with at_work(scene(tmp_path), port) as session:
             told = await command(ears, set={"link": {"latency_ms": 150}})
             assert told["in_force"]["link"] == {"latency_ms": 150}
@@ -89,7 +89,7 @@ async def test_commands_change_a_sensor_at_once_and_are_retained(
             await session.sectors_more(4)  # those that were worked out before
             await session.sectors_more(10)
             assert {r.sensor for r in session.sectors[-10:]} == {"other"}
-            with listening(port, 5, SETTINGS) as late:
+            with MqttReceiver(port, 5, SETTINGS) as late:
                 late_told = await asyncio.to_thread(late.wait_for, lambda m: m.retained)
                 assert json.loads(late_told.payload) == told
             told = await command(ears, reset=True)
@@ -117,7 +117,7 @@ REFUSED = {
 @pytest.mark.asyncio
 async def test_what_cannot_be_done_is_refused_in_a_line_and_changes_nothing(tmp_path: Path) -> None:
     port = free_port()
-    with iotcore(tmp_path, port), listening(port, 5, ERRORS, SETTINGS) as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS, SETTINGS) as ears:
         async with at_work(scene(tmp_path), port) as session:
             for number, (payload, words) in enumerate(REFUSED.items(), 1):
                 ears.publish(CONTROL, payload)
@@ -137,7 +137,7 @@ async def test_a_simulated_clock_is_held_stepped_and_hurried_over_the_wire(tmp_p
     what = scene(tmp_path, start_utc="2026-01-01T12:00:00Z")
 
     port, clock = free_port(), WallClock(what.scene.start_utc_ns, speed=5.0)
-    with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(what, port, clock=clock) as session:
             await session.sectors_more(2)
             ears.publish(CONTROL, b'{"clock": {"paused": true}}')

@@ -12,7 +12,6 @@ import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
-from support.road import START_NS, held, radar, scene, staring
 from support.sapient_tasks import ONE, TWO, task
 from support.sessions import Asked, Asks
 
@@ -31,6 +30,7 @@ from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of
 from plotfeed.proto.sapient.encode_sapient import DEG_M, ELLIPSOID, LAT_LNG, TRUE_NORTH
+from plotfeed.testing import START_NS, held, radar, scene, staring
 
 CUE, TASK = "plotfeed/camera/cue", "plotfeed/camera/sapient/task"
 EAST = {"azimuth_deg": 90.0, "elevation_deg": 6.0}

@@ -20,7 +20,6 @@ from urllib.request import urlopen
 import pytest
 from support import command
 from support.brokers import deaf_server, free_port, rumqttd
-from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
@@ -31,6 +30,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import entries_in
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.testing import MqttReceiver
 
 SLOW = radar("slow", period_s=0.5, sectors=8, more="[sensor.link]\nlatency_ms = 600_000.0\n")
 QUICK = radar("quick", period_s=0.5, sectors=8)
@@ -104,7 +104,7 @@ def end_two(broker: str, folder: Path, found: dict[tuple[signal.Signals, str], E
 
 
 def wait_for_work(port: int, prefix: str) -> None:
-    with listening(port, 5, f"{prefix}/quick/plots") as ears:
+    with MqttReceiver(port, 5, f"{prefix}/quick/plots") as ears:
         for _ in range(3):
             ears.wait_for(lambda _: True, len(ears.heard))
 
@@ -132,7 +132,7 @@ def harm(process: subprocess.Popen[bytes], broker: str, stack: ExitStack) -> Non
 
 
 def states(port: int, prefix: str) -> Iterator[tuple[str, str]]:
-    with listening(port, 5, f"{prefix}/+/status") as ears:
+    with MqttReceiver(port, 5, f"{prefix}/+/status") as ears:
         for sensor in ("slow", "quick"):
             topic = f"{prefix}/{sensor}/status"
             status = ears.wait_for(lambda m, topic=topic: m.topic == topic)  # type: ignore[misc]

@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port
-from support.mqtt_client import Client, listening
 from support.scene_files import radar, scene_file, scene_text
 from support.sessions import AtWork, Start, at_work, every_broker, iotcore
 from support.waiting import until
@@ -26,6 +25,7 @@ from plotfeed.feeds.telemetry.position_report import MAX_DETAIL, PositionReport
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.models.state import AltitudeReference
+from plotfeed.testing import MqttReceiver
 
 S = 1_000_000_000
 LONG = radar(period_s=6.0, sectors=96)  # Of which a machine that others use misses no turn
@@ -60,7 +60,7 @@ def assert_no_sector_is_missing(session: AtWork, sectors: int = 96) -> None:
     assert session.totals.missed_scans == 0
 
 
-def refusals(ears: Client) -> list[dict[str, Any]]:
+def refusals(ears: MqttReceiver) -> list[dict[str, Any]]:
     return [json.loads(payload) for payload in ears.on(ERRORS)]
 
 
@@ -80,7 +80,7 @@ async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
             yield f"plotfeed/telemetry/d{i % 50}", good
 
     port, markers = free_port(), 0
-    with start(tmp_path, port), listening(port, 5, ERRORS) as ears:
+    with start(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(scene(tmp_path), port) as session:
             await session.sectors_more(2)
             await asyncio.to_thread(ears.publish_all, [*flood(session.clock.now_ns())])
@@ -108,7 +108,7 @@ async def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(
     lasting = "stale_after_s = 60.0\ngeoid_undulation_m = 51.0\nmax_new_drones_per_s = 10000"
 
     port, most = free_port(), 10_000
-    with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(scene(tmp_path, telemetry=lasting), port) as session:
             for first in range(0, most, 1000):
                 now_ns = session.clock.now_ns()
@@ -170,7 +170,7 @@ async def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
     what = scene(tmp_path, start_utc="2026-01-01T12:00:00Z", sensors=radar(period_s=30, sectors=96))
     published = Counter[str]()
 
-    async def publish(ears: Client, session: AtWork, number: int) -> None:
+    async def publish(ears: MqttReceiver, session: AtWork, number: int) -> None:
         chance = random.Random(number)  # noqa: S311 - no secret
         for topic, payload, content_type in garbage(chance):
             ears.publish(topic, payload, content_type)
@@ -188,7 +188,7 @@ async def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
         published["bad" if keys else "good"] += 1
 
     port, clock = free_port(), WallClock(what.scene.start_utc_ns, speed=20.0)
-    with start(tmp_path, port), listening(port, 5, ERRORS) as ears:
+    with start(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(what, port, clock=clock) as session:
             number = 0
             while number <= 60 or clock.now_ns() < session.session.start_ns + 59 * S:
@@ -220,7 +220,7 @@ async def test_a_clock_of_the_system_that_steps_back_moves_nothing(
     now_ns, now_s = time.time_ns, time.time
 
     port = free_port()
-    with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(scene(tmp_path), port) as session:
             await session.sectors_more(3)
             before_ns = session.clock.now_ns()

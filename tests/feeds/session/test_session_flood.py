@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from support.brokers import free_port
-from support.mqtt_client import Client, listening
 from support.scene_files import radar, scene_file, scene_text
 from support.sessions import AtWork, Start, every_broker
 from support.waiting import until
@@ -27,6 +26,7 @@ from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.models.state import AltitudeReference
+from plotfeed.testing import MqttReceiver
 
 S = 1_000_000_000
 FLOOD = 60_000
@@ -47,7 +47,7 @@ def report(t_utc_ns: int, east: int) -> bytes:
     )
 
 
-def flood(ears: Client, now_ns: int) -> None:
+def flood(ears: MqttReceiver, now_ns: int) -> None:
     for first in range(0, FLOOD, 1_000):
         numbers = range(first, first + 1_000)
         ears.publish_all(
@@ -96,8 +96,8 @@ async def test_beside_a_flood_others_are_followed_and_the_record_makes_the_same_
     with (
         Recorder(path, attachments=attachments_of(scene, 0), waits=True) as recorder,
         start(tmp_path, port),
-        listening(port, 5) as drone,
-        listening(port, 5) as flooder,
+        MqttReceiver(port, 5) as drone,
+        MqttReceiver(port, 5) as flooder,
     ):
         observers = [watch, taken, SessionRecorder(recorder, ledger_is_sent=False)]
         broker = f"mqtt://127.0.0.1:{port}"

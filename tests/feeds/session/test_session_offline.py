@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 from support import command
 from support.brokers import free_port, mosquitto, rumqttd
-from support.mqtt_client import Client, listening
 from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.testing import MqttReceiver
 
 SENSORS = [f"s{i}" for i in range(30)]
 RADARS = "".join(radar(name, period_s=5.0, sectors=4) for name in SENSORS)
@@ -36,11 +37,11 @@ def session(folder: Path, *options: str, mqtt: str = "") -> Iterator[command.Run
         yield running
 
 
-def states(ears: Client, sensor: str) -> list[str]:
+def states(ears: MqttReceiver, sensor: str) -> list[str]:
     return [json.loads(payload)["state"] for payload in ears.on(f"plotfeed/{sensor}/status")]
 
 
-def wait_for_all(ears: Client, state: str) -> None:
+def wait_for_all(ears: MqttReceiver, state: str) -> None:
     for sensor in SENSORS:
         topic = f"plotfeed/{sensor}/status"
         ears.wait_for(
@@ -69,13 +70,13 @@ def test_every_sensor_of_a_session_that_was_killed_is_offline(
     """For those who listened all the time, and for those who come later."""
     port = free_port()
     spoken = f'version = "{version}"'
-    with broker(tmp_path, port), listening(port, listeners[0], "plotfeed/+/status") as ears:
+    with broker(tmp_path, port), MqttReceiver(port, listeners[0], "plotfeed/+/status") as ears:
         with session(tmp_path, "--broker", f"mqtt://127.0.0.1:{port}", mqtt=spoken) as running:
             wait_for_all(ears, "ONLINE")
             os.kill(running.process.pid, signal.SIGKILL)
             wait_for_all(ears, "OFFLINE")
         for listener in listeners:
-            with listening(port, listener, "plotfeed/+/status") as late:
+            with MqttReceiver(port, listener, "plotfeed/+/status") as late:
                 wait_for_all(late, "OFFLINE")
                 assert all(message.retained for message in late.heard)
 
@@ -83,7 +84,7 @@ def test_every_sensor_of_a_session_that_was_killed_is_offline(
 def test_a_session_that_ends_as_told_is_offline_once(tmp_path: Path) -> None:
     """By its own word, which a last will would follow with less."""
     port = free_port()
-    with mosquitto(tmp_path, port), listening(port, 5, "plotfeed/+/status") as ears:
+    with mosquitto(tmp_path, port), MqttReceiver(port, 5, "plotfeed/+/status") as ears:
         with session(tmp_path, "--broker", f"mqtt://127.0.0.1:{port}") as running:
             wait_for_all(ears, "ONLINE")
             assert running.end(signal.SIGTERM)[0] == 0
@@ -95,7 +96,7 @@ def test_a_session_that_ends_as_told_is_offline_once(tmp_path: Path) -> None:
 def test_the_embedded_broker_which_dies_with_its_session_has_one_connection(tmp_path: Path) -> None:
     with session(tmp_path) as running:
         ports = [port for port, _ in running.ports()]
-        with listening(ports[0], 4, "plotfeed/+/status") as ears:
+        with MqttReceiver(ports[0], 4, "plotfeed/+/status") as ears:
             wait_for_all(ears, "ONLINE")
         assert [established(running.process.pid, port) for port in ports] == [1, 1]
 

@@ -15,7 +15,6 @@ import pytest
 from support import command
 from support.brokers import free_port, is_listening, mosquitto, wait_until_silent
 from support.command import Running
-from support.mqtt_client import Client, Heard, listening
 from support.mqtt_websocket import FOR_BROWSERS
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, until
@@ -27,6 +26,7 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import entries_in
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 FAST = radar(period_s=0.2, sectors=8)
 
@@ -38,14 +38,14 @@ def running(folder: Path, *options: str, text: str | None = None) -> Iterator[Ru
         yield session
 
 
-def is_status(state: str) -> Callable[[Heard], bool]:
-    def wanted(message: Heard) -> bool:
+def is_status(state: str) -> Callable[[MqttMessage], bool]:
+    def wanted(message: MqttMessage) -> bool:
         return message.topic.endswith("/status") and json.loads(message.payload)["state"] == state
 
     return wanted
 
 
-def plots_of(messages: list[Heard]) -> list[tuple[int, int, bytes]]:
+def plots_of(messages: list[MqttMessage]) -> list[tuple[int, int, bytes]]:
     """Scan, sector and octets of every batch of plots."""
     found = []
     for message in messages:
@@ -74,7 +74,7 @@ def test_subscribers_of_either_version_receive_the_whole_session(tmp_path: Path)
     # A message with MQTT 5 properties makes iotcore 0.4 cut off 3.1.1 subscribers: hence two.
     with running(tmp_path, text=text) as session, ExitStack() as stack:
         clients = [
-            stack.enter_context(listening(port, version, "plotfeed/#"))
+            stack.enter_context(MqttReceiver(port, version, "plotfeed/#"))
             for port, version in session.ports()
         ]
         began = [c.wait_for(lambda m: m.topic.endswith("/plots")) for c in clients]
@@ -106,7 +106,10 @@ def test_subscribers_of_either_version_receive_the_whole_session(tmp_path: Path)
 
 
 def test_messages_say_what_they_are_in_mqtt_5(tmp_path: Path) -> None:
-    with running(tmp_path) as session, listening(session.port("MQTT 5"), 5, "plotfeed/#") as client:
+    with (
+        running(tmp_path) as session,
+        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/#") as client,
+    ):
         plots = client.wait_for(lambda m: m.topic.endswith("/plots"))
         service = client.wait_for(lambda m: m.topic.endswith("/034"))
         truth = client.wait_for(lambda m: m.topic.endswith("/truth"))
@@ -127,15 +130,18 @@ def test_messages_say_what_they_are_in_mqtt_5(tmp_path: Path) -> None:
 def test_the_status_is_retained_for_whoever_comes_later(tmp_path: Path) -> None:
     with running(tmp_path) as session:
         for port, version in session.ports():
-            with listening(port, version, "plotfeed/radar/status") as early:
+            with MqttReceiver(port, version, "plotfeed/radar/status") as early:
                 early.wait_for(is_status("ONLINE"))
-            with listening(port, version, "plotfeed/radar/status") as late:
+            with MqttReceiver(port, version, "plotfeed/radar/status") as late:
                 assert late.wait_for(is_status("ONLINE")).retained
 
 
 def test_the_truth_can_be_kept_back(tmp_path: Path) -> None:
     text = scene_text(sensors=FAST, mqtt='truth = false\nprefix = "my/site"')
-    with running(tmp_path, text=text) as session, listening(session.port("MQTT 5"), 5, "#") as ears:
+    with (
+        running(tmp_path, text=text) as session,
+        MqttReceiver(session.port("MQTT 5"), 5, "#") as ears,
+    ):
         for _ in range(3):
             ears.wait_for(lambda m: m.topic == "my/site/radar/plots", len(ears.heard))
         topics = {m.topic for m in ears.heard}
@@ -148,13 +154,13 @@ def test_a_session_that_was_killed_leaves_its_sensors_offline(tmp_path: Path) ->
     with mosquitto(tmp_path, port):
         with (
             running(tmp_path, "--broker", f"mqtt://127.0.0.1:{port}") as session,
-            listening(port, 5, "plotfeed/radar/status") as client,
+            MqttReceiver(port, 5, "plotfeed/radar/status") as client,
         ):
             client.wait_for(is_status("ONLINE"))
             os.kill(session.process.pid, signal.SIGKILL)
             client.wait_for(is_status("OFFLINE"))
         for version in (4, 5):
-            with listening(port, version, "plotfeed/radar/status") as client:
+            with MqttReceiver(port, version, "plotfeed/radar/status") as client:
                 assert client.wait_for(is_status("OFFLINE")).retained
 
 
@@ -178,8 +184,8 @@ def test_two_sessions_find_brokers_of_their_own(tmp_path: Path) -> None:
 def test_telemetry_over_either_version_becomes_plots(tmp_path: Path) -> None:
     text = scene_text(sensors=FAST, drones="")
     with running(tmp_path, text=text) as session, ExitStack() as stack:
-        ears = stack.enter_context(listening(session.port("MQTT 5"), 5, "plotfeed/truth"))
-        senders = [stack.enter_context(listening(*place)) for place in session.ports()]
+        ears = stack.enter_context(MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/truth"))
+        senders = [stack.enter_context(MqttReceiver(*place)) for place in session.ports()]
         for i, sender in enumerate(senders):
             sender.publish(f"plotfeed/telemetry/d{i}", telemetry(time.time_ns()))
         for i in range(len(senders)):
@@ -228,7 +234,7 @@ async def test_a_session_outlives_its_broker(
         await until(lambda: totals.undelivered > 5)
         mosquitto_runs = ExitStack()
         await asyncio.to_thread(mosquitto_runs.enter_context, mosquitto(tmp_path, port))
-        client = await asyncio.to_thread(Client, port, 5, "plotfeed/#")
+        client = await asyncio.to_thread(MqttReceiver, port, 5, "plotfeed/#")
         while totals.telemetry == 0:
             client.publish("plotfeed/telemetry/d", telemetry(time.time_ns()))
             await asyncio.sleep(0.1)

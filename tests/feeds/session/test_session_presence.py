@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from support import command
 from support.brokers import free_port, mosquitto
-from support.mqtt_client import Heard, listening
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import wait_until
 
@@ -19,24 +18,25 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 TEXT = scene_text(sensors=radar(period_s=0.2, sectors=8))
 TOPIC = "plotfeed/session"
 
 
-def said(message: Heard) -> dict[str, Any]:
+def said(message: MqttMessage) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(message.payload)
     return found
 
 
 def retained(port: int, topic: str = TOPIC) -> dict[str, Any]:
-    with listening(port, 5, topic) as client:
+    with MqttReceiver(port, 5, topic) as client:
         message = client.wait_for(lambda m: m.topic == topic)
     assert message.retained
     return said(message)
 
 
-def knows(message: Heard, me: str, other: str) -> bool:
+def knows(message: MqttMessage, me: str, other: str) -> bool:
     told = said(message)
     return bool(told["session"] == me and other in told["heard"])
 
@@ -46,7 +46,7 @@ def test_two_sessions_on_one_prefix_know_of_each_other(tmp_path: Path, how: sign
     """And when one has ended, or died, what is retained is of the one that runs."""
     port = free_port()
     scene, url = scene_file(tmp_path, TEXT), f"mqtt://127.0.0.1:{port}"
-    with mosquitto(tmp_path, port), listening(port, 5, TOPIC) as client:
+    with mosquitto(tmp_path, port), MqttReceiver(port, 5, TOPIC) as client:
         with command.running("run", scene, "--broker", url) as one:
             first = said(client.wait_for(lambda m: said(m)["state"] == "RUNNING"))["session"]
             with command.running("run", scene, "--broker", url) as two:
@@ -74,7 +74,7 @@ def test_what_is_left_of_a_session_that_died_is_no_session(tmp_path: Path) -> No
     """Neither what is retained of it, as if it ran, nor rubbish."""
     port = free_port()
     scene, url = scene_file(tmp_path, TEXT), f"mqtt://127.0.0.1:{port}"
-    with mosquitto(tmp_path, port), listening(port, 5, "plotfeed/#") as client:
+    with mosquitto(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as client:
         old = {"session": "a1b2", "state": "RUNNING", "heard": [], "scene": "old"}
         client.publish(TOPIC, json.dumps(old).encode(), retain=True)
         with command.running("run", scene, "--broker", url) as session:

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port
-from support.mqtt_client import Client, Heard, listening
 from support.scene_files import radar, scene_file, scene_text
 from support.sessions import AtWork, at_work, iotcore
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import MqttMessage, MqttReceiver
 
 MS = 1_000_000
 CONTROL, SETTINGS, ERRORS = "plotfeed/control", "plotfeed/radar/settings", "plotfeed/errors"
@@ -40,7 +40,7 @@ def scene(folder: Path) -> Scene:
 class Storyteller:
     """Says something on the control topic, and hears what is in force of the radar then."""
 
-    def __init__(self, ears: Client, session: AtWork) -> None:
+    def __init__(self, ears: MqttReceiver, session: AtWork) -> None:
         self.ears, self.session = ears, session
 
     async def say(self, **what: Any) -> dict[str, Any]:
@@ -73,7 +73,7 @@ class Storyteller:
         return [story.id for story, since_utc_ns in states if since_utc_ns is not None]
 
 
-def is_settings(message: Heard) -> bool:
+def is_settings(message: MqttMessage) -> bool:
     return message.topic == SETTINGS
 
 
@@ -86,7 +86,7 @@ async def test_a_story_is_told_on_the_wire_and_taken_back_to_what_was_before(
     tmp_path: Path,
 ) -> None:
     port = free_port()
-    with iotcore(tmp_path, port), listening(port, 5, "plotfeed/#") as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as ears:
         async with at_work(scene(tmp_path), port) as session:
             teller = Storyteller(ears, session)
             before = await teller.say(sensor="radar", set={"link": {"latency_ms": 40}})
@@ -124,7 +124,7 @@ async def test_a_story_is_told_on_the_wire_and_taken_back_to_what_was_before(
 @pytest.mark.asyncio
 async def test_a_swarm_is_there_for_as_long_as_its_story(tmp_path: Path) -> None:
     port = free_port()
-    with iotcore(tmp_path, port), listening(port, 5, ERRORS) as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(scene(tmp_path), port) as session:
             trajectories = session.session.trajectories
 
@@ -153,7 +153,7 @@ async def test_a_swarm_is_there_for_as_long_as_its_story(tmp_path: Path) -> None
 @pytest.mark.asyncio
 async def test_undo_takes_back_one_change_after_the_other(tmp_path: Path) -> None:
     port = free_port()
-    with iotcore(tmp_path, port), listening(port, 5, "plotfeed/#") as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as ears:
         async with at_work(scene(tmp_path), port) as session:
             teller = Storyteller(ears, session)
             await teller.refused("undo: nothing was asked", undo=True)

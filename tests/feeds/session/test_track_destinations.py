@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from support.brokers import free_port
 from support.http_receiver import http_receiver
-from support.road import START_NS, flown, radar, scene, waypoint
 from support.udp_receiver import heard, place, receiver
 from support.waiting import until
 from websockets.asyncio.client import connect
@@ -24,6 +23,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.ways_out import PortError
 from plotfeed.proto.ledger import entries_in
+from plotfeed.testing import START_NS, flown, radar, scene, waypoint
 
 REPORT = ["air-traffic", "cot", "geojson"]
 

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 from support.brokers import deaf_server, free_port, port_is_taken, wait_until_silent
 from support.command import plotfeed, running
-from support.mqtt_client import Client, listening
 from support.mqtt_websocket import FOR_BROWSERS
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
@@ -22,6 +21,7 @@ from support.waiting import PATIENCE_S, wait_until
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
 from plotfeed.feeds.transport import embedded_broker
 from plotfeed.feeds.transport.embedded_broker import BrokerError, EmbeddedBroker, Ports, free_ports
+from plotfeed.testing import MqttReceiver
 
 FAST = radar(period_s=0.2, sectors=8)
 
@@ -56,7 +56,7 @@ def test_where_the_usual_port_is_taken_another_stands_in_and_that_is_told() -> N
             *["(port", "1883", "is", "taken)"],
         ]
         assert f"look at it: plotfeed show mqtt://127.0.0.1:{port};" in demo.introduction[-1]
-        with listening(port, 4, "plotfeed/#") as client:
+        with MqttReceiver(port, 4, "plotfeed/#") as client:
             client.wait_for(lambda m: m.topic == "plotfeed/session")
 
 
@@ -101,7 +101,7 @@ async def test_a_port_that_is_lost_while_the_broker_starts_is_replaced(
         started = await EmbeddedBroker.start(free_port())
         try:
             assert started.ports.mqtt5 != taken
-            with listening(started.ports.mqtt5, 5):
+            with MqttReceiver(started.ports.mqtt5, 5):
                 pass
         finally:
             started.stop()
@@ -153,7 +153,7 @@ def test_connections_beyond_the_limit_are_not_taken(tmp_path: Path) -> None:
         taken = 0
         with suppress(OSError, AssertionError):
             for _ in range(50):
-                clients.enter_context(listening(port, 5))
+                clients.enter_context(MqttReceiver(port, 5))
                 taken += 1
         assert 5 <= taken < 10  # the session is one, too
 
@@ -166,7 +166,7 @@ def test_many_connections_that_say_nothing_keep_nobody_out(tmp_path: Path) -> No
         port = session.port("MQTT 3.1.1")
         for _ in range(900):
             held.enter_context(socket.create_connection(("127.0.0.1", port)))
-        with listening(port, 4, "plotfeed/#") as client:
+        with MqttReceiver(port, 4, "plotfeed/#") as client:
             client.wait_for(lambda m: m.topic.endswith("/plots"))
 
 
@@ -174,7 +174,10 @@ def test_a_message_that_is_too_large_cuts_off_who_sends_it_alone(tmp_path: Path)
     text = scene_text(sensors=FAST, mqtt="[mqtt.embedded]\nmax_payload_octets = 65536")
     with running("run", scene_file(tmp_path, text)) as session:
         port = session.port("MQTT 5")
-        with listening(port, 5, "plotfeed/#", "other/#") as client, listening(port, 5) as other:
+        with (
+            MqttReceiver(port, 5, "plotfeed/#", "other/#") as client,
+            MqttReceiver(port, 5) as other,
+        ):
             other.publish("other/small", bytes(65_000))
             client.wait_for(lambda m: m.topic == "other/small")
             with suppress(OSError):
@@ -193,7 +196,7 @@ def test_a_session_that_was_killed_leaves_nothing_running_and_no_file(
     scene = scene_file(tmp_path, scene_text(sensors=FAST, mqtt=FOR_BROWSERS))
     with running("run", scene) as session, ExitStack() as stack:
         clients = [
-            stack.enter_context(listening(*place, "plotfeed/#")) for place in session.ports()
+            stack.enter_context(MqttReceiver(*place, "plotfeed/#")) for place in session.ports()
         ]
         children = [*_children(session.process.pid)]
         assert len(children) == 3
@@ -209,7 +212,7 @@ def test_a_session_that_was_killed_leaves_nothing_running_and_no_file(
 def test_a_broker_that_dies_is_started_anew(tmp_path: Path) -> None:
     with running("run", scene_file(tmp_path, scene_text(sensors=FAST))) as session:
         port = session.port("MQTT 5")
-        with listening(port, 5) as client:
+        with MqttReceiver(port, 5) as client:
             for pid in _children(session.process.pid):
                 os.kill(pid, signal.SIGKILL)
             client.wait_until_cut_off()
@@ -241,12 +244,12 @@ def _children(pid: int) -> Iterator[int]:
         yield from map(int, (task / "children").read_text().split())
 
 
-def _connected(port: int, version: int, *filters: str) -> Client:
-    found: list[Client] = []
+def _connected(port: int, version: int, *filters: str) -> MqttReceiver:
+    found: list[MqttReceiver] = []
 
     def connects() -> bool:
         with suppress(OSError, AssertionError):
-            found.append(Client(port, version, *filters))
+            found.append(MqttReceiver(port, version, *filters))
         return bool(found)
 
     wait_until(connects)

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from support.brokers import free_port
 from support.deliveries import taken
-from support.road import START_NS, flown, radar, scene, waypoint
 from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
@@ -26,6 +25,7 @@ from plotfeed.feeds.transport.mqtt.address import AccessError
 from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
 from plotfeed.feeds.transport.ways_out import PortError
 from plotfeed.proto.utc import NS, iso_utc_ms
+from plotfeed.testing import START_NS, flown, radar, scene, waypoint
 
 NOW = 1_767_225_600 * NS
 VIEW = "view=40.44,-3.74,40.45,-3.73"

@@ -18,7 +18,6 @@ import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from support import sapient_flood
 from support.deliveries import taken
-from support.road import held, radar, scene, staring
 from support.sapient_middleware import Peer, linked, listening, polite, status_report
 from support.waiting import PATIENCE_S, until
 
@@ -30,6 +29,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.transport import sapient, ways_out
 from plotfeed.feeds.transport.sapient import AT_ONCE_S, SapientIntake, SapientNews
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import held, radar, scene, staring
 
 ERROR = SapientMessage(error={"packet": b"x", "error_message": ["bad\x1b[31m"] * 1000})
 

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from support.brokers import free_port
 from support.deliveries import taken
-from support.road import held, radar, rotating, scene, staring
 from support.sapient_middleware import Middleware, Peer, linked, listening, polite, status_report
 from support.sapient_rules import checked_together
 from support.waiting import PATIENCE_S, until
@@ -31,6 +30,7 @@ from plotfeed.feeds.transport.sapient import (
     framed,
 )
 from plotfeed.proto.errors import DecodeError
+from plotfeed.testing import held, radar, rotating, scene, staring
 
 
 @pytest.fixture(autouse=True)

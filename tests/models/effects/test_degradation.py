@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.road import scene, staring
 from support.significance import assert_sum
 
 from plotfeed.models.beam import Sector
+from plotfeed.testing import scene, staring
 
 BEAMS = 18
 MICROPHONES: dict[str, Any] = {

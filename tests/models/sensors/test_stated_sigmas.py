@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.road import scene, staring
 
 from plotfeed import simulate
 from plotfeed.feeds.scene.presets.preset import names
 from plotfeed.feeds.scene.scene import example
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.sensor_model import SensorModel
+from plotfeed.testing import scene, staring
 
 SIGMAS = (
     "sigma_range_m",

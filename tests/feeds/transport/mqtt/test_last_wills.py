@@ -12,7 +12,6 @@ import pytest
 from support.brokers import free_port
 from support.cut_proxy import proxied
 from support.deliveries import NOBODY
-from support.mqtt_client import Client, listening
 from support.sessions import Start, every_broker, iotcore
 from support.waiting import PATIENCE_S, until
 
@@ -23,6 +22,7 @@ from plotfeed.feeds.transport.mqtt import connection, last_wills
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.last_wills import LastWills
+from plotfeed.testing import MqttReceiver
 
 SENSORS = [f"s{i}" for i in range(25)]
 LEAVE_S = 2.0  # For what a broker that was killed may have taken with it
@@ -72,11 +72,11 @@ async def placed(
             await asyncio.gather(running, return_exceptions=True)
 
 
-def states(ears: Client, sensor: str) -> list[str]:
+def states(ears: MqttReceiver, sensor: str) -> list[str]:
     return [json.loads(payload)["state"] for payload in ears.on(f"p/{sensor}/status")]
 
 
-def all_states(ears: Client) -> dict[str, list[str]]:
+def all_states(ears: MqttReceiver) -> dict[str, list[str]]:
     return {sensor: states(ears, sensor) for sensor in SENSORS}
 
 
@@ -91,7 +91,7 @@ async def test_wills_that_were_cut_off_are_told_and_what_comes_back_is_told_anew
 ) -> None:
     monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
     port = free_port()
-    with start(tmp_path, port), listening(port, 5, "p/+/status") as ears:
+    with start(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
         async with proxied(port) as proxy:
             async with placed(proxy.port) as (there, back):
                 assert there.placed == len(SENSORS)
@@ -108,7 +108,7 @@ async def test_wills_that_were_cut_off_are_told_and_what_comes_back_is_told_anew
 @pytest.mark.asyncio
 async def test_wills_that_say_goodbye_are_forgotten(start: Start, tmp_path: Path) -> None:
     port = free_port()
-    with start(tmp_path, port), listening(port, 5, "p/+/status") as ears:
+    with start(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
         async with placed(port):
             await until(lambda: all_states(ears) == were("ONLINE"))
         await asyncio.sleep(0.2)
@@ -120,7 +120,7 @@ async def test_wills_that_say_goodbye_are_forgotten(start: Start, tmp_path: Path
 async def test_wills_that_say_no_goodbye_are_told(start: Start, tmp_path: Path) -> None:
     """As of a session that broke."""
     port = free_port()
-    with start(tmp_path, port), listening(port, 5, "p/+/status") as ears:
+    with start(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
         async with placed(port, says_goodbye=False):
             await until(lambda: all_states(ears) == were("ONLINE"))
         await until(lambda: all_states(ears) == were("ONLINE", "OFFLINE"))
@@ -135,7 +135,7 @@ async def test_connections_that_say_nothing_else_are_kept_alive(
     monkeypatch.setattr(connection, "KEEP_ALIVE_S", keep_alive_s)
     monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.1)
     port = free_port()
-    with iotcore(tmp_path, port), listening(port, 5, "p/+/status") as ears:
+    with iotcore(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
         async with proxied(port) as proxy, placed(proxy.port) as (there, back):
             await until(lambda: all_states(ears) == were("ONLINE"))
             await asyncio.sleep(2 * keep_alive_s)

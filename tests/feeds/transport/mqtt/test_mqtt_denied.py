@@ -16,8 +16,9 @@ import pytest
 from support.brokers import free_port, mosquitto, mosquitto_with
 from support.command import plotfeed, running
 from support.cut_proxy import proxied
-from support.mqtt_client import listening
 from support.scene_files import radar, scene_file, scene_text
+
+from plotfeed.testing import MqttReceiver
 
 DOCUMENTED = Path(__file__).parents[4] / "docs" / "mqtt.md"
 
@@ -38,7 +39,7 @@ def test_the_access_list_of_the_documentation_is_enough(tmp_path: Path, version:
     (access,) = re.findall(r"^user plotfeed\n.*?(?=^```)", DOCUMENTED.read_text(), re.M | re.S)
     with (
         mosquitto_with(tmp_path, access) as port,
-        listening(port, 5, "north/#") as client,
+        MqttReceiver(port, 5, "north/#") as client,
         running("run", scene(tmp_path, version), "--broker", f"mqtt://127.0.0.1:{port}") as session,
     ):
         client.wait_for(lambda m: m.topic.endswith("/plots"))

@@ -16,7 +16,6 @@ import pytest
 from support.brokers import free_port, mosquitto, rumqttd
 from support.cut_proxy import Proxy, proxied
 from support.deliveries import Deliveries, number_of
-from support.mqtt_client import Client, listening
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
@@ -26,6 +25,7 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MAX_UNACKNOWLEDGED
 from plotfeed.feeds.transport.mqtt.send_queue import MAX_UNSENT_OCTETS
+from plotfeed.testing import MqttReceiver
 
 PAUSE_S = {"drop-oldest": 0.0, "drop-newest": 0.0, "wait": 2.0}
 Start = Callable[[Path, int], AbstractContextManager["subprocess.Popen[bytes]"]]
@@ -82,7 +82,7 @@ async def drained(link: MqttTransport) -> None:
     assert (link.waiting, link.unacknowledged) == (0, 0)
 
 
-def heard_by(client: Client, *, at_least: int | None = None) -> list[int]:
+def heard_by(client: MqttReceiver, *, at_least: int | None = None) -> list[int]:
     """Numbers, in the order in which they came; waits for one if it is asked to."""
     if at_least is not None:
         client.wait_for(lambda m: number_of(m.payload) >= at_least)
@@ -97,7 +97,7 @@ async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_ac
     """It is killed at work, or when it has read nothing for a while."""
 
     async def with_the_first(port: int, proxy: Proxy, link: MqttTransport) -> list[int]:
-        with listening(port, 5, "t") as ears:
+        with MqttReceiver(port, 5, "t") as ears:
             await publish(deliveries, link, 500)
             if mid_sentence:
                 pause(process)
@@ -111,7 +111,7 @@ async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_ac
             return heard_by(ears)
 
     async def with_the_second(port: int, proxy: Proxy, link: MqttTransport) -> list[int]:
-        with listening(port, 5, "t") as ears:  # before the link can be there
+        with MqttReceiver(port, 5, "t") as ears:  # before the link can be there
             proxy.is_closed = False
             await publish(deliveries, link, 500)
             await drained(link)
@@ -166,7 +166,7 @@ async def test_across_a_restart_of_a_broker_that_remembers_nothing_is_lost_at_al
         await publish_some()
         await drained(link)
         await running.aclose()
-        with listening(port, 5, "t/#") as ears:
+        with MqttReceiver(port, 5, "t/#") as ears:
             all_came = lambda _: len(ears.heard) == len(deliveries.made)  # noqa: E731
             await asyncio.to_thread(ears.wait_for, all_came)
     assert link.connections == 2
@@ -181,7 +181,7 @@ async def test_a_paused_broker_costs_what_the_policy_gives_up_and_bounded_memory
 ) -> None:
     deliveries = Deliveries()
     port = free_port()
-    with start(tmp_path, port) as process, listening(port, 5, "t") as ears:
+    with start(tmp_path, port) as process, MqttReceiver(port, 5, "t") as ears:
         async with linked(port, policy=policy, messages=700) as link:
             await publish(deliveries, link, 200)
             await drained(link)
@@ -257,7 +257,7 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
 
     deliveries = Deliveries()
     port = free_port()
-    with start(tmp_path, port), listening(port, 5, "t") as ears:
+    with start(tmp_path, port), MqttReceiver(port, 5, "t") as ears:
         async with proxied(port) as proxy, linked(proxy.port, policy=policy, messages=50) as link:
             for _ in range(5):
                 await publish(deliveries, link, 20)

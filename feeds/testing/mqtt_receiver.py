@@ -1,7 +1,4 @@
-"""A client that owes nothing to the libraries of the session: MQTT 3.1.1 or 5 on a bare socket.
-
-It keeps whatever comes, so that tests can wait for a message or count them all.
-"""
+"""A receiver of MQTT 3.1.1 and 5 on a bare socket, sharing nothing with what sessions send by."""
 
 from __future__ import annotations
 
@@ -9,33 +6,43 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import Any, Self
 from uuid import uuid4
 
-from support.waiting import PATIENCE_S
+PATIENCE_S = 120.0  # On a machine that may be busy
 
 
 @dataclass(frozen=True)
-class Heard:
+class MqttMessage:
+    """A message as the broker delivered it."""
+
     topic: str
     payload: bytes
     retained: bool
     content_type: str | None = None
     user_properties: dict[str, str] = field(default_factory=dict)
-    expiry_s: int | None = None
+    expiry_s: int | None = None  # What was left until it expires
     qos: int = 0
     at_s: float = field(default=0.0, compare=False)  # When it came, by the monotonic clock
 
 
-class Client:
-    """Connected and subscribed once it is made."""
+class MqttReceiver:
+    """A subscriber of a broker on this machine, which keeps every message that comes.
+
+    It is connected and subscribed once it is made, and receives in a thread until it is closed, as
+    it is at the end of a `with`.
+    """
 
     def __init__(self, port: int, version: int, *filters: str) -> None:
+        """`version` is 4 for MQTT 3.1.1 and 5 for MQTT 5; `filters` are those of topics.
+
+        Raises `OSError` where no broker answers.
+        """
         self.version = version
-        self.heard: list[Heard] = []
-        self.ended = False
+        self.heard: list[MqttMessage] = []  # All that came, in order
+        self.ended = False  # Whether the broker has ended the connection
         self._news = threading.Condition()
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
         try:
@@ -50,6 +57,12 @@ class Client:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def _greet(self) -> None:
         flags, keep_alive_s = 0x02, 60
         name = _text(f"test-{uuid4().hex[:12]}")
@@ -58,15 +71,17 @@ class Client:
             _text("MQTT") + bytes([self.version, flags]) + _u16(keep_alive_s) + self._none() + name,
         )
         kind, answer = self._packet()
-        assert (kind, answer[1]) == (0x20, 0), answer.hex()
+        if (kind, answer[1]) != (0x20, 0):
+            raise ConnectionRefusedError(f"the broker refuses: {answer.hex()}")
 
     def publish(
         self, topic: str, payload: bytes, content_type: str | None = None, *, retain: bool = False
     ) -> None:
+        """Publish with QoS 0; MQTT 3.1.1 has no content type."""
         self._socket.sendall(self._publication(topic, payload, content_type, retain=retain))
 
     def publish_all(self, messages: Iterable[tuple[str, bytes]]) -> None:
-        """As fast as the broker takes them."""
+        """Publish topics and payloads as fast as the broker takes them."""
         self._socket.sendall(b"".join(self._publication(*message) for message in messages))
 
     def _publication(
@@ -79,8 +94,11 @@ class Client:
         body = _text(topic) + properties + payload
         return bytes([0x30 | retain]) + _length(len(body)) + body
 
-    def wait_for(self, wanted: Callable[[Heard], bool], since: int = 0) -> Heard:
-        """The first message that is wanted, among those from number `since` on."""
+    def wait_for(self, wanted: Callable[[MqttMessage], bool], since: int = 0) -> MqttMessage:
+        """The first message that is wanted, among those from number `since` on, once it has come.
+
+        Raises `AssertionError`, which says what has come instead, if it does not in two minutes.
+        """
         deadline = time.monotonic() + PATIENCE_S
         with self._news:
             while True:
@@ -89,20 +107,24 @@ class Client:
                         return message
                 left_s = deadline - time.monotonic()
                 topics = sorted({m.topic for m in self.heard})
-                assert left_s > 0, f"never came; heard {len(self.heard)} messages on {topics}"
-                assert not self.ended, f"cut off; heard {len(self.heard)} messages on {topics}"
+                if left_s <= 0 or self.ended:
+                    why = "cut off" if self.ended else "never came"
+                    raise AssertionError(f"{why}; heard {len(self.heard)} messages on {topics}")
                 self._news.wait(left_s)
 
     def wait_until_cut_off(self) -> None:
+        """Return when the broker has ended the connection; raises `AssertionError` if it stays."""
         self._reader.join(PATIENCE_S)
-        assert self.ended
+        if not self.ended:
+            raise AssertionError("the connection goes on")
 
     def on(self, topic: str) -> list[bytes]:
-        """The payloads that have come on a topic."""
+        """The payloads that have come on a topic, in order."""
         with self._news:
             return [m.payload for m in self.heard if m.topic == topic]
 
     def close(self) -> None:
+        """Say goodbye and end the connection."""
         try:
             self._send(0xE0, b"")
             self._socket.shutdown(socket.SHUT_RDWR)
@@ -156,23 +178,14 @@ class Client:
         if kind & 0x06:
             self._send(0x40, rest[:2])
             rest = rest[2:]
-        properties: dict[str, object] = {}
+        properties: dict[str, Any] = {}
         if self.version == 5:
             properties, rest = _take_properties(rest)
         properties |= {"qos": kind >> 1 & 3, "at_s": time.monotonic()}
-        message = Heard(topic, rest, bool(kind & 1), **properties)  # type: ignore[arg-type]
+        message = MqttMessage(topic, rest, bool(kind & 1), **properties)
         with self._news:
             self.heard.append(message)
             self._news.notify_all()
-
-
-@contextmanager
-def listening(port: int, version: int, *filters: str) -> Iterator[Client]:
-    client = Client(port, version, *filters)
-    try:
-        yield client
-    finally:
-        client.close()
 
 
 def _length(left: int) -> bytes:
@@ -208,10 +221,10 @@ def _take_number(data: bytes) -> tuple[int, bytes]:
     raise AssertionError(data.hex())
 
 
-def _take_properties(data: bytes) -> tuple[dict[str, object], bytes]:
+def _take_properties(data: bytes) -> tuple[dict[str, Any], bytes]:
     length, data = _take_number(data)
     packed, rest = data[:length], data[length:]
-    found: dict[str, object] = {}
+    found: dict[str, Any] = {}
     pairs: dict[str, str] = {}
     while packed:
         which, packed = packed[0], packed[1:]

@@ -1,0 +1,27 @@
+"""A broker of one's own: the one that plotfeed comes with, on ports that are free."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker, Ports
+
+FIRST_PORT = 18_830  # Others where this one, or the next, is taken
+
+
+@contextmanager
+def broker(port: int = FIRST_PORT) -> Iterator[Ports]:
+    """Ports of a broker that is there until the end of the `with`; raises `BrokerError`.
+
+    `mqtt5` is for MQTT 5, `mqtt3` for MQTT 3.1.1, on loopback alone. Each is a broker for itself: a
+    session publishes to the one that it is given.
+    """
+    with ThreadPoolExecutor(1) as thread:  # whoever calls may have an event loop that runs
+        own = thread.submit(lambda: asyncio.run(EmbeddedBroker.start(port))).result()
+    try:
+        yield own.ports
+    finally:
+        own.stop()
