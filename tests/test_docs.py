@@ -98,9 +98,9 @@ def test_the_scene_page_tells_each_key_of_a_sensor_once_and_its_contents_lead_to
         part.split("\n")[0]: [
             key
             for line in re.findall(
-                r"^- (?:As in \[.*?\]\(#.*?\): (?=.*\.$))?(.*)", part, re.MULTILINE
+                r"^- (?:(?:As in \[.*?\]\(#.*?\)|Below): (?=.*\.$))?(.*)", part, re.MULTILINE
             )
-            for key in re.findall(r"`(\w+)(?: = [^`]*)?`(?=\*\*)?", line.split(": ")[0])
+            for key in re.findall(r"`(\w+)`", line.split(": ")[0])
         ]
         for part in parts
     }
@@ -111,9 +111,10 @@ def test_the_scene_page_tells_each_key_of_a_sensor_once_and_its_contents_lead_to
     assert len(sensors) >= 6
     for keys in sensors:
         own = rows[f"`[[sensor]]` of type `{keys['type']['const']}`"]
-        assert sorted(common + own) == sorted(keys)
-    contents = re.findall(r"- \[(.*)\]\(#", parts[1])
-    assert contents == list(rows)[2:]
+        assert sorted([*common, *own, "type"]) == sorted(keys)
+    contents = re.findall(r"\]\(#([\w-]+)\)", parts[0])
+    titles = [title for title in list(rows)[1:] if "." not in title]
+    assert contents == [re.sub(r"[^\w -]", "", title).replace(" ", "-").lower() for title in titles]
 
 
 @pytest.mark.asyncio

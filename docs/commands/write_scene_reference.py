@@ -26,16 +26,29 @@ line of the file and the sensor or drone whose key it is:
     here.toml: line 12: sensor[0].powr_w of 'radar': no such key; did you mean power_w?
 
 The unit of a key is the end of its name: `_m` metres, `_deg` degrees, `_db` decibels, `_utc` a date
-and time with its zone, and so on. Keys in **bold** are needed; `key = value` is what counts where a
-scene does not name the key; in brackets is what it may be. A key that several tables have is
-described once, where it comes first.
+and time with its zone, and so on. Keys in **bold** are needed; behind a key stands what counts
+where a scene does not name it, and in brackets which words it may be; the schema has the bounds of
+numbers. A key that several tables have is described once, where it comes first. A table within a
+table follows it, under a heading of its own.
 
 `plotfeed check SCENE` says what the sensors will do; scenes to start from are in
 [examples](../examples/README.md), the one of the demo in `feeds/scene/examples/`.
 """
 WORTH_A_SECTION = 5
-TYPES = {"number": "", "integer": "whole", "boolean": "true or false",
-         "string": "text", "array": "list", "object": "table", "null": "none"}  # fmt: skip
+# What a key says of its table stands before what the table says if it tells what its absence means,
+# or is so short that it only tells whose the table is.
+A_FEW_WORDS = 6
+# The keys of a place, which are told of once.
+PLACE = (
+    "east_m",
+    "north_m",
+    "above_site_m",
+    "latitude_deg",
+    "longitude_deg",
+    "height_m",
+    "height_msl_m",
+)
+PLACES = "From the site in metres, or by latitude, longitude and one of the heights."
 # Said here of keys whose own description is empty.
 NOT_DESCRIBED = {
     "name": "Of the scene, for people.",
@@ -66,29 +79,36 @@ class Reference:
         self.silent: list[str] = []  # Keys of which nobody says what they are
         self.parts: list[str] = []
         self.titles: list[str] = []
+        location = self._definitions["Location"]
+        self._section("A place", {**location, "description": PLACES}, "place")
         for key, value in schema["properties"].items():
             self._table(key, value)
 
-    def _table(self, place: str, schema: Schema, owner: str = "") -> None:
-        """A section for each table that may stand at a place of what is of such a kind."""
+    def _table(self, place: str, schema: Schema, owner: str = "", told_above: str = "") -> None:
+        """A section for each table that may stand at a place of what is of such a kind.
+
+        `told_above` is what the key of the table says, which the first of them begins with.
+        """
         brackets = f"`[[{place}]]`" if schema.get("type") == "array" else f"`[{place}]`"
-        names = [name for name in self._names(schema) if "properties" in self._definitions[name]]
+        names = [name for name in self._names(schema) if self._is_table(name)]
         tables = [self._definitions[name] for name in names if name not in self._done]
         self._done.update(names)
         common = _common(tables)
         if common:
             title = f"{brackets} of every {_kind(tables[0])[0]}"
-            told = f"Keys that all of them have, {_listed(tables)}; their own follow."
+            told = "Keys that all of them have; their own follow."
             of_all = {"description": told, "properties": common, "required": tables[0]["required"]}
             self._section(title, of_all, place)
+            told_above = ""
         for table in tables:
             key, kind = _kind(table)
             title = f"{brackets} of {key} `{kind}`" if kind else brackets
             if title in self.titles:
                 title += f" of `{owner}`"
             told = table.get("description", "")
-            if common:
-                told += f" It has the keys [of every {key}](#sensor-of-every-{key}), and these."
+            if "ithout" in told_above or len(told_above.split()) < A_FEW_WORDS:
+                told = f"{told_above} {told}"
+            told_above = ""
             own = {name: v for name, v in table["properties"].items() if name not in common}
             of_one = {**table, "description": told, "properties": own}
             self._section(title, of_one, place, kind or owner)
@@ -97,27 +117,38 @@ class Reference:
         """One table's keys, and the sections of what stands within it."""
         lines = [f"## {title}", "", _line(table.get("description", "")), ""]
         needed = table.get("required", [])
+        here: dict[str, list[str]] = {}
         elsewhere: dict[str, list[str]] = {}
+        has_place = title != "A place" and table["properties"].keys() >= {*PLACE}
+        if has_place:
+            lines.append("- [A place](#a-place).")
+        below = {}
         for key, value in table["properties"].items():
+            if "const" in value or (has_place and key in PLACE):
+                continue
             what = _line(value.get("description") or NOT_DESCRIBED.get(key, ""))
             if not what:
                 self.silent.append(f"{place}.{key}")
             default, values = _default(value), self._values(value)
-            if default and values in ("true or false", "text"):
-                values = ""
-            name = f"**`{key}`**" if key in needed else f"`{key}{default and f' = {default}'}`"
+            name = f"**`{key}`**" if key in needed else f"`{key}`{default and f' {default}'}"
+            tables = [name for name in self._names(value) if self._is_table(name)]
             first, named = self._first.setdefault((key, what, values), (title, name))
-            if first == title:
-                lines.append(f"- {name}{values and f' ({values})'}: {what}")
+            if first == title and not self._done.issuperset(tables):
+                below[key] = what
+            elif first == title:
+                here.setdefault(f"{values and f' ({values})'}: {what}", []).append(name)
             else:
                 elsewhere.setdefault(first, []).append(f"`{key}`" if name == named else name)
+        lines += [f"- {', '.join(keys)}{what}" for what, keys in here.items()]
         for first, keys in elsewhere.items():
-            lines.append(f"- As in [{first}](#{_anchor(first)}): {', '.join(keys)}.")
+            lines.append(f"- As in {_link(first)}: {', '.join(keys)}.")
+        if below:
+            lines.append(f"- Below: {', '.join(f'`{key}`' for key in below)}.")
         self.titles.append(title)
         self.parts.append("\n".join(lines) + "\n")
         for key, value in table["properties"].items():
             if self._names(value):
-                self._table(f"{place}.{key}", value, owner)
+                self._table(f"{place}.{key}", value, owner, below.get(key, ""))
 
     def _values(self, schema: Schema) -> str:
         """What may stand there."""
@@ -126,22 +157,26 @@ class Reference:
         if "$ref" in schema:
             name = schema["$ref"].rpartition("/")[2]
             inner = self._definitions[name]
-            return "table" if "properties" in inner else self._values(inner)
+            return "" if "properties" in inner else self._values(inner)
         for several in ("anyOf", "oneOf"):
             if several in schema:
                 told = [self._values(s) for s in schema[several] if s.get("type") != "null"]
                 return " or ".join(filter(None, dict.fromkeys(told)))
         if schema.get("type") == "array":
             return self._list(schema)
-        if schema.get("format") == "date-time":
-            return ""
-        return " ".join(filter(None, (TYPES[schema.get("type", "object")], _bounds(schema))))
+        return ""
 
     def _list(self, schema: Schema) -> str:
         if "prefixItems" in schema:
-            return f"list of {len(schema['prefixItems'])} numbers"
-        inner = self._values(schema.get("items", {}))
-        return "tables" if inner.startswith("table") else f"list of {inner or 'numbers'}"
+            return f"{len(schema['prefixItems'])} numbers"
+        inner = schema.get("items", {})
+        if "$ref" in inner and "properties" in self._definitions[inner["$ref"].rpartition("/")[2]]:
+            return ""
+        return " ".join(filter(None, ("list", self._values(inner))))
+
+    def _is_table(self, name: str) -> bool:
+        """Whether a definition has keys."""
+        return "properties" in self._definitions[name]
 
     def _names(self, schema: Schema) -> list[str]:
         """The definitions that a value may be of."""
@@ -159,44 +194,22 @@ def _common(tables: list[Schema]) -> Schema:
     return alike if others and len(alike) >= WORTH_A_SECTION else {}
 
 
-def _listed(tables: list[Schema]) -> str:
-    """The tables of a kind, by links to their sections."""
-    kinds = [_kind(table) for table in tables]
-    return ", ".join(f"[{kind}](#sensor-of-{key}-{kind})" for key, kind in kinds)
-
-
 def _contents(titles: list[str]) -> str:
-    """A list of the sections, those of a table within it further in."""
-    lines = ["## Contents", ""]
-    for title in titles:
-        depth = title.split("`")[1].count(".")
-        lines.append(f"{'    ' * depth}- [{title}](#{_anchor(title)})")
-    return "\n".join(lines) + "\n"
+    """Links to the sections of the file's own tables."""
+    return f"{', '.join(_link(title) for title in titles if '.' not in title)}\n"
+
+
+def _link(title: str) -> str:
+    """A link to a section, by the kind of table where there are several."""
+    name, _, kind = title.partition(" of every ")[0].rpartition(" of ")
+    name = kind.split(" ")[-1] if name else kind
+    return f"[{name}](#{_anchor(title)})"
 
 
 def _kind(table: Schema) -> tuple[str, str]:
     """The key that says which of several tables this is, and its value; both empty of one alone."""
     found = [(key, v["const"]) for key, v in table["properties"].items() if "const" in v]
     return found[0] if found else ("", "")
-
-
-def _bounds(schema: Schema) -> str:
-    low = _number(schema["minimum"]) if "minimum" in schema else ""
-    if "exclusiveMinimum" in schema:
-        low = f"above {_number(schema['exclusiveMinimum'])}"
-    high = _number(schema["maximum"]) if "maximum" in schema else ""
-    if "exclusiveMaximum" in schema:
-        high = f"below {_number(schema['exclusiveMaximum'])}"
-    if low and high:
-        return f"±{high}" if low == f"-{high}" else f"{low} to {high}"
-    return low and f"{low} or more" if not low.startswith("above") else low or high
-
-
-def _number(value: float) -> str:
-    if value == 1 << 63:
-        return "2^63"
-    plain = 1e-4 < abs(value) < 1e7 and value == round(value)
-    return f"{value:,.0f}" if plain else f"{value:g}"
 
 
 def _default(schema: Schema) -> str:

@@ -21,11 +21,11 @@ class SpoofKeys(Location):
     """The place to which a spoofed receiver believes to be taken."""
 
     drag_m_s: Annotated[float, Field(ge=0.01, le=500)] | None = None
-    """How fast it is drawn off, from where it truly is; without it, it is there at once."""
+    """How fast it is drawn off from where it is; without it, at once."""
 
 
 class ClaimFault(SceneTable):
-    """What a drone says of itself is otherwise than it is for a while; truth stays the truth."""
+    """What a drone says of itself wrongly for a while; the truth stays."""
 
     from_s: NotNegative | None = None
     """When it begins, after the session has. On control it is left out: it begins at once."""
@@ -34,13 +34,12 @@ class ClaimFault(SceneTable):
     drop_out: Annotated[float, Field(ge=0, le=1)] = 0.0
     """The probability that a report is not said at all, each by itself."""
     delay_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
-    """It says where it was so long ago, with the time of that; what was still on the way when the
-    delay ends is not said any more."""
+    """It says where it was so long ago, with the time of that."""
     bias_enu_m: Enu = (0.0, 0.0, 0.0)
     """Error of the position, east, north and up."""
     walk_m: NotNegative = 0.0
-    """The error of position walks: after a second its standard deviation along each axis is that,
-    after t seconds as many times the square root of t."""
+    """A random walk of the position: standard deviation along each axis after a second, growing
+    with the square root of time."""
     freeze: bool = False
     """It says where it was and how it flew when this began, with the time of now."""
     spoof: SpoofKeys | None = None
@@ -71,21 +70,21 @@ class ClaimFault(SceneTable):
 
 
 class CooperativeKeys(SceneTable):
-    """Drones of the scene that report themselves: as ASTERIX 129, or as telemetry does."""
+    """Drones that report themselves, as ASTERIX 129 or telemetry."""
 
     drones: Annotated[tuple[Name, ...], Field(strict=False)] = ()
-    """Their ids; without it, all that the scene flies itself. That of a [[swarm]] is all of it."""
+    """Their ids, and those of swarms; without it, all that the scene flies."""
     report: Annotated[tuple[ClaimFormat, ...], Field(strict=False, min_length=1)] = ("asterix-129",)
     """asterix-129, and json or protobuf: `plotfeed.v1.Telemetry` on {prefix}/claimed/{drone}."""
     period_s: Annotated[float, Field(ge=0.05, le=3600)] = 1.0
     """Of their reports, which come at whole multiples of it."""
     sac: Annotated[int, Field(ge=0, le=255)] = 0
     sic: Annotated[int, Field(ge=0, le=255)] = 0
-    """Of their reports; the standard wants 0 and 0 for what comes from the air."""
+    """Of their reports; 0 and 0 is the standard's for airborne senders."""
     country: Annotated[str, Field(pattern=r"^[A-Z]{2}$")] = "ZZ"
     """Of registration: two letters of ISO 3166, of which ZZ is nobody's."""
     accuracy_m: Annotated[float, Field(ge=0, le=200)] = 0.0
-    """Standard deviation of the error that they make east, north and up, each time anew."""
+    """Standard deviation of each report's error, east, north and up."""
     link: LinkSettings | None = None
     """Between the drones and whoever hears them."""
 

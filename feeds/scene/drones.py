@@ -36,7 +36,7 @@ MAX_TURNS = 100.0
 
 
 class LimitKeys(ModelTable):
-    """What the drone can do on its legs and in contingencies; a Phantom 4's, but acceleration."""
+    """What the drone can do: a Phantom 4's, but for the acceleration."""
 
     makes = "flight_plan:FlightLimits"
 
@@ -78,7 +78,7 @@ class HoverLeg(SceneTable):
 
 
 class OrbitLeg(Location):
-    """Round a place, at that place's height, from the point of the circle that is nearest."""
+    """Round a place, at its height, from the circle's nearest point."""
 
     kind: Literal["orbit"]
     """Which leg it is."""
@@ -106,24 +106,24 @@ class _Happening(SceneTable):
     """What all contingencies have in common."""
 
     at_s: NotNegative | None = None
-    """When, after the session has begun. On control it is left out: it happens at once."""
+    """When, after the session has begun; on control it is left out."""
 
 
 class LostLink(_Happening):
-    """The control link is lost: it waits, climbs if it must, flies home straight, and lands."""
+    """The control link is lost: it waits, climbs if it must, flies home and lands."""
 
     kind: Literal["lost-link"]
     """What happens."""
     hold_s: NotNegative = 10.0
     """It hovers so long before it returns."""
     return_height_m: Height | None = None
-    """Above home; it climbs to this before it returns. Without it, it returns as high as it is."""
+    """Above home, climbed to first; without it, it returns as high as it is."""
     speed_m_s: Speed | None = None
     """On the way home; without it, the limit."""
 
 
 class FlyAway(_Happening):
-    """The drone flies off and obeys nothing, no geofence either, until its battery is empty."""
+    """The drone flies off, past geofences, until its battery is empty."""
 
     kind: Literal["fly-away"]
     """What happens."""
@@ -138,7 +138,7 @@ class FlyAway(_Happening):
 
 
 class Stray(Location, _Happening):
-    """The drone leaves its way for a place, such as one beyond a geofence, and then goes on."""
+    """The drone leaves its way for a place, and then goes on."""
 
     kind: Literal["stray"]
     """What happens."""
@@ -165,11 +165,7 @@ class Hold(_Happening):
 
 
 class Resume(_Happening):
-    """The drone goes on with what it left.
-
-    With the legs at the end of the one that it left, or anew with an orbit or a hover; with a path
-    at the next waypoint; with a recorded flight where it left.
-    """
+    """The drone goes on from the leg, waypoint or place that it left; orbits begin anew."""
 
     kind: Literal["resume"]
     """What happens."""
@@ -181,11 +177,7 @@ Contingency = Annotated[
 
 
 class GeofenceKeys(SceneTable):
-    """A cylinder about home that the drone itself knows, and what it does when it has left it.
-
-    It acts while the drone obeys: not in a fly-away, nor a second time after it has acted. The
-    drone crosses by the way that it takes to brake.
-    """
+    """A cylinder about home; a drone that has left it acts once, and not in a fly-away."""
 
     radius_m: Annotated[float, Field(ge=1, le=1e6)]
     """About home."""
@@ -199,11 +191,10 @@ class MissionKeys(SceneTable):
     """The part of a drone's keys that says what it does beside a path, and instead of one."""
 
     home: Location | None = None
-    """Where it begins its legs, returns to and lands: at the height of the ground. Needed with leg;
-    otherwise it is beneath the first place of the path or flight, at the height of the site."""
+    """Where it starts, returns to and lands, on the ground. Needed with leg; else beneath the first
+    place."""
     leg: Annotated[tuple[Leg, ...], Field(strict=False)] = ()
-    """What it does, one after the other, within its limits and at rest in between; or else `path`
-    or `flight`."""
+    """What it does, one after the other, within its limits; or else `path` or `flight`."""
     limits: LimitKeys = LimitKeys()
     """What it can do, on its legs and in contingencies."""
     geofence: GeofenceKeys | None = None
@@ -245,7 +236,7 @@ Swerling = Annotated[int, Field(ge=0, le=4)]
 
 
 class LobedAspectKeys(SceneTable):
-    """Four lobes, in dB by the cosine of four times the aspect; the mean power is kept."""
+    """Four lobes, in dB by the cosine of four times the aspect, of the same mean power."""
 
     kind: Literal["lobes"]
     """Which shape."""
@@ -285,16 +276,16 @@ class TableAspectKeys(SceneTable):
 
 
 class TargetKeys(SceneTable):
-    """A [[target]]: how radars see all drones of a class, scripted or from telemetry."""
+    """How radars see all drones of a class."""
 
     target_class: Name = DRONE
     """Of the drones that this is about; those that state none are drone."""
     swerling: Swerling | None = None
-    """Fluctuation: 0 none, 1 and 3 from scan to scan, 2 and 4 from look to look; 3 and 4 are of
-    one strong part and weak ones. Without it, 1, and 2 for a radar of several transmitters."""
+    """Fluctuation: 0 none, 1 and 3 by scan, 2 and 4 by look; 3 and 4 with one strong part. Without
+    it 1, and 2 for a radar of several transmitters."""
     aspect: Annotated[LobedAspectKeys | TableAspectKeys, Field(discriminator="kind")] | None = None
-    """Cross-section by the side that is seen: a drone looks where it flies, and north while it
-    hovers. Statistics over all aspects are fluctuation already: swerling 3 goes well with it."""
+    """Cross-section by the side that is seen; a drone faces where it flies, north while it hovers.
+    Goes well with swerling 3."""
 
     def echo(self, swerling: int | None) -> TargetEcho:
         """What is stated of such a drone, by its own case if it has one."""
@@ -370,10 +361,10 @@ class FlightFile(SceneTable):
     """A recorded flight, flown from the session's start on."""
 
     file: str
-    """DJI SRT, CSV of whatever exporter, ArduPilot DataFlash, MAVLink tlog, PX4
-    ULog, GPX, KML or NMEA; relative to the scene."""
+    """DJI SRT, CSV, ArduPilot DataFlash, MAVLink tlog, PX4 ULog, GPX, KML or NMEA; relative to the
+    scene."""
     columns: dict[str, str] = Field(default={})
-    """Of a CSV: the file's name for each of ours, such as latitude_deg = "lat"."""
+    """Of a CSV: its name for each of ours, as latitude_deg = "lat"."""
     altitude_reference: Annotated[AltitudeReference, Field(strict=False)] | None = None
     """Where the file does not say it: ellipsoid, mean_sea_level or above_takeoff."""
     gps_order: Literal["lat-lon", "lon-lat"] | None = None
@@ -408,14 +399,13 @@ class FlownKeys(MissionKeys):
     path: Annotated[tuple[Waypoint, ...], Field(strict=False)] = ()
     speed_m_s: Speed | None = None
     repeat: bool = False
-    """Back from the last waypoint to the first, or from the last leg to the first, and again;
-    otherwise it is gone at the last."""
+    """From the last waypoint or leg to the first, again and again; else it is gone at the last."""
     flight: FlightFile | None = None
     offset_enu_m: Enu = (0.0, 0.0, 0.0)
-    """Moves home and all places of path, legs and contingencies by this, east, north and up."""
+    """Moves home and all places by this, east, north and up."""
     claim: Annotated[tuple[ClaimFault, ...], Field(strict=False)] = ()
-    """What it says of itself otherwise than it is, where it is [cooperative]; of those that overlap
-    the later one counts."""
+    """What it says of itself wrongly, if it is [cooperative]; of those that overlap the later one
+    counts."""
 
     @model_validator(mode="after")
     def _flies(self) -> Self:
@@ -438,13 +428,13 @@ class FlownKeys(MissionKeys):
 
 
 class Drone(FlownKeys):
-    """A drone that the scene itself flies: along waypoints, leg by leg, or as recorded."""
+    """A drone that the scene flies: along waypoints, by legs, or as recorded."""
 
     id: Name
 
 
 class SwarmArea(SceneTable):
-    """Anywhere in an upright cylinder, alike for all parts of it, by the scene's seed."""
+    """Anywhere in an upright cylinder, by the scene's seed."""
 
     kind: Literal["random"]
     """Which formation."""
@@ -485,10 +475,7 @@ class SwarmRows(SceneTable):
 
 
 class Swarm(FlownKeys):
-    """Many drones that fly alike, each from its own place: ID-1, ID-2 and so on.
-
-    What a drone has, each of them has; an emitter's identity is followed by its number.
-    """
+    """Many drones that fly alike: ID-1, ID-2 and so on, also in the identity of an emitter."""
 
     id: Annotated[Name, Field(max_length=58)]
     """Before the numbers of its drones."""

@@ -185,8 +185,7 @@ class Site(SceneTable):
     height_m: Height
     """Above the WGS-84 ellipsoid; needed, unless height_msl_m is given."""
     height_msl_m: Height | None = None
-    """Above mean sea level, in place of height_m: by telemetry.geoid_undulation_m, or by the geoid
-    EGM96."""
+    """Above mean sea level, in place of height_m."""
 
 
 class Location(SceneTable):

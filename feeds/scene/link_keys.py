@@ -16,7 +16,7 @@ Delay = Annotated[float, Field(ge=0, le=LONGEST_DELAY_MS)]
 
 
 class RandomLoss(SceneTable):
-    """Each message is lost with one probability, alone or in a row with the one before it."""
+    """Each message is lost with one probability, or with the one before it."""
 
     kind: Literal["random"]
     """Which model of loss."""
@@ -132,18 +132,18 @@ class ReorderSettings(SceneTable):
     probability: Chance
     """That a candidate leaves at once, without delay; from 0 to 1."""
     gap: Annotated[int, Field(ge=1, le=1_000_000)] = 1
-    """Every gap-th message since the last that did so is a candidate; 1 is every one."""
+    """Every gap-th message since the last is a candidate."""
 
 
 class LinkSettings(SceneTable):
-    """What happens to a sensor's messages on their way. A key that is not given does nothing."""
+    """What happens to messages on their way; without a key, nothing of it."""
 
     latency_ms: Delay = 0.0
     """Delay of every message, in milliseconds; at most ten minutes."""
     jitter_ms: Delay = 0.0
-    """Unit of the delay's spread in milliseconds: sigma if normal, half the width if uniform."""
+    """Spread of the delay in milliseconds: sigma if normal, half the width if uniform."""
     distribution: Literal["normal", "uniform", "pareto", "paretonormal", "table"] = "normal"
-    """Shape of the spread, as netem's; one that netem is not told is uniform, not normal."""
+    """Shape of the spread, as netem's, which is uniform where it is told none."""
     delays_ms: (
         Annotated[tuple[Delay, ...], Field(strict=False, min_length=1, max_length=MAX_DELAYS)]
         | None
@@ -154,9 +154,9 @@ class LinkSettings(SceneTable):
     loss: Loss | None = None
     """Which messages are lost; without it, none."""
     on_loss: Literal["drop", "stall"] = "drop"
-    """Stall: what is lost is repeated as TCP would, and all behind it waits; nothing is lost."""
+    """Stall: what is lost is repeated, as by TCP, and all behind it waits."""
     duplicate: Chance = 0.0
-    """Probability that a message comes twice, each with a delay of its own; from 0 to 1."""
+    """Probability that a message comes twice, each with its own delay."""
     corrupt: Chance = 0.0
     """Probability that one bit of a message's payload is flipped; from 0 to 1."""
     in_order: bool = False
@@ -168,7 +168,7 @@ class LinkSettings(SceneTable):
     overhead_octets: Annotated[int, Field(ge=0, le=65_535)] = 0
     """Added to each message where rate_kbit_s counts, for headers."""
     queue_messages: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
-    """Messages that wait for rate_kbit_s or are being sent by it; one more is dropped."""
+    """Messages that wait for rate_kbit_s; one more is dropped."""
     down: bool = False
     """An outage: nothing passes."""
 

@@ -31,14 +31,13 @@ USUAL_PORT = 1883  # Of MQTT
 
 
 class MqttQueueKeys(SceneTable):
-    """What waits for a broker that is away, stalled, or slow to acknowledge; for each sensor."""
+    """What waits for a broker that is away or slow; for each sensor."""
 
     policy: Literal["drop-oldest", "drop-newest", "wait"] = "drop-oldest"
-    """What gives way when as much waits as may: the oldest, what comes, or the session, which
-    stands still until there is room."""
+    """What gives way when it is full: the oldest, the newest, or the session, which waits for room.
+    """
     messages: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
-    """How many may wait, of each sensor and QoS; without it, 10,000 of QoS 1 and none of QoS 0,
-    since a late plot is worth nothing."""
+    """How many may wait, of each sensor and QoS; without it, 10,000 of QoS 1 and none of QoS 0."""
     max_age_s: Positive | None = None
     """What has waited longer is dropped; without it, nothing is for its age."""
 
@@ -61,11 +60,10 @@ class EmbeddedBrokerKeys(SceneTable):
     """The broker that a session brings, a process for each version of MQTT, and what it bears."""
 
     websocket_origins: Annotated[tuple[Origin, ...], Field(strict=False)] | None = None
-    """Web pages that may use MQTT over WebSocket, each as its browser names it, such as
-    http://localhost:5173; without this key there is no WebSocket."""
+    """Web pages that may use MQTT over WebSocket, as http://localhost:5173; without this key there
+    is no WebSocket."""
     max_memory_mib: Annotated[int, Field(ge=64, le=1_048_576)] = 512
-    """Of each process, on Linux: one that takes more, such as for messages that a client had
-    retained, is ended and started anew, without them."""
+    """Of each process, on Linux; one that takes more is started anew, without retained messages."""
     max_connections: Annotated[int, Field(ge=10, le=100_000)] = 1000
     """Of each version of MQTT at a time."""
     max_payload_octets: Annotated[int, Field(ge=65_536, le=256 << 20)] = 1 << 20
@@ -88,20 +86,19 @@ class Mqtt(SceneTable):
     broker: str | None = None
     """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
     port: Annotated[int, Field(ge=1, le=65533)] = USUAL_PORT
-    """Of the embedded broker: MQTT 3.1.1 here, MQTT 5 on the next, WebSocket, if any, on the one
-    after. One that is taken is an error; without this key, another one stands in for it."""
+    """Of the embedded broker: MQTT 3.1.1 here, 5 on the next, WebSocket on the one after. If it is
+    taken: an error, or without this key another port."""
     version: Literal["5", "3.1.1", "any"] = "any"
     """Of MQTT, with a broker of your own; any tries 5 first."""
     qos: Literal[0, 1] = 0
     """Of what sensors report; status messages always have 1."""
     ca_file: str | None = None
-    """Of who vouches for a broker at mqtts://; relative to the scene, as the files below."""
+    """Authorities for mqtts://; relative to the scene, as the files below."""
     client_certificate_file: str | None = None
     client_key_file: str | None = None
     credentials_file: str | None = None
-    """TOML with username and password, which the environment variables PLOTFEED_MQTT_USERNAME and
-    PLOTFEED_MQTT_PASSWORD override, as a scene itself never holds them; of the keys above, the file
-    may hold those of certificates and version."""
+    """TOML with username and password, and the keys of certificates and version if they are not
+    here; PLOTFEED_MQTT_USERNAME and PLOTFEED_MQTT_PASSWORD override it."""
     queue: MqttQueueKeys = MqttQueueKeys()
     """What waits for the broker."""
     embedded: EmbeddedBrokerKeys = EmbeddedBrokerKeys()
@@ -120,7 +117,7 @@ def _address(text: str) -> str:
 
 
 class SapientPriorKeys(SceneTable):
-    """Drones as sensors expect them: anywhere within range alike, up to 120 m above the sensor."""
+    """Drones as sensors expect them: anywhere within range, up to 120 m above."""
 
     expected_drones: Annotated[float, Field(gt=0, le=10_000)] = 1.0
     """How many there are within a sensor's directions and range, on average."""
@@ -140,27 +137,25 @@ class SapientKeys(SceneTable):
     middleware: Annotated[str, AfterValidator(_address)] | None = None
     """HOST:PORT of a SAPIENT middleware, to which each sensor connects over TCP."""
     give_up_after_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0
-    """A middleware that has read nothing for so long is left, and connected to anew."""
+    """A middleware that reads nothing for so long is connected to anew."""
     max_messages_per_s: Annotated[int, Field(ge=1, le=100_000)] = 1000
-    """That are taken from the middleware, over the connections of all sensors; with more, it has to
-    wait."""
+    """That are taken from the middleware, of all sensors; with more, it has to wait."""
     max_octets_per_s: Annotated[int, Field(ge=1000, le=1_000_000_000)] = 1_000_000
     """Likewise, of these messages."""
     status_interval_s: Annotated[float, Field(ge=0.1, le=3600)] = 5.0
     """From one StatusReport to the next."""
     location: Literal["range-bearing", "location"] = "range-bearing"
-    """How detections say where: location is latitude, longitude and height, of sensors that
-    measure in three dimensions; the others keep to range and bearing."""
+    """How detections say where: location, of sensors of three dimensions, is latitude, longitude
+    and height."""
     default_class: Class | None = None
-    """What every detection is called; a class that the sensor found goes below it."""
+    """What every detection is called; a class that was found goes below it."""
     default_class_confidence: Confidence = 1.0
     """Of any class that is stated: no sensor of plotfeed works one out."""
     late: Literal["drop", "restamp", "send"] = "drop"
-    """What becomes of a message that its link delays by more than 0.8 s, when a middleware that
-    takes stamps up to 0.9 s old would refuse it: it is dropped, stamped with the time at which it
-    leaves, or sent as it is."""
+    """What becomes of a message that its link delays by more than 0.8 s, which a middleware would
+    refuse: dropped, stamped anew when it leaves, or sent as it is."""
     detection_confidence: Confidence | None = None
-    """Of every detection; without it, how probable its SNR makes it that it is of a drone."""
+    """Of every detection; without it, by its SNR."""
     prior: SapientPriorKeys = SapientPriorKeys()
     """What drones are expected before anything is detected."""
 
@@ -169,23 +164,23 @@ Corner = Annotated[tuple[Latitude, Longitude], Field(strict=False)]
 
 
 class BasemapImage(SceneTable):
-    """A picture of the ground, such as a chart or an aerial photograph, cut out anyhow."""
+    """A picture of the ground, such as a chart or aerial photograph."""
 
     image: str
     """PNG, JPEG or WebP; relative to the scene."""
     corners: Annotated[
         tuple[Corner, Corner, Corner, Corner], Field(strict=False, min_length=4, max_length=4)
     ]
-    """Latitude and longitude of its top left, top right, bottom right and bottom left corner."""
+    """Latitude and longitude from top left clockwise."""
 
 
 class PageKeys(SceneTable):
     """The [page] of a scene."""
 
     basemap: Annotated[str | BasemapImage | None, Field(union_mode="smart")] = None
-    """A GeoJSON file (RFC 7946), relative to the scene, or an image with its corners."""
+    """GeoJSON (RFC 7946), relative to the scene, or an image with its corners."""
     tracks_topic: str | None = None
-    """Where the tracker under test publishes its tracks, as ASTERIX 062 or JSON; no wildcards."""
+    """Topic of the tracker under test: ASTERIX 062 or JSON."""
     afterglow_s: Annotated[float, Field(ge=1, le=60)] = 10.0
     """For how long plots fade."""
 
@@ -236,19 +231,19 @@ def _endpoint(text: str) -> str:
 
 
 class UdpDestination(SceneTable):
-    """A [[udp]] of the scene: where ASTERIX, or Cursor on Target, goes besides MQTT."""
+    """Where ASTERIX, or Cursor on Target, goes besides MQTT."""
 
     destination: Annotated[str, AfterValidator(_endpoint)]
     """ADDRESS:PORT, numeric; a multicast group or one host."""
     carries: Literal["asterix", "cot"] = "asterix"
-    """What goes there: all ASTERIX, or the events of sensors that report in cot, as TAK takes them
-    from 239.2.3.1:6969."""
+    """All ASTERIX, or the events of sensors that report in cot, as TAK takes them from
+    239.2.3.1:6969."""
     sensors: Annotated[tuple[Name, ...], Field(strict=False)] = ()
     """Whose messages go there; all sensors' if it is left out."""
     ttl: Annotated[int, Field(ge=0, le=255)] = 1
     """Of multicast datagrams: 1 stays in the local network."""
     interface: str | None = None
-    """By which multicast leaves: its name or IPv4 address; without it, by the system's route."""
+    """By which multicast leaves, by name or IPv4 address."""
     max_octets: Annotated[int, Field(ge=MIN_OCTETS, le=MAX_OCTETS)] = USUAL_OCTETS
     """Of a datagram; data blocks are cut to fit, and an event is one."""
 
@@ -341,13 +336,13 @@ class QueuedDestination(TrackDestination):
     queue_messages: Annotated[int, Field(ge=1, le=100_000)] = 100
     """That wait for it; of more the oldest are dropped."""
     timeout_s: Annotated[float, Field(ge=0.1, le=60)] = 5.0
-    """A server that takes longer to connect, to read or to answer is given up, and tried anew."""
+    """A server that takes longer is given up, and tried anew."""
     ca_file: str | None = None
     """Of who vouches for it, where TLS is spoken; relative to the scene, as the files below."""
 
 
 class TakServer(QueuedDestination):
-    """A [[tak]] of the scene: a TAK server to which events of Cursor on Target go."""
+    """A TAK server to which events of Cursor on Target go."""
 
     server: Annotated[str, AfterValidator(_server)]
     """tcp://HOST:PORT, or tls://HOST:PORT; without a port 8087, or 8089."""
@@ -372,18 +367,17 @@ class TakServer(QueuedDestination):
 
 
 class HttpDestination(QueuedDestination):
-    """A [[http]] of the scene: an address to which messages are posted, one after the other."""
+    """An address to which messages are posted, one after the other."""
 
     url: Annotated[str, AfterValidator(_url)]
     """http:// or https://, with path and query; {session} in it stands for a UUID of the run."""
     carries: Literal["air-traffic", "f3411", "geojson"] = "air-traffic"
     """Format of the messages, which the sensors must have in their `report`."""
     token: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,64}$")] | None = None
-    """Which bearer token to send: NAME is that in the environment variable
-    PLOTFEED_HTTP_TOKEN_NAME; a scene itself never holds one."""
+    """Bearer token to send: NAME for that in the environment variable PLOTFEED_HTTP_TOKEN_NAME."""
     retries: Annotated[int, Field(ge=0, le=100)] = 3
-    """Of a message that found no server, or one that is busy or broken; one that the server refuses
-    is not sent again."""
+    """Of a message for which there is no server, or a busy or broken one; what it refuses is not
+    sent again."""
 
     @property
     def format(self) -> str:
@@ -395,23 +389,22 @@ class ListeningDestination(TrackDestination):
     """A port of this machine at which others connect."""
 
     host: Literal["127.0.0.1", "::1", "0.0.0.0", "::"] = "127.0.0.1"  # noqa: S104 - if asked for
-    """Address to listen on; the last two let in who can reach this machine."""
+    """Address to listen on; the last two let in other machines."""
     port: Annotated[int, Field(ge=1, le=65535)]
     """To listen on."""
 
 
 class WebSocketKeys(ListeningDestination):
-    """A [[websocket]] of the scene: a server to which maps connect, and are told of tracks."""
+    """A server at which maps connect, and are told of tracks."""
 
     carries: Literal["geojson", "air-traffic", "f3411", "foxglove-geojson"] = "geojson"
     """Format of the messages, which the sensors must have in their `report`."""
     origins: Annotated[tuple[Origin, ...], Field(strict=False)] = ()
-    """Web pages that may connect, each as its browser names it, such as http://localhost:5173;
-    programs that are no browsers always may."""
+    """Web pages that may connect, as http://localhost:5173; programs always may."""
     max_clients: Annotated[int, Field(ge=1, le=1000)] = 50
     """At a time."""
     queue_messages: Annotated[int, Field(ge=1, le=100_000)] = 100
-    """That wait for a client that is slow; of more the oldest are dropped."""
+    """That wait for a slow client; of more the oldest are dropped."""
 
     @property
     def format(self) -> str:
@@ -420,11 +413,11 @@ class WebSocketKeys(ListeningDestination):
 
 
 class RemoteIdService(ListeningDestination):
-    """A [[remote_id_service]] of the scene: where others ask for tracks as network Remote ID."""
+    """Where others ask for tracks as network Remote ID."""
 
     token: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,64}$")] | None = None
-    """Which bearer token whoever asks must send: NAME is that in the environment variable
-    PLOTFEED_HTTP_TOKEN_NAME; without this key all who reach the port are answered."""
+    """Bearer token that callers must send: NAME for that in the environment variable
+    PLOTFEED_HTTP_TOKEN_NAME; without it, none."""
 
     @property
     def format(self) -> str:

@@ -166,7 +166,7 @@ class General(SceneTable):
     """Of all random draws."""
     site: Site
     start_utc: datetime | None = None
-    """Where the scene's time begins; without it, now. With it, every run gives the same bytes."""
+    """When the scene's time begins, so that runs are the same to the byte; without it, now."""
     duration_s: Positive | None = None
     """When to end; without it, on request."""
 
@@ -193,23 +193,23 @@ class Asterix(SceneTable):
     """Where decoders of ASTERIX differ."""
 
     longitude_025: Literal["full-turn", "half-turn"] = "full-turn"
-    """Of a sensor in category 025: the LSB is 360 or 180 degrees over 2^32. libasterix reads the
-    second, which reaches from -90 to 90 degrees; asterix-decoder and jASTERIX the first."""
+    """LSB of a sensor's longitude in category 025: 360 or 180 degrees over 2^32. libasterix reads
+    half-turn, asterix-decoder and jASTERIX full-turn."""
 
 
 class SystemKeys(SceneTable):
-    """A [[system]] of the scene: a commercial one, whose sensors are named after it."""
+    """A commercial system, whose sensors are named after it."""
 
     id: Name
     """Its sensors are `id-radar`, `id-rf`, `id-detector`, `id-audio` and `id-camera`."""
     preset: str
     """Which system: `plotfeed sensors` lists them."""
     position_enu_m: Enu = (0.0, 0.0, 0.0)
-    """Of all its sensors that have none of their own: east, north and up of the site."""
+    """Of sensors that have none of their own: east, north and up of the site."""
     facing_deg: Azimuth = 0.0
-    """By which its sensors that look one way look clockwise of where their presets do, north."""
+    """Where its sensors that look one way look, clockwise from north."""
     without: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    """Sensors of the system that are not there: radar, rf, detector, audio or camera."""
+    """Sensors that are not there: radar, rf, detector, audio or camera."""
     every: dict[str, Any] = Field(default={})
     """Keys that all its sensors have, such as link or report."""
     radar: dict[str, Any] = Field(default={})
@@ -254,7 +254,7 @@ class Scene(DestinationTables, WorldKeys):
     target: Targets = ()
     cooperative: CooperativeKeys | None = None
     story: Annotated[tuple[Story, ...], Field(strict=False)] = ()
-    """What happens at a word; bad-link, outage, drift, jamming and swarm are there besides."""
+    """What happens at a word, beside bad-link, outage, drift, jamming and swarm."""
     page: PageKeys = PageKeys()
 
     _path: Path = PrivateAttr(default=Path())

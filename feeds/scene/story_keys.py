@@ -21,16 +21,16 @@ Sets = Mapping[str, Mapping[str, Any]]  # Keys that sensors have otherwise, by t
 
 
 class StoryChange(SceneTable):
-    """What a story does to one sensor, or to one drone that the scene flies."""
+    """What a story does to a sensor or a scripted drone."""
 
     sensor: Name | None = None
     """Whose keys are otherwise."""
     set: Annotated[dict[str, Any], Field(min_length=1)] | None = None
-    """Its keys meanwhile, as of an event: { link = { down = true } }."""
+    """Its keys meanwhile, as of an event."""
     drone: Name | None = None
     """To which something happens."""
     contingency: Contingency | None = None
-    """What, without at_s; when the story is taken back, it resumes its way if it still can."""
+    """What, without at_s; when the story is taken back, it resumes."""
     claim: ClaimFault | None = None
     """How it says meanwhile otherwise where it is, without from_s and to_s."""
 
@@ -51,7 +51,7 @@ class StoryChange(SceneTable):
 
 
 class Story(SceneTable):
-    """A [[story]] of the scene: what happens at a word, all of it at once."""
+    """What happens at a word, all of it at once."""
 
     id: Name
     """By which it is begun and taken back."""

@@ -172,31 +172,28 @@ class TelemetrySource(SceneTable):
     """A live source that the session itself listens to: autopilots, receivers, other systems."""
 
     url: Annotated[str, AfterValidator(_address)]
-    """KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550, mavlink:tcp:127.0.0.1:5760 or
-    mavlink:/dev/ttyACM0,57600. A place without a host is this machine alone."""
+    """KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or mavlink:/dev/ttyACM0,57600;
+    without a host, this machine alone."""
     drone: Annotated[str, Field(min_length=1, max_length=64)] | None = None
     """What drones are called, with fields in braces, such as mav-{system}."""
     rcs_m2: Positive | None = None
-    """Of all that it tells of; without it, of aircraft by their categories, else
-    telemetry.rcs_m2."""
+    """Of what it tells of; without it, by an aircraft's category, else telemetry.rcs_m2."""
     target_class: Name | None = None
-    """What they are to sensors that recognise them; without it, aircraft where they say so by
-    ADS-B, else drone."""
+    """Their class to sensors; without it, aircraft where ADS-B says so, else drone."""
     altitude: Literal["mean_sea_level", "above_takeoff"] = "mean_sea_level"
     """Which of an autopilot's altitudes is taken: above the sea, or above home."""
     qnh_hpa: Annotated[float, Field(ge=850, le=1100)] | None = None
-    """Pressure at sea level, by which pressure altitudes of ADS-B become such above it; without it,
-    that of the standard atmosphere."""
+    """Pressure at sea level, for the pressure altitudes of ADS-B; without it, the standard
+    atmosphere's."""
     interface: str | None = None
-    """Where a multicast group is joined: the name of a network interface, or its IPv4 address;
-    without it, by the system's route."""
+    """Interface, by name or IPv4 address, at which a multicast group is joined; without it, by the
+    system's route."""
     view: Annotated[View, Field(strict=False)] | None = None
-    """Of network Remote ID, which is asked for two corners: latitude, longitude and again."""
+    """Of network Remote ID: two corners, latitude, longitude and again."""
     poll_s: Annotated[float, Field(ge=0.2, le=60)] = 1.0
     """How often a service of network Remote ID is asked."""
     ask_hz: Annotated[float, Field(ge=0.1, le=50)] | None = None
-    """How often autopilots are asked to send their positions; without it nothing is asked, and
-    nothing sent but over udpout, where nobody knows of us before."""
+    """How often autopilots are asked for positions; without it, nothing is sent but over udpout."""
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Self:
@@ -253,13 +250,10 @@ KeyPath = Annotated[str, Field(max_length=200), AfterValidator(_path)]
 
 
 class TelemetryMapping(SceneTable):
-    """JSON of another system on the session's broker, and where in it telemetry stands.
-
-    Keys are paths with dots: pos.lat is lat in pos; numbers count in lists from 0.
-    """
+    """JSON of another system on the session's broker; keys are paths such as pos.lat or list.0."""
 
     topic: Annotated[str, Field(max_length=200), AfterValidator(_topic)]
-    """Such as fleet/{drone}/state; + is any level, {drone} the one that is the drone's name."""
+    """Such as fleet/{drone}/state; + is any level, {drone} the drone's name."""
     drone: KeyPath | None = None
     """Key of the drone's name, where the topic does not tell it."""
     latitude: KeyPath
@@ -331,39 +325,33 @@ class Telemetry(SceneTable):
     takeoff_height_m: Height | None = None
     """Above the ellipsoid; added to altitudes above take-off, which are refused without it."""
     geoid_undulation_m: Undulation | None = None
-    """Of mean sea level above the ellipsoid; without it, that of the geoid EGM96 at each place."""
+    """Height of mean sea level above the ellipsoid; without it, by EGM96 at each place."""
     geoid_grid: str | None = None
-    """A grid of a finer geoid, GeoTIFF or GTX, that PROJ reads, in place of the package's; relative
-    to the scene. Needs the extra geoid."""
+    """A finer geoid, GeoTIFF or GTX, that PROJ reads (extra geoid); relative to the scene."""
     max_ahead_s: NotNegative = 2.0
     """Telemetry from further in the future is refused."""
     max_age_s: Positive = 60.0
     """Telemetry older than this is refused."""
     max_speed_m_s: FlownSpeed = 150.0
-    """Of a drone: what it cannot have flown to at this speed, with 30 m of grace, is refused.
-
-    Multicopters reach 60 m/s, those with jets 150 m/s. No faster velocity is fitted either.
-    """
+    """Positions that a drone cannot have reached at this speed, with 30 m of grace, are refused.
+    Multicopters reach 60 m/s, jets 150."""
     max_drones: Annotated[int, Field(ge=1, le=1_000_000)] = 10_000
     """Known at a time."""
     max_new_drones_per_s: Annotated[int, Field(ge=1, le=1_000_000)] = 500
-    """That become known in a second; as many again may of those that were refused, and come again.
-    """
+    """That become known in a second; as many again of those refused before."""
     forget_after_s: Annotated[float, Field(ge=1, le=86_400)] = 60.0
-    """A drone without news for so long is forgotten: what comes under its name is a new drone.
-
-    One that reported once is forgotten when no sensor can see it any more.
-    """
+    """A drone without news for so long is forgotten, one that reported once as soon as no sensor
+    can see it."""
     rcs_m2: Positive = 0.01
     """Radar cross-section of a drone that states none."""
     sound_power_db: Decibels = 80.0
     """Sound power level, re 1 pW, of a drone that states none."""
     size_m: Size = 0.35
-    """Size across of a drone that states none, and of those that telemetry brings."""
+    """Size across of a drone that states none."""
     source: Annotated[tuple[TelemetrySource, ...], Field(strict=False, max_length=64)] = ()
     """Live sources that the session listens to itself, beside what comes by MQTT."""
     mapping: Annotated[tuple[TelemetryMapping, ...], Field(strict=False, max_length=64)] = ()
-    """JSON that other systems publish on the session's broker, and how it becomes telemetry."""
+    """JSON of other systems on the session's broker, as telemetry."""
 
     @model_validator(mode="after")
     def _aircraft_are_fast(self) -> Self:

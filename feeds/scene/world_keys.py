@@ -31,17 +31,16 @@ class WeatherKeys(SceneTable):
     polarisation: Literal["horizontal", "vertical", "circular"] = "horizontal"
     """Of the radars that the rain weakens."""
     rain_echo: bool = False
-    """Whether rain also sends echoes back, to active radars, and drowns targets as if no Doppler
-    filter helped."""
+    """Whether rain sends echoes back to active radars, unhelped by Doppler filters."""
     vapour_g_m3: Annotated[float, Field(ge=0, le=50)] | None = None
-    """Of water in the air; with it, gases weaken the echoes of radars (ITU-R P.676), below 54 GHz.
-    7.5 is usual, 15 sultry."""
+    """Of water in the air, 7.5 usually; with it, gases weaken echoes (ITU-R P.676), below 54 GHz.
+    """
     wind_m_s: Annotated[float, Field(ge=0, le=60)] = 0.0
     """At microphones, whose noise it adds to."""
 
 
 class WeatherSpell(WeatherKeys, ForAWhile):
-    """Weather of all sensors for a while; of spells that overlap, the later one counts."""
+    """Weather of all sensors for a while; where spells overlap, the later one."""
 
     table: ClassVar[str] = "weather"
 
@@ -56,7 +55,7 @@ class JammerKeys(Location):
     bandwidth_hz: Positive
     """Over which it spreads its noise; receivers beside it hear nothing."""
     sidelobe_db: Annotated[float, Field(ge=-200, le=0)] = -25.0
-    """By which a radar hears it beside its beam, at least; below the beam's gain."""
+    """Gain beside a radar's beam, at least; below the beam's."""
 
 
 class JammerSpell(JammerKeys, ForAWhile):
@@ -123,7 +122,7 @@ class BirdsKeys(SceneTable):
     speed_m_s: Speed | None = None
     """Over the ground; without it, the airspeed of such birds, 15.9 m^0.13."""
     spread_m: Annotated[float, Field(ge=0, le=10_000)] = 15.0
-    """Standard deviation of places about the leader when they set off, on each axis."""
+    """Standard deviation about the leader at first, on each axis."""
     wander_m_s: Annotated[float, Field(ge=0, le=50)] = 1.0
     """Standard deviation of velocities about the leader's, on each axis."""
     wander_s: Annotated[float, Field(ge=0.1, le=3600)] = 5.0
@@ -146,7 +145,7 @@ class RoadKeys(SceneTable):
     path: Way
     """Of the road; cars turn at its ends."""
     cars_per_h: Annotated[float, Field(gt=0, le=20_000)]
-    """That pass a place each way; at a time there are a Poisson number of cars on the road."""
+    """That pass a place each way, on average (Poisson)."""
     speed_m_s: Speed
     """Of all cars."""
     rcs_m2: Positive = 10.0
@@ -156,7 +155,7 @@ class RoadKeys(SceneTable):
 
 
 class TurbineKeys(Location):
-    """A wind turbine, by the place of its hub: a tower in the way, and blades with fast tips."""
+    """A wind turbine, by the place of its hub: a tower, and blades with fast tips."""
 
     id: Name
     """In the ledger it is turbine/ID, its tips turbine/ID-1 and so on."""
@@ -173,26 +172,26 @@ class TurbineKeys(Location):
     tower_rcs_m2: Positive = 100.0
     """Radar cross-section of the tower, at the hub."""
     tower_width_m: Annotated[float, Field(ge=0, le=30)] = 4.0
-    """Of the tower, as which it weakens radio signals that pass it below the hub; 0 for none."""
+    """Of the tower, which weakens radio signals that pass below the hub; 0 for none."""
 
 
 class ClutterKeys(SceneTable):
-    """A region from which radars have plots of what stays in its place: woods, houses, waves."""
+    """A region where radars have plots of woods, houses or waves."""
 
     id: Name
     """In the ledger its plots are of clutter/ID."""
     area: Area
     """Corners of the region, one after the other."""
     plots_per_km2: Annotated[float, Field(gt=0, le=10_000)] | None = None
-    """In a scan, on average over all maps that a seed may draw; or else threshold_db is given."""
+    """In a scan, on average over maps; or else threshold_db is given."""
     threshold_db: Annotated[float, Field(ge=3, le=60)] | None = None
-    """Of a detector with a fixed threshold, over the mean of what its filters leave of the clutter:
-    plots are what crosses it, in the radar's cells, of K-distributed power of the order `shape`."""
+    """A fixed threshold over the mean clutter that filters leave; plots are the cells above it, of
+    K-distributed power of order `shape`."""
     texture_stays: bool = True
-    """With threshold_db, whether spiky places are the same in every scan, as on land, or others in
-    each, as of waves."""
+    """With threshold_db: whether spiky places stay, as on land, or change each scan, as waves do.
+    """
     cell_m: Annotated[float, Field(ge=1, le=10_000)] = 50.0
-    """Side of the squares, each of which has as many plots on average in every scan."""
+    """Side of the squares, each with its own average of plots."""
     shape: Annotated[float, Field(ge=0.05, le=1000)] = 0.5
     """Of the gamma distribution by which these averages differ: less is spikier."""
     rate_m_s: Annotated[float, Field(ge=0, le=100)] = 0.2
@@ -216,20 +215,18 @@ class TerrainKeys(SceneTable):
     """What hides drones from all sensors, and weakens what it does not hide."""
 
     elevation: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    """Rasters of the ground: .hgt tiles, whose names say where they lie, or GeoTIFF, which needs
-    the extra terrain; relative to the scene. Of several that know a place, the first counts."""
+    """Rasters of the ground, .hgt tiles or GeoTIFF (extra terrain), relative to the scene; the
+    first that knows a place counts."""
     elevation_above: Literal["sea-level", "ellipsoid"] = "sea-level"
-    """What their heights are above; those of SRTM and Copernicus are above sea level."""
+    """What their heights are above: of SRTM and Copernicus, sea level."""
     buildings: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """GeoJSON of footprints, polygons by longitude and latitude; relative to the scene."""
     building_height: Annotated[str, Field(min_length=1)] = "height"
-    """Which property of a footprint says how high it stands above its ground, in metres. Where no
-    raster knows the ground, it is as high as the site."""
+    """Property of a footprint with its height above ground, in metres."""
     diffraction: bool = False
-    """Whether signals bend over the edge that stands highest in their way, as over a knife's; else
-    what hides a drone cuts it off."""
+    """Whether signals bend over the highest edge in their way, as over a knife's."""
     earth_radius_factor: Annotated[float, Field(ge=0.5, le=10)] = USUAL_K
-    """Of the Earth as bent rays have it: 4/3 in average air, 1 where rays are straight."""
+    """Of the Earth's radius, by refraction: 4/3 in average air, 1 for straight rays."""
     step_m: Annotated[float, Field(ge=1, le=1000)] = 30.0
     """Between samples of the ground; at least a 4000th of the furthest range."""
 

@@ -256,14 +256,8 @@ def _inject(bench: Bench, *, file: str) -> None:
     fast = ["--speed", "1000", *reference]
     _over_mqtt(bench, f"inject {file}", "inject", file, *fast)
     more = ["--encoding", "json", "--raw", "--drone", "d", "--prefix", "lab/1"]
-    datum = [
-        "--set",
-        "rcs_m2=0.2",
-        "--set",
-        "takeoff_height_m=62",
-        "--set",
-        "geoid_undulation_m=19.5",
-    ]
+    known = ("rcs_m2=0.2", "takeoff_height_m=62", "geoid_undulation_m=19.5")
+    datum = [word for each in known for word in ("--set", each)]
     _over_mqtt(bench, f"inject {file} as JSON", "inject", file, *fast, *more, *datum)
 
 

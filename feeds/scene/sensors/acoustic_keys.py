@@ -43,7 +43,7 @@ class LayoutKeys(SceneTable):
     """Where the microphones lie, from which the errors of directions follow."""
 
     shape: Literal["line", "circle", "rectangle"]
-    """A line tells neither sides nor elevations; a rectangle is as near a square as can be."""
+    """A line tells neither sides nor elevations; a rectangle is nearly square."""
     spacing_m: Annotated[float, Field(ge=0.001, le=100)]
     """Between neighbours; 0.3 to 0.6 m is usual."""
     azimuth_deg: Azimuth = 0.0
@@ -73,8 +73,7 @@ class MicrophoneKeys(AzimuthCoverKeys):
     microphones: Annotated[int, Field(ge=1, le=100_000)] = 1
     """In the array; 4 to 16 are usual."""
     layout: LayoutKeys | None = None
-    """How they lie; without it, errors are those of a beam of azimuth_beamwidth_deg and
-    elevation_beamwidth_deg."""
+    """How they lie; without it, errors are those of the beamwidths."""
     array_gain_db: Decibels | None = None
     """Without it, 10 log10 of the number of microphones."""
     frequency_hz: Annotated[float, Field(ge=10, le=20_000)] = 1000.0
@@ -94,10 +93,10 @@ class MicrophoneKeys(AzimuthCoverKeys):
     misc_db: Loss = 3.0
     """Foliage and houses."""
     height_above_ground_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
-    """Of the array. The ground is taken as flat for as far as the array hears."""
+    """Of the array, over flat ground."""
     pfa: Probability = 1e-6
-    """Probability of a false alarm in one beam, in one scan. Beams are as many as cover holds of
-    them in azimuth and, if there is a beam in elevation, from horizon to zenith."""
+    """Probability of a false alarm in one beam, in one scan; beams fill the cover, in elevation too
+    if they have a width there."""
     range_max_m: Annotated[float, Field(gt=0, le=10_000)]
     """Further away nothing is heard, however loud."""
     azimuth_beamwidth_deg: Beamwidth
@@ -111,7 +110,7 @@ class MicrophoneKeys(AzimuthCoverKeys):
     kind: str = ""
     """What the array calls everything that it hears, such as drone; "" if it does not classify."""
     classifier: ClassifierKeys | None = None
-    """In its place, what each `target_class` of a [[drone]] is called, rightly or wrongly."""
+    """In its place, what each `target_class` is called, rightly or wrongly."""
 
     @model_validator(mode="after")
     def _lies_so(self) -> Self:
@@ -218,10 +217,7 @@ class AcousticKeys(MicrophoneKeys):
 
 
 class AcousticPairKeys(MicrophoneKeys):
-    """Two microphone arrays alike, whose bearings cross: plots have places, with covariances.
-
-    Ranges are over the ground, unless the arrays have beams in elevation.
-    """
+    """Two like microphone arrays whose bearings cross: plots have places, with covariances."""
 
     label = "acoustic pair"
     geometry = SensorGeometry.MONOSTATIC
@@ -229,7 +225,7 @@ class AcousticPairKeys(MicrophoneKeys):
     type: Literal["acoustic_pair"]
     """Which model."""
     second_array: Location
-    """Where the other array stands; places are seen from the first, at the sensor's place."""
+    """Where the other array stands; places are seen from the first."""
 
     @model_validator(mode="after")
     def _measures_no_ranges(self) -> Self:

@@ -45,7 +45,7 @@ class CameraKeys(SensorKeys):
     tilt_deg: Elevation = 0.0
     """Where the middle of the picture is, above the horizon."""
     horizontal_fov_deg: Annotated[float, Field(ge=0.01, le=360)]
-    """Whole field of view, as the zoom has it; above 120 the picture is a panorama."""
+    """Whole field of view; above 120 the picture is a panorama."""
     vertical_fov_deg: Annotated[float, Field(ge=0.01, le=180)] | None = None
     """Whole field of view; without it, that of square pixels."""
     pixels_across: Pixels
@@ -55,7 +55,7 @@ class CameraKeys(SensorKeys):
     range_max_m: Annotated[float, Field(gt=0, le=100_000)]
     """Nothing further is looked at, however large."""
     detect_cycles: Cycles = 1.0
-    """Cycles, pairs of pixels across a drone, with which every other one is detected."""
+    """Cycles (pairs of pixels) across a drone for a Pd of 0.5."""
     recognise_factor: Annotated[float, Field(ge=1, le=100)] = 4.0
     """So many times that for its class, such as drone or bird."""
     identify_factor: Annotated[float, Field(ge=1, le=100)] = 6.4
@@ -66,15 +66,15 @@ class CameraKeys(SensorKeys):
     )
     """Classes that the camera tells apart, by `target_class` of a [[drone]]."""
     class_probability: Annotated[float, Field(ge=0, le=1)] = 0.95
-    """That a claimed class is the right one; otherwise it is another of `tells_apart`."""
+    """That a claimed class is right; else it is another of `tells_apart`."""
     pointing_error_deg: Annotated[float, Field(ge=0, le=10)] = 0.05
-    """Standard deviation of where the mount takes itself to point, anew for each plot."""
+    """Standard deviation of the mount's pointing, anew for each plot."""
     pixel_error: Annotated[float, Field(ge=0, le=100)] = 0.4
     """Standard deviation of the place in the picture, in pixels."""
     false_alarms_per_frame: Annotated[float, Field(ge=0, le=10_000)] = 0.01
     """Mean number in a picture, or in a turn."""
     day_contrast: Contrast | None = None
-    """Of drones beside the sky; without any contrast and visibility, all detail is seen."""
+    """Of drones beside the sky."""
     night_contrast: Contrast | None = None
     """The same at night; without it, as by day."""
     night: bool = False
@@ -86,9 +86,9 @@ class CameraKeys(SensorKeys):
     visibility_m: Annotated[float, Field(ge=10, le=1e6)] | None = None
     """Meteorological optical range: where a twentieth of contrast is left; without it, clear."""
     hotter_k: Annotated[float, Field(gt=0, le=1000)] | None = None
-    """Of drones than their background: a camera of heat detects spots smaller than a pixel."""
+    """Of drones than their background; spots smaller than a pixel are detected."""
     mount: MountKeys | None = None
-    """Motors that turn the camera to cues, and home to pan_deg and tilt_deg; without it, fixed."""
+    """Motors that turn the camera to cues, and home; without it, fixed."""
     netd_mk: Annotated[float, Field(ge=1, le=10_000)] = 50.0
     """Noise of a pixel of heat; some 50 mK without a cooler, 20 to 25 with one."""
 

@@ -74,7 +74,7 @@ class BeamsCutKeys(SceneTable):
     beamwidth_deg: Beamwidth | None = None
     """At 3 dB; without it, the sensor's."""
     spacing_deg: Beamwidth | None = None
-    """Between beams, at most, so that they fill the cover; without it, a beamwidth."""
+    """Between beams at most; without it, a beamwidth."""
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beams of a sensor with that cover."""
@@ -92,7 +92,7 @@ class BeamsCutKeys(SceneTable):
 
 
 class CosecantSquaredKeys(SceneTable):
-    """A beam that gives as strong an echo at any range of a target that keeps its height."""
+    """Equal echoes at any range of a target that keeps its height."""
 
     kind: Literal["cosecant-squared"]
     """Which shape."""
@@ -101,7 +101,7 @@ class CosecantSquaredKeys(SceneTable):
     to_deg: Annotated[float, Field(gt=0, lt=90)]
     """Elevation up to which it does."""
     beamwidth_deg: Beamwidth | None = None
-    """At 3 dB, by which it falls off beyond the two; without it, the sensor's."""
+    """At 3 dB, beyond the two; without it, the sensor's."""
 
     @model_validator(mode="after")
     def _rises(self) -> Self:
@@ -153,10 +153,10 @@ ElevationCut = Annotated[
 
 
 class PatternKeys(SceneTable):
-    """The gain of an antenna by direction, relative to the gain that the sensor states."""
+    """Gain by direction, relative to what the sensor states."""
 
     azimuth: AzimuthCut | None = None
-    """Without it, the same at all azimuths; a beam that turns meets every drone in its middle."""
+    """Without it, the same at all azimuths; a turning beam meets drones in its middle."""
     elevation: ElevationCut | None = None
     """Without it, the same at all elevations of the cover."""
     sidelobe_db: Loss = PAPER_SIDELOBE_DB
@@ -177,12 +177,12 @@ class AntennaKeys(SceneTable):
     """Gains that depend on where a target is, by the sensor's own axes."""
 
     transmit: PatternKeys | None = None
-    """Of the transmitting antenna, or of each transmitter; without it, the same over the cover."""
+    """Of each transmitter; without it, the same over the cover."""
     receive: PatternKeys | None = None
     """Of the receiving antenna; without it, the same over the cover."""
     sidelobe_plots: bool = False
-    """Whether drones that the beam does not point at are reported in its direction, by what comes
-    through the side lobes: at their range, and of sidelobe/ID in the ledger."""
+    """Whether side lobes report drones too: at their range, in the beam's direction, as sidelobe/ID
+    in the ledger."""
 
     def model(self, azimuth: BeamCover, elevation: BeamCover) -> Antenna:
         """The antenna of a sensor with those covers."""
@@ -217,10 +217,10 @@ class AntennaKeys(SceneTable):
 
 
 class StraddlingKeys(SceneTable):
-    """What is lost between the middles of cells, for each look by where the target is in them."""
+    """Loss between the middles of cells, by where the target is in them."""
 
     range: CellShape | None = None
-    """Shape of a range cell: sinc of a flat spectrum, triangle of a pulse's correlation, hann."""
+    """Of a range cell: sinc of a flat spectrum, triangle of a pulse, hann."""
     doppler: CellShape | None = None
     """The same of a Doppler cell; hann's noise, 1.76 dB more, belongs in loss_db."""
 

@@ -90,9 +90,9 @@ class BiasKeys(SceneTable):
     tilt_deg: Annotated[float, Field(ge=0, le=45)] = 0.0
     """By which the sensor's vertical leans."""
     tilt_azimuth_deg: Azimuth = 0.0
-    """Where it leans to; what is there reads too high by the tilt, what is opposite too low."""
+    """Direction in which it leans: readings there are too high by the tilt."""
     time_offset_s: Annotated[float, Field(ge=-60, le=60)] = 0.0
-    """By which the sensor's clock is ahead: all times in all that it sends are by that clock."""
+    """By which the sensor's clock, and all times that it sends, are ahead."""
 
     def axes(self, frame: LocalFrame) -> LocalFrame:
         """The sensor's own, at the place of that frame; the frame itself if it stands right."""
@@ -127,20 +127,20 @@ class DriftKeys(SceneTable):
 
 
 class DegradationKeys(ModelTable):
-    """What a sensor does worse than it takes itself to do, each by itself; for events above all."""
+    """What a sensor does worse than it claims; for events above all."""
 
     makes = "effects.degradation:Degradation"
 
     pd_factor: Annotated[float, Field(ge=0, le=1)] = 1.0
-    """What is left of the probability of detection of each look, however strong the target."""
+    """Factor on each look's probability of detection."""
     false_alarm_factor: Annotated[float, Field(ge=0, le=1e6)] = 1.0
-    """So many times the false alarms; the threshold, and with it Pd, stays as it is."""
+    """So many times the false alarms, at the same threshold and Pd."""
     error_factor: Annotated[float, Field(ge=0, le=1000)] = 1.0
-    """So many times the errors by noise; the standard deviations in plots stay as they are."""
+    """So many times the errors by noise, while plots claim the same."""
 
 
 class MultipathKeys(ModelTable):
-    """Two rays: straight, and by way of the ground, which is flat as far as the sensor sees."""
+    """Two rays: straight, and by way of a flat ground."""
 
     makes = "effects.multipath:Multipath"
 
@@ -156,10 +156,9 @@ class DopplerKeys(SceneTable):
     notch_m_s: NotNegative = 0.0
     """Width of the clutter filter's notch: Pd is less by exp(-(rate/notch)^2) of itself."""
     rate_max_m_s: Positive = 100.0
-    """Rates are told apart up to this, either way; what is faster is not detected."""
+    """Rates are measured up to this, either way; faster is not detected."""
     floor_m_s: NotNegative | None = None
-    """Error that remains however strong the echo, added in quadrature; without it, a twentieth of
-    the Doppler cell."""
+    """Error that remains however strong the echo; without it, a twentieth of the Doppler cell."""
 
     def model(self, wavelengths_m: Sequence[float], integration_s: float, legs: int) -> Doppler:
         """Cells of range rate for a model, a channel a wavelength; an echo's `legs` are 1 or 2."""
@@ -183,7 +182,7 @@ class PulsedDopplerKeys(DopplerKeys):
     """Range rates are measured, by pulses or sweeps if their frequency is given."""
 
     prf_hz: Positive | None = None
-    """Of pulses or sweeps; then rates fold after wavelength times this over 2, up to any speed."""
+    """Of pulses or sweeps; rates fold at wavelength times this over 2."""
 
     def model(self, wavelengths_m: Sequence[float], integration_s: float, legs: int) -> Doppler:
         """Cells of range rate that fold, if a frequency of pulses is given."""
@@ -198,7 +197,7 @@ class MergingKeys(SceneTable):
     """Drones that are too close to be told apart make one plot."""
 
     range_m: Resolution | None = None
-    """Two drones this far apart are told apart every other time; without it, the range cell."""
+    """Distance at which two drones are told apart half of the time; without it, the range cell."""
     azimuth_deg: Beamwidth | None = None
     """The same in azimuth; without it, the beamwidth."""
     elevation_deg: Beamwidth | None = None
@@ -281,13 +280,12 @@ class ClassifierKeys(ModelTable):
     confusion: Annotated[dict[str, Row], Field(min_length=1, max_length=64)]
     """By true class, the probability of each claim, in their order; a row adds up to one."""
     otherwise: Row | None = None
-    """The same of any other class, and of false alarms; without it, they are called nothing."""
+    """The same of other classes and of false alarms; without it, nothing."""
     held_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
-    """For which a claim of a drone stays as it was drawn, and with it its mistake, in all plots of
-    the sensor; 0 for each plot by itself. Drones change theirs at times of their own."""
+    """How long a drone is called the same, rightly or wrongly, in all plots; 0 for each plot anew.
+    """
     codes: dict[str, Annotated[int, Field(ge=1, le=511)]] | None = None
-    """By claim, the class in I015/300, which is as receiver and sensor agree; without it, category
-    015 says none. What is called nothing has 0."""
+    """By claim, the class in I015/300, as receiver and sensor agree; 0 for none."""
 
     @model_validator(mode="after")
     def _adds_up(self) -> Self:

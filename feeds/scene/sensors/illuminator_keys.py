@@ -72,20 +72,19 @@ BROADCASTS: Mapping[str, Broadcast] = {
 
 
 class IlluminatorKeys(SceneTable):
-    """A transmitter of opportunity; it makes a channel of its own, numbered in their order."""
+    """A transmitter of opportunity, and its channel, numbered in order."""
 
     id: Name
     """For people, and for warnings."""
     preset: Literal["dab", "dvb-t", "fm", "gsm"] | None = None
-    """A kind of broadcast, which gives erp_w, frequency_hz and bandwidth_hz where the scene gives
-    none."""
+    """A kind of broadcast, for what the scene does not give of erp_w, frequency_hz and
+    bandwidth_hz."""
     erp_w: Positive
     """Effective radiated power, over a half-wave dipole; without it, that of `preset`."""
     frequency_hz: Frequency
     """Of the carrier; without it, that of `preset`."""
     bandwidth_hz: Positive
-    """Of the signal that is correlated; the bistatic range is resolved to c over it. Without it,
-    that of `preset`."""
+    """Of the signal: bistatic range is resolved to c over it. Without it, that of `preset`."""
     place: Location
     """Of the antenna."""
     external_noise_db: float | None = None

@@ -84,7 +84,7 @@ class LookAt(SceneTable):
 
 
 class MountKeys(SceneTable):
-    """Motors that turn a sensor to cues: plots of other sensors, messages on its topic, tasks."""
+    """Motors that turn a sensor to cues: plots, messages on its topic, tasks."""
 
     pan_rate_deg_s: Rate = 60.0
     """The fastest; a turn is the shorter way round."""
@@ -101,7 +101,7 @@ class MountKeys(SceneTable):
     settle_s: Seconds = 0.3
     """From the end of a turn until the sensor sees; before, it reports nothing."""
     dwell_s: Annotated[float, Field(ge=0.1, le=3600)] = 2.0
-    """For which it looks at a cue once it sees it, following newer plots of it meanwhile."""
+    """How long it looks at a cue, following newer plots of it."""
     fov_min_deg: Annotated[float, Field(ge=0.01, le=120)] | None = None
     """Narrowest field of view of a camera's zoom; without it, that of its keys."""
     fov_max_deg: Annotated[float, Field(ge=0.01, le=120)] | None = None
@@ -109,13 +109,12 @@ class MountKeys(SceneTable):
     zoom_s: Seconds = 3.0
     """From the widest field of view to the narrowest."""
     fov_sigmas: Annotated[float, Field(ge=1, le=100)] = 4.0
-    """A camera opens its field of view to so many standard deviations of a cue: with 4, what the
-    cue is of is in view with 0.91."""
+    """A camera opens its field of view to so many standard deviations of a cue: 4 holds its target
+    with 0.91."""
     cued_by: Name | Annotated[tuple[Name, ...], Field(strict=False)] = ()
     """Ids of the sensors whose plots it is cued by, one or several."""
     latency_ms: Annotated[float, Field(ge=20, le=60_000)] = 100.0
-    """From the end of a sector, or from a message, until the mount knows of it. So a cue always
-    comes of plots that were worked out in earlier ticks."""
+    """From the end of a sector, or a message, until the mount knows of it."""
     max_age_s: Annotated[float, Field(ge=0.1, le=3600)] = 2.0
     """Plots older than this are no cues any more."""
     look_at: LookAt | None = None

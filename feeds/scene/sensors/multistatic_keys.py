@@ -84,10 +84,7 @@ class SeveralReceiversKeys(TrackingSensorKeys):
 
 
 class MultistaticPassiveKeys(SeveralReceiversKeys, PassiveRadarKeys):
-    """A passive radar of several receivers: by all pairs with transmitters, plots are places.
-
-    It has the keys of a passive radar; what it expects of heights counts as a measurement.
-    """
+    """A passive radar of several receivers: plots are places by all pairs with transmitters."""
 
     label = "multistatic passive radar"
     geometry = SensorGeometry.MONOSTATIC
@@ -106,10 +103,7 @@ class MultistaticPassiveKeys(SeveralReceiversKeys, PassiveRadarKeys):
 
 
 class MultistaticMimoKeys(SeveralReceiversKeys, MimoRadarKeys):
-    """A MIMO radar of several receivers: by all pairs with transmitters, plots are places.
-
-    It has the keys of a MIMO radar; each pair detects by itself.
-    """
+    """A MIMO radar of several receivers: plots are places by all pairs with transmitters."""
 
     label = "multistatic MIMO radar"
     formats = ("asterix-015", "plots", "sapient")

@@ -63,7 +63,7 @@ class PassiveRadarKeys(EchoRadarKeys):
     ]
     """Those whose signals it uses."""
     gain_rx_dbi: float | None = None
-    """Without it, 41253 times the efficiency over the product of the beamwidths in degrees."""
+    """Without it, 41253 times efficiency over both beamwidths in degrees."""
     antenna_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Of the receiving antenna: its gain over that of a lossless one."""
     azimuth_beamwidth_deg: Beamwidth
@@ -73,7 +73,7 @@ class PassiveRadarKeys(EchoRadarKeys):
     integration_s: Positive
     """Coherent."""
     loss_db: NotNegative = 4.0
-    """Of the correlator's window and the clutter filter; the CFAR loss is in the detector."""
+    """Of the correlator's window and clutter filter, without the CFAR loss."""
     sidelobe_db: NotPositive = -22.0
     """By which the receive antenna hears the transmitters themselves; below its gain, negative."""
     cancellation_db: NotPositive = -60.0
@@ -99,12 +99,12 @@ class PassiveRadarKeys(EchoRadarKeys):
     doppler_cells: Annotated[int, Field(ge=1)] = 1
     """Cells of velocity for each of range: each can give a false alarm."""
     bistatic_range_floor_m: NotNegative | None = None
-    """Error that remains however strong the echo; without it, a twentieth of each channel's cell
-    of bistatic range, c over the bandwidth."""
+    """Error that remains however strong the echo; without it, a twentieth of each channel's cell, c
+    over the bandwidth."""
     azimuth_floor_deg: NotNegative | None = None
-    """The same in azimuth; without it, a tenth of the beam. Both are added in quadrature."""
+    """The same in azimuth; without it, a tenth of the beam."""
     expected_height_m: Annotated[float, Field(ge=-10_000, le=50_000)] = 60.0
-    """Of drones above the sensor, which cannot measure it: plots are placed on the ground by it."""
+    """Of drones above the sensor, by which plots are placed on the ground."""
     sigma_height_m: Annotated[float, Field(ge=0, le=50_000)] = 35.0
     """Standard deviation of such heights, of which the errors of places hold a part."""
     multipath: MultipathKeys | None = None

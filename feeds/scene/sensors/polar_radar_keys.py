@@ -51,26 +51,26 @@ class PulsesKeys(SceneTable):
     """Pulses, and the intervals of coherent integration, of `integration_s` each, in one look."""
 
     prf_hz: Annotated[tuple[Positive, ...], Field(strict=False, min_length=1, max_length=64)]
-    """Pulse frequencies, which intervals take in turn. One alone leaves ranges folded after
-    c/2PRF and rates after wavelength times PRF/2; several resolve both."""
+    """Pulse frequencies, in turn by interval. One alone folds ranges at c/2PRF and rates at
+    wavelength times PRF/2; several resolve both."""
     intervals: Annotated[int, Field(ge=1, le=64)] | None = None
     """In one look; without it, one a frequency. Echoes fluctuate anew in each."""
     needed: Annotated[int, Field(ge=1, le=64)] = 1
-    """Intervals that have to detect; `pfa` is that of each. The first of them is measured by."""
+    """Intervals that must detect, each with `pfa`; the first of them measures."""
     pulse_s: NotNegative = 0.0
     """Length of a pulse, during which nothing is heard; 0 eclipses nothing."""
     stc_range_m: NotNegative = 0.0
-    """Nearer than this, counted from the latest pulse, echoes are weakened before the receiver's
-    noise; 0 for no sensitivity-time control."""
+    """Sensitivity-time control: nearer than this, from the latest pulse, echoes are weakened; 0 for
+    none."""
     stc_exponent: Annotated[float, Field(ge=0, le=4)] = 4.0
-    """Of range, by which they are; 4 makes a target as strong at all ranges below."""
+    """Power of range by which they are; 4 makes echoes equal at all ranges below."""
     canceller: Literal["single", "double"] | None = None
     """Of pulses: single of two, double of three; blind at whole wavelengths times PRF/2."""
     notch_m_s: NotNegative = 0.0
-    """Width of a notch about those speeds: of the power 1 - exp(-(rate/notch)^2) is left."""
+    """Width of a notch about those speeds: 1 - exp(-(rate/notch)^2) of power is left."""
     beam_passes: bool = False
-    """Of a radar that turns: each interval has what the beam, Gaussian on receive, leaves of the
-    echo meanwhile. Put no loss for the shape of the beam into loss_db beside it."""
+    """Of a radar that turns: each interval has the echo that the Gaussian receive beam leaves;
+    loss_db then holds no loss of beam shape."""
 
     @model_validator(mode="after")
     def _can_be(self) -> Self:
@@ -130,8 +130,8 @@ class PolarRadarKeys(EchoRadarKeys):
     formats = ("asterix-015", "asterix-048", *TRACK_FORMATS, "plots", "sapient")
 
     report: Reports = ()
-    """Without it, plots and, for a rotating scan, asterix-048, which brings category 034 along,
-    else the finer asterix-015, which brings 025 along; asterix-062 brings 063."""
+    """Without it, plots, and asterix-048 (with 034) for a rotating scan, else asterix-015 (with
+    025); asterix-062 brings 063."""
     scan: AnyScan
     """How it scans."""
     frequency_hz: Frequency
@@ -139,7 +139,7 @@ class PolarRadarKeys(EchoRadarKeys):
     gain_tx_dbi: Decibels
     """Of the transmitting antenna."""
     gain_rx_dbi: Decibels | None = None
-    """Without it, 41253 times the efficiency over the product of the beamwidths in degrees."""
+    """Without it, 41253 times efficiency over both beamwidths in degrees."""
     antenna_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Of the receiving antenna: its gain over that of a lossless one."""
     integration_s: Positive
@@ -165,7 +165,7 @@ class PolarRadarKeys(EchoRadarKeys):
     azimuth_floor_deg: NotNegative | None = None
     """The same in azimuth; without it, a tenth of the beam."""
     elevation_floor_deg: NotNegative | None = None
-    """The same in elevation; without it, a tenth of the beam. All are added in quadrature."""
+    """The same in elevation; without it, a tenth of the beam."""
     measures_elevation: bool = True
     """False for a two-dimensional radar, whose plots have neither elevation nor height."""
     multipath: MultipathKeys | None = None
@@ -177,8 +177,7 @@ class PolarRadarKeys(EchoRadarKeys):
     merging: MergingKeys | None = None
     """Without it, every drone is seen by itself, however close to others."""
     classifier: ClassifierKeys | None = None
-    """What plots are called, by micro-Doppler say, for each `target_class` of a [[drone]] and of
-    what else moves, rightly or wrongly; without it, nothing."""
+    """What plots are called for each `target_class`, rightly or wrongly; without it, nothing."""
 
     @classmethod
     def usual_report(cls, keys: dict[str, Any], /) -> tuple[str, ...]:
@@ -295,12 +294,12 @@ class ActiveRadarKeys(PolarRadarKeys):
     power_w: Positive
     """Average."""
     decorrelation_s: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
-    """After which 1/e of a target's amplitude is left, on average, so that soon after a hit comes
-    another; without it, each scan finds it anew. Of Swerling 1 and 3."""
+    """Time in which a target's amplitude falls to 1/e, so that hits come in runs; without it, each
+    scan is independent. For Swerling 1 and 3."""
     receive_beams: Annotated[int, Field(ge=1, le=1_000_000)] = 1
-    """Formed side by side in azimuth: they lengthen the time on target of a rotating radar."""
+    """Side by side in azimuth, which lengthens a rotating radar's time on target."""
     mount: MountKeys | None = None
-    """Motors that turn a staring radar to cues: its cover is then about where these point."""
+    """Motors that turn a staring radar, and its cover, to cues."""
 
     @model_validator(mode="after")
     def _is_steered(self) -> Self:
@@ -355,10 +354,7 @@ class MimoTransmitterKeys(Location):
 
 
 class MimoRadarKeys(PolarRadarKeys):
-    """A radar of several transmitters far apart, and one receiver at the sensor's place.
-
-    It looks everywhere at once. The defaults are the paper's typical values.
-    """
+    """A radar of several transmitters far apart and one receiver, looking everywhere at once."""
 
     label = "MIMO radar"
     makes = MimoRadar
@@ -372,7 +368,7 @@ class MimoRadarKeys(PolarRadarKeys):
     ]
     """The radar's own."""
     loss_db: Loss = 1.1
-    """Of the system: the paper's 2 dB without the CFAR loss, which is in the detector already."""
+    """Of the system: the paper's 2 dB; the CFAR loss is in the detector."""
     n_reference: Annotated[int, Field(ge=1, le=256)] = 16
     """Reference cells of the CA-CFAR in the signal of each transmitter."""
 

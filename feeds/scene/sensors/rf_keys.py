@@ -63,7 +63,7 @@ class Friis(SceneTable):
 
 
 class LogDistance(SceneTable):
-    """Free space up to a distance, and from there on a power of distance of one's own."""
+    """Free space up to a distance, then a power of distance."""
 
     kind: Literal["log-distance"]
     """Which law."""
@@ -74,14 +74,14 @@ class LogDistance(SceneTable):
 
 
 class CityLoss(SceneTable):
-    """Free space, and what houses take beyond it, by the elevation of the drone."""
+    """Free space and the loss by houses, by the drone's elevation."""
 
     kind: Literal["city"]
     """Which law."""
     environment: Literal["suburban", "urban", "dense-urban", "high-rise"]
     """Of the sensor, which is among the houses; whether it sees a drone is drawn once for each."""
     shadowing_db: Annotated[float, Field(ge=0, le=30)] = 0.0
-    """Standard deviation of the loss from drone to drone, which is drawn once, too."""
+    """Standard deviation of the loss from drone to drone."""
 
 
 class RfKeys(AzimuthCoverKeys):
@@ -102,17 +102,17 @@ class RfKeys(AzimuthCoverKeys):
     frequency_min_hz: Frequency
     """Where the band begins."""
     frequency_max_hz: Frequency
-    """The band; of an emission at its edge only the share inside is received."""
+    """The band; only what lies inside it is received."""
     channel_bandwidth_hz: Frequency
     """In which energy is detected: that of one burst or hop."""
     instantaneous_bandwidth_hz: Frequency | None = None
-    """Of the band, what is received at once; without it, all. Hops elsewhere are missed."""
+    """What is received at once of the band; without it, all."""
     integration_s: Positive
     """How long energy is summed."""
     duty_cycle: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Probability that an emission's next burst falls into the scan."""
     bursts_per_dwell: Annotated[int, Field(ge=1, le=1_000_000)] = 1
-    """Chances in a scan, each of that probability: one that is taken is enough."""
+    """Chances in a scan, of which one is enough."""
     gain_rx_dbi: Decibels = 0.0
     """Of the receiving antenna."""
     loss_db: Loss = 0.0
@@ -128,15 +128,15 @@ class RfKeys(AzimuthCoverKeys):
     range_max_m: Annotated[float, Field(gt=0, le=470_000)]
     """Further away nothing is received, however strong."""
     azimuth_beamwidth_deg: Beamwidth | None = None
-    """Of beams side by side, each of which can alarm; without it, one antenna hears all."""
+    """Of beams side by side, each of which can alarm; without it, one antenna."""
     measures_azimuth: bool = True
-    """False for a detector that finds no direction: its plots say that something emits."""
+    """False for a detector that finds no direction."""
     baseline_m: Annotated[float, Field(ge=1e-3, le=1e4)] | None = None
     """Between the antennas of the interferometer that finds the direction."""
     azimuth_floor_deg: NotNegative = RF_BEARING_DEG
     """The error that remains however strong the signal: multipath."""
     elevation_baseline_m: Annotated[float, Field(ge=1e-3, le=1e4)] | None = None
-    """Between antennas above each other, which find the elevation; without it, none is found."""
+    """Between antennas above each other, for the elevation; without it, none."""
     elevation_floor_deg: NotNegative = RF_BEARING_DEG
     """As azimuth_floor_deg, in elevation."""
     classifies: bool = False

@@ -20,8 +20,8 @@ class Event(ForAWhile):
     from_s: NotNegative
     """When it begins, after the session has."""
     set: Annotated[dict[str, Any], Field(min_length=1)]
-    """Keys of the sensor that have other values meanwhile: { enabled = false }, or
-    { link = { down = true } }, or { pfa_factor = 10 } for ten times its own pfa."""
+    """Keys with other values meanwhile: { enabled = false }, { link = { down = true } }, or {
+    pfa_factor = 10 } for ten times its pfa."""
 
 
 class _Periodic(SceneTable):
@@ -45,7 +45,7 @@ class _Periodic(SceneTable):
 
 
 class RotatingScan(_Periodic):
-    """A beam that turns clockwise, through true north at whole multiples of its period."""
+    """A beam that turns clockwise, at true north at multiples of its period."""
 
     kind: Literal["rotating"]
     """Which way of scanning."""
@@ -76,21 +76,20 @@ class StaringScan(_Periodic):
 
 
 class ElectronicScan(_Periodic):
-    """A beam that is steered dwell by dwell: search, confirmation, and tracks looked at again."""
+    """A beam steered dwell by dwell: search, confirmation and tracking."""
 
     kind: Literal["electronic"]
     """Which way of scanning."""
     dwell_s: Annotated[float, Field(ge=1e-5, le=10)]
-    """How long the beam rests in a direction; a period has a whole number of dwells."""
+    """How long the beam rests in a direction."""
     beam_spacing: Annotated[float, Field(ge=0.2, le=2)] = 1.0
     """Between neighbouring beams of search, in beamwidths."""
     max_tracks: Annotated[int, Field(ge=0, le=10_000)] = 20
     """Looked at again; with as many, others are found by search alone."""
     search_share: Annotated[float, Field(ge=0.01, le=1)] = 0.2
-    """Of the dwells, that search has at least: tracks that are due wait, and none is begun for
-    which there is no time."""
+    """Least share of the dwells for search; tracks that are due wait meanwhile."""
     revisit_s: Annotated[float, Field(gt=0, le=100)] | None = None
-    """After which a track is looked at again; without it, by the three keys that follow."""
+    """When a track is looked at again; without it, by the next three keys."""
     manoeuvre_m_s2: Annotated[float, Field(ge=0.01, le=1000)] = 5.0
     """Standard deviation of accelerations that are expected of targets."""
     manoeuvre_s: Annotated[float, Field(ge=0.01, le=1000)] = 5.0

@@ -87,17 +87,15 @@ class SensorKeys(SceneTable):
     sic: Annotated[
         int, Field(ge=0, le=255, json_schema_extra=lambda schema: schema.pop("default", None))
     ] = 1
-    """System identification code, which with `sac` names the sensor in ASTERIX; without it, the
-    first from 1 on that no other sensor of that `sac` has."""
+    """System identification code; without it, the first from 1 on that is free under that `sac`."""
     position_enu_m: Enu = (0.0, 0.0, 0.0)
     """Of the antenna or microphone: east, north and up of the site."""
     height_msl_m: Height | None = None
-    """Of the antenna or microphone above mean sea level, in place of the third of position_enu_m,
-    which is 0 then."""
+    """Above mean sea level, in place of the third of position_enu_m."""
     enabled: bool = True
-    """Whether it is at work; a sensor that is not reports nothing but its status."""
+    """Whether it is at work; if not, it reports its status alone."""
     link: LinkSettings | None = None
-    """Between the sensor and whoever hears it; without one, messages leave when they are due."""
+    """Between the sensor and whoever hears it; without it, no delay and no loss."""
     event: Annotated[tuple[Event, ...], Field(strict=False)] = ()
     """What happens to it while the scene runs."""
     bias: BiasKeys | None = None
@@ -107,10 +105,9 @@ class SensorKeys(SceneTable):
     degradation: DegradationKeys | None = None
     """What it does worse than it takes itself to do; without it, nothing."""
     weather: WeatherKeys | None = None
-    """About it, if it is a radar or a microphone; [[weather]] is that of all sensors."""
+    """About it, if a radar or microphone; [[weather]] is that of all sensors."""
     jamming: dict[Name, JammerKeys] = Field(default={})
-    """What drowns its signals, if it is a radar or an RF sensor, by a name; [[jammer]] is for all.
-    """
+    """What drowns a radar's or RF sensor's signals, by a name; [[jammer]] is for all."""
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
@@ -293,20 +290,20 @@ TrackNumber = Annotated[int, Field(ge=1, le=MAX_TRACKS)]
 
 
 class TracksKeys(SceneTable):
-    """Which tracks a sensor reports, and how they begin and end: of formats that tell of tracks."""
+    """Which tracks a sensor reports in formats of tracks, and how they begin and end."""
 
     kind: Literal["smoothed-truth", "plain"] = "smoothed-truth"
-    """smoothed-truth is the truth with a filter's errors, and no tracker; plain is a plain tracker
-    of the sensor's plots, with its misses, swaps and false tracks."""
+    """The truth with a filter's errors, or a plain tracker of the sensor's plots, with misses,
+    swaps and false tracks."""
     confirm_hits: Annotated[int, Field(ge=1, le=50)] = 3
-    """Detections with which a track begins, among the last `confirm_window` looks at a drone; of a
-    plain tracker, plots among as many looks from the first one on."""
+    """Detections among the last `confirm_window` looks (of a plain tracker: plots from the first
+    on) with which a track begins."""
     confirm_window: Annotated[int, Field(ge=1, le=50)] = 5
     """Looks among which they are counted."""
     drop_misses: Annotated[int, Field(ge=1, le=1000)] = 5
     """Looks in a row without a detection after which it ends."""
     smoothing_scans: Annotated[float, Field(ge=0.1, le=1000)] = 3.0
-    """Memory of the filter of smoothed truth: a plot that is so many scans old weighs 1/e."""
+    """Memory of the filter of smoothed truth: scans until a plot weighs 1/e."""
     acceleration_m_s2: Annotated[float, Field(gt=0, le=1000)] = 3.0
     """That a plain tracker expects of drones along each axis, anew every scan."""
     initial_speed_m_s: Annotated[float, Field(gt=0, le=1000)] = 15.0
@@ -314,8 +311,8 @@ class TracksKeys(SceneTable):
     gate_probability: Annotated[float, Field(ge=0.5, le=0.999999)] = 0.999
     """That the right plot lies within the gate of its tracks."""
     numbers: Annotated[tuple[TrackNumber, TrackNumber], Field(strict=False)] = (1, MAX_TRACKS)
-    """First and last number of its tracks; without it 1 to 65535, or, where several sensors report
-    tracks and not all of them in ASTERIX, an even share of these that is the sensor's alone."""
+    """First and last number of its tracks; without it, all, or an even share where several sensors
+    report tracks other than ASTERIX."""
 
     @model_validator(mode="after")
     def _can_begin(self) -> Self:
