@@ -9,11 +9,12 @@ ASYNCAPI := @asyncapi/parser@3.6.3 @asyncapi/protobuf-schema-parser@3.9.0
 CLIENT := mqtt@5.16.0 protobufjs@8.8.1
 # Two for each processor: where one test waits, another computes.
 JOBS ?= $(shell expr 2 '*' $$(getconf _NPROCESSORS_ONLN))
-# Nothing is installed but files whose hashes stand in requirements/.
-INSTALL := -m pip install --quiet --disable-pip-version-check --require-hashes
-PIP := $(BIN)/python $(INSTALL) --requirement requirements
+# Nothing is installed but files whose hashes stand in requirements/; pip installs uv, and uv the rest in a
+# seventeenth of pip's processor time.
+UV := $(BIN)/uv --quiet pip
+INSTALL := $(UV) install --python $(BIN)/python --require-hashes --requirement requirements
 # The package itself, from this folder, with what is here already.
-OURSELVES := --quiet --no-deps --no-build-isolation --editable .
+OURSELVES := --no-deps --no-build-isolation --editable .
 has = $(shell command -v $(1))
 # Looked for at every call, so that what comes after the set-up is noticed.
 TOOLS := $(if $(call has,c++),.venv-asterix-decoder/.ready) $(if $(and $(call has,npm),$(call has,node)),.node/.ready)
@@ -55,27 +56,26 @@ audit: .venv-audit/.ready
 .venv/.ready: $(SOURCES)
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "plotfeed needs Python 3.11 or newer; set PYTHON=")'
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(PIP)/run.txt
-	$(PIP)/broker.txt --only-binary iotcore || \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements/uv.txt
+	$(INSTALL)/run.txt
+	$(INSTALL)/broker.txt --only-binary iotcore || \
 	echo 'no embedded broker for this machine: demo and run need --broker mqtt://HOST:PORT'
-	$(BIN)/python -m pip install $(OURSELVES)
+	$(UV) install --python $(BIN)/python $(OURSELVES)
 	touch $@
 
 .venv/.ready-test: .venv/.ready
 	mkdir -p .typing/plotfeed
 	for room in feeds models proto replay face/__init__.py face/testing.py face/py.typed; do \
 	ln -sfn ../../$$room .typing/plotfeed/$${room##*/}; done
-	if test -d .venv/lib/python3*/site-packages/asterix_decoder-*; then \
-	$(BIN)/python -m pip uninstall --quiet --yes asterix-decoder libasterix; fi  # as once: both or none
-	$(PIP)/test.txt
-	$(PIP)/test-page.txt || echo 'no playwright for this machine: the tests of the page in a browser will be skipped'
-	$(PIP)/fleet.txt || echo 'no Ray for this machine: the tests of fleets and sweeps over processes will be skipped'
+	$(INSTALL)/test.txt
+	$(INSTALL)/test-page.txt || echo 'no playwright for this machine: the tests of the page in a browser will be skipped'
+	$(INSTALL)/fleet.txt || echo 'no Ray for this machine: the tests of fleets and sweeps over processes will be skipped'
 	touch $@
 
 # Built by what .venv has, into an environment of its own: it imports under the name of libasterix.
 .venv-asterix-decoder/.ready: requirements/test-asterix.txt .venv/.ready-test
-	test -x .venv-asterix-decoder/bin/python || $(PYTHON) -m venv --without-pip .venv-asterix-decoder
-	if $(PIP)/test-asterix.txt --no-build-isolation --ignore-installed --prefix $(@D); then touch $@; else \
+	test -x $(@D)/bin/python || $(BIN)/uv --quiet venv --python $(BIN)/python $(@D)
+	if $(INSTALL)/test-asterix.txt --no-build-isolation --prefix $(@D); then touch $@; else \
 	rm -rf $(@D); echo 'asterix-decoder was not built: tests with it will be skipped'; fi
 
 .node/.ready: Makefile
@@ -84,15 +84,11 @@ audit: .venv-audit/.ready
 	mkdir -p .node && touch $@
 
 # Each with what may not be in one environment with the rest.
-.venv-audit/.ready .venv-docs/.ready .venv-tables/.ready .venv-utm/.ready .venv-uv/.ready: .venv-%/.ready: requirements/%.txt
-	test -x .venv-$*/bin/python || $(PYTHON) -m venv .venv-$*
-	.venv-$*/bin/python $(INSTALL) --requirement requirements/$*.txt
-	touch $@
-
-.venv-lowest/.ready: requirements/lowest.txt pyproject.toml .venv-uv/.ready
-	test -x .venv-lowest/bin/python || $(PYTHON) -m venv .venv-lowest
-	.venv-uv/bin/uv pip sync --quiet --python .venv-lowest/bin/python --require-hashes requirements/lowest.txt
-	.venv-uv/bin/uv pip install --python .venv-lowest/bin/python $(OURSELVES)
+APART := $(patsubst %,.venv-%/.ready,audit docs tables utm lowest)
+$(APART): .venv-%/.ready: requirements/%.txt .venv/.ready
+	test -x $(@D)/bin/python || $(BIN)/uv --quiet venv --python $(BIN)/python $(@D)
+	$(UV) sync --python $(@D)/bin/python --require-hashes $<
+	$(if $(findstring lowest,$*),$(UV) install --python $(@D)/bin/python $(OURSELVES))
 	touch $@
 
 proto: .venv/.ready-test
@@ -104,7 +100,7 @@ bench: .venv/.ready-test
 
 # An hour, or what MINUTES says; what is found is kept in tools/fuzz/seeds.
 fuzz: .venv/.ready-test
-	$(PIP)/fuzz.txt
+	$(INSTALL)/fuzz.txt
 	$(BIN)/python tools/fuzz/run_fuzz.py --minutes $(or $(MINUTES),60)
 
 # docs/soak.md, in an hour and a quarter on a machine that does nothing else.
@@ -144,8 +140,8 @@ docs: .venv-docs/.ready
 	@echo 'to read it: $(PYTHON) -m http.server --directory site, and http://127.0.0.1:8000/'
 
 # Versions and hashes, after a change of pyproject.toml; with UPGRADE=--upgrade the newest.
-lock: .venv-uv/.ready
-	.venv-uv/bin/python requirements/make_locks.py $(UPGRADE)
+lock: .venv/.ready
+	$(BIN)/python requirements/make_locks.py $(UPGRADE)
 
 clean:
 	rm -rf .venv .venv-* .typing .node site

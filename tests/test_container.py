@@ -214,7 +214,7 @@ def image() -> Iterator[str]:
         pytest.skip("no container engine answers")
     base = of("FROM")[-1]
     if docker("image", "inspect", base).returncode and docker("pull", base).returncode:
-        pytest.skip(f"no container engine answers with {base}")
+        pytest.skip(f"no container engine answers: it has no {base}")
     built = docker("build", "--tag", TAG, str(ROOT))
     assert built.returncode == 0, built.stderr
     yield TAG

@@ -33,7 +33,7 @@ def receiver(host: str = "127.0.0.1", group: str | None = None) -> Iterator[sock
             try:
                 join(ears, group)
             except OSError as error:
-                pytest.skip(f"no multicast on this machine's loopback: {error}")
+                pytest.skip(f"this machine's loopback has no multicast: {error}")
         ears.setblocking(False)
         yield ears
 

@@ -94,7 +94,7 @@ async def test_a_rule_sends_datagrams_elsewhere() -> None:
         assert heard(ears) == [b"x"]
 
 
-@pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6")
+@pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6 loopback")
 @pytest.mark.asyncio
 async def test_ipv6_is_written_without_brackets_in_topics() -> None:
     with receiver("::1") as ears:

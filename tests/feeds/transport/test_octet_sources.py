@@ -115,7 +115,7 @@ async def in_a_group(host: str, port: int, *takers: Taker) -> AsyncIterator[None
             try:
                 await source.open()
             except SourceError as error:
-                pytest.skip(f"no multicast on this machine's loopback: {error}")
+                pytest.skip(f"this machine's loopback has no multicast: {error}")
         yield
     finally:
         for source in sources:
@@ -126,7 +126,7 @@ async def in_a_group(host: str, port: int, *takers: Taker) -> AsyncIterator[None
 @pytest.mark.asyncio
 async def test_a_group_is_heard_by_all_who_joined_it(group: str) -> None:
     if ":" in group and not has_ipv6():
-        pytest.skip("no IPv6 on this machine")
+        pytest.skip("this machine has no IPv6 loopback")
     one, other, port = Taker(), Taker(), free_port()
     async with in_a_group(group, port, one, other):
         with to_group(group) as drone:
@@ -151,7 +151,7 @@ async def test_drones_of_a_group_are_telemetry() -> None:
     try:
         await source.open()
     except SourceError as error:
-        pytest.skip(f"no multicast on this machine's loopback: {error}")
+        pytest.skip(f"this machine's loopback has no multicast: {error}")
     try:
         with to_group("239.255.77.79") as receiver:
             receiver.sendto(IDENTITY, ("239.255.77.79", port))
