@@ -9,8 +9,8 @@ ASYNCAPI := @asyncapi/parser@3.6.3 @asyncapi/protobuf-schema-parser@3.9.0
 CLIENT := mqtt@5.16.0 protobufjs@8.8.1
 # Two for each processor: where one test waits, another computes.
 JOBS ?= $(shell expr 2 '*' $$(getconf _NPROCESSORS_ONLN))
-# Nothing is installed but files whose hashes stand in requirements/; pip installs uv, and uv the rest in a
-# seventeenth of pip's processor time.
+# Nothing is installed but files whose hashes stand in requirements/: uv by pip, and by uv all else, in an
+# eighteenth of pip's processor time. uv reads no pip.conf: UV_DEFAULT_INDEX says where a mirror is.
 UV := $(BIN)/uv --quiet pip
 INSTALL := $(UV) install --python $(BIN)/python --require-hashes --requirement requirements
 # The package itself, from this folder, with what is here already.

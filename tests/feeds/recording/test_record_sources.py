@@ -27,7 +27,7 @@ from plotfeed.replay.recorded import Recorded, Stage
 
 GROUP_4, GROUP_6 = "239.255.77.78", "ff11::7:8"
 BLOCK = bytes([48, 0, 6, 1, 2, 3])
-on_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells times and losses of datagrams")
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells of each datagram")
 
 
 class Listener:
