@@ -45,10 +45,7 @@ def test_a_skip_without_an_entry_fails_where_nothing_may_be_missing(
     (tmp_path / "pytest.ini").write_text("[pytest]\npythonpath = .\n")
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q", *workers]
     for file, counts in (
-        (
-            "test_cases.py",
-            "2 failed, 1 xfailed, 1 error" if ci else "3 skipped, 1 xfailed",
-        ),
+        ("test_cases.py", "2 failed, 1 xfailed, 1 error" if ci else "3 skipped, 1 xfailed"),
         ("test_whole.py", "1 error" if ci else "1 skipped"),
     ):
         done = subprocess.run(

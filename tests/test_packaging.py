@@ -53,7 +53,9 @@ def test_the_wheel_holds_all_that_the_rooms_do_and_nothing_else(wheel: Path) -> 
         for path in (ROOT / room).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    assert packed == expected | {f"plotfeed/{name}" for name in ("__init__.py", "testing.py", "py.typed")}
+    assert packed == expected | {
+        f"plotfeed/{name}" for name in ("__init__.py", "testing.py", "py.typed")
+    }
     for name in (
         "plotfeed/feeds/scene/examples/section-4.toml",
         "plotfeed/feeds/py.typed",
