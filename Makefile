@@ -118,6 +118,7 @@ pages: .venv/.ready-test
 	$(BIN)/python docs/commands/write_scene_reference.py
 	$(BIN)/python docs/commands/write_presets.py
 	$(BIN)/python docs/commands/write_messages.py
+	$(BIN)/python docs/commands/write_limits.py
 	$(BIN)/python docs/commands/write_stability.py
 
 # What is drawn and counted as well, in some minutes.

@@ -16,7 +16,7 @@ HERE = Path(__file__).parent
 UV = Path(sys.executable).with_name("uv")
 PYPROJECT = "pyproject.toml"
 EXTRAS = (
-    *("gpx", "mavlink", "geoid", "terrain", "charts", "sapient", "metrics", "page"),
+    *("mavlink", "geoid", "terrain", "charts", "sapient", "metrics", "page"),
     *("parquet", "broker"),
 )
 BUILD = "setuptools>=77\n"

@@ -93,7 +93,11 @@ class Horizons:
                 reach_m=self._reach_m,
                 k=self._keys.earth_radius_factor,
             )
-            self._known[place] = horizon_of(frame, ground, walls, settings)
+            try:
+                self._known[place] = horizon_of(frame, ground, walls, settings)
+            except ValueError as error:
+                what = f"terrain.buildings: about sensor {sensor.id!r} {error}"
+                raise PlotfeedError(what) from None
         return self._known[place]
 
     @cached_property

@@ -13,14 +13,13 @@ import numpy as np
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, octets_of, read_apart
 from plotfeed.models.state import Floats
 from plotfeed.models.terrain import ElevationTile, Ground, Walls
 from plotfeed.proto.errors import PlotfeedError
 
 HGT_NAME = re.compile(r"([NS])(\d{2})([EW])(\d{3})", re.IGNORECASE)
 HGT_VOID = -32768
-MAX_SAMPLES = 200_000_000  # Of a raster: 14 tiles of 1 arc second
-MAX_GEOJSON_OCTETS = 512 << 20
 
 
 def ground_of(scene: Scene) -> Ground | None:
@@ -36,27 +35,27 @@ def ground_of(scene: Scene) -> Ground | None:
 
 
 def _tile(path: Path, name: str) -> ElevationTile:
-    if path.suffix.lower() == ".hgt":
-        return _of_hgt(path, name)
-    if path.suffix.lower() in {".tif", ".tiff"}:
-        return _of_geotiff(path, name)
+    try:
+        if path.suffix.lower() == ".hgt":
+            return _of_hgt(octets_of(path, "SRTM tile"), name)
+        if path.suffix.lower() in {".tif", ".tiff"}:
+            return _of_geotiff(path, name)
+    except PlotfeedError as error:
+        raise PlotfeedError(f"{path}: {error}") from None
     raise PlotfeedError(f"terrain.elevation: {name!r}: expected a name that ends in .hgt or .tif")
 
 
-def _of_hgt(path: Path, name: str) -> ElevationTile:
+def _of_hgt(data: bytes, name: str) -> ElevationTile:
     """A tile of SRTM: a square degree of big-endian 16-bit metres, its corners included."""
     corner = HGT_NAME.search(Path(name).name)
     if corner is None:
         raise PlotfeedError(
             f"terrain.elevation: {name!r}: expected a name such as N40W004.hgt, the tile's corner"
         )
-    try:
-        samples = np.fromfile(path, ">i2")
-    except OSError as error:
-        raise PlotfeedError(f"{path}: {error.strerror}") from None
+    samples = np.frombuffer(data[: len(data) // 2 * 2], ">i2")
     side = round(len(samples) ** 0.5)
     if side < 2 or side * side != len(samples):
-        raise PlotfeedError(f"{path}: expected a square of 16-bit heights, not {len(samples)}")
+        raise PlotfeedError(f"expected a square of 16-bit heights, not {len(samples)}")
     north, east = corner[1].upper() == "N", corner[3].upper() == "E"
     south_deg = float(corner[2]) * (1 if north else -1)
     return ElevationTile(
@@ -71,30 +70,15 @@ def _of_hgt(path: Path, name: str) -> ElevationTile:
 
 def _of_geotiff(path: Path, name: str) -> ElevationTile:
     """The first band of a GeoTIFF, by latitude and longitude, whatever its projection."""
-    need_extra("rasterio", f"terrain.elevation: {name!r}", "terrain")
-    import rasterio
-    from rasterio.vrt import WarpedVRT
-
-    try:
-        with (
-            rasterio.open(path) as source,
-            WarpedVRT(source, crs="EPSG:4326", resampling=rasterio.enums.Resampling.bilinear) as on,
-        ):
-            if on.width * on.height > MAX_SAMPLES:
-                raise PlotfeedError(
-                    f"{path}: {on.width} by {on.height} samples: at most {MAX_SAMPLES} are taken"
-                )
-            heights_m = on.read(1, masked=True).filled(np.nan)
-            place = on.transform
-    except (rasterio.errors.RasterioError, rasterio.errors.RasterioIOError, ValueError) as error:
-        why = str(error).splitlines()[0]
-        raise PlotfeedError(f"{path}: not a GeoTIFF with a place on Earth: {why}") from None
+    need_extra("rasterio", f"terrain.elevation: {name!r}", "terrain", load=False)
+    found = read_apart("GeoTIFF", path)
+    column_step_deg, _, west_deg, _, row_step_deg, north_deg = found["place"]
     return ElevationTile(
-        heights_m=heights_m,
-        north_deg=place.f + place.e / 2,
-        west_deg=place.c + place.a / 2,
-        row_step_deg=-place.e,
-        column_step_deg=place.a,
+        heights_m=found["heights_m"],
+        north_deg=north_deg + row_step_deg / 2,
+        west_deg=west_deg + column_step_deg / 2,
+        row_step_deg=-row_step_deg,
+        column_step_deg=column_step_deg,
     )
 
 
@@ -119,19 +103,22 @@ def walls_of(scene: Scene, ground: Ground | None) -> Walls | None:
 def _footprints(path: Path, name: str, key: str) -> Iterator[tuple[Floats, float]]:
     """Rings of footprints and how high each stands."""
     try:
-        if path.stat().st_size > MAX_GEOJSON_OCTETS:
-            raise PlotfeedError(f"{path}: larger than {MAX_GEOJSON_OCTETS >> 20} MiB")
-        tree = json.loads(path.read_bytes())
-    except OSError as error:
-        raise PlotfeedError(f"{path}: {error.strerror}") from None
+        tree = json.loads(octets_of(path, "GeoJSON"))
+    except PlotfeedError as error:
+        raise PlotfeedError(f"{path}: {error}") from None
     except (ValueError, RecursionError):
         raise PlotfeedError(f"{path}: not JSON") from None
     features = tree.get("features") if isinstance(tree, dict) else None
     if not isinstance(features, list):
         raise PlotfeedError(f"{path}: expected GeoJSON, an object with features")
+    corners = 0
     for number, feature in enumerate(features):
         where = f"terrain.buildings: {name!r}: feature {number}"
         for ring in _rings(feature, where):
+            corners += len(ring)
+            if corners > FILE_LIMITS["GeoJSON"].count:
+                most = FILE_LIMITS["GeoJSON"].count
+                raise PlotfeedError(f"{path}: more than {most} corners, the most that are read")
             yield ring, _height(feature, key, where)
 
 

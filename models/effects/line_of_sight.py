@@ -8,9 +8,10 @@ d^2/2a (1 - 1/k), by d^2/8a at k = 4/3.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +28,9 @@ OPAQUE = 1e-20
 STEEPEST = 1e3  # Slope of what stands at the very place
 APART_M = 4e6  # Between azimuths, on the one axis on which horizons are searched
 NEAREST_M = 0.5
-AT_ONCE = 1 << 19  # Samples of the ground that are worked out together
+AT_ONCE = 1 << 19  # Samples of the ground, or crossings, that are worked out together
+# Of rays and walls about one place; the houses of a whole city are some millions.
+MOST_CROSSINGS = 1 << 25
 HORIZONTAL_M = 1e-3
 
 
@@ -96,15 +99,25 @@ def raise_per_m2(k: float) -> float:
 def horizon_of(
     frame: LocalFrame, ground: Ground | None, walls: Walls | None, settings: HorizonSettings
 ) -> Horizon:
-    """The horizon of a place by the ground, heights above the ellipsoid, and walls."""
+    """The horizon of a place by the ground, heights above the ellipsoid, and walls.
+
+    Raises `ValueError` where there are more walls about it than can be worked out.
+    """
     parts = []
     if ground is not None:
         parts += list(_steps_of_ground(frame, ground, settings))
     if walls is not None and len(walls):
-        parts.append(_crossings(frame, walls, settings))
+        parts += [_staircase(some) for some in _crossings(frame, walls, settings)]
     if not parts:
         parts = [(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))]
-    azimuth, distance_m, slope = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    columns = zip(*parts, strict=True)
+    azimuth, distance_m, slope = _staircase(tuple(np.concatenate(c) for c in columns))
+    return Horizon(settings.azimuths, azimuth, _single(distance_m), _single(slope))
+
+
+def _staircase(steps: tuple[Any, ...]) -> tuple[Ints, Floats, Floats]:
+    """Steps that stand above all before them, in the order of azimuth and distance."""
+    azimuth, distance_m, slope = steps
     order = np.lexsort((distance_m, azimuth))
     azimuth, distance_m, slope = azimuth[order], distance_m[order], slope[order]
     # Azimuths apart by more than slopes ever are: one running maximum is that of each.
@@ -112,9 +125,7 @@ def horizon_of(
     highest = np.maximum.accumulate(shifted) if len(shifted) else shifted
     is_step = np.ones(len(shifted), np.bool_)
     is_step[1:] = highest[1:] > highest[:-1]
-    return Horizon(
-        settings.azimuths, azimuth[is_step], _single(distance_m[is_step]), _single(slope[is_step])
-    )
+    return azimuth[is_step], distance_m[is_step], slope[is_step]
 
 
 def _single(values: Floats) -> Floats:
@@ -149,11 +160,13 @@ def _steps_of_ground(
     return found
 
 
-@nan_without_warnings
 def _crossings(
     frame: LocalFrame, walls: Walls, settings: HorizonSettings
-) -> tuple[Ints, Floats, Floats]:
-    """Where rays from a place cross walls: so a ray is compared where it enters and leaves."""
+) -> Iterator[tuple[Ints, Floats, Floats]]:
+    """Where rays from a place cross walls: so a ray is compared where it enters and leaves.
+
+    Some walls at a time; raises `ValueError` where there are too many crossings.
+    """
     start, end = frame.from_ecef(walls.from_ecef_m), frame.from_ecef(walls.to_ecef_m)
     per_deg = settings.azimuths / 360
     from_deg, to_deg = (np.degrees(np.arctan2(p[:, 0], p[:, 1])) for p in (start, end))
@@ -162,6 +175,18 @@ def _crossings(
     first = np.ceil(low_deg * per_deg - 0.5).astype(np.int64)
     last = np.ceil((low_deg + np.abs(turn_deg)) * per_deg - 0.5).astype(np.int64)
     count = last - first
+    if count.sum() > MOST_CROSSINGS:
+        raise ValueError(f"walls are crossed {count.sum()} times, at most {MOST_CROSSINGS}")
+    group = np.cumsum(count) // AT_ONCE
+    for some in np.split(np.arange(len(count)), np.flatnonzero(np.diff(group)) + 1):
+        yield _crossed(start[some], end[some], first[some], count[some], settings)
+
+
+@nan_without_warnings
+def _crossed(
+    start: Floats, end: Floats, first: Ints, count: Ints, settings: HorizonSettings
+) -> tuple[Ints, Floats, Floats]:
+    """Azimuths, distances and slopes where each of those walls is crossed by `count` rays."""
     wall = np.repeat(np.arange(len(count)), count)
     number = first[wall] + np.arange(len(wall)) - (np.cumsum(count) - count)[wall]
     angle = (number + 0.5) * (2 * np.pi / settings.azimuths)

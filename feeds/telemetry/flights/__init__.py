@@ -10,18 +10,19 @@ from pathlib import Path
 
 from plotfeed.feeds.telemetry.flights.autopilot_logs import (
     RECORD_START,
-    ULOG_START,
     looks_like_tlog,
     read_dataflash,
     read_tlog,
     read_ulog,
 )
-from plotfeed.feeds.telemetry.flights.flight import MAX_OCTETS, Flight, FlightOptions, GpsOrder, Log
+from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, GpsOrder, Log
 from plotfeed.feeds.telemetry.flights.markup import read_gpx, read_kml
 from plotfeed.feeds.telemetry.flights.nmea import LOOKS_LIKE, read_nmea
 from plotfeed.feeds.telemetry.flights.smoothed import smoothed
 from plotfeed.feeds.telemetry.flights.srt import read_srt
 from plotfeed.feeds.telemetry.flights.table import read_table
+from plotfeed.feeds.telemetry.foreign_files import octets_of
+from plotfeed.feeds.telemetry.foreign_readers import ULOG_START
 from plotfeed.proto.errors import PlotfeedError
 
 EXPORTERS = "Airdata, PhantomHelp or Flight Reader"
@@ -47,9 +48,7 @@ BY_SUFFIX: Mapping[str, Reader] = {
 }
 
 
-def read(
-    path: str | Path, options: FlightOptions | None = None, *, max_octets: int = MAX_OCTETS
-) -> Flight:
+def read(path: str | Path, options: FlightOptions | None = None) -> Flight:
     """The flight in a log of DJI, ArduPilot, MAVLink, PX4, a receiver, or in a table, GPX or KML.
 
     The options say what the file does not. Records that are damaged, out of order or implausible
@@ -61,26 +60,17 @@ def read(
     try:
         if not abs(options.utc_offset_h) <= 24:
             raise PlotfeedError(f"UTC offset is {options.utc_offset_h:g} h; expected -24 to 24")
-        data = _octets(path, max_octets)
+        data = octets_of(path, "other flight")
+        if not data.strip():
+            raise PlotfeedError("empty file")
         log = Log()
         _reader(path, data)(data, options, log)
         return log.flight(path.stem, options.max_speed_m_s)
     except PlotfeedError as error:
         raise PlotfeedError(" ".join(f"{path}: {error}".split())) from error
-
-
-def _octets(path: Path, max_octets: int) -> bytes:
-    try:
-        with path.open("rb") as file:
-            data = file.read(max_octets + 1)
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else None
-        raise PlotfeedError(f"cannot be read: {why or error}") from error
-    if len(data) > max_octets:
-        raise PlotfeedError(f"larger than {max_octets} octets, the most that is read")
-    if not data.strip():
-        raise PlotfeedError("empty file")
-    return data
+    except Exception as error:  # of strangers' data, whatever it is
+        broken = f"{path}: no reader foresaw what is in it: {type(error).__name__}"
+        raise PlotfeedError(broken) from error
 
 
 def _reader(path: Path, data: bytes) -> Reader:

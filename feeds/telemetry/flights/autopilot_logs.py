@@ -10,13 +10,11 @@ the estimator are taken, or of the receiver where it logged no others.
 
 from __future__ import annotations
 
-import io
 import math
 import struct
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -25,6 +23,8 @@ import numpy as np
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
+from plotfeed.feeds.telemetry.foreign_files import read_apart
+from plotfeed.feeds.telemetry.foreign_readers import ESTIMATE, OLD_PLACE, RECEIVERS
 from plotfeed.feeds.telemetry.position_report import over_ground
 from plotfeed.models.state import AltitudeReference, Floats
 from plotfeed.proto.errors import PlotfeedError
@@ -282,23 +282,21 @@ def looks_like_tlog(data: bytes) -> bool:
     return after >= len(data) or data[after] in (MAGIC_V1, MAGIC_V2)
 
 
-ULOG_START = b"ULog\x01\x12\x35"
-HEADER_OCTETS, MESSAGE_HEAD_OCTETS = 16, 3
-# Of messages, as https://docs.px4.io/main/en/dev_log/ulog_file_format.html lists them.
-KINDS = frozenset(bytes([octet]) for octet in b"BFIMPQARDLCSO")
-ESTIMATE = "vehicle_global_position"
-RECEIVERS = ("vehicle_gps_position", "sensor_gps")
 US_NS = 1000
 # 2001: a receiver that has no time yet says 0, or the beginning of its own.
 EARLIEST_UTC_US = 10**15
 
-OLD_PLACE, PLACE = ("lat", "lon", "alt"), ("latitude_deg", "longitude_deg", "altitude_msl_m")
 Rows = dict[str, Any]  # Columns of a topic, by name; arrays (n,)
 
 
 def read_ulog(data: bytes, options: FlightOptions, log: Log) -> None:
     """Take every position from the first three-dimensional fix on."""
-    topics = _topics(data, log)
+    need_extra("pyulog", "ULog", "ulog", load=False)
+    found = read_apart("ULog", data)
+    topics: dict[str, Rows] = found["topics"]
+    if found["end"] < len(data):
+        octets = len(data) - found["end"]
+        log.skip(f"offset {found['end']}", f"{octets} octets that are no whole message")
     receiver = next((topics[name] for name in RECEIVERS if name in topics), None)
     estimate = topics.get(ESTIMATE)
     rows = receiver if estimate is None else estimate
@@ -329,52 +327,6 @@ def read_ulog(data: bytes, options: FlightOptions, log: Log) -> None:
                     if math.isfinite(column[i]) and column[i] >= 0
                 },
             )
-
-
-def _topics(data: bytes, log: Log) -> dict[str, Rows]:
-    """The first instance of each topic that has positions."""
-    need_extra("pyulog", "ULog", "ulog")
-    from pyulog import ULog
-
-    whole = _wanted_messages(data, log)
-    try:
-        with redirect_stdout(io.StringIO()):  # the library prints what it thinks of a file
-            found = ULog(io.BytesIO(whole), [ESTIMATE, *RECEIVERS])
-    except Exception as error:  # ULogException mostly; others where a definition is damaged
-        line = " ".join(str(error).split())[:200] or type(error).__name__
-        raise PlotfeedError(f"not a ULog file that can be read: {line}") from error
-    topics: dict[str, Rows] = {}
-    for each in found.data_list:
-        rows = each.data
-        has_place = any({"timestamp", *names} <= rows.keys() for names in (OLD_PLACE, PLACE))
-        if has_place and len(rows["timestamp"]) and each.name not in topics:
-            topics[each.name] = rows
-    return topics
-
-
-def _wanted_messages(data: bytes, log: Log) -> bytes:
-    """The log with its whole messages of wanted topics alone, up to the first that is damaged.
-
-    The library seeks in what is damaged, for ever where it is cut short, and is slow in the rest.
-    """
-    parts, at, wanted = [data[:HEADER_OCTETS]], HEADER_OCTETS, set[bytes]()
-    while at + MESSAGE_HEAD_OCTETS <= len(data):
-        kind = data[at + 2 : at + 3]
-        body = at + MESSAGE_HEAD_OCTETS
-        end = body + int.from_bytes(data[at : at + 2], "little")
-        if kind not in KINDS or end > len(data):
-            break
-        if kind == b"B" and any(data[body + 8 : body + 16].lstrip(b"\x01")):
-            raise PlotfeedError("a ULog file with flags that nobody knows: it cannot be read")
-        if kind == b"A" and data[body + 3 : end].decode("latin-1") in (ESTIMATE, *RECEIVERS):
-            wanted.add(data[body + 1 : body + 3])
-            parts.append(data[at:end])
-        elif kind == b"F" or (kind == b"D" and data[body : body + 2] in wanted):
-            parts.append(data[at:end])
-        at = end
-    if at < len(data):
-        log.skip(f"offset {at}", f"{len(data) - at} octets that are no whole message")
-    return b"".join(parts)
 
 
 def _positions(rows: Rows) -> tuple[Floats, Floats, Floats]:

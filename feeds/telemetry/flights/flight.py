@@ -14,13 +14,14 @@ from typing import Any, Literal
 import numpy as np
 
 from plotfeed.feeds.telemetry.admission import CONFIRM_NS, CONFIRM_REPORTS, MAX_SPEED_M_S, reach_m
+from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused, check
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
-MAX_OCTETS = 256 * 1024 * 1024
+MOST = FILE_LIMITS["other flight"].count
 MAX_SKIPPED = 10_000  # Lines kept on records that were not taken; the rest are only counted
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MAX_CHAINS = 16
@@ -97,6 +98,8 @@ class Log:
 
         Skipped if a value is out of range.
         """
+        if len(self.found) >= MOST:
+            raise PlotfeedError(f"more than {MOST} records, the most that are read")
         if not any(place):
             self.skip(where, "position 0, 0: no GPS fix")
             return

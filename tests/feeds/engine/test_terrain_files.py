@@ -66,7 +66,7 @@ def test_a_geotiff_in_any_projection_is_the_same_ground(tmp_path: Path) -> None:
     found = ground.height_m(HERE[0] + offsets, HERE[1] + 0 * offsets)
     np.testing.assert_allclose(found, [700.0, 700.0, 900.0, 900.0])
     (tmp_path / "no.tif").write_bytes(b"II*\0nothing")
-    with pytest.raises(PlotfeedError, match=r"no\.tif: not a GeoTIFF with a place on Earth"):
+    with pytest.raises(PlotfeedError, match=r"no\.tif: not a GeoTIFF file that can be read"):
         ground_of(named(tmp_path, elevation=["no.tif"]))
 
 

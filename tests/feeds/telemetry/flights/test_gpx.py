@@ -13,7 +13,6 @@ from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
-pytest.importorskip("gpxpy")
 HEAD = (
     '<?xml version="1.0"?><gpx version="1.1" creator="t" xmlns="http://www.topografix.com/GPX/1/1">'
 )
