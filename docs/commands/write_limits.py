@@ -32,8 +32,8 @@ def text() -> str:
             *table(("door", ">peers at a time", ">octets at once", "patience"), peers),
             "",
             f"Live sources have {share:.0%} of the time, {1000 * AT_ONCE_S:g} ms at once;",
-            f"{MAX_OF_TOPIC} datagrams of a peer, or {MAX_OF_TOPIC} times {SLICE_OCTETS} octets of a "
-            "stream, wait for their turn.",
+            f"{MAX_OF_TOPIC} datagrams of a peer, or {MAX_OF_TOPIC} times {SLICE_OCTETS} octets of "
+            "a stream, wait for their turn.",
         ]
     )
 
