@@ -3,10 +3,8 @@ FROM python:3.11-slim AS build
 WORKDIR /src
 RUN python -m venv /opt/plotfeed
 ENV PATH=/opt/plotfeed/bin:$PATH PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
-COPY requirements/run.txt requirements/broker.txt requirements/
+COPY requirements/run.txt requirements/
 RUN pip install --require-hashes --requirement requirements/run.txt
-RUN pip install --require-hashes --requirement requirements/broker.txt --only-binary iotcore || \
-    echo 'no embedded broker for this machine: demo and run need --broker mqtt://HOST:PORT'
 COPY pyproject.toml README.md LICENSE ./
 COPY feeds feeds
 COPY models models

@@ -58,8 +58,6 @@ audit: .venv-audit/.ready
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements/uv.txt
 	$(INSTALL)/run.txt
-	$(INSTALL)/broker.txt --only-binary iotcore || \
-	echo 'no embedded broker for this machine: demo and run need --broker mqtt://HOST:PORT'
 	$(UV) install --python $(BIN)/python $(OURSELVES)
 	touch $@
 

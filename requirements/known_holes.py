@@ -15,7 +15,7 @@ def main() -> int:
     """1 if there are any; where the database is not reached, says so and finds none."""
     asked = unasked = 0
     holes = []
-    for list_ in ("run.txt", "broker.txt", "fleet.txt", "test.txt", "test-page.txt"):
+    for list_ in ("run.txt", "fleet.txt", "test.txt", "test-page.txt"):
         pip_audit = [sys.executable, "-m", "pip_audit", *ASK, "--requirement", str(HERE / list_)]
         done = subprocess.run(pip_audit, capture_output=True, text=True, check=False)  # noqa: S603
         if not done.stdout:

@@ -16,8 +16,7 @@ HERE = Path(__file__).parent
 UV = Path(sys.executable).with_name("uv")
 PYPROJECT = "pyproject.toml"
 EXTRAS = (
-    *("mavlink", "geoid", "terrain", "charts", "sapient", "metrics", "page"),
-    *("parquet", "broker"),
+    *("mavlink", "geoid", "terrain", "charts", "sapient", "metrics", "page", "parquet"),
 )
 BUILD = "setuptools>=77\n"
 """The package is built in the environment itself, with nothing that has no hash."""
@@ -50,7 +49,7 @@ def main() -> None:
     compiled("test", [PYPROJECT], *extras("test"), *usual, lines=BUILD)
     compiled("run", [PYPROJECT], *extras("page"), *SAME, *usual, lines=BUILD)
     optional = tomllib.loads((HERE.parent / PYPROJECT).read_text())["project"]
-    for extra in ("broker", "fleet", "fuzz", "test-asterix", "test-page"):
+    for extra in ("fleet", "fuzz", "test-asterix", "test-page"):
         lines = "\n".join(optional["optional-dependencies"][extra])
         compiled(extra, [], *SAME, *usual, lines=lines)
     for listed in HERE.glob("*.in"):

@@ -89,7 +89,7 @@ def test_a_client_puts_plots_where_the_drone_flies(
     client: str, radar_and_port: tuple[Running, int]
 ) -> None:
     session, udp = radar_and_port
-    mqtt, program = str(session.port("MQTT 3.1.1")), str(EXAMPLES / client)
+    mqtt, program = str(session.port("MQTT")), str(EXAMPLES / client)
     if client == "plots.mjs":
         node_module("mqtt")
         command = [needed("node"), program, f"mqtt://127.0.0.1:{mqtt}"]
@@ -173,7 +173,7 @@ def test_a_tracker_under_test_follows_the_drone(
         not TRACKERS[tracker] and subprocess.run([python, "-c", needed], check=False).returncode
     ):
         pytest.skip("Stone Soup is not installed, with paho-mqtt and plotfeed, in .venv-stonesoup")
-    port = radar_and_port[0].port("MQTT 3.1.1")
+    port = radar_and_port[0].port("MQTT")
     topic, site = f"under-test/{tracker}", LocalFrame(40.45, -3.73, 650.0)
 
     def follows(heard: MqttMessage) -> bool:

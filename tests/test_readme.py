@@ -50,7 +50,7 @@ def test_the_client_that_is_printed_hears_records(demo: Running, tmp_path: Path)
     (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     assert '"127.0.0.1", 1883' in code
     client = tmp_path / "client.py"
-    client.write_text(code.replace("1883", str(demo.port("MQTT 3.1.1"))))
+    client.write_text(code.replace("1883", str(demo.port("MQTT"))))
     # With asterix-decoder and paho alone: libasterix, which is beside paho, has its name.
     (tmp_path / "paho").symlink_to(Path(paho.__path__[0]), target_is_directory=True)
     process = subprocess.Popen(

@@ -162,7 +162,7 @@ def test_a_session_a_flight_and_a_recorder_meet_and_ctrl_c_ends_them(
 ) -> None:
     command, udp = ("-m", "plotfeed.feeds.cli"), free_port()
     with started(poorer, *command, "run", SCENE, "--page", free_port()) as session:
-        url = introduced(session)["MQTT 5"]
+        url = introduced(session)["MQTT"]
         heard, datagrams = tmp_path / "heard.mcap", tmp_path / "datagrams.mcap"
         with (
             started(poorer, *command, "record", f"{url}/#", heard, "--count", 200) as recorder,

@@ -56,18 +56,32 @@ def _origin(text: str) -> str:
 Origin = Annotated[str, AfterValidator(_origin)]
 
 
-class EmbeddedBrokerKeys(SceneTable):
-    """The broker that a session brings, a process for each version of MQTT, and what it bears."""
+def _ip_address(value: str) -> str:
+    try:
+        return str(ipaddress.ip_address(value))
+    except ValueError:
+        raise ValueError("expected an address such as 127.0.0.1 or 0.0.0.0") from None
 
+
+class EmbeddedBrokerKeys(SceneTable):
+    """The broker that a session brings, for MQTT 3.1.1 and 5, and what it bears."""
+
+    host: Annotated[str, AfterValidator(_ip_address)] = "127.0.0.1"
+    """Where it is heard; 0.0.0.0 for every address of the machine. Beyond loopback it asks for
+    names and passwords."""
+    users: bool = False
+    """Whether it asks for them on loopback too."""
     websocket_origins: Annotated[tuple[Origin, ...], Field(strict=False)] | None = None
     """Web pages that may use MQTT over WebSocket, as http://localhost:5173; without this key there
     is no WebSocket."""
-    max_memory_mib: Annotated[int, Field(ge=64, le=1_048_576)] = 512
-    """Of each process, on Linux; one that takes more is started anew, without retained messages."""
+    max_memory_mib: Annotated[int, Field(ge=1, le=1_048_576)] = 512
+    """Of messages that it keeps: what is retained, and what waits for slow clients."""
     max_connections: Annotated[int, Field(ge=10, le=100_000)] = 1000
-    """Of each version of MQTT at a time."""
+    """At a time."""
     max_payload_octets: Annotated[int, Field(ge=65_536, le=256 << 20)] = 1 << 20
     """Of a message; who sends a larger one is cut off."""
+    max_messages_per_s: Annotated[int, Field(ge=10, le=1_000_000)] = 50_000
+    """Of a client; what it publishes beyond that is read later."""
 
 
 def _prefix(value: str) -> str:
@@ -85,9 +99,9 @@ class Mqtt(SceneTable):
     """First level or levels of every topic."""
     broker: str | None = None
     """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
-    port: Annotated[int, Field(ge=1, le=65533)] = USUAL_PORT
-    """Of the embedded broker: MQTT 3.1.1 here, 5 on the next, WebSocket on the one after. If it is
-    taken: an error, or without this key another port."""
+    port: Annotated[int, Field(ge=1, le=65534)] = USUAL_PORT
+    """Of the embedded broker; WebSocket is on the next. If it is taken: an error, or without this
+    key another port."""
     version: Literal["5", "3.1.1", "any"] = "any"
     """Of MQTT, with a broker of your own; any tries 5 first."""
     qos: Literal[0, 1] = 0

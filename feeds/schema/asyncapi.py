@@ -82,12 +82,12 @@ def document() -> dict[str, Any]:
 def _servers() -> dict[str, Any]:
     embedded = "The embedded broker's usual port, on loopback; `plotfeed run` tells others."
     return {
-        "embedded5": _server("127.0.0.1:1884", "mqtt", "5.0", embedded),
+        "embedded5": _server("127.0.0.1:1883", "mqtt", "5.0", embedded),
         "embedded3": _server("127.0.0.1:1883", "mqtt", "3.1.1", embedded),
         "browsers": {
-            "host": "127.0.0.1:1885",
+            "host": "127.0.0.1:1884",
             "protocol": "ws",
-            "description": "MQTT 3.1.1 over WebSocket, subprotocol mqtt, for the pages that "
+            "description": "MQTT over WebSocket, subprotocol mqtt, for the pages that "
             f"mqtt.embedded.websocket_origins names. {embedded}",
         },
         "yours": {

@@ -35,10 +35,12 @@ class MqttReceiver:
     it is at the end of a `with`.
     """
 
-    def __init__(self, port: int, version: int, *filters: str) -> None:
+    def __init__(
+        self, port: int, version: int, *filters: str, user: tuple[str, str] | None = None
+    ) -> None:
         """`version` is 4 for MQTT 3.1.1 and 5 for MQTT 5; `filters` are those of topics.
 
-        Raises `OSError` where no broker answers.
+        `user` is a name and its password. Raises `OSError` where no broker answers, or it refuses.
         """
         self.version = version
         self.heard: list[MqttMessage] = []  # All that came, in order
@@ -46,7 +48,7 @@ class MqttReceiver:
         self._news = threading.Condition()
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
         try:
-            self._greet()
+            self._greet(user)
             for i, topic_filter in enumerate(filters):
                 self._send(0x82, _u16(i + 1) + self._none() + _text(topic_filter) + b"\x01")
                 while (got := self._packet())[0] != 0x90:
@@ -63,12 +65,17 @@ class MqttReceiver:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _greet(self) -> None:
-        flags, keep_alive_s = 0x02, 60
+    def _greet(self, user: tuple[str, str] | None) -> None:
+        flags, keep_alive_s = 0x02 if user is None else 0xC2, 60
         name = _text(f"test-{uuid4().hex[:12]}")
         self._send(
             0x10,
-            _text("MQTT") + bytes([self.version, flags]) + _u16(keep_alive_s) + self._none() + name,
+            _text("MQTT")
+            + bytes([self.version, flags])
+            + _u16(keep_alive_s)
+            + self._none()
+            + name
+            + b"".join(map(_text, user or ())),
         )
         kind, answer = self._packet()
         if (kind, answer[1]) != (0x20, 0):

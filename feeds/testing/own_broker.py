@@ -16,12 +16,13 @@ FIRST_PORT = 18_830  # Others where this one, or the next, is taken
 def broker(port: int = FIRST_PORT) -> Iterator[Ports]:
     """Ports of a broker that is there until the end of the `with`; raises `BrokerError`.
 
-    `mqtt5` is for MQTT 5, `mqtt3` for MQTT 3.1.1, on loopback alone. Each is a broker for itself: a
-    session publishes to the one that it is given.
+    It speaks MQTT 3.1.1 and 5.0 on `mqtt`, on loopback alone.
     """
     with ThreadPoolExecutor(1) as thread:  # whoever calls may have an event loop that runs
-        own = thread.submit(lambda: asyncio.run(EmbeddedBroker.start(port))).result()
-    try:
-        yield own.ports
-    finally:
-        own.stop()
+        loop = thread.submit(asyncio.Runner).result()
+        own = thread.submit(loop.run, EmbeddedBroker.start(port)).result()
+        try:
+            yield own.ports
+        finally:
+            thread.submit(loop.run, own.stop()).result()
+            thread.submit(loop.close).result()

@@ -1,7 +1,8 @@
-"""What runs in the child processes of the embedded broker: iotcore's broker, or its WebSocket.
+"""The process of the embedded broker: its sockets, and the WebSocket where there is one.
 
-Run as a module with its orders in JSON. It serves until its standard input closes, which it does
-when the parent ends, however that ends, and leaves no file behind.
+Run as a module; the first line of its standard input is its orders in JSON. It serves until that
+ends, which it does when the parent ends, however that ends, and leaves no file behind. What there
+is to tell of clients is a line each on its standard output.
 """
 
 from __future__ import annotations
@@ -12,41 +13,33 @@ import http
 import json
 import os
 import signal
+import socket
 import sys
 import threading
-import time
-from collections.abc import Sequence
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, cast
 
 from plotfeed.feeds.console.posix import allow_many_files
-from plotfeed.feeds.transport.local_hosts import LOOPBACK, LOOPBACK_NAMES, name_in_host
+from plotfeed.feeds.transport.mqtt.broker import Broker, BrokerLimits, Connection, Rights, User
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
-OUT_OF_MEMORY = 70  # The exit code of one that took more memory than it may
-LOOK_EVERY_S = 0.1  # From one look at the memory to the next
-MIB = 1 << 20
-MEMORY = Path("/proc/self/statm")
-READ_OCTETS = 1 << 16
+TICK_S = 0.25
+MAX_UNSENT_OCTETS = 1 << 20  # That a connection has in hand; what is more waits in the broker
+MAX_BEHIND_OCTETS = 1 << 17  # The same, of the session, by the system too
+LINES_A_MINUTE = 30  # That are told; whoever comes again and again fills no log
+READY = "ready"  # The first line that is told
 
 
-def main(orders: dict[str, Any]) -> None:
+def main() -> None:
     """Serve what the orders say."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    orders = json.loads(sys.stdin.buffer.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
     allow_many_files()
-    if MEMORY.exists():
-        watched = (int(orders["max_memory_mib"]) * MIB,)
-        threading.Thread(target=_end_beyond, args=watched, daemon=True).start()
-    if "configuration" in orders:
-        _serve_mqtt(orders["configuration"])
-    else:
-        gate = _serve_websocket(orders["port"], orders["broker_port"], orders["origins"])
-        asyncio.run(gate)
+    asyncio.run(_serve(orders))
 
 
 def _end_with_parent() -> None:
@@ -54,69 +47,181 @@ def _end_with_parent() -> None:
     os._exit(0)
 
 
-def _end_beyond(octets: int) -> None:
-    page = os.sysconf("SC_PAGE_SIZE")
-    while int(MEMORY.read_text("ascii").split()[1]) * page <= octets:
-        time.sleep(LOOK_EVERY_S)
-    os._exit(OUT_OF_MEMORY)
+async def _serve(orders: dict[str, Any]) -> None:
+    loop, lines = asyncio.get_running_loop(), _Lines()
+    users = {
+        name: User(user["password"], Rights(**user["rights"]))
+        for name, user in orders["users"].items()
+    }
+    anonymous = Rights() if orders["anonymous"] else None
+    limits = BrokerLimits(**orders["limits"])
+    broker = Broker(limits, users, anonymous=anonymous, tell=lines.tell)
+    clients = set[_Client]()
+    await loop.create_server(
+        lambda: _Client(broker, orders, clients), orders["host"], orders["port"], backlog=1024
+    )
+    if orders["websocket"] is not None:
+        await _serve_websocket(broker, orders)
+    lines.tell(READY)
+    while True:
+        broker.tick(loop.time())
+        lines.tick(loop.time())
+        await asyncio.sleep(TICK_S)
 
 
-def _serve_mqtt(configuration: str) -> None:
-    from iotcore import IotCoreBroker
+class _Lines:
+    """What is told of clients, on standard output, not too much of it."""
 
-    with TemporaryDirectory(prefix="plotfeed-broker-") as folder:
-        path = Path(folder, "broker.toml")
-        path.write_text(configuration, encoding="utf-8")
-        broker = IotCoreBroker(config_path=str(path))  # it has read it now
-    broker.run_forever()
+    def __init__(self) -> None:
+        self._since_s, self._told = 0.0, 0
+
+    def tell(self, line: str) -> None:
+        self._told += 1
+        if self._told <= LINES_A_MINUTE:
+            print(line, flush=True)  # noqa: T201 - the parent reads it
+
+    def tick(self, now_s: float) -> None:
+        if now_s - self._since_s < 60:
+            return
+        more, self._since_s, self._told = self._told - LINES_A_MINUTE, now_s, 0
+        if more > 0:
+            self.tell(f"{more} more such lines in a minute")
 
 
-async def _serve_websocket(port: int, broker_port: int, origins: Sequence[str]) -> None:
-    """Pass on what comes over WebSocket, from pages of those origins and from who is no browser."""
+class _Client(asyncio.Protocol):
+    """A client's TCP connection. What it publishes beyond its rate is read later.
+
+    So is what all publish while the session has not taken what it was sent: it counts and tells
+    what it drops, and nothing is lost before.
+    """
+
+    def __init__(self, broker: Broker, orders: Mapping[str, Any], others: set[_Client]) -> None:
+        self._broker, self._others = broker, others
+        self._rate, self._trusted = orders["messages_per_s"], orders["trusted"]
+        self._loop = asyncio.get_running_loop()
+        self._unsent: list[bytes] = []
+        self._window_s, self._before = 0.0, 0
+        self._is_session = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast("asyncio.Transport", transport)
+        self._transport.set_write_buffer_limits(high=MAX_UNSENT_OCTETS)
+        self._connection: Connection = self._broker.connect(self._write, self._close)
+        self._others.add(self)
+
+    def data_received(self, data: bytes) -> None:
+        connection = self._connection
+        if connection.session is None:
+            connection.receive(data)
+            self._is_session = connection.user == self._trusted
+            if self._is_session:
+                # What waits for it should wait where it came from, in its own connection.
+                self._transport.set_write_buffer_limits(high=MAX_BEHIND_OCTETS)
+                of_kernel = self._transport.get_extra_info("socket")
+                of_kernel.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MAX_BEHIND_OCTETS)
+            return
+        connection.receive(data)
+        if connection.messages - self._before < self._rate or self._is_session:
+            return
+        now_s = self._loop.time()
+        wait_s = self._window_s + 1 - now_s
+        self._window_s, self._before = max(now_s, self._window_s + 1), connection.messages
+        if wait_s > 0:
+            self._transport.pause_reading()
+            self._loop.call_later(wait_s, self._read_on)
+
+    def _read_on(self) -> None:
+        self._connection.heard_s = self._loop.time()
+        if not self._transport.is_closing():
+            self._transport.resume_reading()
+
+    def pause_writing(self) -> None:
+        self._connection.resume(has_room=False)
+        if self._is_session:
+            for other in self._others - {self}:
+                other._transport.pause_reading()
+
+    def resume_writing(self) -> None:
+        self._connection.resume(has_room=True)
+        if self._is_session:
+            for other in self._others - {self}:
+                other._read_on()
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002
+        self._others.discard(self)
+        if self._is_session:
+            self.resume_writing()
+        self._connection.end()
+
+    def _write(self, octets: bytes) -> None:
+        if not self._unsent:
+            self._loop.call_soon(self._flush)
+        self._unsent.append(octets)
+
+    def _flush(self) -> None:
+        octets, self._unsent = b"".join(self._unsent), []
+        if not self._transport.is_closing():
+            self._transport.write(octets)
+
+    def _close(self) -> None:
+        self._flush()
+        self._transport.close()
+
+
+async def _serve_websocket(broker: Broker, orders: dict[str, Any]) -> None:
+    """MQTT in WebSocket, for pages of the origins named and for who is no browser."""
     from websockets.asyncio.server import serve
     from websockets.typing import Origin, Subprotocol
 
     async def pass_on(client: ServerConnection) -> None:
-        try:
-            reader, writer = await asyncio.open_connection(LOOPBACK, broker_port)
-        except OSError:
-            return  # which closes it
-        back = asyncio.create_task(_answers(reader, client))
-        try:
+        out = asyncio.Queue[bytes | None]()
+        waiting = 0
+
+        def write(octets: bytes) -> None:
+            nonlocal waiting
+            waiting += len(octets)
+            out.put_nowait(octets)
+            if waiting > MAX_UNSENT_OCTETS:
+                connection.resume(has_room=False)
+
+        async def send() -> None:
+            nonlocal waiting
+            while (octets := await out.get()) is not None:
+                await client.send(octets)
+                waiting -= len(octets)
+                if not connection.has_room and waiting < MAX_UNSENT_OCTETS // 2:
+                    connection.resume(has_room=True)
+            await client.close()
+
+        connection = broker.connect(write, lambda: out.put_nowait(None))
+        sending = asyncio.create_task(send())
+        with contextlib.suppress(Exception):  # its connection is lost
             async for data in client:
-                writer.write(data.encode() if isinstance(data, str) else data)
-                await writer.drain()
-        except OSError:
-            pass
-        finally:
-            back.cancel()
-            writer.close()
+                connection.receive(data.encode() if isinstance(data, str) else data)
+        connection.end()
+        sending.cancel()
 
     server = await serve(
         pass_on,
-        LOOPBACK,
-        port,
-        origins=[None, *map(Origin, origins)],
+        orders["host"],
+        orders["websocket"]["port"],
+        origins=[None, *map(Origin, orders["websocket"]["origins"])],
         subprotocols=[Subprotocol("mqtt")],
         compression=None,
-        process_request=_refusal,
+        max_size=orders["limits"]["payload_octets"] + (1 << 18),
+        process_request=_refusal if orders["on_loopback"] else None,
     )
-    await server.serve_forever()
-
-
-async def _answers(reader: asyncio.StreamReader, client: ServerConnection) -> None:
-    with contextlib.suppress(OSError):
-        while octets := await reader.read(READ_OCTETS):
-            await client.send(octets)
-    await client.close()
+    await server.start_serving()
 
 
 def _refusal(client: ServerConnection, request: Request) -> Response | None:
     """Answer those whose page has a name of its own for this machine."""
+    from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
+
     if name_in_host(request.headers.get("Host", "")) in LOOPBACK_NAMES:
         return None
     return client.respond(http.HTTPStatus.FORBIDDEN, "This is not the host that was asked for.\n")
 
 
 if __name__ == "__main__":
-    main(json.loads(sys.argv[1]))
+    main()

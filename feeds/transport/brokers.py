@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import socket
 from collections.abc import AsyncIterator
 
 from plotfeed.feeds.scene.output_keys import USUAL_PORT
@@ -29,21 +30,23 @@ async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]
         yield [address], {"MQTT": str(address)}
         return
     from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
+    from plotfeed.feeds.transport.local_hosts import LOOPBACK
 
+    keys = to.embedded
     embedded = await EmbeddedBroker.start(
-        to.port or USUAL_PORT, to.embedded, may_be_others=to.port is None
+        to.port or USUAL_PORT, keys, prefix=scene.mqtt.prefix, may_be_others=to.port is None
     )
     keeping_up = asyncio.create_task(embedded.keep_up(), name="embedded broker")
     try:
-        from plotfeed.feeds.transport.local_hosts import LOOPBACK
-
-        mqtt3 = BrokerAddress(LOOPBACK, embedded.ports.mqtt3, (4,), ends_with_us=True)
-        mqtt5 = BrokerAddress(LOOPBACK, embedded.ports.mqtt5, (5,), ends_with_us=True)
-        yield [mqtt5, mqtt3], embedded.ports.urls()
+        host = LOOPBACK if keys.host == "0.0.0.0" else keys.host  # noqa: S104  # nosec B104
+        own = BrokerAddress(
+            host, embedded.ports.mqtt, (5,), access=embedded.access, ends_with_us=True
+        )
+        yield [own], embedded.ports.urls(host if host == keys.host else socket.gethostname())
         await asyncio.sleep(LINGER_S)
     finally:
         keeping_up.cancel()
-        embedded.stop()
+        await embedded.stop()
 
 
 def broker_address(scene: Scene, url: str) -> BrokerAddress:

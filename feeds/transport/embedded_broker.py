@@ -1,8 +1,8 @@
-"""The embedded MQTT broker: iotcore's, in child processes, on loopback alone.
+"""The embedded MQTT broker: a process of its own, which speaks 3.1.1 and 5.0 on one port.
 
-MQTT 3.1.1 and MQTT 5 have a broker each, and a session publishes to both: in iotcore 0.4 a message
-with MQTT 5 properties cuts off every 3.1.1 client that has subscribed to it. Where a scene names
-web pages that may come, WebSocket has a process too, which knows them by their origins.
+It is plotfeed's (`transport/mqtt/broker.py`), as no broker that pip installs on every machine has
+both versions and users with rights. It is heard on loopback, or where the scene says; there its
+clients need names and passwords.
 """
 
 from __future__ import annotations
@@ -13,32 +13,32 @@ import json
 import logging
 import os
 import socket
-import subprocess  # nosec B404
 import sys
 import time
+from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections.abc import AsyncIterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from typing import Any, Self
 
 from plotfeed.feeds.console.posix import listen_again, lock, lock_of_user
+from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
-from plotfeed.feeds.transport.broker_process import OUT_OF_MEMORY
-from plotfeed.feeds.transport.local_hosts import LOOPBACK
+from plotfeed.feeds.transport.local_hosts import LOOPBACK, ServedAddress, drawn_token, fixed_token
+from plotfeed.feeds.transport.mqtt.address import BrokerAccess
+from plotfeed.feeds.transport.mqtt.broker import BrokerLimits, Rights, User
 from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
-# By then a child whose port somebody else took has ended, although that port answers.
-SETTLE_S = 0.1
 # So long a session that ended just now may still have the ports that a scene names.
 PORT_PATIENCE_S = 3.0
-LOOK_EVERY_S = 0.25  # From one look at the children to the next
-AGAIN_AFTER_S = 0.5  # A child that has ended is made anew no sooner
-SEGMENT_OCTETS = 1 << 20  # Of the broker's log, which keeps ten of them for each filter, in memory
+AGAIN_AFTER_S = 0.5  # A process that has ended is made anew no sooner
 ONE_OF_YOUR_OWN = "give the address of a broker of your own with --broker mqtt://HOST:PORT"
+SESSION_USER = "session"  # Its name at the broker, with a password that nobody else has
+PASSWORD_VARIABLE_OF = "PLOTFEED_BROKER_{}"  # noqa: S105 - its name  # nosec B105
 
 
 class BrokerError(PlotfeedError):
@@ -47,51 +47,76 @@ class BrokerError(PlotfeedError):
     exit_code = 1
 
 
+def rights_by_user(prefix: str) -> dict[str, Rights]:
+    """What each user of the embedded broker may publish and hear, by its name.
+
+    What drones report is as good as the truth, and so is heard by the one who may hear that alone.
+    """
+    secret = [f"{prefix}/truth", f"{prefix}/telemetry/#"]
+    answers = [f"{prefix}/session", f"{prefix}/errors", f"{prefix}/+/status"]
+    orders = [f"{prefix}/control", f"{prefix}/+/cue", f"{prefix}/+/sapient/task"]
+    return {
+        "telemetry": Rights([f"{prefix}/telemetry/+"], [*answers, f"{prefix}/+/description"]),
+        "control": Rights(orders, hears_not=secret),
+        # A tracker publishes what it makes of the plots, on topics that are not the session's.
+        "plots": Rights(publishes_not=[f"{prefix}/#"], hears_not=secret),
+        "truth": Rights([]),
+    }
+
+
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Where the broker listens: one port for each protocol that it speaks."""
+    """Where the broker listens."""
 
-    mqtt3: int
-    mqtt5: int
+    mqtt: int
     websocket: int | None = None
     # The ports that were wanted and are taken, by those that stand in for them.
     instead_of: Mapping[int, int] = field(default_factory=dict)
 
     def by_protocol(self) -> dict[str, int]:
         """All ports."""
-        ports = {"MQTT 3.1.1": self.mqtt3, "MQTT 5": self.mqtt5}
+        ports = {"MQTT": self.mqtt}
         return ports if self.websocket is None else {**ports, "WebSocket": self.websocket}
 
-    def urls(self) -> dict[str, str]:
+    def urls(self, host: str = LOOPBACK) -> dict[str, str]:
         """What to tell people, by protocol: an address, and what there is to say of it."""
         found = {}
         for protocol, port in self.by_protocol().items():
-            more = ["MQTT 3.1.1"] if port == self.websocket else []
-            more += [f"port {self.instead_of[port]} is taken"] if port in self.instead_of else []
             scheme = "ws" if port == self.websocket else "mqtt"
-            found[protocol] = f"{scheme}://{LOOPBACK}:{port}"
-            if more:
-                found[protocol] += f" ({'; '.join(more)})"
+            found[protocol] = f"{scheme}://{bracketed(host)}:{port}"
+            if port in self.instead_of:
+                found[protocol] += f" (port {self.instead_of[port]} is taken)"
         return found
 
 
 class EmbeddedBroker:
-    """Start it, use its ports, stop it."""
+    """Start it, use its ports and the session's access, keep it up, stop it."""
 
-    def __init__(self, ports: Ports, settings: EmbeddedBrokerKeys) -> None:
-        self.ports = ports
-        self._orders: dict[str, dict[str, Any]] = {
-            "MQTT 3.1.1": {"configuration": _configuration("v4.1", ports.mqtt3, settings)},
-            "MQTT 5": {"configuration": _configuration("v5.1", ports.mqtt5, settings)},
+    def __init__(self, ports: Ports, settings: EmbeddedBrokerKeys, prefix: str) -> None:
+        self.ports, self._settings = ports, settings
+        at_home = ServedAddress(settings.host).is_loopback
+        rights = rights_by_user(prefix)
+        self.users = {name: User(_password_of(name), may) for name, may in rights.items()}
+        own = User(drawn_token(), Rights())
+        known = {**self.users, SESSION_USER: own}
+        self.access = BrokerAccess(username=SESSION_USER, password=own.password)
+        limits = BrokerLimits(
+            settings.max_connections, settings.max_payload_octets, settings.max_memory_mib << 20
+        )
+        websocket = {"port": ports.websocket, "origins": settings.websocket_origins}
+        self.asks_for_names = settings.users or not at_home
+        self.orders: dict[str, Any] = {
+            "host": settings.host,
+            "port": ports.mqtt,
+            "websocket": None if ports.websocket is None else websocket,
+            "on_loopback": at_home,
+            "anonymous": not self.asks_for_names,
+            "users": {name: asdict(user) for name, user in known.items()},
+            "trusted": SESSION_USER,
+            "limits": asdict(limits),
+            "messages_per_s": settings.max_messages_per_s,
         }
-        if ports.websocket is not None:
-            self._orders["WebSocket"] = {
-                "port": ports.websocket,
-                "broker_port": ports.mqtt3,
-                "origins": settings.websocket_origins,
-            }
-        self._settings = settings
-        self._children = {name: self._child(name) for name in self._orders}
+        self._process: Process
 
     @classmethod
     async def start(
@@ -99,111 +124,99 @@ class EmbeddedBroker:
         preferred_port: int = 1883,
         settings: EmbeddedBrokerKeys | None = None,
         *,
+        prefix: str = "plotfeed",
         may_be_others: bool = True,
     ) -> Self:
-        """Listen on `preferred_port` and those after it; on free ones where they are taken.
+        """Listen on `preferred_port`, for WebSocket the one after; on free ones if taken.
 
         Raises `BrokerError` if they are taken and may not be others, or if it does not listen
-        within ten seconds, twice, or is not installed.
+        within ten seconds, twice.
         """
-        if not find_spec("iotcore"):
-            raise BrokerError(
-                "the embedded broker is not installed (extra broker, which is not there for every "
-                f"machine); {ONE_OF_YOUR_OWN}, or run without one: --broker none"
-            )
         settings = settings or EmbeddedBrokerKeys()
-        if settings.websocket_origins is not None and not find_spec("websockets"):
+        websocket = settings.websocket_origins is not None
+        if websocket and not find_spec("websockets"):
             key = "mqtt.embedded.websocket_origins"
             raise BrokerError(f"{key} needs more: pip install 'plotfeed[page]'")
-        websocket = settings.websocket_origins is not None
+        host = settings.host
         async with _no_other_session_starts():
             if not may_be_others:
-                await _wait_for_ports(preferred_port, websocket)
+                await _wait_for_ports(preferred_port, websocket, host)
             try:
-                return await cls._listening(free_ports(preferred_port, websocket), settings)
+                ports = free_ports(preferred_port, websocket, host)
+                return await cls._listening(ports, settings, prefix)
             except BrokerError:  # somebody may have taken a port that was free a moment ago
                 if not may_be_others:
                     raise
-                return await cls._listening(free_ports(preferred_port, websocket), settings)
+                ports = free_ports(preferred_port, websocket, host)
+                return await cls._listening(ports, settings, prefix)
 
     @classmethod
-    async def _listening(cls, ports: Ports, settings: EmbeddedBrokerKeys) -> Self:
-        broker = cls(ports, settings)
-        try:
-            await broker._wait_until_it_listens()
-        except BaseException:
-            broker.stop()
-            raise
+    async def _listening(cls, ports: Ports, settings: EmbeddedBrokerKeys, prefix: str) -> Self:
+        broker = cls(ports, settings, prefix)
+        await broker._begin()
+        if broker.asks_for_names:
+            names = ", ".join(f"{name} {user.password}" for name, user in broker.users.items())
+            log.warning("users of the embedded broker, each with its password: %s", names)
         return broker
 
-    def _child(self, name: str) -> subprocess.Popen[bytes]:
-        orders = {**self._orders[name], "max_memory_mib": self._settings.max_memory_mib}
-        return subprocess.Popen(  # noqa: S603 - our own command  # nosec B603
-            [sys.executable, "-m", "plotfeed.feeds.transport.broker_process", json.dumps(orders)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+    async def _begin(self) -> None:
+        """Start the process, and return when it listens."""
+        process = self._process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "plotfeed.feeds.transport.broker_process"),
+            stdin=PIPE,
+            stdout=PIPE,
+            stderr=DEVNULL,
             start_new_session=True,  # Ctrl-C is for us: the broker is still needed to say goodbye
         )
-
-    async def _wait_until_it_listens(self) -> None:
-        deadline = time.monotonic() + START_TIMEOUT_S
-        waiting = [*self.ports.by_protocol().values()]
-        while waiting:
-            self._check_children(in_time=time.monotonic() <= deadline)
-            with contextlib.suppress(OSError), socket.create_connection((LOOPBACK, waiting[0]), 1):
-                waiting.pop(0)
-                continue
-            await asyncio.sleep(0.01)
-        await asyncio.sleep(SETTLE_S)
-        self._check_children()
-
-    def _check_children(self, *, in_time: bool = True) -> None:
-        ended = any(child.poll() is not None for child in self._children.values())
-        if ended or not in_time:
+        assert process.stdin is not None  # noqa: S101 - for mypy
+        assert process.stdout is not None  # noqa: S101 - for mypy
+        try:
+            with contextlib.suppress(OSError, TimeoutError):
+                process.stdin.write(json.dumps(self.orders).encode() + b"\n")
+                async with asyncio.timeout(START_TIMEOUT_S):
+                    await process.stdin.drain()
+                    if (await process.stdout.readline()).strip() == b"ready":
+                        return
             raise BrokerError(
-                f"the embedded broker did not start on port {self.ports.mqtt3}; {ONE_OF_YOUR_OWN}"
+                f"the embedded broker did not start on port {self.ports.mqtt}; {ONE_OF_YOUR_OWN}"
             )
+        except BaseException:
+            await self.stop()
+            raise
 
     async def keep_up(self) -> None:
-        """Make a child anew that has ended, and say why it has, until cancelled."""
+        """Pass on what the broker tells of clients, and start it anew if it ends; never returns."""
         while True:
-            await asyncio.sleep(LOOK_EVERY_S)
-            for name, child in self._children.items():
-                if child.poll() is None:
-                    continue
-                why = f"exit code {child.returncode}"
-                if child.returncode == OUT_OF_MEMORY:
-                    most = self._settings.max_memory_mib
-                    why = f"it took more than {most} MiB, mqtt.embedded.max_memory_mib"
-                log.warning("the embedded broker of %s has ended (%s); it starts anew", name, why)
+            assert self._process.stdout is not None  # noqa: S101 - for mypy
+            while line := await self._process.stdout.readline():
+                log.warning("the embedded broker: %s", line.decode(errors="replace").strip())
+            code = await self._process.wait()
+            log.warning("the embedded broker has ended (exit code %s); it starts anew", code)
+            with contextlib.suppress(BrokerError):
                 await asyncio.sleep(AGAIN_AFTER_S)
-                _close(child)
-                self._children[name] = self._child(name)
+                await self._begin()
 
-    def stop(self) -> None:
-        """End the children."""
-        for child in self._children.values():
-            child.terminate()
-        for child in self._children.values():
-            try:
-                child.wait(STOP_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                child.kill()
-                child.wait()
-            _close(child)
+    async def stop(self) -> None:
+        """End the process."""
+        process = self._process
+        with contextlib.suppress(ProcessLookupError):
+            process.terminate()
+        try:
+            await asyncio.wait_for(process.wait(), STOP_TIMEOUT_S)
+        except TimeoutError:
+            process.kill()
+            await process.wait()
 
 
-def _close(child: subprocess.Popen[bytes]) -> None:
-    if child.stdin is not None:
-        child.stdin.close()
+def _password_of(user: str) -> str:
+    return fixed_token(os.environ, PASSWORD_VARIABLE_OF.format(user.upper())) or drawn_token()
 
 
-async def _wait_for_ports(first: int, websocket: bool) -> None:
+async def _wait_for_ports(first: int, websocket: bool, host: str) -> None:
     """Return when ports that a scene names are free; raises `BrokerError` if one stays taken."""
     deadline = time.monotonic() + PORT_PATIENCE_S
     while True:
-        ports = free_ports(first, websocket)
+        ports = free_ports(first, websocket, host)
         if not ports.instead_of:
             return
         if time.monotonic() > deadline:
@@ -212,7 +225,7 @@ async def _wait_for_ports(first: int, websocket: bool) -> None:
     instead = next(iter(ports.instead_of))
     protocol = next(name for name, port in ports.by_protocol().items() if port == instead)
     raise BrokerError(
-        f"mqtt.port = {first}: port {ports.instead_of[instead]} of {LOOPBACK}, for {protocol}, is "
+        f"mqtt.port = {first}: port {ports.instead_of[instead]} of {host}, for {protocol}, is "
         "taken; name another, or leave the key out to have any that is free"
     )
 
@@ -238,40 +251,19 @@ async def _no_other_session_starts() -> AsyncIterator[None]:
         yield
 
 
-def free_ports(preferred: int, websocket: bool = False) -> Ports:
-    """Ports that nobody listens on: the preferred and those after it, if they are free."""
+def free_ports(preferred: int, websocket: bool = False, host: str = LOOPBACK) -> Ports:
+    """Ports there that nobody listens on: the preferred and the next, if they are free."""
     found: list[int] = []
     instead_of = {}
     with contextlib.ExitStack() as held:
-        for wanted in range(preferred, preferred + 2 + websocket):
-            listener = held.enter_context(socket.socket())
+        for wanted in range(preferred, preferred + 1 + websocket):
+            family = socket.AF_INET6 if ":" in host else socket.AF_INET
+            listener = held.enter_context(socket.socket(family))
             listen_again(listener)
             try:
-                listener.bind((LOOPBACK, wanted))
+                listener.bind((host, wanted))
             except (OSError, OverflowError):
-                listener.bind((LOOPBACK, 0))
+                listener.bind((host, 0))
                 instead_of[listener.getsockname()[1]] = wanted
             found.append(listener.getsockname()[1])
-    return Ports(found[0], found[1], found[2] if websocket else None, instead_of)
-
-
-def _configuration(listener: str, port: int, settings: EmbeddedBrokerKeys) -> str:
-    """The broker's own settings: small segments, since its log keeps messages in memory."""
-    return f"""id = 0
-[router]
-id = 0
-max_connections = {settings.max_connections}
-max_outgoing_packet_count = 1000
-max_segment_size = {SEGMENT_OCTETS}
-max_segment_count = 10
-
-[{listener}]
-name = "{listener}"
-listen = "{LOOPBACK}:{port}"
-next_connection_delay_ms = 1
-[{listener}.connections]
-connection_timeout_ms = 10000
-max_payload_size = {settings.max_payload_octets}
-max_inflight_count = 500
-dynamic_filters = true
-"""
+    return Ports(found[0], found[1] if websocket else None, instead_of)

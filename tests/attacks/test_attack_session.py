@@ -90,7 +90,7 @@ def test_what_strangers_send_changes_no_plot(tmp_path: Path) -> None:
         *("run", scene, "--duration", DURATION_S, "--write", attacked),
         *("--page", page, "--metrics", metrics),
     ) as session:
-        (mqtt3, _), (mqtt5, _) = session.ports()
+        mqtt = session.port("MQTT")
 
         def again_and_again(attack: Callable[[], None]) -> None:
             while session.process.poll() is None:
@@ -99,9 +99,9 @@ def test_what_strangers_send_changes_no_plot(tmp_path: Path) -> None:
                 time.sleep(BREATH_S)
 
         attacks = [
-            lambda: at_the_broker(mqtt3, 4, rng),
-            lambda: at_the_broker(mqtt5, 5, rng),
-            lambda: at_the_sockets([page, metrics, mqtt3, mqtt5], rng),
+            lambda: at_the_broker(mqtt, 4, rng),
+            lambda: at_the_broker(mqtt, 5, rng),
+            lambda: at_the_sockets([page, metrics, mqtt], rng),
         ]
         attackers = [threading.Thread(target=again_and_again, args=(a,)) for a in attacks]
         for attacker in attackers:

@@ -58,7 +58,7 @@ async def _live(flight: GivenFlight, port: int) -> Live:
     injecting: list[asyncio.Task[tuple[int | None, str]]] = []
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
-        injecting.append(asyncio.create_task(_inject(flight, urls["MQTT 5"], totals, stop)))
+        injecting.append(asyncio.create_task(_inject(flight, urls["MQTT"], totals, stop)))
 
     sensor = {"id": "radar", "scan": staring(0.1)}
     scene = flight.scene(

@@ -19,6 +19,9 @@ from pathlib import Path
 from support.tools import needed
 from support.waiting import PATIENCE_S, wait_until
 
+from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
+from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker, Ports
+
 TOGETHER = 3  # Ports that an embedded broker takes, one after the other
 WORKERS = 20  # Of pytest-xdist, each with ports of its own: a port is free until it is listened on
 # Below those that systems give to whoever connects, who may take one before we listen on it.
@@ -118,35 +121,24 @@ def mosquitto_with(folder: Path, access: str) -> Iterator[int]:
 
 
 @contextmanager
-def rumqttd(
-    folder: Path, listeners: dict[str, tuple[str, int, str]]
-) -> Iterator[subprocess.Popen[bytes]]:
-    """iotcore's broker; listeners are named v4.1, v5.1, ...: host, port, more tables."""
-    tables = [
-        "id = 0\n[router]\nid = 0\nmax_connections = 100\nmax_outgoing_packet_count = 1000\n"
-        "max_segment_size = 1048576\nmax_segment_count = 10\n"
-    ]
-    for name, (host, port, more) in listeners.items():
-        place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        tables.append(
-            f'[{name}]\nname = "{name}"\nlisten = "{place}"\nnext_connection_delay_ms = 1\n'
-            f"[{name}.connections]\nconnection_timeout_ms = 5000\nmax_payload_size = 1048576\n"
-            f"max_inflight_count = 100\ndynamic_filters = true\n{more}\n"
-        )
-    orders = {"configuration": "".join(tables), "max_memory_mib": 512}
+def own_broker(folder: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
+    """The one that plotfeed brings; it writes nothing to the folder."""
+    orders = EmbeddedBroker(Ports(port), EmbeddedBrokerKeys(), "plotfeed").orders
     broker = subprocess.Popen(
-        [sys.executable, "-m", "plotfeed.feeds.transport.broker_process", json.dumps(orders)],
+        [sys.executable, "-m", "plotfeed.feeds.transport.broker_process"],
         stdin=subprocess.PIPE,  # it lives as long as this is open
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
+    assert broker.stdin is not None
     try:
-        for host, port, _ in listeners.values():
-            wait_until_listening(port, host)
+        broker.stdin.write(json.dumps(orders).encode() + b"\n")
+        broker.stdin.flush()
+        wait_until_listening(port)
         yield broker
     finally:
-        assert broker.stdin is not None
-        broker.stdin.close()  # first: whatever becomes of the rest, no open file is left behind
+        with contextlib.suppress(BrokenPipeError):
+            broker.stdin.close()  # first: whatever becomes of the rest, no open file is left behind
         broker.terminate()
         broker.wait(PATIENCE_S)
 

@@ -172,8 +172,8 @@ class Running:
         return int(line.split("://")[1].split(":")[1].split()[0].rstrip("/"))
 
     def ports(self) -> list[tuple[int, int]]:
-        """Ports and versions of the embedded broker."""
-        return [(self.port("MQTT 3.1.1"), 4), (self.port("MQTT 5"), 5)]
+        """The port of the embedded broker with each version that it speaks."""
+        return [(self.port("MQTT"), version) for version in (4, 5)]
 
     def end(self, how: signal.Signals) -> tuple[int, str, str]:
         """Exit code, and what was written after the introduction."""

@@ -252,7 +252,7 @@ def heard(folder: Path, *, page: str = "127.0.0.1:0") -> Iterator[tuple[Running,
     (folder / "other.toml").write_text(scene_text(sensors=radar("north", 64), drones=""))
     with (
         running("run", scene, "--page", page, "--speed", SPEED, folder=folder) as run,
-        MqttReceiver(run.port("MQTT 5"), 5, "#") as client,
+        MqttReceiver(run.port("MQTT"), 5, "#") as client,
     ):
         yield run, Broker(client)
 

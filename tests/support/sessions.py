@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, asynccontextmanager
 from pathlib import Path
 
 import pytest
-from support.brokers import mosquitto, rumqttd
+from support.brokers import mosquitto, own_broker
 from support.waiting import until
 
 from plotfeed.feeds.link.counters import SessionCounters
@@ -33,12 +33,8 @@ def quiet_mosquitto(folder: Path, port: int) -> AbstractContextManager[subproces
     return mosquitto(folder, port, f"{listener}max_queued_messages 0\n")
 
 
-def iotcore(folder: Path, port: int) -> AbstractContextManager[subprocess.Popen[bytes]]:
-    return rumqttd(folder, {"v5.1": ("127.0.0.1", port, "")})
-
-
 every_broker = pytest.mark.parametrize(
-    "start", [quiet_mosquitto, iotcore], ids=["mosquitto", "iotcore"]
+    "start", [quiet_mosquitto, own_broker], ids=["mosquitto", "embedded"]
 )
 
 

@@ -33,7 +33,7 @@ sys.path.insert(0, str(HERE.parents[1] / "tests"))
 from aims import YARDSTICK, aim, ratios, spread, yardstick_us  # noqa: E402
 from demo_process import COMMAND  # noqa: E402
 from support.arrivals import Arrivals  # noqa: E402
-from support.brokers import free_port, mosquitto, rumqttd  # noqa: E402
+from support.brokers import free_port, mosquitto, own_broker  # noqa: E402
 from support.nanosleep import nanosleep_late_us  # noqa: E402
 from support.tools import place_of  # noqa: E402
 from support.waiting import wait_until  # noqa: E402
@@ -91,14 +91,14 @@ def radars(number: int) -> list[dict[str, Any]]:
 
 @contextmanager
 def a_broker(folder: Path) -> Iterator[tuple[str, int]]:
-    """Mosquitto where it is installed, else rumqttd."""
+    """Mosquitto where it is installed, else own_broker."""
     port = free_port()
     if place_of("mosquitto"):
         with mosquitto(folder, port):
             yield "mosquitto", port
     else:
-        with rumqttd(folder, {"v5.1": ("127.0.0.1", port, "")}):
-            yield "rumqttd", port
+        with own_broker(folder, port):
+            yield "own_broker", port
 
 
 def scene_text(sensors: list[dict[str, Any]], drones: int, **more: Any) -> str:

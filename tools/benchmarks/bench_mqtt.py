@@ -10,7 +10,6 @@ once it has taken all the others. CPU is that of the publishing process.
 from __future__ import annotations
 
 import asyncio
-import importlib.metadata
 import json
 import subprocess
 import sys
@@ -151,7 +150,7 @@ async def main() -> None:
         for _ in range(REPEATS):
             for octets, count in COUNTS.items():
                 for client in CLIENTS:
-                    arguments = [client, broker.ports.mqtt3, octets, count]
+                    arguments = [client, broker.ports.mqtt, octets, count]
                     out = subprocess.run(  # noqa: ASYNC221 - nothing else runs in this loop
                         [
                             sys.executable if client == OURS else python,
@@ -163,9 +162,9 @@ async def main() -> None:
                     ).stdout
                     found[client, octets].append(json.loads(out.splitlines()[-1]))
     finally:
-        broker.stop()
-    print(f"Median (least to most) of {REPEATS} repeats in turns. {_versions(python)}; iotcore "
-          f"{importlib.metadata.version('iotcore')} as the broker.\n")  # fmt: skip
+        await broker.stop()
+    print(f"Median (least to most) of {REPEATS} repeats in turns. {_versions(python)}; "
+          "the embedded broker.\n")  # fmt: skip
     print("| octets | client | messages/s | CPU µs a message | CPU × paho-mqtt |")
     print("|--:|---|--:|--:|--:|")
     for octets in COUNTS:

@@ -359,11 +359,11 @@ def by_broker(file: Path, url: str) -> dict[str, Any]:
 
 def brokers(folder: Path) -> Iterator[tuple[str, str]]:
     """The embedded one, and mosquitto where it is installed."""
-    from support.brokers import free_port, mosquitto, rumqttd
+    from support.brokers import free_port, mosquitto, own_broker
 
     port = free_port()
-    with rumqttd(folder, {"v5.1": (HOST, port, "")}):
-        yield "iotcore", f"mqtt://{HOST}:{port}"
+    with own_broker(folder, port):
+        yield "embedded", f"mqtt://{HOST}:{port}"
     port = free_port()
     try:
         with mosquitto(folder, port):

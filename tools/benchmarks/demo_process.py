@@ -42,7 +42,7 @@ async def demo(*options: str) -> AsyncIterator[Demo]:
     try:
         assert process.stdout
         async for line in process.stdout:
-            if line.strip().startswith(b"MQTT 5"):
+            if line.strip().startswith(b"MQTT"):
                 host, _, port = line.decode().rpartition("//")[2].strip().partition(":")
                 yield Demo(host, int(port), started_ns, process)
                 break

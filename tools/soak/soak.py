@@ -39,7 +39,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from soak_page import write_page
 from soak_scene import KEPT_MESSAGES, Load, everything, many_radars, reported
 from support.arrivals import Arrivals
-from support.brokers import free_port, mosquitto, rumqttd, wait_until_listening
+from support.brokers import free_port, mosquitto, own_broker, wait_until_listening
 from support.command import PLOTFEED
 from support.nanosleep import Nanosleep
 from support.tools import place_of
@@ -54,12 +54,12 @@ FAULTS = (("killed", 5.0), ("stopped", 20.0), ("paused", 10.0))
 
 
 class Broker:
-    """Mosquitto where it is installed, else iotcore's; it can be brought down and up again."""
+    """Mosquitto where it is installed, else the embedded one; it can be brought down and up."""
 
     def __init__(self, folder: Path) -> None:
         self.port = free_port()
         self.is_up = False
-        self.name = "mosquitto" if place_of("mosquitto") else "iotcore"
+        self.name = "mosquitto" if place_of("mosquitto") else "embedded"
         self._folder = folder
         self._running: Any = None
         self._process: subprocess.Popen[bytes]
@@ -68,8 +68,7 @@ class Broker:
         if self.name == "mosquitto":
             self._running = mosquitto(self._folder, self.port)
         else:
-            listeners = {"v5.1": ("127.0.0.1", self.port, "")}
-            self._running = rumqttd(self._folder, listeners)
+            self._running = own_broker(self._folder, self.port)
         self._process = self._running.__enter__()
         self.is_up = True
 

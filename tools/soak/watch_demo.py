@@ -34,7 +34,7 @@ def watch(scene: str, seconds: float, folder: Path) -> list[dict[str, object]]:
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         run = stack.enter_context(running("demo", scene, "--page", "127.0.0.1:0", folder=folder))
-        client = stack.enter_context(MqttReceiver(run.port("MQTT 5"), 5, "#"))
+        client = stack.enter_context(MqttReceiver(run.port("MQTT"), 5, "#"))
         browser = stack.enter_context(chromium())
         url = f"http://127.0.0.1:{run.port('page')}/"
         windows = []

@@ -108,7 +108,7 @@ def connect_packet(
             of_will = varint(len(properties)) + properties
         of_will += packed_text(will.topic) + len(will.payload).to_bytes(2, "big") + will.payload
     flags |= (USERNAME if username is not None else 0) | (PASSWORD if password is not None else 0)
-    return _packet(
+    return packet(
         CONNECT,
         packed_text("MQTT"),
         bytes((version, flags)),
@@ -125,14 +125,14 @@ def subscribe_packet(
 ) -> bytes:
     """A SUBSCRIBE with QoS 1; `as_published` has retained messages marked, in 5.0 (3.8)."""
     options = 1 | (8 if as_published and version >= 5 else 0)
-    return _packet(
+    return packet(
         SUBSCRIBE, _numbered(number, version), packed_text(topic_filter), bytes((options,))
     )
 
 
 def unsubscribe_packet(number: int, topic_filter: str, version: int) -> bytes:
     """An UNSUBSCRIBE (3.10)."""
-    return _packet(UNSUBSCRIBE, _numbered(number, version), packed_text(topic_filter))
+    return packet(UNSUBSCRIBE, _numbered(number, version), packed_text(topic_filter))
 
 
 def acknowledgements(numbers: Iterable[int]) -> bytes:
@@ -183,7 +183,8 @@ def _head(first: int, rest: int) -> bytes:
     return bytes((first,)) + varint(rest)
 
 
-def _packet(first: int, *parts: bytes) -> bytes:
+def packet(first: int, *parts: bytes) -> bytes:
+    """A packet of those parts behind its first octet and their length."""
     rest = b"".join(parts)
     return bytes((first,)) + varint(len(rest)) + rest
 
@@ -248,7 +249,7 @@ class BrokerReader:
         self._rest.clear()
         while True:
             try:
-                length, begin = _length(data, at + 1)
+                length, begin = read_length(data, at + 1)
                 end = begin + length
             except IndexError:
                 end = len(data) + 1
@@ -274,11 +275,11 @@ class BrokerReader:
         number = int.from_bytes(body[topic_end:place], "big") if qos else None
         properties = NO_PROPERTIES
         if self._has_properties:
-            length, end = _length(body, place)
+            length, end = read_length(body, place)
             octets = body[place : end + length]
             known = self._known.get(octets)
             if known is None:
-                known, _ = _properties(octets, 0)
+                known, _ = read_properties(octets, 0)
                 if len(self._known) >= MOST_KNOWN:
                     self._known.clear()
                 self._known[octets] = known
@@ -297,7 +298,7 @@ class BrokerReader:
         if first in (SUBACK, UNSUBACK):
             number, end = int.from_bytes(body[:2], "big"), 2
             if of_5:
-                properties, end = _properties(body, end)
+                properties, end = read_properties(body, end)
             codes = body[end:]
             return BrokerAnswer(first, number, codes, properties) if number else None
         if first == CONNACK:
@@ -318,12 +319,12 @@ class BrokerReader:
         else:
             return None
         if of_5 and not is_short:
-            properties, end = _properties(body, end)
+            properties, end = read_properties(body, end)
         answer = BrokerAnswer(first, number, bytes((code,)), properties)
         return answer if end == len(body) else None
 
 
-def _length(data: bytes, at: int) -> tuple[int, int]:
+def read_length(data: bytes, at: int) -> tuple[int, int]:
     """A number of seven bits an octet, and where it ends; IndexError where it is cut (1.5.5)."""
     number = 0
     for place in range(at, at + 4):
@@ -333,9 +334,9 @@ def _length(data: bytes, at: int) -> tuple[int, int]:
     raise BrokenPacketError("a length of more than four octets")
 
 
-def _properties(data: bytes, at: int) -> tuple[PacketProperties, int]:
+def read_properties(data: bytes, at: int) -> tuple[PacketProperties, int]:
     """Properties at that place, and where they end; raises `BrokenPacketError`, or IndexError."""
-    length, place = _length(data, at)
+    length, place = read_length(data, at)
     end = place + length
     if end > len(data):
         raise BrokenPacketError("properties that are longer than their packet")
@@ -347,15 +348,15 @@ def _properties(data: bytes, at: int) -> tuple[PacketProperties, int]:
             raise BrokenPacketError(f"property {kind:#04x} twice")
         seen.add(kind)
         if kind == OF_USER:
-            name, place = _octets(data, place, end)
-            value, place = _octets(data, place, end)
+            name, place = read_octets(data, place, end)
+            value, place = read_octets(data, place, end)
             pairs.append((_text(name), _text(value)))
         elif kind in TEXTS:
-            value, place = _octets(data, place, end)
+            value, place = read_octets(data, place, end)
             if kind == OF_CONTENT_TYPE:
                 content_type = _text(value)
         elif kind == OF_SUBSCRIPTION:
-            _, place = _length(data, place)
+            numbers[kind], place = read_length(data, place)
         elif kind in NUMBERS:
             octets, place = data[place : place + NUMBERS[kind]], place + NUMBERS[kind]
             numbers[kind] = int.from_bytes(octets, "big")
@@ -366,7 +367,8 @@ def _properties(data: bytes, at: int) -> tuple[PacketProperties, int]:
     return PacketProperties(content_type, tuple(pairs), numbers), end
 
 
-def _octets(data: bytes, at: int, end: int) -> tuple[bytes, int]:
+def read_octets(data: bytes, at: int, end: int) -> tuple[bytes, int]:
+    """Octets behind their number, and where they end; `BrokenPacketError` beyond `end`."""
     begin = at + 2
     behind = begin + int.from_bytes(data[at:begin], "big")
     if behind > end:

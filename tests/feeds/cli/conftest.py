@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port, rumqttd
+from support.brokers import free_port, own_broker
 
 
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[int]:
     port = free_port()
-    with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
+    with own_broker(tmp_path, port):
         yield port

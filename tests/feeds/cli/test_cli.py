@@ -93,7 +93,7 @@ def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
     done = plotfeed("demo", "--duration", "1.5")
     assert done.returncode == 0
     assert done.stderr == ""
-    for word in ("scene field-day", "MQTT 3.1.1", "MQTT 5", "plotfeed/tower/plots"):
+    for word in ("scene field-day", "MQTT", "plotfeed/tower/plots"):
         assert word in done.stdout
     counts = dict(re.findall(r"(drones|messages|missed scans) (\d+)", done.stdout.splitlines()[-1]))
     assert counts["drones"] == "21"
@@ -114,7 +114,7 @@ def test_a_signal_is_a_clean_end(how: signal.Signals, code: int, tmp_path: Path)
     scene = scene_file(tmp_path, scene_text(sensors=FAST))
     with (
         running("run", scene) as session,
-        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/radar/status") as client,
+        MqttReceiver(session.port("MQTT"), 5, "plotfeed/radar/status") as client,
     ):
         client.wait_for(lambda m: json.loads(m.payload)["state"] == "ONLINE")
         returned, out, err = session.end(how)
@@ -403,10 +403,10 @@ def test_a_flight_can_be_injected_into_a_session(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=FAST, drones=""))
     flight = csv_flight(tmp_path)
     with running("run", scene) as session:
-        with MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/truth") as client:
+        with MqttReceiver(session.port("MQTT"), 5, "plotfeed/truth") as client:
             for port, encoding in (
-                (session.port("MQTT 3.1.1"), "json"),
-                (session.port("MQTT 5"), "protobuf"),
+                (session.port("MQTT"), "json"),
+                (session.port("MQTT"), "protobuf"),
             ):
                 drone = f"by-{encoding}"
                 done = plotfeed(

@@ -25,9 +25,9 @@ from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.testing import MqttMessage, MqttReceiver
 
 
-@pytest.fixture(params=["mosquitto", "iotcore"])
+@pytest.fixture(params=["mosquitto", "embedded"])
 def any_broker(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[int]:
-    if request.param == "iotcore":
+    if request.param == "embedded":
         yield request.getfixturevalue("broker")
         return
     port = free_port()
@@ -160,7 +160,7 @@ def test_telemetry_flies_again_in_an_emulator(tmp_path: Path) -> None:
     path = log_file(tmp_path, [sample(i) for i in range(20)])
     scene = scene_file(tmp_path, scene_text(drones=""))
     with running("run", scene, "--duration", "60") as session:
-        port = session.port("MQTT 5")
+        port = session.port("MQTT")
         with MqttReceiver(port, 5, "plotfeed/truth", "plotfeed/errors") as ears:
             url = f"mqtt://127.0.0.1:{port}"
             done = plotfeed("replay", path, "--broker", url, "--stage", "telemetry")

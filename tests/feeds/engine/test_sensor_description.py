@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from google.protobuf import json_format
-from support.brokers import free_port
+from support.brokers import free_port, own_broker
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
-from support.sessions import at_work, iotcore
+from support.sessions import at_work
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at, geodetic
@@ -114,7 +114,7 @@ async def test_a_command_that_changes_a_sensor_changes_what_is_retained(tmp_path
     port = free_port()
     there_is = load(scene_file(tmp_path, scene_text(port=1883)))
     topic = "plotfeed/radar/description"
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, topic) as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, topic) as ears:
         async with at_work(there_is, port):
             first = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == topic)
             command = {
@@ -172,7 +172,7 @@ async def test_by_mqtt_alone_plots_are_put_where_the_drone_is(tmp_path: Path) ->
     sensors = radar_text("radar", period_s=1.0, sectors=16, more="position_enu_m = [800, 300, 20]")
     there_is = load(scene_file(tmp_path, scene_text(sensors=sensors, port=1883)))
     port = free_port()
-    with iotcore(tmp_path, port):
+    with own_broker(tmp_path, port):
         async with at_work(there_is, port) as session:
             found = await asyncio.to_thread(
                 names["plots_on_the_earth"], "127.0.0.1", port, seconds=6.0

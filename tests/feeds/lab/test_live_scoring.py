@@ -27,7 +27,7 @@ def scene(folder: Path, *, truth: bool) -> Path:
 def test_a_score_is_published_as_it_is_described(tmp_path: Path) -> None:
     with (
         running("run", scene(tmp_path, truth=True)) as session,
-        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/score") as client,
+        MqttReceiver(session.port("MQTT"), 5, "plotfeed/score") as client,
     ):
 
         def has_a_track(message: MqttMessage) -> bool:
@@ -52,7 +52,7 @@ def test_a_sensors_own_tracker_is_scored_and_recorded_once(tmp_path: Path) -> No
     record = tmp_path / "own.mcap"
     with (
         running("run", path, "--record", record) as session,
-        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/score") as client,
+        MqttReceiver(session.port("MQTT"), 5, "plotfeed/score") as client,
     ):
         found = client.wait_for(lambda message: bool(json.loads(message.payload)["tracks"]))
     told = json.loads(found.payload)
@@ -66,7 +66,7 @@ def test_a_sensors_own_tracker_is_scored_and_recorded_once(tmp_path: Path) -> No
 def test_where_the_truth_is_not_published_the_score_is_not(tmp_path: Path) -> None:
     with (
         running("run", scene(tmp_path, truth=False)) as session,
-        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/#") as client,
+        MqttReceiver(session.port("MQTT"), 5, "plotfeed/#") as client,
     ):
         scans: set[int] = set()
 

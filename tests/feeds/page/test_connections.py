@@ -13,7 +13,7 @@ from plotfeed.feeds.scene.scene import example, load
 if TYPE_CHECKING:
     pass
 
-URLS = {"MQTT 5": "mqtt://127.0.0.1:1884 (port 1884 is taken)"}
+URLS = {"MQTT": "mqtt://127.0.0.1:1884 (port 1884 is taken)"}
 UDP = """
 [[udp]]
 destination = "239.255.0.1:8600"
@@ -29,7 +29,7 @@ def test_topics_are_those_that_the_sensors_describe() -> None:
     scene = example("field-day")
     told = connections(scene, URLS)
     assert told["brokers"] == [
-        {"protocol": "MQTT 5", "url": "mqtt://127.0.0.1:1884", "needs_password": False}
+        {"protocol": "MQTT", "url": "mqtt://127.0.0.1:1884", "needs_password": False}
     ]
     describer = SensorDescriber(scene)
     for sensor in scene.sensor:

@@ -28,7 +28,7 @@ def test_the_page_of_the_demonstration_says_what_its_broker_carries(
     browser: Browser, tmp_path: Path
 ) -> None:
     demo = ("demo", "--page", "127.0.0.1:0")
-    with running(*demo, folder=tmp_path) as run, MqttReceiver(run.port("MQTT 5"), 5, "#") as client:
+    with running(*demo, folder=tmp_path) as run, MqttReceiver(run.port("MQTT"), 5, "#") as client:
         url = f"http://127.0.0.1:{run.port('page')}/"
         with looking(browser, url) as page:
             until(page, "plotfeed.picture.tracks.size > 5")

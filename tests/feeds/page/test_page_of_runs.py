@@ -64,9 +64,9 @@ def test_what_is_copied_from_the_page_receives_the_sensors_messages(run: Live) -
     page.get_by_role("button", name="Connect here").click()
     until(page, "document.querySelectorAll('#connect-snippets li').length >= 4")
     where = page.locator("#connect-where").inner_text()
-    assert f"mqtt://127.0.0.1:{run.process.port('MQTT 5')}" in where
+    assert f"mqtt://127.0.0.1:{run.process.port('MQTT')}" in where
     assert "plotfeed/radar/plots" in where
-    for protocol in ("MQTT 3.1.1", "MQTT 5"):
+    for protocol in ("MQTT",):
         line = page.locator("pre", has_text="mosquitto_sub").get_by_text(
             f"-p {run.process.port(protocol)}"
         )

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from support.brokers import free_port, rumqttd
+from support.brokers import free_port, own_broker
 from support.command import Started, plotfeed_here, started
 from support.recordings import read_log
 from support.waiting import PATIENCE_S, wait_until
@@ -179,7 +179,7 @@ def test_it_ends_by_itself_after_a_time_and_says_what_there_was(tmp_path: Path) 
 
 def test_a_broker_is_recorded(tmp_path: Path) -> None:
     port, path = free_port(), tmp_path / "a.mcap"
-    with rumqttd(tmp_path, {"v5.1": ("127.0.0.1", port, "")}):
+    with own_broker(tmp_path, port):
         url = f"mqtt://127.0.0.1:{port}/site/+/plots"
         with recording(url, path, "--count", 2) as process:
             client = MqttReceiver(port, 5)

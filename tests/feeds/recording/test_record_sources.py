@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port, has_ipv6, mosquitto, rumqttd
+from support.brokers import free_port, has_ipv6, mosquitto, own_broker
 from support.deliveries import NOBODY
 from support.udp_receiver import LOOPBACK_INTERFACE, interface_of
 from support.waiting import PATIENCE_S
@@ -274,7 +274,7 @@ async def test_a_message_is_recorded_with_all_that_came_with_it(tmp_path: Path) 
 async def test_the_embedded_broker_is_heard_too(tmp_path: Path, version: int) -> None:
     port = free_port()
     listener = {4: "v4.1", 5: "v5.1"}[version]
-    with rumqttd(tmp_path, {listener: ("127.0.0.1", port, "")}):
+    with own_broker(tmp_path, {listener: ("127.0.0.1", port, "")}):
         found = await heard_over_mqtt(port, (version,))
     assert [(m.topic, m.payload) for m in found] == [(m.topic, m.payload) for m in MESSAGES]
     if version == 5:

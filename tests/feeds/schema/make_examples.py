@@ -15,7 +15,7 @@ from typing import Any
 
 import test_asyncapi as described
 from google.protobuf.json_format import MessageToDict
-from support.brokers import free_port, rumqttd
+from support.brokers import free_port, own_broker
 from support.sapient_tasks import task
 
 from plotfeed.feeds.schema.asyncapi import document
@@ -51,7 +51,7 @@ SCORE = {
 def main() -> None:
     """Of what comes more than once, the first that is neither bare nor long."""
     api, port = document(), free_port()
-    with TemporaryDirectory() as folder, rumqttd(Path(folder), {"v5.1": ("127.0.0.1", port, "")}):
+    with TemporaryDirectory() as folder, own_broker(Path(folder), port):
         heard, _, _ = asyncio.run(described.published(described.scene(), port))
     payloads: dict[str, list[bytes]] = {}
     for message in heard:

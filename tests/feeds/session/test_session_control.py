@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, own_broker
 from support.scene_files import radar, scene_file, scene_text
-from support.sessions import AtWork, Start, at_work, every_broker, iotcore
+from support.sessions import AtWork, Start, at_work, every_broker
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import Scene, load
@@ -117,7 +117,7 @@ REFUSED = {
 @pytest.mark.asyncio
 async def test_what_cannot_be_done_is_refused_in_a_line_and_changes_nothing(tmp_path: Path) -> None:
     port = free_port()
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS, SETTINGS) as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, ERRORS, SETTINGS) as ears:
         async with at_work(scene(tmp_path), port) as session:
             for number, (payload, words) in enumerate(REFUSED.items(), 1):
                 ears.publish(CONTROL, payload)
@@ -137,7 +137,7 @@ async def test_a_simulated_clock_is_held_stepped_and_hurried_over_the_wire(tmp_p
     what = scene(tmp_path, start_utc="2026-01-01T12:00:00Z")
 
     port, clock = free_port(), WallClock(what.scene.start_utc_ns, speed=5.0)
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(what, port, clock=clock) as session:
             await session.sectors_more(2)
             ears.publish(CONTROL, b'{"clock": {"paused": true}}')

@@ -19,7 +19,7 @@ from urllib.request import urlopen
 
 import pytest
 from support import command
-from support.brokers import deaf_server, free_port, rumqttd
+from support.brokers import deaf_server, free_port, own_broker
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
@@ -77,7 +77,7 @@ def end_two(broker: str, folder: Path, found: dict[tuple[signal.Signals, str], E
     """A session for each signal, over one broker."""
     port = free_port()
     with ExitStack() as stack:
-        process = stack.enter_context(rumqttd(folder, {"v5.1": ("127.0.0.1", port, "")}))
+        process = stack.enter_context(own_broker(folder, port))
         sessions, metrics = {}, {}
         for how in SIGNALS:
             sensors, prefix = SLOW + QUICK, f'prefix = "{how.name}"\nqos = 1'

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, own_broker
 from support.scene_files import radar, scene_file, scene_text
-from support.sessions import AtWork, Start, at_work, every_broker, iotcore
+from support.sessions import AtWork, Start, at_work, every_broker
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import Scene, load
@@ -108,7 +108,7 @@ async def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(
     lasting = "stale_after_s = 60.0\ngeoid_undulation_m = 51.0\nmax_new_drones_per_s = 10000"
 
     port, most = free_port(), 10_000
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(scene(tmp_path, telemetry=lasting), port) as session:
             for first in range(0, most, 1000):
                 now_ns = session.clock.now_ns()
@@ -220,7 +220,7 @@ async def test_a_clock_of_the_system_that_steps_back_moves_nothing(
     now_ns, now_s = time.time_ns, time.time
 
     port = free_port()
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(scene(tmp_path), port) as session:
             await session.sectors_more(3)
             before_ns = session.clock.now_ns()

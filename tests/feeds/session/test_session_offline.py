@@ -13,21 +13,13 @@ from typing import Any
 
 import pytest
 from support import command
-from support.brokers import free_port, mosquitto, rumqttd
+from support.brokers import free_port, mosquitto, own_broker
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.testing import MqttReceiver
 
 SENSORS = [f"s{i}" for i in range(30)]
 RADARS = "".join(radar(name, period_s=5.0, sectors=4) for name in SENSORS)
-
-
-def iotcore_5(folder: Path, port: int) -> AbstractContextManager[Any]:
-    return rumqttd(folder, {"v5.1": ("127.0.0.1", port, "")})
-
-
-def iotcore_4(folder: Path, port: int) -> AbstractContextManager[Any]:
-    return rumqttd(folder, {"v4.1": ("127.0.0.1", port, "")})
 
 
 @contextmanager
@@ -53,13 +45,8 @@ def wait_for_all(ears: MqttReceiver, state: str) -> None:
 
 @pytest.mark.parametrize(
     ("broker", "version", "listeners"),
-    [
-        (mosquitto, "any", (4, 5)),
-        (mosquitto, "3.1.1", (4, 5)),
-        (iotcore_5, "any", (5,)),
-        (iotcore_4, "any", (4,)),
-    ],
-    ids=["mosquitto", "mosquitto by 3.1.1", "iotcore by 5", "iotcore by 3.1.1"],
+    [(mosquitto, "any", (4, 5)), (mosquitto, "3.1.1", (4, 5)), (own_broker, "any", (4, 5))],
+    ids=["mosquitto", "mosquitto by 3.1.1", "embedded"],
 )
 def test_every_sensor_of_a_session_that_was_killed_is_offline(
     broker: Callable[[Path, int], AbstractContextManager[Any]],
@@ -95,10 +82,10 @@ def test_a_session_that_ends_as_told_is_offline_once(tmp_path: Path) -> None:
 
 def test_the_embedded_broker_which_dies_with_its_session_has_one_connection(tmp_path: Path) -> None:
     with session(tmp_path) as running:
-        ports = [port for port, _ in running.ports()]
-        with MqttReceiver(ports[0], 4, "plotfeed/+/status") as ears:
+        port = running.port("MQTT")
+        with MqttReceiver(port, 4, "plotfeed/+/status") as ears:
             wait_for_all(ears, "ONLINE")
-        assert [established(running.process.pid, port) for port in ports] == [1, 1]
+        assert established(running.process.pid, port) == 1
 
 
 def established(pid: int, port: int) -> int:

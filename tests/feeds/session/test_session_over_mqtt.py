@@ -71,7 +71,6 @@ def telemetry(t_utc_ns: int, **changes: object) -> bytes:
 def test_subscribers_of_either_version_receive_the_whole_session(tmp_path: Path) -> None:
     # Turns are long, so that a machine that stalls for a while is late but skips no sector.
     text = scene_text(sensors=radar(period_s=4.0, sectors=160))
-    # A message with MQTT 5 properties makes iotcore 0.4 cut off 3.1.1 subscribers: hence two.
     with running(tmp_path, text=text) as session, ExitStack() as stack:
         clients = [
             stack.enter_context(MqttReceiver(port, version, "plotfeed/#"))
@@ -108,7 +107,7 @@ def test_subscribers_of_either_version_receive_the_whole_session(tmp_path: Path)
 def test_messages_say_what_they_are_in_mqtt_5(tmp_path: Path) -> None:
     with (
         running(tmp_path) as session,
-        MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/#") as client,
+        MqttReceiver(session.port("MQTT"), 5, "plotfeed/#") as client,
     ):
         plots = client.wait_for(lambda m: m.topic.endswith("/plots"))
         service = client.wait_for(lambda m: m.topic.endswith("/034"))
@@ -140,7 +139,7 @@ def test_the_truth_can_be_kept_back(tmp_path: Path) -> None:
     text = scene_text(sensors=FAST, mqtt='truth = false\nprefix = "my/site"')
     with (
         running(tmp_path, text=text) as session,
-        MqttReceiver(session.port("MQTT 5"), 5, "#") as ears,
+        MqttReceiver(session.port("MQTT"), 5, "#") as ears,
     ):
         for _ in range(3):
             ears.wait_for(lambda m: m.topic == "my/site/radar/plots", len(ears.heard))
@@ -184,7 +183,7 @@ def test_two_sessions_find_brokers_of_their_own(tmp_path: Path) -> None:
 def test_telemetry_over_either_version_becomes_plots(tmp_path: Path) -> None:
     text = scene_text(sensors=FAST, drones="")
     with running(tmp_path, text=text) as session, ExitStack() as stack:
-        ears = stack.enter_context(MqttReceiver(session.port("MQTT 5"), 5, "plotfeed/truth"))
+        ears = stack.enter_context(MqttReceiver(session.port("MQTT"), 5, "plotfeed/truth"))
         senders = [stack.enter_context(MqttReceiver(*place)) for place in session.ports()]
         for i, sender in enumerate(senders):
             sender.publish(f"plotfeed/telemetry/d{i}", telemetry(time.time_ns()))

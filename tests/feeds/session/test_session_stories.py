@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, own_broker
 from support.scene_files import radar, scene_file, scene_text
-from support.sessions import AtWork, at_work, iotcore
+from support.sessions import AtWork, at_work
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import Scene, load
@@ -86,7 +86,7 @@ async def test_a_story_is_told_on_the_wire_and_taken_back_to_what_was_before(
     tmp_path: Path,
 ) -> None:
     port = free_port()
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as ears:
         async with at_work(scene(tmp_path), port) as session:
             teller = Storyteller(ears, session)
             before = await teller.say(sensor="radar", set={"link": {"latency_ms": 40}})
@@ -124,7 +124,7 @@ async def test_a_story_is_told_on_the_wire_and_taken_back_to_what_was_before(
 @pytest.mark.asyncio
 async def test_a_swarm_is_there_for_as_long_as_its_story(tmp_path: Path) -> None:
     port = free_port()
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, ERRORS) as ears:
         async with at_work(scene(tmp_path), port) as session:
             trajectories = session.session.trajectories
 
@@ -153,7 +153,7 @@ async def test_a_swarm_is_there_for_as_long_as_its_story(tmp_path: Path) -> None
 @pytest.mark.asyncio
 async def test_undo_takes_back_one_change_after_the_other(tmp_path: Path) -> None:
     port = free_port()
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as ears:
         async with at_work(scene(tmp_path), port) as session:
             teller = Storyteller(ears, session)
             await teller.refused("undo: nothing was asked", undo=True)

@@ -9,10 +9,10 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, own_broker
 from support.cut_proxy import proxied
 from support.deliveries import NOBODY
-from support.sessions import Start, every_broker, iotcore
+from support.sessions import Start, every_broker
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
@@ -135,7 +135,7 @@ async def test_connections_that_say_nothing_else_are_kept_alive(
     monkeypatch.setattr(connection, "KEEP_ALIVE_S", keep_alive_s)
     monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.1)
     port = free_port()
-    with iotcore(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
+    with own_broker(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
         async with proxied(port) as proxy, placed(proxy.port) as (there, back):
             await until(lambda: all_states(ears) == were("ONLINE"))
             await asyncio.sleep(2 * keep_alive_s)
@@ -152,7 +152,7 @@ async def test_a_broker_that_does_not_take_so_many_connections_is_told_once(
     monkeypatch.setattr(ways_out, "BACKOFF_S", (0.05,))
     monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
     port = free_port()
-    with iotcore(tmp_path, port):
+    with own_broker(tmp_path, port):
         async with proxied(port) as proxy:
             proxy.most = 5
             async with placed(proxy.port) as (there, back):

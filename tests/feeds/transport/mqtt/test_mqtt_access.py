@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port, has_ipv6, mosquitto, password_file, rumqttd
+from support.brokers import free_port, has_ipv6, mosquitto, password_file
 from support.certificates import Certificates, Pair
 from support.command import plotfeed_here
 from support.scene_files import scene_file, scene_text
 from support.waiting import until
 
+from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
 from plotfeed.feeds.scene.scene import SceneError, load
+from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 from plotfeed.feeds.transport.mqtt.address import (
     VERSIONS,
     AccessError,
@@ -64,7 +65,7 @@ def tls_of_mosquitto(pair: Pair) -> str:
 
 
 @pytest.fixture(scope="module")
-def mosquittos(
+def brokers(
     certificates: Certificates, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Brokers]:
     folder = tmp_path_factory.mktemp("mosquitto")
@@ -84,37 +85,6 @@ def mosquittos(
     text = "".join(f"listener {ports[p]} 127.0.0.1\n{settings[p]}" for p in settings)
     with mosquitto(folder, ports["anyone"], text):
         yield Brokers("mosquitto", ports, certificates)
-
-
-@pytest.fixture(scope="module")
-def rumqttds(
-    certificates: Certificates, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Brokers]:
-    def tls(name: str, pair: Pair) -> str:
-        return f'[{name}.tls]\ncertpath = "{pair.certificate}"\nkeypath = "{pair.key}"\n'
-
-    def asks(name: str) -> str:
-        return f'[{name}.connections.auth]\n{ME} = "{PASSWORD}"\n'
-
-    listeners = {
-        "anyone": ("v5.1", ""),
-        "password": ("v5.2", asks("v5.2")),
-        "tls": ("v5.3", tls("v5.3", certificates.broker)),
-        "tls-password": ("v5.4", asks("v5.4") + tls("v5.4", certificates.broker)),
-        "expired": ("v5.5", tls("v5.5", certificates.expired)),
-        "elsewhere": ("v5.6", tls("v5.6", certificates.elsewhere)),
-        "mqtt3": ("v4.1", ""),
-    }
-    ports = {place: free_port() for place in listeners}
-    tables = {name: ("127.0.0.1", ports[place], more) for place, (name, more) in listeners.items()}
-    with rumqttd(tmp_path_factory.mktemp("rumqttd"), tables):
-        yield Brokers("iotcore", ports, certificates)
-
-
-@pytest.fixture(params=["mosquittos", "rumqttds"])
-def brokers(request: pytest.FixtureRequest) -> Brokers:
-    found: Brokers = request.getfixturevalue(request.param)
-    return found
 
 
 async def version_spoken(address: BrokerAddress) -> int:
@@ -157,11 +127,11 @@ async def test_whoever_has_the_keys_comes_in(brokers: Brokers, place: str) -> No
 
 
 @pytest.mark.asyncio
-async def test_a_client_is_known_by_its_certificate(mosquittos: Brokers) -> None:
-    access = mosquittos.access(client=mosquittos.certificates.client)
+async def test_a_client_is_known_by_its_certificate(brokers: Brokers) -> None:
+    access = brokers.access(client=brokers.certificates.client)
     for version, spoken in (("any", 5), ("5", 5), ("3.1.1", 4)):
         address = BrokerAddress.parse(
-            mosquittos.url("mutual"), versions=VERSIONS[version], access=access
+            brokers.url("mutual"), versions=VERSIONS[version], access=access
         )
         assert await version_spoken(address) == spoken
 
@@ -170,11 +140,11 @@ async def test_a_client_is_known_by_its_certificate(mosquittos: Brokers) -> None
 @pytest.mark.parametrize("client", ["none", "stranger"])
 @pytest.mark.asyncio
 async def test_a_client_without_its_certificate_stays_outside(
-    mosquittos: Brokers, client: str, version: str
+    brokers: Brokers, client: str, version: str
 ) -> None:
-    pair = mosquittos.certificates.stranger if client == "stranger" else None
+    pair = brokers.certificates.stranger if client == "stranger" else None
     address = BrokerAddress.parse(
-        mosquittos.url("mutual"), versions=VERSIONS[version], access=mosquittos.access(client=pair)
+        brokers.url("mutual"), versions=VERSIONS[version], access=brokers.access(client=pair)
     )
     # Whether its alert or the end of the connection comes first is up to the network.
     text = await refusal(address)
@@ -241,22 +211,34 @@ async def test_tls_where_there_is_none_and_none_where_there_is_are_told(brokers:
     assert await refusal(BrokerAddress.parse(secured, access=brokers.access()))
 
 
+async def only_3_1_1(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Welcome who speaks 3.1.1, and say to others that it is not spoken here (3.1.2.2)."""
+    hello = await reader.read(1024)
+    speaks_it = hello[hello.index(b"MQTT") + 4] == 4
+    writer.write(b"\x20\x02\x00\x00" if speaks_it else b"\x20\x02\x00\x01")
+    await (reader.read() if speaks_it else writer.drain())
+    writer.close()
+
+
 @pytest.mark.asyncio
-async def test_a_broker_of_3_1_1_alone_is_spoken_to_in_3_1_1(rumqttds: Brokers) -> None:
-    url = rumqttds.url("mqtt3")
-    for version in ("any", "3.1.1"):
-        assert await version_spoken(BrokerAddress.parse(url, versions=VERSIONS[version])) == 4
-    text = await refusal(BrokerAddress.parse(url, versions=VERSIONS["5"]))
+async def test_a_broker_of_3_1_1_alone_is_spoken_to_in_3_1_1() -> None:
+    async with await asyncio.start_server(only_3_1_1, "127.0.0.1", 0) as server:
+        url = f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        for version in ("any", "3.1.1"):
+            assert await version_spoken(BrokerAddress.parse(url, versions=VERSIONS[version])) == 4
+        text = await refusal(BrokerAddress.parse(url, versions=VERSIONS["5"]))
     assert text.endswith("another version of MQTT than 5")
 
 
 @pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6 loopback")
 @pytest.mark.asyncio
-async def test_brokers_are_reached_by_ipv6(tmp_path: Path) -> None:
-    ports = [free_port(), free_port()]
-    with ExitStack() as stack:
-        stack.enter_context(rumqttd(tmp_path, {"v5.1": ("::1", ports[0], "")}))
-        assert await version_spoken(BrokerAddress.parse(f"mqtt://[::1]:{ports[0]}")) == 5
+async def test_brokers_are_reached_by_ipv6() -> None:
+    broker = await EmbeddedBroker.start(free_port(), EmbeddedBrokerKeys(host="::1"))
+    try:
+        address = BrokerAddress.parse(f"mqtt://[::1]:{broker.ports.mqtt}")
+        assert await version_spoken(address) == 5
+    finally:
+        await broker.stop()
 
 
 @pytest.mark.asyncio

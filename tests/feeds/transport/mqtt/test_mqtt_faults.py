@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port, mosquitto, rumqttd
+from support.brokers import free_port, mosquitto, own_broker
 from support.cut_proxy import Proxy, proxied
 from support.deliveries import Deliveries, number_of
 from support.waiting import PATIENCE_S, until
@@ -37,11 +37,7 @@ def start_mosquitto(folder: Path, port: int) -> AbstractContextManager[subproces
     return mosquitto(folder, port, f"{listener}max_queued_messages 0\n")
 
 
-def start_iotcore(folder: Path, port: int) -> AbstractContextManager[subprocess.Popen[bytes]]:
-    return rumqttd(folder, {"v5.1": ("127.0.0.1", port, "")})
-
-
-@pytest.fixture(params=[start_mosquitto, start_iotcore], ids=["mosquitto", "iotcore"])
+@pytest.fixture(params=[start_mosquitto, own_broker], ids=["mosquitto", "embedded"])
 def start(request: pytest.FixtureRequest) -> Start:
     found: Start = request.param
     return found

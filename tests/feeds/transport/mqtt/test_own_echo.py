@@ -12,7 +12,7 @@ from support.cut_proxy import proxied
 from support.deliveries import NOBODY
 from support.scene_files import radar, scene_file, scene_text
 from support.scripted_broker import ScriptedBroker, serving
-from support.sessions import AtWork, Start, at_work, iotcore, quiet_mosquitto
+from support.sessions import AtWork, Start, at_work, own_broker, quiet_mosquitto
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
@@ -109,7 +109,7 @@ async def test_the_access_list_of_the_documentation_lets_a_session_hear_itself(
     assert (session.totals.refused, session.totals.telemetry) == (0, 0)
 
 
-@pytest.mark.parametrize("start", [quiet_mosquitto, iotcore], ids=["mosquitto", "iotcore"])
+@pytest.mark.parametrize("start", [quiet_mosquitto, own_broker], ids=["mosquitto", "embedded"])
 @every_qos
 @pytest.mark.asyncio
 async def test_networks_that_stall_and_break_raise_no_alarm(

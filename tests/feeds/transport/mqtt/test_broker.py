@@ -1,0 +1,280 @@
+"""The embedded broker as a function: what clients of both versions are told, and bear."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.transport.mqtt.broker import (
+    MAX_QUEUE_OCTETS,
+    Broker,
+    BrokerLimits,
+    Connection,
+    Rights,
+)
+from plotfeed.feeds.transport.mqtt.packets import (
+    BrokerAnswer,
+    BrokerReader,
+    Publication,
+    acknowledgements,
+    connect_packet,
+    packet,
+    publish_packet,
+    subscribe_packet,
+)
+
+PINGREQ, SUBACK = b"\xc0\x00", 0x90
+
+
+class Peer:
+    """A client of a broker, and what it was told."""
+
+    def __init__(self, broker: Broker, version: int, hello: bytes | None = None) -> None:
+        self.version, self.octets, self.is_closed = version, bytearray(), False
+        self.connection: Connection = broker.connect(self.octets.extend, self._close)
+        self._reader, self._read = BrokerReader(version), 0
+        name = f"c{id(self)}"
+        self.say(connect_packet(name, version, keep_alive_s=60) if hello is None else hello)
+
+    def _close(self) -> None:
+        self.is_closed = True
+
+    def say(self, octets: bytes) -> None:
+        self.connection.receive(octets)
+
+    def told(self) -> list[Publication | BrokerAnswer]:
+        """What has come since the last time."""
+        new = bytes(self.octets[self._read :])
+        self._read = len(self.octets)
+        return [*self._reader.receive(new)]
+
+    def heard(self) -> list[tuple[str, bytes]]:
+        return [(p.topic, p.payload) for p in self.told() if isinstance(p, Publication)]
+
+    def subscribe(self, *filters: str) -> None:
+        for number, topic_filter in enumerate(filters, 1):
+            self.say(subscribe_packet(number, topic_filter, self.version))
+
+    def publish(self, topic: str, payload: bytes = b"x", **more: object) -> None:
+        number = more.pop("number", None)
+        message = Message(topic, payload, "text/plain", 0, (("k", "v"),), **more)  # type: ignore[arg-type]
+        self.say(publish_packet(message, self.version, number=number))  # type: ignore[arg-type]
+
+
+def broker(**more: object) -> Broker:
+    return Broker(anonymous=Rights(), **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("origin", [4, 5])
+@pytest.mark.parametrize("to", [4, 5])
+def test_a_message_is_heard_by_both_versions_with_what_each_can_carry(origin: int, to: int) -> None:
+    one = broker()
+    ears, voice = Peer(one, to), Peer(one, origin)
+    ears.subscribe("a/+")
+    voice.publish("a/b", b"payload")
+    (*_, publication) = ears.told()
+    assert isinstance(publication, Publication)
+    assert (publication.topic, publication.payload) == ("a/b", b"payload")
+    both = origin == to == 5
+    assert publication.properties.pairs == ((("k", "v"),) if both else ())
+    assert publication.properties.content_type == ("text/plain" if both else None)
+
+
+def matches(topic_filter: Sequence[str], topic: Sequence[str]) -> bool:
+    """As 4.7 says it, level by level."""
+    if not topic_filter:
+        return not topic
+    head, *rest = topic_filter
+    if head == "#":
+        return True
+    return bool(topic) and head in ("+", topic[0]) and matches(rest, topic[1:])
+
+
+levels = st.lists(st.sampled_from(["a", "b", "", "$x"]), min_size=1, max_size=4)
+filters = st.tuples(
+    st.lists(st.sampled_from(["a", "b", "", "+", "$x"]), max_size=3),
+    st.sampled_from([["#"], ["+"], ["a"], [""]]),
+).map(lambda parts: [*parts[0], *parts[1]])
+
+
+@given(topic_filter=filters, topic=levels, retained=st.booleans(), version=st.sampled_from([4, 5]))
+def test_who_has_subscribed_to_a_topic_hears_it_and_nobody_else(
+    topic_filter: list[str], topic: list[str], retained: bool, version: int
+) -> None:
+    name, wanted = "/".join(topic), "/".join(topic_filter)
+    if not name or not wanted:
+        return
+    one = broker()
+    ears, voice = Peer(one, version), Peer(one, version)
+    if retained:
+        voice.publish(name, retain=True)
+        ears.subscribe(wanted)
+    else:
+        ears.subscribe(wanted)
+        voice.publish(name)
+    hidden = name.startswith("$") and wanted[0] in "+#"
+    assert bool(ears.heard()) == (matches(topic_filter, topic) and not hidden)
+
+
+@given(data=st.data(), version=st.sampled_from([4, 5]))
+def test_octets_in_any_pieces_are_the_same_packets(data: st.DataObject, version: int) -> None:
+    hello = connect_packet("me", version, keep_alive_s=60)
+    message = Message("a/b", b"payload", "", 0, (("k", "v"),))
+    octets = hello + subscribe_packet(1, "a/#", version) + PINGREQ
+    octets += publish_packet(message, version) + publish_packet(message, version, number=7)
+    cuts = data.draw(st.lists(st.integers(0, len(octets)), max_size=8).map(sorted))
+    places = [0, *cuts, len(octets)]
+    whole, cut = Peer(broker(), version, octets), Peer(broker(), version, b"")
+    for begin, end in pairwise(places):
+        cut.say(octets[begin:end])
+    assert cut.octets == whole.octets
+
+
+@given(octets=st.binary(max_size=200), version=st.sampled_from([4, 5]), greets=st.booleans())
+def test_rubbish_ends_its_own_connection_at_most(octets: bytes, version: int, greets: bool) -> None:
+    one = broker()
+    ears = Peer(one, 5)
+    ears.subscribe("#")
+    hello = connect_packet("rubbish", version, keep_alive_s=60)
+    rubbish = Peer(one, version, (hello if greets else b"") + octets)
+    assert rubbish.is_closed == rubbish.connection.is_over
+    ears.told()
+    Peer(one, 4).publish("still/here")
+    assert ears.heard() == [("still/here", b"x")]
+
+
+def test_qos_1_is_sent_again_with_the_same_number_until_it_is_acknowledged() -> None:
+    one = broker()
+    # A session that stays (3.1.1: not clean) is named.
+    hello = bytearray(connect_packet("me", 4, keep_alive_s=60))
+    hello[9] &= ~2
+    ears, voice = Peer(one, 4, bytes(hello)), Peer(one, 5)
+    ears.subscribe("a")
+    voice.publish("a", b"1", number=1)
+    (first,) = (p for p in ears.told() if isinstance(p, Publication))
+    ears.connection.end()
+    voice.publish("a", b"2", number=2)
+    again = Peer(one, 4, bytes(hello))
+    numbers = {p.payload: p.number for p in again.told() if isinstance(p, Publication)}
+    assert numbers[b"1"] == first.number
+    assert numbers.keys() == {b"1", b"2"}
+    again.say(acknowledgements(filter(None, numbers.values())))
+    again.connection.end()
+    assert not Peer(one, 4, bytes(hello)).heard()
+
+
+def test_a_last_will_is_said_of_who_goes_without_a_goodbye() -> None:
+    one = broker()
+    ears = Peer(one, 5)
+    ears.subscribe("will")
+    will = Message("will", b"gone", "", 0)
+    for version in (4, 5):
+        left, lost = (
+            Peer(one, version, connect_packet(name, version, will=will, keep_alive_s=2))
+            for name in ("left", "lost")
+        )
+        left.say(b"\xe0\x00")
+        assert not ears.heard()
+        lost.connection.end()
+        assert ears.heard() == [("will", b"gone")]
+    Peer(one, 5, connect_packet("silent", 5, will=will, keep_alive_s=2))
+    ears.say(PINGREQ)
+    one.tick(2.9)
+    ears.say(PINGREQ)
+    assert not ears.heard()
+    one.tick(3.1)
+    assert ears.heard() == [("will", b"gone")]
+
+
+def test_what_is_kept_for_a_while_says_how_long_it_has_left_and_then_is_gone() -> None:
+    one = broker()
+    voice = Peer(one, 5)
+    message = Message("a", b"x", "", 0)
+    octets = bytearray(publish_packet(message, 5, expiry_s=30))
+    octets[0] |= 1  # which publish_packet leaves without an end
+    voice.say(bytes(octets))
+    for now_s, left in ((10.0, [20]), (29.0, [1]), (31.0, [])):
+        one.tick(now_s)
+        later = Peer(one, 5)
+        later.subscribe("a")
+        said = [p.properties.numbers[2] for p in later.told() if isinstance(p, Publication)]
+        assert said == left
+        voice.say(PINGREQ)
+
+
+def test_a_slow_client_loses_messages_of_its_own_alone_and_is_told_of() -> None:
+    lines: list[str] = []
+    one = broker(tell=lines.append)
+    slow, ears, voice = Peer(one, 4), Peer(one, 5), Peer(one, 5)
+    slow.subscribe("#")
+    ears.subscribe("#")
+    slow.connection.resume(has_room=False)
+    payload, sent = bytes(1 << 20), 0
+    while not lines:
+        voice.publish("a", payload)
+        sent += 1
+        assert sent <= MAX_QUEUE_OCTETS >> 20
+    assert len(ears.heard()) == sent
+    slow.connection.resume(has_room=True)
+    assert len(slow.heard()) == sent - 1
+    assert "too slow" in lines[0]
+
+
+def test_retained_messages_of_all_clients_together_have_a_bound() -> None:
+    lines: list[str] = []
+    one = broker(limits=BrokerLimits(held_octets=100_000), tell=lines.append)
+    voice = Peer(one, 5)
+    for number in range(20):
+        voice.publish(f"kept/{number}", bytes(10_000), retain=True)
+    ears = Peer(one, 5)
+    ears.subscribe("kept/#")
+    assert len(ears.heard()) == 9  # of 10,000 octets and what they cost besides
+    assert len(lines) == 1
+    for number in range(20):
+        voice.publish(f"kept/{number}", b"", retain=True)
+    voice.publish("kept/again", bytes(90_000), retain=True)
+    later = Peer(one, 5)
+    later.subscribe("kept/#")
+    assert len(later.heard()) == 1
+
+
+def test_rights_hold_for_what_is_published_subscribed_and_retained() -> None:
+    lines: list[str] = []
+    one = Broker(anonymous=Rights(publishes_not=["p/#"], hears_not=["p/truth"]), tell=lines.append)
+    client = Peer(one, 5)
+    client.publish("p/control", number=9)
+    assert [a.codes for a in client.told() if isinstance(a, BrokerAnswer)][-1] == b"\x87"
+    assert len(lines) == 1
+    client.subscribe("p/truth", "p/#")
+    assert [a.codes for a in client.told() if isinstance(a, BrokerAnswer)] == [b"\x87", b"\x01"]
+
+
+def test_a_client_with_the_name_of_another_takes_its_place() -> None:
+    one = broker()
+    first = Peer(one, 5, connect_packet("same", 5, keep_alive_s=60))
+    second = Peer(one, 5, connect_packet("same", 5, keep_alive_s=60))
+    assert first.is_closed
+    assert first.told()[-1].codes == b"\x8e"  # type: ignore[union-attr]
+    assert not second.is_closed
+    assert one.connections == 1
+
+
+def test_subscriptions_that_overlap_bring_a_message_once_and_nobody_hears_a_filter_amiss() -> None:
+    one = broker()
+    ears = Peer(one, 5)
+    ears.subscribe("a/+", "a/#", "a/b")
+    Peer(one, 4).publish("a/b")
+    assert ears.heard() == [("a/b", b"x")]
+    for amiss in ("a/#/b", "a+", "", "$share/g/a"):
+        ears.say(subscribe_packet(9, amiss, 5))
+        (answer,) = ears.told()
+        assert isinstance(answer, BrokerAnswer)
+        assert answer.kind == SUBACK
+        assert answer.codes[0] >= 0x80
+    ears.say(packet(0x82, b"\0\1\0"))  # with no filter at all
+    assert ears.is_closed
