@@ -76,7 +76,7 @@ def test_the_client_that_is_printed_hears_records(demo: Running, tmp_path: Path)
 
 def test_show_prints_plots_as_printed(demo: Running) -> None:
     typed, printed = block_with("$ .venv/bin/plotfeed show")
-    source = typed.split()[-1].replace(":1883/", f":{demo.port('MQTT 3.1.1')}/")
+    source = typed.split()[-1].replace(":1883/", f":{demo.port('MQTT')}/")
     shown = plotfeed("show", source, "--count", "1").stdout
     number = re.compile(r"-?\d[\d.:]*")
     assert number.sub("N", shown.strip()) == number.sub("N", printed)

@@ -40,6 +40,7 @@ from plotfeed.proto.errors import PlotfeedError
 # Of the environment, unless somebody has set it: Ray tells nobody of its use, asks for no graphics
 # processors, and its workers, which have deadlines, stand behind nobody else.
 QUIET = {
+    "RAY_AUTH_MODE": "token",  # whoever reaches a cluster without one runs code there
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_DEDUP_LOGS": "0",

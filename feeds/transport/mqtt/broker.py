@@ -121,7 +121,7 @@ class _Message:
         return len(self.topic) + len(self.properties) + len(self.payload) + MESSAGE_OCTETS
 
     def packet_of(self, version: int, *, retain: bool = False) -> bytes:
-        """As QoS 0 to a client of that version."""
+        """The packet of QoS 0 for a client of that version of MQTT."""
         kind = version << 1 | retain
         made = self.made.get(kind)
         if made is None:
@@ -233,7 +233,7 @@ class Broker:
         return session, was_there
 
     def close_session(self, session: _Session, *, with_will: bool) -> None:
-        """Its connection is gone."""
+        """The client's connection is gone."""
         session.connection, session.away_since_s = None, self.now_s
         if not with_will:
             session.will = None
@@ -461,7 +461,7 @@ class Connection:
             self._broker.send_waiting(self.session)
 
     def end(self, *, with_will: bool = True) -> None:
-        """It is closed, by whomever."""
+        """The connection is closed, by whomever."""
         if self.is_over:
             return
         self.is_over = True

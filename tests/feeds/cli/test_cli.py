@@ -428,7 +428,7 @@ def test_why_an_injected_flight_was_refused_is_shown(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=FAST, drones="", telemetry=""))
     flight = srt_flight(tmp_path)
     with running("run", scene) as session:
-        broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT 5')}")
+        broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT')}")
         options = ("--now", "--speed", "10", "--set", "altitude_reference=above_takeoff", *broker)
         done = plotfeed("inject", flight, *options)
         assert done.returncode == 1

@@ -27,7 +27,7 @@ def test_it_says_what_became_of_the_reports(tmp_path: Path) -> None:
     near, far = flight_file(tmp_path, 40.46), tmp_path / "far.csv"
     far.write_text(near.read_text().replace("40.46", "-33.0"))
     with running("run", scene) as session:
-        usual = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT 5')}")
+        usual = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT')}")
         usual += ("--set", "altitude_reference=ellipsoid")
         taken = plotfeed("inject", near, "--now", *usual)
         assert (taken.returncode, taken.stderr) == (0, "")

@@ -23,7 +23,7 @@ def test_what_autopilots_and_receivers_say_flies_in_a_session_elsewhere(tmp_path
     port = free_port()
     scene = scene_file(tmp_path, scene_text(sensors=radar(period_s=0.5), drones=""))
     with running("run", scene, "--duration", "60") as session:
-        broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT 5')}")
+        broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT')}")
         with sending_vehicle(port):
             done = plotfeed("inject", f"mavlink:udp://:{port}", *broker, "--duration", "4")
         to_the_end = plotfeed("inject", "sbs1:-", *broker, stdin=f"nonsense\n{AIRBORNE}")

@@ -28,6 +28,10 @@ def test_the_services_of_compose_are_all_parts_of_one_scene() -> None:
     services = yaml.safe_load((FOLDER / "compose.yaml").read_text())["services"]
     mounted = services["broker"]["volumes"][0].partition(":")[0]
     assert (FOLDER / mounted).is_file()
+    for service in services.values():
+        assert service["read_only"]
+        assert service["cap_drop"] == ["ALL"]
+        assert service["security_opt"] == ["no-new-privileges:true"]
     parts = {name: takes(each["command"]) for name, each in services.items() if name != "broker"}
     assert {asked["part"] for asked in parts.values()} == {"1/3", "2/3", "3/3"}
     assert len({str(asked | {"part": ""}) for asked in parts.values()}) == 1
@@ -53,7 +57,11 @@ def test_kubernetes_is_told_to_run_each_part_and_those_that_stand_by(
     words += ["--broker", "mqtt://broker.example:1883", "--start", START, "--duration", "60"]
     done = plotfeed_here(*words)
     assert done.returncode == 0, done.stderr
-    every = list(yaml.safe_load_all(done.stdout))
+    policy, *every = yaml.safe_load_all(done.stdout)
+    labels = policy["spec"]["podSelector"]["matchLabels"]
+    assert policy["spec"]["policyTypes"] == ["Ingress", "Egress"]
+    assert "ingress" not in policy["spec"]  # nobody may reach a part
+    assert policy["spec"]["egress"][0] == {"ports": [{"protocol": "TCP", "port": 1883}]}
     assert [each["kind"] for each in every] == ["StatefulSet"] * (1 + spares)
     assert len({each["metadata"]["name"] for each in every}) == len(every)
     for each in every:
@@ -62,7 +70,14 @@ def test_kubernetes_is_told_to_run_each_part_and_those_that_stand_by(
         assert spec["ordinals"] == {"start": 1}
         assert spec["selector"]["matchLabels"].items() <= template["metadata"]["labels"].items()
         volumes = {volume["name"] for volume in template["spec"]["volumes"]}
+        assert labels.items() <= template["metadata"]["labels"].items()
+        assert template["spec"]["securityContext"]["runAsNonRoot"]
         (container,) = template["spec"]["containers"]
+        assert container["securityContext"] == {
+            "allowPrivilegeEscalation": False,
+            "readOnlyRootFilesystem": True,
+            "capabilities": {"drop": ["ALL"]},
+        }
         assert {mount["name"] for mount in container["volumeMounts"]} == volumes
         (source,) = (env["valueFrom"] for env in container["env"] if env["name"] == "PART")
         assert source["fieldRef"]["fieldPath"] == "metadata.labels['apps.kubernetes.io/pod-index']"

@@ -26,7 +26,10 @@ if find_spec("ray") is None:  # whose import takes long
     pytest.skip("could not import 'ray'", allow_module_level=True)
 
 
-def test_ray_starts_a_part_again_whose_process_is_killed_and_ends_all(tmp_path: Path) -> None:
+def test_ray_starts_a_part_again_whose_process_is_killed_and_ends_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "f" * 64)
     port = free_port()
     scene = load(scene_file(tmp_path, scene_text(sensors=radar("a") + radar("b"), drones=DRONE)))
     asked: dict[str, Any] = {
@@ -42,10 +45,10 @@ def test_ray_starts_a_part_again_whose_process_is_killed_and_ends_all(tmp_path: 
             said = [m.payload for m in [*client.heard] if m.topic == f"plotfeed/fleet/{part}"]
             return dict(json.loads(said[-1])) if said else {"state": "", "claim": 0}
 
-        import ray as at_work
-
         for name, value in (QUIET | {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}).items():
             os.environ.setdefault(name, value)
+        import ray as at_work  # which reads them
+
         try:
             at_work.init(
                 address="local", num_cpus=2, include_dashboard=False, logging_level=logging.ERROR,
