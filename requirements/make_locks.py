@@ -15,9 +15,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 UV = Path(sys.executable).with_name("uv")
 PYPROJECT = "pyproject.toml"
-EXTRAS = (
-    *("mavlink", "geoid", "terrain", "charts", "sapient", "metrics", "page", "parquet"),
-)
+EXTRAS = (*("mavlink", "geoid", "terrain", "charts", "sapient", "metrics", "page", "parquet"),)
 BUILD = "setuptools>=77\n"
 """The package is built in the environment itself, with nothing that has no hash."""
 SAME = ("--constraint", "requirements/test.txt")
