@@ -27,7 +27,7 @@ def radar(**changes: Any) -> dict[str, Any]:
     """Keys of a sensor "radar": the paper's active radar, which stares at the whole sky.
 
     It has no errors but those of noise, and hardly a false alarm. `changes` are keys of
-    `[[sensor]]` in place of these.
+    `[[sensor]]` in place of these; None leaves one out.
     """
     paper = {
         "id": "radar",
@@ -109,7 +109,8 @@ def toml_of(tree: dict[str, Any]) -> str:
 
 def _inline(value: Any) -> str:
     if isinstance(value, dict):
-        inside = (f"{json.dumps(key)} = {_inline(of)}" for key, of in value.items())
+        stated = ((key, of) for key, of in value.items() if of is not None)
+        inside = (f"{json.dumps(key)} = {_inline(of)}" for key, of in stated)
         return f"{{ {', '.join(inside)} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_inline, value))}]"

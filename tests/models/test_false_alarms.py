@@ -23,13 +23,6 @@ def test_binomial_agrees_with_the_reference():
     np.testing.assert_allclose(some, table["p_at_least_one"], rtol=1e-13)
 
 
-def test_probabilities_at_their_ends_and_shape():
-    assert detection.probability_at_least_one(100, 1.0) == 1
-    assert detection.probability_at_least_one(0, 1e-3) == 0
-    assert np.isnan(detection.probability_at_least_one(10, 1.5))
-    assert detection.probability_at_least_one(np.ones((4, 1)), np.zeros(3)).shape == (4, 3)
-
-
 @pytest.mark.parametrize(
     ("cells", "pfa"),
     [
@@ -78,14 +71,6 @@ def test_whole_cells_alarm_as_often_on_average(cells, pfa):
     assert whole * each == pytest.approx(cells * pfa, rel=1e-12)
     assert whole >= cells * (1 - 1e-11)
     assert each <= pfa
-
-
-def test_cells_that_are_whole_stay_as_they_are():
-    assert detection.whole_cells(8.0, 0.1) == (8, 0.1)
-    assert detection.whole_cells(0.0, 0.1) == (0, 0.1)
-    for width in np.arange(1, 361) / 10:  # 360 / 0.1 is a hair above 3600
-        whole, each = detection.whole_cells(round(3600 / width) * width / width, 0.1)
-        assert (whole, each) == (round(3600 / width), pytest.approx(0.1, rel=1e-14))
 
 
 def test_a_beam_wider_than_the_cover_is_one_cell():

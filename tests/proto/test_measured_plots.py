@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from plotfeed.models.state import NS, Plots
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
 from plotfeed.proto.asterix.cat048 import PlotEncoder048
-from plotfeed.proto.asterix.decode_plots import plots_and_tracks_in, plots_in_asterix
+from plotfeed.proto.asterix.decode_plots import plots_in_asterix
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
 from plotfeed.proto.plot_messages import plot_batch, plots_in_batch
@@ -70,16 +65,6 @@ def test_no_plots_join_with_others_to_those() -> None:
     none, some = MeasuredPlots.of(()), plots_in_batch(plot_batch("north", 3, 1, PLOTS))
     assert len(none) == 0
     assert len(MeasuredPlots.joined([none, some, some])) == 4
-
-
-@pytest.mark.parametrize("read", [plots_in_asterix, plots_in_batch])
-@given(payload=st.binary(max_size=80))
-def test_any_octets_are_plots_or_refused(
-    read: Callable[[bytes, int], MeasuredPlots], payload: bytes
-) -> None:
-    with contextlib.suppress(DecodeError):
-        assert len(read(payload, T_NS)) >= 0
-    plots_and_tracks_in(payload, T_NS)
 
 
 def test_a_detection_of_sapient_is_one_plot() -> None:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 
 import pytest
@@ -125,13 +124,6 @@ def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole() -
     messages = [message(b"\1\2", 7, topic="t", properties=(("a", "b"),), content_type="c")] * 2
     # A line is whole without its end.
     is_read_whatever_it_is(JsonLinesReader, written(JsonLinesWriter, messages), other_parts=2)
-
-
-@given(st.binary(max_size=200))
-def test_any_octets_are_messages_or_damage(data: bytes) -> None:
-    messages, reader = read(JsonLinesReader, data)
-    lines = [line for line in io.BytesIO(data) if not line.isspace()]
-    assert len(messages) + len(reader.damage) == len(lines)
 
 
 def test_recordings_of_others_keep_everything() -> None:

@@ -4,7 +4,7 @@ import io
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 from support.asterix_readers import items_of, read_blocks
 from support.given_recordings import EVERY_CAPTURE, RadarCapture
@@ -153,13 +153,6 @@ def test_times_of_categories_that_are_not_decoded_are_what_tshark_reads(tmp_path
 )
 def test_midnight_as_some_write_it_and_no_time(data: bytes, time_s: int | None) -> None:
     assert time_of_day_ns(data) == (None if time_s is None else time_s * NS)
-
-
-@given(st.binary(max_size=60))
-@example(b"\x01\0\x03")  # of two profiles, and no octet that says which
-def test_any_octets_have_a_time_of_day_or_none(data: bytes) -> None:
-    time_ns = time_of_day_ns(data)
-    assert time_ns is None or 0 <= time_ns < DAY_NS
 
 
 def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole() -> None:

@@ -94,15 +94,6 @@ def test_only_those_named_report() -> None:
     assert set(reports(fly(flight({"drones": ["b"]}), 5.0))) == {"b"}
 
 
-def test_the_same_scene_gives_the_same_bytes() -> None:
-    noisy = {"accuracy_m": 3.0}
-    first = fly(flight(noisy), 10.0).payloads("cooperative/asterix/129")
-    assert fly(flight(noisy), 10.0).payloads("cooperative/asterix/129") == first
-    of_b = [p for p in first if read_129(p)[0].identity == "b"]
-    alone = fly(flight(noisy | {"drones": ["b"]}), 10.0).payloads("cooperative/asterix/129")
-    assert alone == of_b
-
-
 def true_path(t_utc_ns: list[int]) -> tuple[Floats, Floats]:
     """Where a and b are at those times, ECEF, and how fast."""
     trajectories = Trajectories(stale_after_s=3.0)

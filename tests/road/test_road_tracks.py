@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from support.asterix_readers import items_of, read_blocks, values_of
 
-from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.tracks import AlphaBeta
@@ -197,28 +196,6 @@ def test_asterix_decoder_reads_the_same() -> None:
                 value = mine.items[item]
                 plain = list(value.values()) if isinstance(value, dict) else [value]
                 np.testing.assert_allclose(values_of(other[item]), plain, rtol=0, atol=1e-6)
-
-
-def sent(messages: list[Message], sensor: str) -> list[Message]:
-    return [
-        m
-        for m in messages
-        if m.topic.startswith(f"plotfeed/{sensor}/") and not m.topic.endswith("/status")
-    ]
-
-
-def test_the_same_scene_gives_the_same_bytes_and_tracks_change_no_plots() -> None:
-    again = fly(scene(SENSORS, drones(), seed=211), float(TURNS))
-    assert again.messages == road().messages
-    plain = [s | {"report": ["plots"]} for s in SENSORS[:2]]
-    without = fly(scene(plain, drones(), seed=211), float(TURNS))
-    for sensor in ("turning", "flat"):
-        assert without.payloads(f"{sensor}/plots") == road().payloads(f"{sensor}/plots")
-
-
-def test_a_sensors_tracks_do_not_depend_on_the_others() -> None:
-    alone = fly(scene(SENSORS[:1], drones(), seed=211), float(TURNS))
-    assert sent(alone.messages, "turning") == sent(road().messages, "turning")
 
 
 def test_it_brings_no_tracks_for_false_alarms() -> None:

@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.special import expit
 from support.significance import (
     Array,
     assert_counts,
     assert_law,
     assert_standard_normal,
-    assert_sum,
     assert_uncorrelated,
 )
 
@@ -78,24 +76,6 @@ def rings() -> Feed:
     return fly(scene([microphones(pfa=1e-3)], drones, seed=61), SCANS)
 
 
-def test_odds_in_the_ledger_are_the_closed_form() -> None:
-    looks, _ = started(rings())
-    assert len(looks) == len(RANGES_M) * AT_EACH * (SCANS - 3)
-    np.testing.assert_allclose(looks.snr_db, snr_db(looks.range_m), atol=1e-4)
-    np.testing.assert_allclose(looks.pd, expit(snr_db(looks.range_m) - 32), rtol=1e-3)
-    assert looks.pd.min() < 0.01
-    assert looks.pd.max() > 0.98
-
-
-@pytest.mark.parametrize("ring", range(len(RANGES_M)))
-def test_each_ring_is_heard_as_often_as_its_pd_says(ring: int) -> None:
-    _, plots = started(rings())
-    n = AT_EACH * (SCANS - 3)
-    p = float(expit(snr_db(np.array(RANGES_M[ring])) - 32))
-    heard = np.char.startswith(plots.drone, f"{ring}-").sum()
-    assert_sum(heard, n * p, n * p * (1 - p), f"{RANGES_M[ring]:.0f} m")
-
-
 def test_scans_and_drones_fare_independently() -> None:
     looks, _ = started(rings())
     order = np.lexsort((looks.scan, looks.drone))
@@ -125,22 +105,6 @@ def test_bearing_errors_are_normal_with_the_sigma_of_their_signal(level: int) ->
     np.testing.assert_allclose(mine.sigma_azimuth_deg, sigma_deg, rtol=1e-4)
     error_deg = wrap_180(mine.azimuth_deg - mine.true_azimuth_deg)
     assert_standard_normal(error_deg / sigma_deg, f"{SOUND_POWERS_DB[level]:.0f} dB")
-
-
-def test_floor_and_elevation_come_where_the_scene_asks_for_them() -> None:
-    sensor = microphones(
-        azimuth_floor_deg=1.5, elevation_floor_deg=0.7, elevation_beamwidth_deg=20.0, kind="drone"
-    )
-    drones = [held(str(i), 18 * i, 30.0, 100.0, sound_power_db=110.0) for i in range(20)]
-    road = fly(scene([sensor], drones, seed=63), 120)
-    _, plots = started(road)
-    error_deg = wrap_180(plots.azimuth_deg - plots.true_azimuth_deg)
-    assert_standard_normal(error_deg / plots.sigma_azimuth_deg, "azimuth")
-    assert_standard_normal((plots.elevation_deg - 30) / plots.sigma_elevation_deg, "elevation")
-    assert plots.sigma_azimuth_deg.min() > 1.5
-    assert plots.sigma_elevation_deg.min() > 0.7
-    batches = [pb.PlotBatch.FromString(p) for p in road.payloads("mic/plots")]
-    assert {plot.kind for batch in batches for plot in batch.plots} == {"drone"}
 
 
 def test_only_bearings_are_reported() -> None:

@@ -58,42 +58,10 @@ def own_place(azimuth_deg: Array, elevation_deg: Array) -> tuple[Array, Array]:
 
 
 @KINDS
-def test_errors_about_the_biased_place_are_the_sensors_own(kind: str) -> None:
-    plots, truths = measured(road(kind, bias=tuple(BIAS.items())))
-    assert len(plots) > 1500
-    azimuth_deg, elevation_deg = own_place(
-        column(truths, "azimuth_deg"), column(truths, "elevation_deg")
-    )
-    off = wrap_180(column(plots, "azimuth_deg") - azimuth_deg)
-    assert_standard_normal(off / column(plots, "sigma_azimuth_deg"), "azimuth")
-    if kind not in {"passive", "rf"}:
-        off = column(plots, "elevation_deg") - elevation_deg
-        assert_standard_normal(off / column(plots, "sigma_elevation_deg"), "elevation")
-    if kind in {"active", "rotating", "mimo", "gate"}:
-        read_m = column(truths, "range_m") * (1 + BIAS["range_scale"]) + BIAS["range_offset_m"]
-        assert_standard_normal(
-            (column(plots, "range_m") - read_m) / column(plots, "sigma_range_m"), "range"
-        )
-
-
-@KINDS
 def test_a_clock_that_is_ahead_puts_late_times_on_plots(kind: str) -> None:
     plots, truths = measured(road(kind, bias=tuple(BIAS.items())))
     off_ns = np.array([p.time_utc_ns - t.time_utc_ns for p, t in zip(plots, truths, strict=True)])
     assert (off_ns == 250_000_000).all()
-
-
-def test_a_passive_radar_errs_in_its_bistatic_range_wherever_it_stands() -> None:
-    """Its axes turn, but the path of the signal does not."""
-    plots, truths = measured(road("passive", bias=tuple(BIAS.items())))
-    place = aer_to_enu(
-        column(truths, "azimuth_deg"), column(truths, "elevation_deg"), column(truths, "range_m")
-    )
-    transmitter = aer_to_enu(300.0, 0.2, 20_000.0)
-    ways_m = np.linalg.norm(place, axis=1) + np.linalg.norm(place - transmitter, axis=1)
-    excess_m = (ways_m - 20_000.0) * (1 + BIAS["range_scale"]) + BIAS["range_offset_m"]
-    off_m = column(plots, "bistatic_range_m") - excess_m
-    assert_standard_normal(off_m / column(plots, "sigma_bistatic_range_m"))
 
 
 @KINDS
@@ -117,14 +85,6 @@ def test_errors_change_neither_what_is_true_nor_the_odds(kind: str) -> None:
     assert np.mean(with_bias.looks().pd) == pytest.approx(np.mean(without.looks().pd), abs=2e-3)
 
 
-def test_altitudes_are_of_the_place_that_the_sensor_believes() -> None:
-    plots, _ = measured(road("active", bias=tuple(BIAS.items())))
-    places = aer_to_enu(
-        *(column(plots, f"{x}") for x in ("azimuth_deg", "elevation_deg", "range_m"))
-    )
-    np.testing.assert_allclose(column(plots, "height_m"), SITE.to_geodetic(places)[2], atol=1e-6)
-
-
 @pytest.mark.parametrize("kind", ["active", "passive", "rf"])
 def test_drift_is_gauss_markov_and_the_same_for_all_drones_of_a_scan(kind: str) -> None:
     constant_s, sigma = 8.0, {"active": 0.5, "passive": 4.0, "rf": 20.0}[kind]
@@ -146,17 +106,6 @@ def test_drift_is_gauss_markov_and_the_same_for_all_drones_of_a_scan(kind: str) 
     assert_standard_normal(np.concatenate(new), "what is new")
     before = np.concatenate([x[:-1] for x in series])
     assert_uncorrelated(np.concatenate(new), before, "with what was")
-
-
-def test_drift_in_range_adds_to_the_ranges() -> None:
-    drift = {"sigma_range_m": 50.0, "time_constant_s": 1e-3}
-    flight = fly(scene([RADAR | {"drift": drift}], drones("active")[:1], seed=83), 400)
-    plots = flight.plots()
-    plots = plots.rows(plots.drone == "0-0")
-    assert_standard_normal((plots.range_m - plots.true_range_m) / 50.0, "new in every scan")
-    assert_standard_normal(
-        wrap_180(plots.azimuth_deg - plots.true_azimuth_deg) / plots.sigma_azimuth_deg
-    )
 
 
 def positions(flight: Feed) -> FeedTable:

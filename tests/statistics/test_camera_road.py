@@ -8,13 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
-from support.significance import (
-    Array,
-    assert_counts,
-    assert_law,
-    assert_standard_normal,
-    assert_sum,
-)
+from support.significance import Array, assert_counts, assert_law, assert_sum
 
 from plotfeed.models.frames import wrap_180, wrap_360
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -70,14 +64,6 @@ def kinds(road: Feed) -> tuple[Array, Array]:
     )
 
 
-def test_odds_in_the_ledger_are_the_closed_form() -> None:
-    looks = plain().looks("camera")
-    assert len(looks) == len(RANGES_M) * AT_EACH * FRAMES
-    np.testing.assert_allclose(looks.pd, odds(looks.range_m, DETECT), rtol=1e-9)
-    assert looks.pd.min() < 0.2
-    assert looks.pd.max() > 0.99
-
-
 @pytest.mark.parametrize("ring", range(len(RANGES_M)))
 def test_each_ring_is_detected_recognised_and_identified_as_often_as_it_should(ring: int) -> None:
     plots, (kind, _) = plain().plots("camera"), kinds(plain())
@@ -107,19 +93,6 @@ def test_what_the_camera_does_not_know_stays_an_object() -> None:
     assert set(kinds(road)[0]) == {"object"}
 
 
-def test_errors_are_those_of_mount_and_pixels_and_plots_state_them() -> None:
-    plots = plain().plots("camera")
-    pixel_deg = np.degrees(5.0 * ANGLE_RAD)
-    level = np.cos(np.radians(plots.true_elevation_deg))
-    sigma_deg = np.hypot(0.01, pixel_deg / level)
-    np.testing.assert_allclose(plots.sigma_azimuth_deg, sigma_deg, rtol=1e-9)
-    np.testing.assert_allclose(plots.sigma_elevation_deg, np.hypot(0.01, pixel_deg), rtol=1e-9)
-    azimuth = wrap_180(plots.azimuth_deg - plots.true_azimuth_deg) / sigma_deg
-    assert_standard_normal(azimuth, "azimuth")
-    elevation = (plots.elevation_deg - plots.true_elevation_deg) / plots.sigma_elevation_deg
-    assert_standard_normal(elevation, "elevation")
-
-
 def test_nothing_is_looked_at_beside_the_picture_or_too_far() -> None:
     around = [held(f"a{i}", 3.0 * i, 1.0, 300.0) for i in range(120)]
     over = [held(f"e{i}", 0.0, i - 20.0, 300.0) for i in range(45)]
@@ -135,18 +108,6 @@ def test_nothing_is_looked_at_beside_the_picture_or_too_far() -> None:
     assert abs(heights.max() - (10 + half_deg)) < 1
 
 
-def test_haze_takes_detail_and_night_takes_more() -> None:
-    """Of the drones of the nearest rings, by what the air and the dark leave of contrast."""
-    hazy = camera(visibility_m=3000.0, day_contrast=0.4, night_contrast=0.1)
-    night = hazy | {"night": True}
-    for keys, contrast in ((hazy, 0.4), (night, 0.1)):
-        looks = fly(scene([keys], rings(), seed=84), 2.0).looks("camera")
-        left = contrast * 0.05 ** (looks.range_m / 3000)
-        share = np.clip(np.log(left / 0.02) / np.log(15.0), 0, 1)
-        np.testing.assert_allclose(looks.pd, odds(looks.range_m, DETECT, share), rtol=1e-9)
-        assert looks.pd.min() < 0.01
-
-
 def test_an_event_makes_it_night() -> None:
     event = {"from_s": 5.0, "set": {"night": True}}
     keys = camera(day_contrast=0.5, night_contrast=0.04, event=[event])
@@ -154,18 +115,6 @@ def test_an_event_makes_it_night() -> None:
     frame = looks.scan - looks.scan.min()
     by_day, by_night = looks.rows(frame < 9), looks.rows(frame > 10)
     assert by_day.pd.mean() > 2 * by_night.pd.mean()
-
-
-def test_warm_drones_are_found_smaller_than_a_pixel() -> None:
-    keys = camera(pixels_across=1000, pixels_down=250, hotter_k=5.0, netd_mk=50.0,
-                  false_alarms_per_frame=1.0, visibility_m=2000.0)  # fmt: skip
-    looks = fly(scene([keys], rings(), seed=86), 5.0).looks("camera")
-    angle_rad = 2 * np.tan(np.radians(30.0)) / 1000
-    filled = np.minimum((SIZE_M / (looks.range_m * angle_rad)) ** 2, 1)
-    ratio = 5.0 * 0.05 ** (looks.range_m / 2000) * filled / 0.05
-    expected = stats.norm.sf(stats.norm.isf(1 / 250_000) - ratio)
-    np.testing.assert_allclose(looks.pd, expected, rtol=1e-9)
-    assert looks.pd.max() > 0.5 > looks.pd.min()
 
 
 def test_false_alarms_come_as_often_as_stated_anywhere_in_the_picture() -> None:

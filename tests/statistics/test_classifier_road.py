@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from support.significance import assert_standard_normal, assert_sum
+from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.scene.scene import SceneError
@@ -85,20 +85,6 @@ def test_sapient_says_the_class_and_has_registered_it() -> None:
         for c in each.class_definition
     }
     assert {"drone", "bird"} <= declared
-
-
-def test_rf_elevations_err_by_the_noise_of_their_antennas() -> None:
-    """sigma of the sine is wavelength times that of the phase over 2 pi times the antennas' way."""
-    drones = [held(f"d{i}", 9.0 * i, 35.0, 6000.0, emitters=[EMITTER]) for i in range(40)]
-    plots = simulate(scene([RF], drones, seed=92), 40, start_utc_ns=START_NS)["rf"].plots
-    assert len(plots) > 1000
-    paired = plots.snr / (1 + 0.5 / plots.snr)
-    phase = 1 / np.sqrt(paired * 1000)
-    sine = 299_792_458 / 2.44e9 * phase / (2 * np.pi * 0.1)
-    sigma_deg = np.degrees(sine) / np.cos(np.radians(35.0))
-    errors_deg = plots.elevation_deg - plots.true_elevation_deg
-    assert_standard_normal(errors_deg / sigma_deg, "elevations")
-    np.testing.assert_allclose(plots.sigma_elevation_deg, sigma_deg, rtol=0.05)
 
 
 def test_category_205_has_elevations_and_sapient_too() -> None:

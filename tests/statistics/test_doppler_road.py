@@ -7,14 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.radar_equations import LIGHT_M_S, pd
-from support.significance import (
-    Array,
-    assert_law,
-    assert_standard_normal,
-    assert_sum,
-    assert_uncorrelated,
-)
+from support.radar_equations import LIGHT_M_S
+from support.significance import Array, assert_law, assert_standard_normal, assert_uncorrelated
 
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
 from plotfeed.proto.asterix.codec.decode import decode
@@ -99,38 +93,6 @@ def test_a_floor_adds_in_quadrature() -> None:
     assert_standard_normal((plots.range_rate_m_s - plots.true_range_rate_m_s) / stated)
 
 
-NOTCHES = pytest.mark.parametrize(
-    ("notch_m_s", "prf_hz"), [(4.0, None), (2.0, 1000.0)], ids=["clutter", "blind speeds"]
-)
-
-
-def seen(rate_m_s: Array, prf_hz: float | None) -> Array:
-    """The nearest to zero of all rates that look alike."""
-    if prf_hz is None:
-        return rate_m_s
-    span_m_s = LIGHT_M_S / RADAR["frequency_hz"] * prf_hz / 2
-    return np.asarray((rate_m_s + span_m_s / 2) % span_m_s - span_m_s / 2)
-
-
-@NOTCHES
-def test_the_notch_takes_its_share_of_pd(notch_m_s: float, prf_hz: float | None) -> None:
-    named = {"prf_hz": prf_hz} if prf_hz else {}
-    looks = road(9000.0, notch_m_s=notch_m_s, **named).looks()
-    rates = rates_of(looks)
-    looks, rates = looks.rows(~np.isnan(rates)), rates[~np.isnan(rates)]
-    apparent = seen(rates, prf_hz)
-    passed = 1 - np.exp(-((apparent / notch_m_s) ** 2))
-    p = pd(RADAR, looks.range_m) * passed
-    np.testing.assert_allclose(looks.pd, p, rtol=0, atol=5e-4)  # the rates are differences
-    for low, high in ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 30.0)):
-        rows = (np.abs(apparent) / notch_m_s >= low) & (np.abs(apparent) / notch_m_s < high)
-        if rows.sum() > 50:
-            q = looks.pd[rows]
-            assert_sum(looks.detected[rows].sum(), q.sum(), (q * (1 - q)).sum(), f"{low} to {high}")
-    assert passed.min() < 0.01
-    assert passed.max() > 0.99
-
-
 def test_rates_fold_at_half_the_wavelength_times_the_pulse_frequency() -> None:
     """By 1 kHz and 3 cm, 15 m/s: drones of 20 m/s fold."""
     plots = detections(road(6000.0, prf_hz=1000.0).plots())
@@ -141,14 +103,6 @@ def test_rates_fold_at_half_the_wavelength_times_the_pulse_frequency() -> None:
     assert set(whole) == {-1.0, 0.0, 1.0}
     error = (whole - folds) * span_m_s / plots.sigma_range_rate_m_s
     assert_standard_normal(error, "beside whole folds")
-
-
-def test_what_is_faster_than_the_sensor_tells_is_not_detected() -> None:
-    looks = road(6000.0, rate_max_m_s=10.0).looks()
-    rates = np.abs(rates_of(looks))
-    assert (looks.pd[rates > 10.01] == 0).all()
-    assert not looks.detected[rates > 10.01].any()
-    np.testing.assert_allclose(looks.pd[rates < 9.99], pd(RADAR, looks.range_m[rates < 9.99]))
 
 
 @pytest.mark.parametrize("named", [{"rate_max_m_s": 30.0}, {"prf_hz": 4000.0}])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.significance import assert_standard_normal, assert_sum
+from support.significance import assert_sum
 
 from plotfeed.feeds.engine import simulation
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
@@ -60,13 +60,6 @@ def test_looks_detect_as_often_as_their_odds_say(channel: int) -> None:
     assert len(mine) > 200
     spread = (mine.pd * (1 - mine.pd)).sum()
     assert_sum(float(mine.detected.sum()), float(mine.pd.sum()), float(spread) + 0.1)
-
-
-@pytest.mark.parametrize("name", ["range_m", "azimuth_deg", "elevation_deg"])
-def test_errors_are_those_of_the_very_echo(name: str) -> None:
-    plots = twenty().plots
-    errors = wrap_180(getattr(plots, name) - getattr(plots, f"true_{name}"))
-    assert_standard_normal(errors / getattr(plots, f"sigma_{name}"), name)
 
 
 def test_twenty_tracks_are_looked_at_ten_times_a_second_while_search_goes_on() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.links import bursts, due_times, link, losses, passed
-from support.significance import Array, assert_chance, assert_counts, assert_mean, assert_sum
+from support.significance import Array, assert_counts, assert_mean, assert_sum
 
 from plotfeed.feeds.link.delays import DelayLaw, waits_ns
 from plotfeed.feeds.link.impairment import LinkExpectation
@@ -53,13 +53,6 @@ def batches(values: Array) -> Array:
 
 
 @EVERY_MODEL
-def test_the_share_that_is_asked_for_is_lost(model: str) -> None:
-    asked, lost = of(model)
-    variance = asked.loss.spread_of_loss(1) ** 2
-    assert_sum(float(lost.sum()), N * asked.loss.mean_loss, N * variance, model)
-
-
-@EVERY_MODEL
 def test_the_spread_of_what_is_lost_is_that_of_the_chain(model: str) -> None:
     asked, lost = of(model)
     sums = batches(lost.astype(float)) - BATCH * asked.loss.mean_loss
@@ -67,26 +60,6 @@ def test_the_spread_of_what_is_lost_is_that_of_the_chain(model: str) -> None:
     ratio = sums.var() / (BATCH * asked.loss.spread_of_loss(1) ** 2)
     spread = np.sqrt(stats.kurtosis(sums, fisher=False) / len(sums))
     assert abs(ratio - 1) < 4 * spread + 0.06, f"{model}: {ratio:.3f}"
-
-
-@EVERY_MODEL
-def test_bursts_are_as_long_as_asked_for(model: str) -> None:
-    asked, lost = of(model)
-    begins = np.append(lost[0], lost[1:] & ~lost[:-1])
-    assert_mean(batches(lost - asked.loss.mean_burst * begins), 0.0, model)
-
-
-@EVERY_MODEL
-def test_bursts_of_n_or_more_are_as_frequent_as_asked_for(model: str) -> None:
-    asked, lost = of(model)
-    survival = asked.loss.burst_survival(4)
-    begins = np.append(lost[0], lost[1:] & ~lost[:-1])
-    reaches = begins
-    for n in range(1, 4):
-        reaches = reaches[:-1] & lost[n:]  # bursts that still go on n later
-        if reaches.sum() > 200:
-            excess = reaches - survival[n] * begins[: len(reaches)]
-            assert_mean(batches(excess), 0.0, f"{model}, {n + 1} or more")
 
 
 @pytest.mark.parametrize("model", GEOMETRIC)
@@ -105,14 +78,6 @@ def test_successive_losses_have_the_correlation_of_the_chain(model: str) -> None
     excess = lost - loss
     product = np.append(excess[1:] * excess[:-1], 0.0)
     assert_mean(batches(product - rho * loss * (1 - loss)), 0.0, model)
-
-
-def test_random_loss_without_correlation_has_no_memory() -> None:
-    _, lost = of("random")
-    for lag in (1, 2, 3, 7):
-        both = int((lost[lag:] & lost[:-lag]).sum())
-        p_value = stats.binomtest(both, N - lag, 0.05**2).pvalue
-        assert_chance(float(p_value), f"lag {lag}")
 
 
 @pytest.mark.parametrize("model", NETEM)

@@ -68,28 +68,6 @@ def test_reordered_messages_leave_at_once_as_often_as_asked(probability: float, 
     assert_mean(between.astype(float), 1 / probability, f"{probability} {gap}")
 
 
-def test_messages_come_twice_as_often_as_asked() -> None:
-    outcomes = passed(link(duplicate=0.03), due_times(N, 1000), seed=34)
-    twice = np.array([len(o.copies) == 2 for o in outcomes])
-    assert_chance(float(stats.binomtest(int(twice.sum()), N, 0.03).pvalue), "duplicates")
-    again = int((twice[1:] & twice[:-1]).sum())
-    assert_chance(float(stats.binomtest(again, N - 1, 0.03**2).pvalue), "one after the other")
-
-
-@pytest.mark.parametrize("copy", [0, 1])
-def test_bits_are_flipped_as_often_as_asked_and_anywhere(copy: int) -> None:
-    outcomes = passed(link(corrupt=0.2, duplicate=1.0), due_times(N, 1000), seed=35)
-    bits = [o.copies[copy].flipped_bit for o in outcomes]
-    flipped = np.array([bit for bit in bits if bit is not None])
-    assert_chance(float(stats.binomtest(len(flipped), N, 0.2).pvalue), "flipped")
-    counts = np.bincount(flipped, minlength=8 * OCTETS)
-    assert len(counts) == 8 * OCTETS
-    assert_chance(float(stats.chisquare(counts).pvalue), "place")
-    other = [o.copies[1 - copy].flipped_bit is not None for o in outcomes]
-    both = sum(bit is not None and hit for bit, hit in zip(bits, other, strict=True))
-    assert_chance(float(stats.binomtest(both, N, 0.2**2).pvalue), "both copies")
-
-
 def test_a_rate_is_a_queue_with_one_server() -> None:
     """Poisson arrivals at 80 % of the rate: the mean wait of M/D/1, rho s / (2 (1 - rho))."""
     rng = np.random.default_rng(36)

@@ -17,14 +17,11 @@ from support.significance import (
     assert_chance,
     assert_counts,
     assert_law,
-    assert_mean,
-    assert_standard_normal,
     assert_sum,
     assert_uncorrelated,
     errors_of,
 )
 
-from plotfeed.feeds.lab import oracle
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.testing import SITE, START_NS, Feed, FeedTable, fly, held, scene, staring
 
@@ -108,13 +105,6 @@ def snrs() -> Array:
 
 
 @cache
-def expected_pd() -> Array:
-    """Ring, drone."""
-    each = snrs()
-    return oracle.unequal(each.reshape(-1, 3), RADAR["pfa"], SAMPLES)[0].reshape(each.shape[:2])
-
-
-@cache
 def road() -> Feed:
     """Rings of drones at each of the ranges."""
     drones = [
@@ -134,53 +124,6 @@ def detections() -> tuple[FeedTable, Array, Array]:
     return plots, ring, number
 
 
-def test_odds_in_the_ledger_are_the_closed_form() -> None:
-    """The mean ratio is that of equation 18, the Pd that of the ratios one by one."""
-    looks = road().looks()
-    assert len(looks) == len(RANGES_M) * len(AZIMUTHS_DEG) * SCANS
-    ring, number = np.array([name.split("-") for name in looks.drone], dtype=int).T
-    mean_snr = snrs().mean(axis=-1)[ring, number]
-    np.testing.assert_allclose(10 ** (looks.snr_db / 10), mean_snr, rtol=1e-4)  # a centimetre
-    np.testing.assert_allclose(looks.pd, expected_pd()[ring, number], rtol=1e-3)
-    assert looks.pd.min() < 0.05
-    assert looks.pd.max() > 0.9999
-
-
-def test_each_ring_is_detected_as_often_as_its_pd_says() -> None:
-    """Two-sided z at ten ranges, and chi-square over all drones."""
-    _, ring, number = detections()
-    hits = np.zeros(expected_pd().shape)
-    np.add.at(hits, (ring, number), 1)
-    p = expected_pd()
-    for seen, pd, range_m in zip(hits, p, RANGES_M, strict=True):
-        variance = SCANS * float((pd * (1 - pd)).sum())
-        assert_sum(float(seen.sum()), SCANS * float(pd.sum()), variance + 1e-6, f"{range_m:.0f} m")
-    both = (SCANS * p > 10) & (SCANS * (1 - p) > 10)
-    square = ((hits - SCANS * p) ** 2 / (SCANS * p * (1 - p)))[both]
-    assert both.sum() > 60
-    assert_chance(float(stats.chi2.sf(square.sum(), both.sum())), "drone by drone, more")
-    assert_chance(float(stats.chi2.cdf(square.sum(), both.sum())), "drone by drone, less")
-
-
-def test_errors_are_as_large_as_stated_at_five_ratios() -> None:
-    """Over the stated deviation: normal in shape, of variance one."""
-    plots, ring, _ = detections()
-    for chosen in (0, 1, 3, 5, 6):
-        part = plots.rows(ring == chosen)
-        for name, (error, sigma) in errors_of(part).items():
-            assert_standard_normal(error / sigma, f"{name} at {RANGES_M[chosen]:.0f} m")
-
-
-def test_stated_errors_follow_the_signal_of_the_very_detection() -> None:
-    plots, *_ = detections()
-    snr = 10 ** (plots.snr_db / 10)
-    np.testing.assert_allclose(plots.sigma_range_m, 20 / (1.63 * np.sqrt(2 * snr)), rtol=1e-9)
-    np.testing.assert_allclose(plots.sigma_azimuth_deg, 3 / (1.6 * np.sqrt(2 * snr)), rtol=1e-9)
-    np.testing.assert_allclose(plots.sigma_elevation_deg, 10 / (1.6 * np.sqrt(2 * snr)), rtol=1e-9)
-    noise_dbm = 10 * np.log10(1.380649e-23 * 290 * 299_792_458 / 40) + 5 + 30
-    np.testing.assert_allclose(plots.amplitude_dbm - plots.snr_db, noise_dbm, atol=1e-9)
-
-
 def test_signals_of_detections_are_those_of_the_raw_detector() -> None:
     """Against complex Gaussian samples over their thresholds, for drones of several rings."""
     plots, ring, number = detections()
@@ -193,27 +136,6 @@ def test_signals_of_detections_are_those_of_the_raw_detector() -> None:
             seen = 10 ** (plots.snr_db[(ring == chosen) & (number == drone)] / 10)
             assert len(seen) > 50
             assert_chance(float(stats.ks_2samp(seen, power / len(TRANSMITTERS)).pvalue))
-
-
-def test_errors_of_a_ring_have_the_variance_of_the_raw_detector() -> None:
-    """The mean of 1/x over raw detections, on which rms errors depend."""
-    plots, ring, number = detections()
-    rng = np.random.default_rng(73)
-    chosen, drones = 4, np.arange(len(AZIMUTHS_DEG))
-    inverse = np.array(
-        [
-            np.mean(
-                len(TRANSMITTERS)
-                / mimo_equations.raw_detections(
-                    snrs()[chosen, i], RADAR["pfa"], SAMPLES, 100_000, rng
-                )[0]
-            )
-            for i in drones
-        ]
-    )
-    part = plots.rows(ring == chosen)
-    error_m = part.range_m - part.true_range_m
-    assert_mean(error_m**2 / (20**2 / (1.63**2 * 2) * inverse[number[ring == chosen]]), 1.0)
 
 
 def test_errors_do_not_depend_on_each_other() -> None:

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pytest
-from support.oracle_beside import check, sensors_of
-from support.significance import assert_sum
-
-from plotfeed.testing import flown, fly, held, radar, scene, staring, waypoint
+from plotfeed.testing import flown, radar, scene, staring, waypoint
 
 RHO, HEIGHT_M = -0.9, 5.0
 GROUND = {"reflection": RHO, "antenna_height_m": HEIGHT_M}
@@ -44,39 +38,6 @@ def approach() -> list[dict[str, Any]]:
     """One drone that flies from 3 km to 1 km, some 50 m up."""
     ends = (waypoint(33.0, 1.0, 3000.0), waypoint(33.0, 3.0, 1000.0))
     return [flown("d", *ends, speed_m_s=10.0, repeat=False, emitters=[EMITTER])]
-
-
-@pytest.mark.parametrize("more", [{}, {"cancellation_db": 0.0}], ids=["usual", "loud"])
-@pytest.mark.parametrize("kind", SENSORS)
-def test_the_ground_makes_of_the_ratio_what_two_waves_do(
-    kind: str, more: dict[str, Any], tmp_path: Path
-) -> None:
-    """Of the direct signal, too, where that is all that disturbs."""
-    loud = more if kind == "passive" else {}
-    ratios = []
-    for ground in ({}, {"multipath": GROUND}):
-        made = scene([SENSORS[kind] | loud | ground], approach(), seed=91)
-        check(made, tmp_path, 190)
-        ratios.append(next(looks.snr for _, looks, _, _ in sensors_of(made, 190)))
-    factor = ratios[1] / ratios[0]
-    assert factor.max() > 1.5 * factor.min()
-
-
-def test_detections_come_and_go_with_the_lobes() -> None:
-    """Drones at elevations of crests and of nulls."""
-    sensor = radar(elevation_max_deg=60.0, multipath=GROUND)
-    elevations_deg = 1.0 + np.linspace(0.0, 0.17, 12)
-    drones = [
-        held(f"{k}-{i}", 60 * i + 5, float(elevation_deg), 9000.0)
-        for k, elevation_deg in enumerate(elevations_deg)
-        for i in range(6)
-    ]
-    looks = fly(scene([sensor], drones, seed=92), 150).looks()
-    assert looks.pd.max() - looks.pd.min() > 0.4
-    for ring in range(len(elevations_deg)):
-        rows = np.char.startswith(looks.drone, f"{ring}-")
-        p = looks.pd[rows]
-        assert_sum(looks.detected[rows].sum(), p.sum(), (p * (1 - p)).sum(), f"{ring}")
 
 
 def test_check_predicts_the_lobes(tmp_path: Any) -> None:

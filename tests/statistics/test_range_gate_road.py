@@ -7,14 +7,13 @@ are those of the scenes.
 from __future__ import annotations
 
 from functools import cache
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pytest
-from support.significance import assert_standard_normal, assert_uncorrelated
+from support.significance import assert_uncorrelated
 
-from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef, wrap_180
+from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef
 from plotfeed.proto.utc import NS
 from plotfeed.testing import SITE, START_NS, Feed, flown, fly, held, scene, staring, waypoint
 
@@ -56,35 +55,12 @@ def test_every_drone_within_is_reported_at_every_scan_and_no_other() -> None:
     assert len(pairs) == len(plots) == len(rings().looks("gate"))
 
 
-@pytest.mark.parametrize("range_m", INSIDE_M)
-def test_noise_is_gaussian_and_independent_on_each_axis(range_m: float) -> None:
-    everything = rings().plots("gate")
-    plots = everything.rows(np.char.startswith(everything.drone, f"{range_m}:"))
-    measured = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-    true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
-    noise = (measured - true) / SIGMA_M
-    for axis, values in zip(("east", "north", "up"), noise.T, strict=True):
-        assert_standard_normal(values, f"{axis}, {range_m:g} m")
-    for a, b in combinations(noise.T, 2):
-        assert_uncorrelated(a, b, f"{range_m:g} m")
-
-
 def test_noise_of_a_scan_says_nothing_of_the_next() -> None:
     everything = rings().plots("gate")
     plots = everything.rows(everything.true_range_m > 500)  # close by, ranges err to the far side
     order = np.lexsort((plots.scan, plots.drone))
     error_m = (plots.range_m - plots.true_range_m)[order]
     assert_uncorrelated(error_m[:-1], error_m[1:], "scan by scan")
-
-
-def test_stated_sigmas_are_the_noise_over_the_range() -> None:
-    everything = rings().plots("gate")
-    plots = everything.rows(everything.true_range_m > 500)
-    assert_standard_normal((plots.range_m - plots.true_range_m) / plots.sigma_range_m, "range")
-    azimuth_deg = wrap_180(plots.azimuth_deg - plots.true_azimuth_deg)
-    assert_standard_normal(azimuth_deg / plots.sigma_azimuth_deg, "azimuth")
-    elevation_deg = plots.elevation_deg - plots.true_elevation_deg
-    assert_standard_normal(elevation_deg / plots.sigma_elevation_deg, "elevation")
 
 
 def test_heights_and_places_are_those_of_a_sensor_beside_the_site() -> None:

@@ -108,22 +108,6 @@ def rings(seed: int = 71, **changes: Any) -> Feed:
     return fly(scene([finder(**changes)], drones, seed=seed), SCANS)
 
 
-def test_odds_in_the_ledger_are_the_closed_form() -> None:
-    looks = rings().looks("rf")
-    assert len(looks) == len(RANGES_M) * AT_EACH * SCANS
-    np.testing.assert_allclose(looks.snr_db, snr_db(looks.range_m), atol=1e-9)
-    np.testing.assert_allclose(looks.pd, crossing(10 ** (looks.snr_db / 10)), rtol=1e-9)
-    assert looks.pd.min() < 0.01
-    assert looks.pd.max() > 0.99
-
-
-@pytest.mark.parametrize("ring", range(len(RANGES_M)))
-def test_each_ring_is_detected_as_often_as_its_pd_says(ring: int) -> None:
-    p, n = pd(RANGES_M[ring]), AT_EACH * SCANS
-    found = np.char.startswith(rings().plots("rf").drone, f"{ring}-").sum()
-    assert_sum(found, n * p, max(n * p * (1 - p), 1e-3), f"{RANGES_M[ring]:.0f} m")
-
-
 @pytest.mark.parametrize("ring", [0, 3, 5])
 def test_bursts_that_miss_the_scan_are_missed(ring: int) -> None:
     road = rings(72, duty_cycle=0.2, bursts_per_dwell=3)

@@ -6,13 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy import integrate
-from support.radar_equations import detected_power_density, mean_snr, sigma_angle_deg, sigma_range_m
 from support.significance import (
     assert_law,
     assert_mean,
     assert_standard_normal,
-    assert_sum,
     assert_uncorrelated,
     errors_of,
 )
@@ -63,48 +60,6 @@ def test_errors_over_their_stated_sigma_are_standard_normal(kind: str) -> None:
     assert_uncorrelated(normalised["azimuth"], normalised["elevation"], "azimuth and elevation")
     for of, values in normalised.items():
         assert_uncorrelated(values, plots.snr_db, f"{of} and signal")
-
-
-@KINDS
-def test_stated_sigmas_follow_from_the_signal_of_the_very_detection(kind: str) -> None:
-    plots = rings(kind)
-    power = 10 ** (plots.snr_db / 10)
-    for stated, computed in (
-        (plots.sigma_range_m, sigma_range_m(RADAR, power)),
-        (plots.sigma_azimuth_deg, sigma_angle_deg(2.0, power)),
-        (plots.sigma_elevation_deg, sigma_angle_deg(6.0, power)),
-    ):
-        np.testing.assert_allclose(stated, computed, rtol=1e-12)
-
-
-@KINDS
-@pytest.mark.parametrize("range_m", [5000.0, 8000.0, 11_000.0])
-def test_rms_errors_at_a_mean_signal_are_the_predicted_ones(kind: str, range_m: float) -> None:
-    """The mean of 1/x over detections scales all variances, that of 1/x**2 how they scatter.
-
-    Both by quadrature of the density of a detection's power x.
-    """
-    snr = float(mean_snr(RADAR, range_m))
-    inverse, inverse_square = (_mean_power_of_detections(snr, power) for power in (-1, -2))
-    everything = rings(kind)
-    plots = everything.rows(np.abs(everything.true_range_m - range_m) < 1)
-    for (of, (error, _)), sigma in zip(
-        errors_of(plots).items(),
-        (sigma_range_m(RADAR, 1), sigma_angle_deg(2.0, 1), sigma_angle_deg(6.0, 1)),
-        strict=True,
-    ):
-        squares, n = (error / sigma) ** 2, len(error)
-        scatter = n * (3 * inverse_square - inverse**2)  # the fourth moment of a normal one is 3
-        assert_sum(squares.sum(), n * inverse, scatter, f"square of {of}")
-        assert_sum((error / sigma).sum(), 0.0, n * inverse, f"bias of {of}")
-
-
-def _mean_power_of_detections(snr: float, exponent: float) -> float:
-    def integrand(log_x: float) -> float:
-        x = np.exp(log_x)
-        return float(x ** (1 + exponent) * detected_power_density(RADAR, x, snr))
-
-    return float(integrate.quad(integrand, np.log(1e-2), np.log(60 * (1 + snr)), limit=400)[0])
 
 
 FINE = radar(
@@ -239,21 +194,3 @@ def test_of_a_scene_that_states_no_floors_a_twentieth_and_a_tenth_remain() -> No
     for (of, (error, sigma)), floor in zip(errors_of(plots).items(), (0.5, 0.2, 0.6), strict=True):
         np.testing.assert_allclose(sigma, floor, rtol=0.05)
         assert_standard_normal(error / sigma, of)
-
-
-def test_floors_remain_where_the_echo_is_strong_and_add_in_quadrature() -> None:
-    floors = {"range_floor_m": 2.0, "azimuth_floor_deg": 0.05, "elevation_floor_deg": 0.1}
-    drones = [held(f"n{i}", 7 * i + 1, 8.0, 300.0, rcs_m2=10.0) for i in range(50)]
-    drones += [held(f"f{i}", 7 * i + 4, 8.0, 7000.0) for i in range(50)]
-    plots = detections(fly(scene([RADAR | floors], drones, seed=24), 150).plots())
-    power = 10 ** (plots.snr_db / 10)
-    for (of, (error, sigma)), noise, floor in zip(
-        errors_of(plots).items(),
-        (sigma_range_m(RADAR, power), sigma_angle_deg(2.0, power), sigma_angle_deg(6.0, power)),
-        floors.values(),
-        strict=True,
-    ):
-        np.testing.assert_allclose(sigma, np.sqrt(noise**2 + floor**2), rtol=1e-12)
-        near = np.char.startswith(plots.drone, "n")
-        assert_standard_normal(error[near] / floor, f"{of}, floor alone")
-        assert_standard_normal(error[~near] / sigma[~near], f"{of}, floor and noise")

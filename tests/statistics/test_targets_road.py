@@ -6,161 +6,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.special import i0
-from support.every_kind import MIMO, PASSIVE
 from support.fluctuating_echoes import joint_hit_gauss_markov
 from support.radar_equations import mean_snr
 from support.significance import Array, assert_standard_normal, assert_sum
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.models.detection import threshold_noncoherent_cfar
-from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.proto.utc import NS
-from plotfeed.testing import Feed, flown, fly, held, radar, rotating, scene, staring, waypoint
-
-STEADY, ONE, STRONG_PART = 0, 1, 3
-
-
-def pd_by_draws(sensor: dict[str, Any], snr: float, case: int) -> float:
-    """Strength, echo and reference samples, drawn plainly and counted; one look."""
-    rng = np.random.default_rng(case)
-    n, m = 400_000, sensor["n_reference"]
-    strength = snr * {0: np.ones(n), 1: rng.standard_exponential(n),
-                      3: rng.standard_gamma(2, n) / 2}[case]  # fmt: skip
-    noise = rng.standard_normal((2, n)) / np.sqrt(2)
-    power = (np.sqrt(strength) + noise[0]) ** 2 + noise[1] ** 2
-    alpha = sensor["pfa"] ** (-1 / m) - 1
-    return float((power > alpha * rng.standard_gamma(m, n)).mean())
+from plotfeed.testing import Feed, fly, held, radar, scene, staring
 
 
 def ring(case: int | None, n: int = 30, **more: Any) -> list[dict[str, Any]]:
     stated = {} if case is None else {"swerling": case}
     return [held(f"{case}-{i}", 12.0 * i + 1, 5.0, 8000.0, **stated, **more) for i in range(n)]
-
-
-@pytest.mark.parametrize("scan", [{}, {"scan": rotating(1.0, 8)}], ids=["staring", "rotating"])
-def test_drones_are_detected_as_they_fluctuate_and_errors_are_as_stated(
-    scan: dict[str, Any],
-) -> None:
-    sensor = radar(pfa=1e-4, **scan)
-    rcs_m2 = 0.0008
-    drones = [d for case in (STEADY, ONE, STRONG_PART) for d in ring(case, rcs_m2=rcs_m2)]
-    flight = fly(scene([sensor], drones, seed=51), 60)
-    looks, plots = flight.looks(), flight.plots()
-    snr = float(mean_snr(sensor, looks.range_m, rcs_m2).mean())
-    for case in (STEADY, ONE, STRONG_PART):
-        of = looks.rows(np.char.startswith(looks.drone, f"{case}-"))
-        assert np.ptp(of.pd) < 1e-4
-        p = pd_by_draws(sensor, snr, case)
-        assert of.pd.mean() == pytest.approx(p, abs=4e-3)
-        assert_sum(of.detected.sum(), of.pd.sum(), (of.pd * (1 - of.pd)).sum(), f"case {case}")
-        of_case = plots.rows(np.char.startswith(plots.drone, f"{case}-"))
-        error = (of_case.range_m - of_case.true_range_m) / of_case.sigma_range_m
-        assert_standard_normal(error, f"case {case}")
-    seen = [looks.pd[np.char.startswith(looks.drone, f"{c}-")][0] for c in (0, 3, 1)]
-    assert seen[0] > seen[1] > seen[2]
-
-
-def test_a_class_says_it_for_its_drones_and_a_drone_for_itself() -> None:
-    drones = [
-        held("a", 1.0, 5.0, 8000.0), held("b", 50.0, 5.0, 8000.0, target_class="bird"),
-        held("c", 90.0, 5.0, 8000.0, swerling=1), held("d", 140.0, 5.0, 8000.0, swerling=0),
-    ]  # fmt: skip
-    target = [{"swerling": 0}, {"target_class": "bird", "swerling": 3}]
-    looks = fly(scene([radar()], drones, seed=52, target=target), 4).looks()
-    plain = fly(scene([radar()], drones[:1], seed=52), 4).looks()
-    pd = {name: looks.pd[looks.drone == name][0] for name in "abcd"}
-    assert pd["a"] == pytest.approx(pd["d"], rel=1e-3)
-    assert pd["c"] == pytest.approx(plain.pd[0], rel=1e-3)
-    assert pd["a"] > pd["b"] > pd["c"]
-
-
-def test_echoes_to_all_transmitters_alike_are_lost_together() -> None:
-    """Swerling 1 in place of 2: one draw for all looks of a scan."""
-    weak = {"rcs_m2": 0.002}
-    drones = [held(f"{c}-{i}", 12.0 * i, 6.0, 9000.0, swerling=c, **weak)
-              for c in (1, 2) for i in range(20)]  # fmt: skip
-    looks = fly(scene([MIMO | {"pfa": 1e-4}], drones, seed=53), 40).looks()
-    for case in (1, 2):
-        of = looks.rows(np.char.startswith(looks.drone, f"{case}-"))
-        assert_sum(of.detected.sum(), of.pd.sum(), (of.pd * (1 - of.pd)).sum(), f"case {case}")
-    rng, n, m = np.random.default_rng(1), 400_000, 32
-    snr = 10 ** (looks.snr_db[0] / 10)
-    ratio = float(threshold_noncoherent_cfar(1e-4, 2, m))
-    strength = snr * rng.standard_exponential(n)
-    noise = rng.standard_normal((2, n, 2)) / np.sqrt(2)
-    power = ((np.sqrt(strength)[:, None] + noise[0]) ** 2 + noise[1] ** 2).sum(axis=1)
-    expected = (power > ratio * rng.standard_gamma(m, n)).mean()
-    assert looks.pd[looks.drone == "1-0"].mean() == pytest.approx(expected, abs=4e-3)
-
-
-def lobes_db(aspect_deg: Array, depth_db: float) -> Array:
-    mean_db = 10 * np.log10(i0(depth_db * np.log(10) / 10))
-    return np.asarray(depth_db * np.cos(np.radians(4 * aspect_deg)) - mean_db)
-
-
-def circling() -> list[dict[str, Any]]:
-    """Past the sensor on straight lines of all courses."""
-    ways = []
-    for i in range(12):
-        a = waypoint(30.0 * i, 4.0, 2500.0)
-        b = waypoint(30.0 * i + 100.0 - 18.0 * i, 4.0, 2500.0 + 200.0 * (-1) ** i * i)
-        ways.append(flown(f"d{i}", a, b, speed_m_s=25.0, repeat=False))
-    return ways
-
-
-def seen_aspects(flight: Feed) -> Array:
-    """Clockwise from where each drone flies to, by differences of its places; NaN at ends."""
-    looks = flight.looks()
-    found = np.full(len(looks), np.nan)
-    for drone in np.unique(looks.drone):
-        rows = np.flatnonzero(looks.drone == drone)
-        place = aer_to_enu(looks.azimuth_deg[rows], looks.elevation_deg[rows], looks.range_m[rows])
-        step = place[2:] - place[:-2]
-        course_deg = np.degrees(np.arctan2(step[:, 0], step[:, 1]))
-        found[rows[1:-1]] = looks.azimuth_deg[rows[1:-1]] + 180.0 - course_deg
-    return found
-
-
-@pytest.mark.parametrize("scan", [{}, {"scan": rotating(1.0, 8)}], ids=["staring", "rotating"])
-def test_cross_sections_are_those_of_the_side_that_is_seen(scan: dict[str, Any]) -> None:
-    table = {"kind": "table", "angle_deg": [0.0, 90.0, 180.0, 270.0], "gain_db": [0.0, 9, 3, -5]}
-    for aspect, gain in (
-        ({"kind": "lobes", "depth_db": 6.0}, lambda a: lobes_db(a, 6.0)),
-        (table, lambda a: np.interp(a % 360, [0, 90, 180, 270, 360], [0, 9, 3, -5, 0])),
-    ):
-        sensor = radar(**scan)
-        flight = fly(scene([sensor], circling(), seed=54, target=[{"aspect": aspect}]), 60)
-        looks, aspect_deg = flight.looks(), seen_aspects(flight)
-        inner = ~np.isnan(aspect_deg)
-        found_db = looks.snr_db - 10 * np.log10(mean_snr(sensor, looks.range_m))
-        np.testing.assert_allclose(found_db[inner], gain(aspect_deg[inner]), atol=0.05)
-        assert np.ptp(found_db) > 7
-        p = looks.pd
-        assert_sum(looks.detected.sum(), p.sum(), (p * (1 - p)).sum(), "detections")
-
-
-def test_a_passive_radar_sees_from_between_its_two_ends() -> None:
-    named = {"target": [{"aspect": {"kind": "lobes", "depth_db": 6.0}}]}
-    drone = flown("d", waypoint(0.0, 4.0, 3000.0), waypoint(90.0, 4.0, 3000.0), speed_m_s=20.0)
-    looks, plain = (
-        fly(scene([PASSIVE], [drone], seed=55, **more), 30).looks() for more in (named, {})
-    )
-    place = aer_to_enu(plain.azimuth_deg, plain.elevation_deg, plain.range_m)
-    tower = aer_to_enu(300.0, 0.2, 20_000.0)
-    step = place[2:] - place[:-2]
-    middle = place[1:-1]
-    back = -middle / np.linalg.norm(middle, axis=1, keepdims=True)
-    away = (tower - middle) / np.linalg.norm(tower - middle, axis=1, keepdims=True)
-    side = back + away
-    aspect_deg = np.degrees(np.arctan2(side[:, 0], side[:, 1]) - np.arctan2(step[:, 0], step[:, 1]))
-    most = 0.3 * 7.61e6
-    ratios = [10 ** (each.snr_db[1:-1] / 10) for each in (looks, plain)]
-    power = [ratio / (most - ratio) for ratio in ratios]
-    np.testing.assert_allclose(
-        10 * np.log10(power[0] / power[1]), lobes_db(wrap_180(aspect_deg), 6.0), atol=0.05
-    )
 
 
 def test_check_predicts_for_the_case_that_is_stated() -> None:

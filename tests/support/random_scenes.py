@@ -13,7 +13,8 @@ from typing import get_args
 from support.dice import Dice, Keys
 from support.hills import TILE, write_ridge
 from support.random_links import random_link
-from support.random_sensors import SENSOR_MAKERS, random_sensor, tables_of
+from support.random_sensors import SENSOR_MAKERS, drop_what_is_refused, random_sensor, tables_of
+from support.random_tables import TABLE_MAKERS
 
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import system_names
@@ -69,6 +70,25 @@ def random_tree(seed: int) -> Keys:
         tree.pop("weather", None)  # which they refuse
         tree.pop("jammer", None)
     return tree
+
+
+def tree_with(kind: str, table: str, seed: int) -> Keys:
+    """A scene of one sensor with one table, its own or the scene's, and of many drones."""
+    dice = Dice(seed)
+    sensor = {"id": "sensor-0", "type": kind, "position_enu_m": [0.0, 0.0, 10.0]}
+    sensor |= SENSOR_MAKERS[kind](dice)
+    if keys := TABLE_MAKERS[table](dice, sensor, ()) if table in TABLE_MAKERS else None:
+        sensor[table] = keys
+    drop_what_is_refused(sensor)
+    drones = [drone for _ in range(6) for drone in _drones(dice)]
+    tree = random_tree(seed) | {"sensor": [sensor]}
+    for name in (*SCENE_TABLES, "system"):
+        tree.pop(name, None)
+    name = table.split(maxsplit=1)[0]
+    is_refused = kind.startswith("multistatic") and name in ("weather", "jammer")
+    if table not in TABLE_MAKERS and name in SCENE_TABLES and not is_refused:
+        tree[name] = SCENE_TABLES[name](dice)
+    return tree | {"drone": [drone | {"id": f"d{n}"} for n, drone in enumerate(drones)]}
 
 
 def _preset(dice: Dice, number: int) -> Keys:

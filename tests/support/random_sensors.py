@@ -37,11 +37,11 @@ def random_sensor(dice: Dice, kind: str, others: Sequence[Keys]) -> Keys:
         sensor["link"] = random_link(dice)
     if dice.happens(0.4):
         sensor["event"] = _events(dice, sensor)
-    _drop_what_is_refused(sensor)
+    drop_what_is_refused(sensor)
     return sensor
 
 
-def _drop_what_is_refused(sensor: Keys) -> None:
+def drop_what_is_refused(sensor: Keys) -> None:
     """Systematic errors that are not modelled of places by several receivers or arrays."""
     kept = set(BiasKeys.model_fields)
     if sensor["type"].startswith("multistatic"):

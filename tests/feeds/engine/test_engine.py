@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -93,53 +92,6 @@ def report(t_ns: int, step: int) -> bytes:
         "altitude_reference": "ABOVE_TAKEOFF",
     }
     return json.dumps(said).encode()
-
-
-# Of section 4, by the second at which they come.
-COMMANDS = {
-    1: {"sensor": "passive", "set": {"link": {"down": True, "on_loss": "stall"}}},
-    2: {"sensor": "active", "set": {"loss_db": 3.0}},
-    3: {"sensor": "active", "set": {"link": {"latency_ms": 40.0, "jitter_ms": 20.0}}},
-    4: {"sensor": "mimo", "set": {"enabled": False}},
-    5: {"sensor": "passive", "set": {"link": {"down": False, "on_loss": "stall"}}},
-    6: {"sensor": "active", "reset": True},
-}
-
-
-def with_input(engine: Engine, step: Callable[[], int]) -> tuple[Said, Left]:
-    """What an engine says that is asked after steps of time, with a drone and commands."""
-    batches: list[Batch] = []
-
-    def take(until_ns: int) -> None:
-        batches.extend(engine.until(until_ns))
-
-    now_ns = START_NS
-    for tenth in range(10 * DURATION_S):
-        t_ns = START_NS + tenth * NS // 10
-        while (now_ns := min(now_ns + step(), t_ns)) < t_ns:
-            take(now_ns)
-        take(t_ns)
-        assert engine.receive("plotfeed/telemetry/mine", report(t_ns, tenth), t_ns) is None
-        if tenth % 10 == 0 and tenth // 10 in COMMANDS:
-            command = json.dumps(COMMANDS[tenth // 10]).encode()
-            assert engine.receive("plotfeed/control", command, t_ns) is None
-    take(END_NS)
-    return what_left(batches)
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_no_octet_depends_on_the_pace_at_which_it_is_asked(seed: int) -> None:
-    by_chance = random.Random(seed)  # noqa: S311
-    plain = with_input(Engine("section-4", START_NS), lambda: NS)
-    at_random = with_input(
-        Engine("section-4", START_NS), lambda: by_chance.choice([1, 10**6, 3 * 10**7, 10**8])
-    )
-    assert at_random == plain
-    held = [t_ns for t_ns, topic, _ in plain[1] if topic.startswith("plotfeed/passive/")]
-    assert not [t_ns for t_ns in held if START_NS + NS < t_ns < START_NS + 5 * NS]
-    assert held.count(START_NS + 5 * NS) > 1
-    with_drone = Engine("section-4", START_NS)
-    assert by_engine(with_drone, in_steps(NS)) != plain
 
 
 def test_engines_that_share_a_scene_say_together_what_one_says() -> None:

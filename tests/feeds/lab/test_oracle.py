@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from support.given_files import VARIABLE, more_input, reference_rows
+from support.hills import write_ridge
 from support.oracle_beside import START_NS, check, sensors_of
-from support.random_scenes import written_scene
+from support.random_scenes import PLAIN_M, tree_with, written_scene
+from support.random_sensors import SENSOR_MAKERS, tables_of
 
 from plotfeed.feeds.lab import oracle
 from plotfeed.feeds.scene.examples import summaries
@@ -40,6 +42,25 @@ def test_every_example_scene_asks_what_its_sensors_do(path: Path, tmp_path: Path
 @pytest.mark.parametrize("seed", range(20))
 def test_random_scenes_ask_what_their_sensors_do(seed: int, tmp_path: Path) -> None:
     check(load(written_scene(seed, tmp_path)), tmp_path, 2)
+
+
+TABLES = [
+    (kind, table)
+    for kind in SENSOR_MAKERS
+    for table in (*tables_of(kind), "terrain", "weather of all", "jammer", "target", "plain")
+]
+
+
+@pytest.mark.parametrize(("kind", "table"), TABLES)
+def test_each_table_of_each_kind_asks_what_its_sensor_does(
+    kind: str, table: str, tmp_path: Path
+) -> None:
+    """Alone, so that no other effect hides it, and drawn thrice, at drones all over the cover."""
+    write_ridge(tmp_path, height_m=700, plain_m=PLAIN_M)
+    for seed in range(1 if table == "terrain" else 3):
+        own = tmp_path / str(seed)  # horizons are read once from each place
+        own.mkdir()
+        check(from_tree(tree_with(kind, table, seed), tmp_path / "one.toml"), own, 1)
 
 
 SEARCHES = {

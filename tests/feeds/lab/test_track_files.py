@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from support.ledgers import written
 from support.scene_files import radar, scene_file, scene_text
 from support.told_tracks import NS, RADAR, T_NS, told_tracks
@@ -166,15 +164,6 @@ def test_json_of_the_page() -> None:
 def test_what_is_no_track_is_refused(payload: bytes, why: str) -> None:
     with pytest.raises(DecodeError, match=why):
         tracks_in(payload, "", T_NS, SITE)
-
-
-@given(st.binary(max_size=60), st.sampled_from(["", BATCH, SAPIENT]))
-def test_whatever_octets_come_there_are_tracks_or_an_error(payload: bytes, kind: str) -> None:
-    for octets in (payload, b"\x3e" + (3 + len(payload)).to_bytes(2, "big") + payload):
-        try:
-            tracks_in(octets, kind, T_NS, SITE)
-        except DecodeError:
-            continue
 
 
 # Files.

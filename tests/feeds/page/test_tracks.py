@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from support.asterix_input import tracks
 from support.page_updates import Frame, read_frame
 
@@ -163,19 +161,6 @@ def test_any_name_is_of_a_track_that_has_a_number(track: int | str) -> None:
 def test_what_is_no_track_is_refused_by_its_key(message: Any, named: str) -> None:
     with pytest.raises(DecodeError, match=named):
         decoded(message)
-
-
-@given(st.binary(max_size=200))
-def test_any_octets_are_tracks_or_an_error(payload: bytes) -> None:
-    for prefix in (b"", b">", b"{", b'[{"track":'):
-        try:
-            told = tracks_to_show(prefix + payload, None, NOW_NS, testing.SITE)
-        except DecodeError:
-            continue
-        kept = ShownTracks(testing.SITE)
-        kept.take(told)
-        kept.news(NOW_NS)
-        assert np.isfinite([each.latitude_deg for each in told]).all()
 
 
 def test_what_is_too_long_is_not_read() -> None:

@@ -5,8 +5,6 @@ import json
 import numpy as np
 import pytest
 import pytest_asyncio
-from hypothesis import given
-from hypothesis import strategies as st
 from support.recordings import block
 from support.scene_files import radar, scene_file, scene_text
 
@@ -19,42 +17,7 @@ from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN, StatusEncoder025
 
-TOPICS = [
-    "plotfeed/radar/asterix/048",
-    "plotfeed/radar/asterix/034",
-    "plotfeed/radar/plots",
-    "plotfeed/radar/status",
-    "plotfeed/truth",
-    "plotfeed/errors",
-    "plotfeed/telemetry/d",
-    "something/else",
-    "",
-]
 PROTOBUF = "application/x-protobuf; messageType="
-CONTENT_TYPES = [
-    None,
-    "application/json",
-    "application/x-asterix; cat=48",
-    "text/plain",
-    "",
-    f"{PROTOBUF}plotfeed.v1.Ledger",
-    f"{PROTOBUF}sapient_msg.bsi_flex_335_v2_0.SapientMessage",
-    f"{PROTOBUF}no.such.Thing",
-]
-
-
-@given(
-    st.sampled_from(TOPICS) | st.text(max_size=10),
-    st.binary(max_size=200) | st.text(max_size=40).map(str.encode),
-    st.sampled_from(CONTENT_TYPES),
-)
-def test_arbitrary_octets_on_any_topic_are_lines(
-    topic: str, payload: bytes, content_type: str | None
-) -> None:
-    for line in message_lines(topic, payload, content_type, as_json=False):
-        assert "\n" not in line.removeprefix(topic)
-    for line in message_lines(topic, payload, content_type, as_json=True):
-        assert json.loads(line)["topic"] == topic
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,6 @@
 from __future__ import annotations
 
-import json
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from plotfeed.feeds.scene.changes import MAX_COMMAND_OCTETS, ControlError, parsed
 
@@ -54,23 +50,3 @@ def test_what_is_no_command_is_refused_in_a_line(payload: bytes, words: str) -> 
         parsed(payload)
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
-    max_leaves=10,
-)
-
-
-@given(
-    st.binary()
-    | st.fixed_dictionaries(
-        {}, optional={"sensor": json_values, "set": json_values, "clock": json_values}
-    ).map(lambda tree: json.dumps(tree).encode())
-)
-def test_whatever_comes_it_is_a_command_or_one_error(payload: bytes) -> None:
-    try:
-        parsed(payload)
-    except ControlError as error:
-        assert len(str(error).splitlines()) <= 1

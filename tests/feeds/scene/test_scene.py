@@ -234,15 +234,6 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path, name: str, why: str
     assert "\n" not in str(caught.value)
 
 
-@given(
-    st.binary(max_size=200)
-    | st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass"))
-)
-def test_arbitrary_octets_are_no_scene(data: bytes) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        assert problems(Path(folder), data)
-
-
 @given(st.data())
 def test_a_damaged_scene_loads_or_says_why(data: st.DataObject) -> None:
     octets = bytearray(TEXT.encode())

@@ -250,15 +250,6 @@ def test_statuses_come_at_their_interval_and_end_with_goodbye() -> None:
     ]
 
 
-def test_the_same_scene_gives_the_same_octets() -> None:
-    def octets(road: Feed) -> list[tuple[str, bytes]]:
-        return [(m.topic, m.payload) for m in road.messages if m.topic.endswith("/sapient")]
-
-    assert octets(built()) == octets(plain())
-    other = {m.node_id for m in messages(built(seed=6), "staring")}
-    assert other.isdisjoint(m.node_id for m in messages(plain(), "staring"))
-
-
 def test_what_was_not_finished_is_not_sent_later() -> None:
     """Behind by more than a scan, a session goes on with the present."""
     turning = scene([radar(report=["sapient"], scan=rotating(1.0, 32))], seed=1)

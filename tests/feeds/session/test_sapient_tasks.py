@@ -269,14 +269,6 @@ def test_tasks_of_nobody_are_refused_and_recorders_are_told_of_all() -> None:
     assert asks.taken == [("plotfeed/nobody/sapient/task", task(request="Status"), None)]
 
 
-def test_the_same_tasks_give_the_same_octets() -> None:
-    asked = [(0.5, task(ONE, mode_change="standby")), (1.0, task(TWO, request="Reset"))]
-    first, second = flown_with(*asked, duration_s=2.0)[0], flown_with(*asked, duration_s=2.0)[0]
-    assert [m.SerializeToString() for m in first.said] == [
-        m.SerializeToString() for m in second.said
-    ]
-
-
 def test_what_a_script_changes_is_said_anew() -> None:
     """A node is at any time as it has said: by its Registration, its mode and its cover."""
     events = [

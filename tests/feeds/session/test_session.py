@@ -90,18 +90,6 @@ async def test_the_octets_do_not_depend_on_the_pace(tmp_path: Path) -> None:
 
 
 @pytest.mark.asyncio
-async def test_a_sensor_reports_the_same_alone_and_among_others(tmp_path: Path) -> None:
-    one, other = (
-        radar("one", period_s=0.5),
-        radar("other", period_s=0.7, sectors=16, more="sic = 7"),
-    )
-    _, together = await simulated(scene(tmp_path, sensors=one + other), 6.0)
-    for sensor, text in (("one", one), ("other", other)):
-        _, alone = await simulated(scene(tmp_path, sensors=text), 6.0)
-        assert reported(alone, sensor) == reported(together, sensor)
-
-
-@pytest.mark.asyncio
 async def test_sensors_of_the_same_keys_have_chances_of_their_own(tmp_path: Path) -> None:
     _, sent = await simulated(
         scene(tmp_path, sensors=radar("one") + radar("other"), drones=""), 6.0

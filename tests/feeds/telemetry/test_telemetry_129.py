@@ -137,15 +137,6 @@ def test_what_is_wrong_is_refused_with_its_reason(payload: bytes, reason: Reason
     assert refusal(payload).reason is reason
 
 
-@given(st.binary(max_size=200), st.sampled_from([CAT129, "application/x-asterix", None]))
-def test_whatever_comes_it_is_a_report_or_a_refusal(data: bytes, content_type: str | None) -> None:
-    with suppress(Refused):
-        decode(data, content_type, now_utc_ns=NOW)
-    length = (len(data) + 3).to_bytes(2, "big")
-    with suppress(Refused):
-        decode(b"\x81" + length + data, content_type, now_utc_ns=NOW)
-
-
 @given(st.data())
 def test_a_damaged_block_is_a_report_within_bounds_or_a_refusal(data: st.DataObject) -> None:
     payload = bytearray(block(velocity_m_s=[[1.0, 2.0, 3.0]], accuracy_m=[3.0]))

@@ -63,24 +63,8 @@ def test_a_share_is_a_share_and_standing_still_has_none(rate, notch, folds):
     assert share == case.share_passed(np.array([-rate]), CHANNEL)[0]
 
 
-def test_without_a_notch_all_passes_up_to_the_fastest_that_is_told():
-    case = doppler(notch_m_s=0.0, folds=False)
-    rates = np.array([0.0, 1e-9, 20.0, 20.001, -30.0])
-    assert case.share_passed(rates, np.zeros(5, np.int64)).tolist() == [1, 1, 1, 0, 0]
-    assert doppler(notch_m_s=0.0).share_passed(rates, np.zeros(5, np.int64)).tolist() == [1] * 5
-
-
 def test_a_rate_a_millionth_of_the_notch_passes_a_trillionth():
     """The plain form, one less an exponential near one, keeps four digits of it."""
     share = doppler().share_passed(np.array([1e-6]), CHANNEL)[0]
     assert share == pytest.approx(1e-12, rel=1e-11)
     assert abs((1 - np.exp(-1e-12)) / 1e-12 - 1) > 1e-5
-
-
-def test_channels_have_cells_of_their_own():
-    case = doppler(cells_m_s=(0.25, 1.0), spans_m_s=(10.0, 40.0), floors_m_s=(0.0, 0.5))
-    channel = np.array([0, 1])
-    sigma = case.sigma_m_s(np.full(2, 50.0), channel)
-    bound = np.pi / np.sqrt(3) * 10  # of a steady tone, at 2 S = 100
-    np.testing.assert_allclose(sigma, [0.25 / bound, np.hypot(1.0 / bound, 0.5)])
-    assert case.folded(np.array([6.0, 6.0]), channel).tolist() == [-4.0, 6.0]

@@ -16,7 +16,6 @@ from plotfeed.models.effects.pulse_intervals import (
     PulseIntervals,
     at_least,
     chosen,
-    eclipse_factor,
     filter_factor,
     first_successes,
     folded_range_m,
@@ -40,23 +39,6 @@ def test_ranges_fold_below_what_is_unambiguous_by_whole_folds(
     assert 0 <= told_m <= folds_at_m
     folds = (range_m - told_m) / folds_at_m
     assert folds == pytest.approx(round(folds), abs=1e-6 * max(folds, 1))
-
-
-def test_unambiguous_range_times_blind_speed_is_set_by_the_wavelength() -> None:
-    """2.25e6 m2/s at X: c times the wavelength over 4."""
-    for prf_hz in (500.0, 5000.0):
-        blind_m_s = WAVELENGTH_M * prf_hz / 2
-        assert C_M_S / (2 * prf_hz) * blind_m_s == pytest.approx(C_M_S * WAVELENGTH_M / 4)
-        assert float(filter_factor(3 * blind_m_s, prf_hz, WAVELENGTH_M, "single")) < 1e-25
-
-
-@pytest.mark.parametrize("duty", [0.01, 0.1, 0.5])
-def test_pulses_eclipse_four_thirds_of_the_duty_on_average(duty: float) -> None:
-    prf_hz = 5000.0
-    range_m = C_M_S / (2 * prf_hz) * (np.arange(400_000) + 0.5) / 400_000 * 3
-    factor = eclipse_factor(range_m, prf_hz, duty / prf_hz)
-    assert factor.mean() == pytest.approx(1 - 4 * duty / 3, abs=1e-5)
-    assert eclipse_factor(0.0, prf_hz, duty / prf_hz) == 0.0
 
 
 @pytest.mark.parametrize("canceller", CANCELLERS)
@@ -89,13 +71,6 @@ def test_staggered_frequencies_leave_no_speed_of_drones_blind() -> None:
     assert intervals().folds_at_m == pytest.approx(29_979.2458)
 
 
-def test_sensitivity_goes_with_the_time_since_the_latest_pulse() -> None:
-    held = intervals(stc_range_m=1000.0, stc_exponent=4.0)
-    range_m = np.array([250.0, 500.0, 1000.0, 5000.0, 29_979.2458 + 500.0])
-    factor = held.power_factor(range_m, None, None)[:, 0]
-    np.testing.assert_allclose(factor, [0.25**4, 0.5**4, 1.0, 1.0, 0.5**4], rtol=1e-9)
-
-
 def test_so_many_of_equal_trials_are_binomial_and_of_others_as_counted() -> None:
     p = np.linspace(1e-9, 1 - 1e-9, 50)
     for n, needed in ((1, 1), (3, 2), (8, 3), (8, 8)):
@@ -124,14 +99,6 @@ def test_the_first_that_hits_is_as_often_each_as_counted() -> None:
         p = float(first[0, k])
         assert_sum((enough.argmax(axis=1) == k).sum(), len(enough) * p, len(enough) * p + 1e-9, "")
         assert_sum((columns == k).sum(), n * p, n * p * (1 - p) + 1e-9, f"chosen {k}")
-
-
-def test_a_passing_beam_leaves_the_mean_of_its_amplitude() -> None:
-    beam = PassingBeam(beamwidth_deg=2.0, step_deg=1.2)
-    for off in (-3.0, -0.4, 0.0, 1.1):
-        angle = off + 1.2 * ((np.arange(100_000) + 0.5) / 100_000 - 0.5)
-        amplitude = np.sqrt(0.5 ** ((2 * angle / 2.0) ** 2))
-        assert beam.power_factor(np.array([off])) == pytest.approx(amplitude.mean() ** 2, rel=1e-8)
 
 
 def test_intervals_lie_about_the_time_at_which_the_beam_meets_a_target() -> None:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from plotfeed.models.effects.jamming import Jammer, Jamming, jamming_over_noise
+from plotfeed.models.effects.jamming import jamming_over_noise
 from plotfeed.models.effects.weather import (
-    RainEcho,
     gases_db_per_km,
     rain_coefficients,
     rain_db_per_km,
-    rain_reflectivity_m2_m3,
     wind_noise_db,
 )
 from plotfeed.models.propagation import BOLTZMANN_J_K, C_M_S, T0_K, radar_snr
@@ -49,15 +47,6 @@ def test_gases_weaken_by_what_the_recommendations_figures_say():
     assert np.linspace(18, 28, 401)[line.argmax()] == pytest.approx(22.235, abs=0.6)
 
 
-def test_rain_sends_back_what_was_worked_out_elsewhere():
-    found = float(rain_reflectivity_m2_m3(C_M_S / 16e9, 25))
-    assert 10 * np.log10(found) == pytest.approx(-40.9883655952417, abs=1e-6)
-    beams = np.radians(2) * np.radians(6)
-    echo = RainEcho.of(1.0, found, beams, 10.0, 0.0)
-    at_3_km_m2 = echo.over_noise_at_1_m * 3000.0**2  # a target of 1 m2 falls off by R^2 more
-    assert 10 * np.log10(at_3_km_m2) == pytest.approx(11.7, abs=0.05)
-
-
 def test_wind_is_19_db_louder_when_it_is_twice_as_fast_and_silent_when_there_is_none():
     wind = np.array([2.0, 4.0, 8.0])
     level_db = wind_noise_db(wind, 200.0, 0.09)
@@ -80,29 +69,3 @@ def test_a_target_that_jams_for_itself_is_drowned_as_the_equation_of_self_screen
     radiated = power_w * 10 ** (gain_db / 10) * rcs_m2 * time_s
     expected = 4 * np.pi * range_m**2 * (eirp_w / width_hz) / radiated
     assert float(over_noise / snr) == pytest.approx(float(expected), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("jammer_ghz", "width_mhz", "share"),
-    [(10.0, 100.0, 1.0), (10.005, 10.0, 0.5), (10.1, 20.0, 0.0), (10.0, 2.0, 0.2)],
-)
-def test_a_receiver_hears_what_lies_in_its_band(jammer_ghz, width_mhz, share):
-    heard = {"eirp_w": 1.0, "range_m": 1e3, "gain_dbi": 30.0, "noise_w_hz": 1e-20}
-    width = {"jammer_width_hz": width_mhz * 1e6, "frequency_hz": 10e9}
-    found = jamming_over_noise(**heard, **width, jammer_hz=jammer_ghz * 1e9, bandwidth_hz=10e6)
-    whole = jamming_over_noise(**heard, **width, jammer_hz=10e9, bandwidth_hz=1.0)
-    assert float(found) == pytest.approx(share * float(whole), rel=1e-9)
-
-
-def test_beside_the_beam_a_jammer_is_heard_by_its_gain_and_then_by_side_lobes():
-    jammer = Jammer(
-        position_enu_m=(0.0, 1e3, 0.0), frequency_hz=1e10, azimuth_deg=359.5, elevation_deg=0.0,
-        over_noise=(1000.0, 10.0), sidelobe_db=-20.0,
-    )  # fmt: skip
-    jamming = Jamming(jammers=(jammer, jammer), azimuth_beamwidth_deg=2.0,
-                      elevation_beamwidth_deg=4.0)  # fmt: skip
-    azimuth_deg = np.array([359.5, 0.5, 358.5, 100.0, 359.5])
-    elevation_deg = np.array([0.0, 0.0, 0.0, 0.0, 2.0])
-    found = jamming.over_noise(azimuth_deg, elevation_deg)
-    np.testing.assert_allclose(found[:, 0], [2000, 1000, 1000, 20, 1000], rtol=1e-12)
-    np.testing.assert_allclose(found[:, 1], found[:, 0] / 100, rtol=1e-12)

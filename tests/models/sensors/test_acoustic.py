@@ -10,17 +10,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 from scipy.optimize import brentq
 from support.microphones import SECTION_4, sounding
-from support.significance import assert_chance, assert_law, assert_standard_normal, assert_sum
+from support.significance import assert_standard_normal
 
 from plotfeed.models import propagation
 from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.acoustic import MicrophoneArray
 from plotfeed.models.sensors.sensor_model import Targets
-from plotfeed.models.state import FALSE_ALARM, Floats
+from plotfeed.models.state import Floats
 
 SCAN = Timetable(1_000_000_000, 1).sector(7, 0)
 targets = partial(sounding, SCAN.end_ns)
@@ -113,80 +112,6 @@ def test_bearings_are_of_the_sound_and_true_columns_of_the_drone() -> None:
     assert abs(error_deg).max() < 0.1
 
 
-def test_sigma_is_barton_s_with_the_floor_in_quadrature() -> None:
-    snr = np.array([10.0, 1e3, 1e6])
-    noise_deg = 11.0 / (1.6 * np.sqrt(2 * snr))
-    np.testing.assert_allclose(SECTION_4.sigma_azimuth_deg(snr), noise_deg)
-    floored = array(azimuth_floor_deg=1.5).sigma_azimuth_deg(snr)
-    np.testing.assert_allclose(floored, np.sqrt(noise_deg**2 + 1.5**2))
-
-
-def test_nothing_but_azimuth_is_measured() -> None:
-    _, plots = SECTION_4.observe(targets(np.full((50, 3), 40.0), 120.0), np.random.default_rng(5))
-    assert len(plots) == 50
-    for absent in ("range_m", "elevation_deg", "sigma_elevation_deg", "sigma_range_m", "height_m"):
-        assert np.isnan(getattr(plots, absent)).all()
-    assert not plots.kind.any()
-
-
-def test_elevation_is_measured_where_there_is_a_beam_for_it() -> None:
-    model = array(elevation_beamwidth_deg=20.0, elevation_floor_deg=0.3, kind="drone")
-    place = np.tile(aer_to_enu(30.0, 20.0, 100.0), (3000, 1))
-    _, plots = model.observe(targets(place, 100.0), np.random.default_rng(6))
-    assert_standard_normal((plots.elevation_deg - 20.0) / plots.sigma_elevation_deg, "seed 6")
-    assert set(plots.kind) == {"drone"}
-    near_zenith = np.tile(aer_to_enu(30.0, 89.9, 100.0), (3000, 1))
-    _, plots = model.observe(targets(near_zenith, 80.0), np.random.default_rng(7))
-    assert len(plots) > 2000
-    assert plots.elevation_deg.max() <= 90
-    assert (plots.azimuth_deg >= 0).all()
-    assert (plots.azimuth_deg < 360).all()
-
-
-def test_odds_of_a_look_are_those_predicted() -> None:
-    there = phantom(np.linspace(60, 990, 50))
-    looks, _ = SECTION_4.observe(there, np.random.default_rng(8))
-    predicted = SECTION_4.predict(there)
-    np.testing.assert_array_equal(looks.pd, predicted.pd)
-    np.testing.assert_array_equal(looks.snr, predicted.snr)
-    found = SECTION_4.sigma_azimuth_deg(looks.snr)
-    np.testing.assert_array_equal(found, predicted.sigma_azimuth_deg)
-
-
-def test_false_alarms_are_binomial_over_the_beams_and_uniform() -> None:
-    model = array(pfa=0.05, azimuth_cover=AzimuthCover(300.0, 400.0 - 10), kind="drone")
-    assert model.resolution_cells == pytest.approx(90 / 11)
-    rng = np.random.default_rng(9)
-    scans = [model.draw_false_alarms(SCAN, rng) for _ in range(5000)]
-    counts = np.array([len(plots) for plots in scans])
-    expected = 5000 * stats.binom(9, 0.05 * 90 / 99).pmf(range(4))
-    seen = [(counts == k).sum() for k in range(3)] + [(counts >= 3).sum()]
-    expected[3] = 5000 - expected[:3].sum()
-    assert_chance(float(stats.chisquare(seen, expected).pvalue), "seed 9")
-    azimuth_deg = np.concatenate([plots.azimuth_deg for plots in scans])
-    assert_law((azimuth_deg - 300) % 360 / 90, "uniform", "seed 9")
-    excess_db = 10 * np.log10(np.concatenate([plots.snr for plots in scans])) - 32
-    assert_law(excess_db, "expon", "seed 9")
-    one = next(plots for plots in scans if len(plots))
-    assert one.drone[0] == FALSE_ALARM
-    assert one.kind[0] == "drone"
-    assert one.t_utc_ns[0] == SCAN.end_ns
-    assert np.isnan(one.elevation_deg[0])
-    assert np.isnan(one.range_m[0])
-
-
-def test_beams_in_elevation_alarm_too() -> None:
-    """From horizon to zenith, where false alarms are; seed 15."""
-    model = array(pfa=0.05, elevation_beamwidth_deg=40.0)
-    assert model.resolution_cells == pytest.approx(360 / 11 * 90 / 40)
-    rng = np.random.default_rng(15)
-    plots = [model.draw_false_alarms(SCAN, rng) for _ in range(1000)]
-    mean = 1000 * 0.05 * 360 / 11 * 90 / 40
-    assert_sum(sum(map(len, plots)), mean, mean * 0.95, "seed 15")
-    elevation_deg = np.concatenate([found.elevation_deg for found in plots])
-    assert_law(elevation_deg / 90, "uniform", "seed 15")
-
-
 def test_speed_of_sound() -> None:
     """343.2 m/s at 20 degrees Celsius (ISO 9613-1); 331.3 at freezing point."""
     assert propagation.speed_of_sound_m_s(20.0) == pytest.approx(343.2)
@@ -246,21 +171,3 @@ def test_a_louder_drone_is_never_heard_less(
     if np.linalg.norm(place) > 0:
         assert quiet.snr <= loud.snr
         assert 0 <= quiet.pd <= loud.pd <= 1
-
-
-@given(arrays, st.floats(0, 360), st.floats(0, 90), st.floats(1, 1e4), st.floats(1, 1e4))
-def test_a_drone_that_goes_away_on_a_line_is_never_heard_better(
-    model: MicrophoneArray, azimuth_deg: float, elevation_deg: float, a: float, b: float
-) -> None:
-    near, far = (
-        model.predict(targets(aer_to_enu(azimuth_deg, elevation_deg, r))) for r in sorted((a, b))
-    )
-    assert far.snr <= near.snr * (1 + 1e-9)
-    assert far.pd <= near.pd * (1 + 1e-6) + 1e-12
-
-
-def test_noise_takes_from_the_ratio_what_the_array_gives() -> None:
-    place = phantom([150.0]).position_enu_m
-    quiet = SECTION_4.snr_db(np.array([80.0]), place)
-    assert array(noise_db=7.0).snr_db(np.array([80.0]), place) == pytest.approx(quiet - 7.0)
-    assert array(array_gain_db=6.03).snr_db(np.array([80.0]), place) == pytest.approx(quiet - 3.0)

@@ -10,17 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
-from scipy.special import gammaincc, gammainccinv
-from support.significance import assert_chance, assert_law, assert_standard_normal, assert_sum
 
 from plotfeed.models import propagation
 from plotfeed.models.beam import AzimuthCover, Timetable
-from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
 from plotfeed.models.sensors.sensor_model import Targets
-from plotfeed.models.state import FALSE_ALARM, Emitter, Signatures
+from plotfeed.models.state import Emitter, Signatures
 
 SCAN = Timetable(1_000_000_000, 1).sector(3, 0)
 FINDER = RfDirectionFinder(
@@ -81,16 +78,6 @@ def test_free_space_loss() -> None:
     assert loss_db == pytest.approx([100.05, 32.45], abs=0.01)
 
 
-def test_log_distance_is_free_space_up_to_its_reference() -> None:
-    ranges = np.array([10.0, 100.0, 1000.0, 10_000.0])
-    free = propagation.path_loss_db(ranges, 0.125)
-    town = propagation.path_loss_db(ranges, 0.125, 3.5, 100.0)
-    assert town[:2] == pytest.approx(free[:2])
-    assert np.diff(town[1:]) == pytest.approx([35.0, 35.0])
-    assert propagation.path_loss_db(ranges, 0.125, 2.0, 37.0) == pytest.approx(free)
-    assert propagation.path_loss_db(1e-9, 0.125) == 0
-
-
 def test_noise_is_minus_174_dbm_a_hertz_and_the_noise_figure() -> None:
     assert FINDER.noise_dbm == pytest.approx(-174 + 60 + 6, abs=0.03)
 
@@ -102,16 +89,6 @@ def test_signal_to_noise_ratio_is_the_link_budget() -> None:
     town = finder(path_loss_exponent=3.0, path_loss_reference_m=10.0)
     looks, _ = town.observe(many(CONTROL, 1, 1000.0), np.random.default_rng(1))
     assert 10 * np.log10(looks.snr) == pytest.approx([9.79], abs=0.02)
-
-
-def test_pd_is_that_of_the_energy_detector() -> None:
-    there = many(CONTROL, 1, 8800.0)
-    sensor = finder(loss_db=21.0)
-    looks, _ = sensor.observe(there, np.random.default_rng(1))
-    assert sensor.samples == 1000
-    expected = gammaincc(1000, gammainccinv(1000, 1e-6) / (1 + looks.snr))
-    np.testing.assert_allclose(looks.pd, expected, rtol=1e-12)
-    assert 0.01 < looks.pd[0] < 0.99
 
 
 def test_fewer_samples_than_one_are_one() -> None:
@@ -148,17 +125,6 @@ def test_share_of_an_emission_in_the_band(
     )
 
 
-def test_pd_is_that_of_a_burst_coming_times_that_of_crossing() -> None:
-    bursts = finder(duty_cycle=0.1, bursts_per_dwell=7)
-    near = many(CONTROL, 1, 100.0)
-    assert bursts.predict(near).pd == pytest.approx([1 - 0.9**7], rel=1e-12)
-    assert finder(duty_cycle=0.1).predict(near).pd == pytest.approx([0.1], rel=1e-12)
-    weak = {"loss_db": 21.0}
-    crossing = finder(**weak).predict(many(CONTROL, 1, 8800.0)).pd
-    both = finder(duty_cycle=0.1, bursts_per_dwell=7, **weak).predict(many(CONTROL, 1, 8800.0)).pd
-    assert both == pytest.approx(crossing * (1 - 0.9**7), rel=1e-12)
-
-
 def test_hops_outside_what_is_heard_at_once_are_missed() -> None:
     hopping = replace(CONTROL, bandwidth_hz=80e6)
     narrow = finder(instantaneous_bandwidth_hz=20e6)
@@ -169,90 +135,10 @@ def test_hops_outside_what_is_heard_at_once_are_missed() -> None:
     assert FINDER.predict(many(hopping, 1, 100.0)).pd == pytest.approx([1.0])
 
 
-def test_detections_come_as_often_as_their_pd_says() -> None:
-    """Seed 3."""
-    sensor = finder(duty_cycle=0.3, bursts_per_dwell=2, loss_db=21.0)
-    looks, plots = sensor.observe(many(CONTROL, 20_000, 8600.0), np.random.default_rng(3))
-    p = float(looks.pd[0])
-    assert 0.05 < p < 0.5
-    assert_sum(len(plots), 20_000 * p, 20_000 * p * (1 - p), "seed 3")
-
-
-def test_bearing_errors_follow_the_very_detection() -> None:
-    """Noise of a phase difference, sqrt((1 + 1/2S)/(S M)), over 2 pi d / lambda; seed 4."""
-    sensor = finder(azimuth_floor_deg=0.2, loss_db=25.0)
-    _, plots = sensor.observe(many(CONTROL, 5000, 5000.0, 0.1), np.random.default_rng(4))
-    wavelength_m = C_M_S / 2.44e9
-    phase_rad = np.sqrt((1 + 1 / (2 * plots.snr)) / (plots.snr * 1000))
-    noise_deg = np.degrees(wavelength_m / (2 * np.pi * 0.3) * phase_rad)
-    np.testing.assert_allclose(plots.sigma_azimuth_deg, np.hypot(noise_deg, 0.2), rtol=1e-12)
-    assert_standard_normal(wrap_180(plots.azimuth_deg - 0.1) / plots.sigma_azimuth_deg, "seed 4")
-    assert plots.azimuth_deg.min() >= 0
-    assert plots.azimuth_deg.max() < 360
-
-
-@pytest.mark.parametrize("loss_db", [0.0, 20.0, 25.5, 27.0])
-def test_rms_bearing_error_is_the_predicted_one(loss_db: float) -> None:
-    """Seed 5."""
-    sensor = finder(loss_db=loss_db, azimuth_floor_deg=0.01)
-    there = many(CONTROL, 40_000, 5000.0)
-    _, plots = sensor.observe(there, np.random.default_rng(5))
-    sigma_deg = float(sensor.predict(there.__class__(**_first(there))).sigma_azimuth_deg[0])
-    squares = (wrap_180(plots.azimuth_deg - 70.0) / sigma_deg) ** 2
-    assert len(plots) > 1000
-    assert_sum(squares.sum(), len(plots), len(plots) * squares.var(), f"seed 5, {loss_db} dB")
-
-
-def _first(there: Targets) -> dict[str, Any]:
-    columns = ("drone", "t_utc_ns", "position_enu_m", "true_position_enu_m")
-    return {c: getattr(there, c)[:1] for c in columns} | {"signatures": there.signatures}
-
-
 def test_received_power_is_noise_and_the_estimated_ratio() -> None:
     _, plots = FINDER.observe(many(CONTROL, 500, 1000.0), np.random.default_rng(6))
     np.testing.assert_allclose(plots.amplitude_dbm, FINDER.noise_dbm + 10 * np.log10(plots.snr))
     assert np.median(plots.amplitude_dbm) == pytest.approx(20 + 3 - 1 - 100.19, abs=0.05)
-
-
-def test_every_emitter_of_every_drone_is_looked_at_by_itself() -> None:
-    wide = finder(
-        frequency_max_hz=6e9, instantaneous_bandwidth_hz=3.6e9, classifies=True, loss_db=0.0
-    )
-    places = aer_to_enu(np.array([10.0, 200.0, 300.0]), 5.0, 500.0)
-    there = targets(places, [(CONTROL, REMOTE_ID, VIDEO), (), (VIDEO, CONTROL)])
-    looks, plots = wide.observe(there, np.random.default_rng(7))
-    assert looks.drone.tolist() == plots.drone.tolist() == [0, 0, 0, 2, 2]
-    assert looks.channel.tolist() == plots.channel.tolist() == [0, 1, 2, 0, 1]
-    assert plots.kind.tolist() == ["control", "remote-id", "video", "video", "control"]
-    assert plots.identity.tolist() == [""] * 5
-    narrow, plots = FINDER.observe(there, np.random.default_rng(7))
-    assert narrow.channel.tolist() == plots.channel.tolist() == [0, 1, 1]
-    assert plots.kind.tolist() == [""] * 3
-
-
-def test_what_is_decoded_tells_its_kind_and_identity() -> None:
-    there = targets(aer_to_enu(10.0, 5.0, 500.0), [(CONTROL, REMOTE_ID)])
-    reader = finder(decodes=frozenset({"remote-id"}))
-    _, plots = reader.observe(there, np.random.default_rng(8))
-    assert plots.kind.tolist() == ["", "remote-id"]
-    assert plots.identity.tolist() == ["", "1596F3"]
-    _, plots = finder(decodes=frozenset({"video"})).observe(there, np.random.default_rng(8))
-    assert plots.identity.tolist() == ["", ""]
-
-
-def test_a_detector_without_direction_reports_no_azimuth_and_hears_the_zenith() -> None:
-    sensor = finder(measures_azimuth=False)
-    places = [[0.0, 0.0, 80.0], [50.0, 0.0, 10.0]]
-    there = targets(places, [(CONTROL,), (CONTROL,)])
-    looks, plots = sensor.observe(there, np.random.default_rng(9))
-    assert plots.drone.tolist() == [0, 1]
-    for absent in ("azimuth_deg", "sigma_azimuth_deg", "elevation_deg", "range_m"):
-        assert np.isnan(getattr(plots, absent)).all()
-    assert np.isnan(looks.azimuth_deg[0])
-    assert np.isnan(sensor.predict(there).sigma_azimuth_deg).all()
-    assert FINDER.observe(there, np.random.default_rng(9))[0].drone.tolist() == [1]
-    one_side = finder(measures_azimuth=False, azimuth_cover=AzimuthCover(180.0, 360.0))
-    assert not len(one_side.observe(there, np.random.default_rng(9))[0])
 
 
 def test_cover_ends_at_the_range_and_at_the_azimuths() -> None:
@@ -277,40 +163,6 @@ def test_prediction_is_of_a_report_by_any_emitter() -> None:
     assert np.isnan(predicted.snr[2])
     assert np.isnan(predicted.sigma_azimuth_deg[2:]).all()
     assert (predicted.sigma_azimuth_deg[:2] > 0).all()
-
-
-def test_false_alarms_are_binomial_over_channels_and_beams_and_uniform() -> None:
-    """Seed 11."""
-    sensor = finder(
-        pfa=1e-3, azimuth_beams=4, azimuth_cover=AzimuthCover(300.0, 360.0), classifies=True
-    )
-    assert sensor.resolution_cells == 80 * 4
-    assert sensor.false_alarms_per_scan == pytest.approx(0.32)
-    rng = np.random.default_rng(11)
-    scans = [sensor.draw_false_alarms(SCAN, rng) for _ in range(5000)]
-    counts = np.array([len(plots) for plots in scans])
-    expected = 5000 * stats.binom(320, 1e-3).pmf(range(4))
-    expected[3] = 5000 - expected[:3].sum()
-    seen = [(counts == k).sum() for k in range(3)] + [(counts >= 3).sum()]
-    assert_chance(float(stats.chisquare(seen, expected).pvalue), "seed 11")
-    found = [plots for plots in scans if len(plots)]
-    azimuth_deg = np.concatenate([plots.azimuth_deg for plots in found])
-    assert_law((azimuth_deg - 300) / 60, "uniform", "seed 11")
-    energies = 1000 * (1 + np.concatenate([plots.snr for plots in found]))
-    assert_law(energies, lambda x: 1 - gammaincc(1000, x) / 1e-3, "seed 11")
-    one = found[0]
-    assert one.drone[0] == FALSE_ALARM
-    assert one.kind[0] == one.identity[0] == ""
-    assert one.t_utc_ns[0] == SCAN.end_ns
-    assert np.isfinite(one.sigma_azimuth_deg[0])
-
-
-def test_false_alarms_of_a_detector_without_direction_have_no_azimuth() -> None:
-    sensor = finder(pfa=0.1, measures_azimuth=False)
-    plots = sensor.draw_false_alarms(SCAN, np.random.default_rng(12))
-    assert len(plots)
-    assert np.isnan(plots.azimuth_deg).all()
-    assert np.isfinite(plots.amplitude_dbm).all()
 
 
 decibels = st.floats(-300, 300)

@@ -138,18 +138,6 @@ def test_a_broken_record_costs_the_rest_of_its_block_alone() -> None:
     ]
 
 
-@given(st.binary(max_size=300))
-def test_any_bytes_give_records_or_one_kind_of_error(data: bytes) -> None:
-    records, errors = decode_lenient(data)
-    if errors:
-        with pytest.raises(DecodeError):
-            decode(data)
-        assert all(0 <= (error.at_octet or 0) <= len(data) for error in errors)
-    else:
-        assert decode(data) == records
-    assert sum(len(record.octets) for record in records) <= len(data)
-
-
 @given(st.binary(max_size=400), st.sampled_from(sorted(CATEGORIES)))
 def test_any_body_gives_records_that_lie_where_they_say(body: bytes, category: int) -> None:
     data = block(category, body)

@@ -127,16 +127,6 @@ def test_what_is_no_report_is_refused(block: str, reason: str) -> None:
         read_129(bytes.fromhex(block))
 
 
-@given(st.binary(max_size=80))
-def test_any_body_reads_or_is_refused(body: bytes) -> None:
-    block = b"\x81" + (len(body) + 3).to_bytes(2, "big") + body
-    try:
-        for report in read_129(block):
-            assert abs(report.latitude_deg) <= 90
-    except DecodeError:
-        pass
-
-
 @given(
     st.floats(-90, 90),
     st.floats(-180, 180),

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from plotfeed.proto.asterix.decode_cooperative import read_021
-from plotfeed.proto.errors import DecodeError
 
 SAID: dict[str, Any] = {
     "010": (1, 2),
@@ -56,11 +52,3 @@ def test_what_has_no_place_is_no_report_and_several_are_several() -> None:
     nowhere = {key: value for key, value in SAID.items() if key != "131"}
     assert read_021(block(nowhere)) == []
     assert len(read_021(block(SAID) + block(SAID))) == 2
-
-
-@given(st.binary(max_size=80), st.integers(0, 60))
-def test_any_octets_are_reports_or_an_error(data: bytes, cut: int) -> None:
-    whole = block(SAID)
-    for octets in (data, b"\x15" + (len(data) + 3).to_bytes(2, "big") + data, whole[:cut] + data):
-        with contextlib.suppress(DecodeError):
-            read_021(octets)

@@ -46,12 +46,3 @@ def test_without_a_name_twice_it_is_the_object_that_anybody_would_write(
 def test_anything_else_is_an_error(data: bytes) -> None:
     with pytest.raises(DecodeError, match="user properties: expected"):
         properties_of_json(data)
-
-
-@given(st.binary(max_size=100))
-def test_whatever_comes_is_read_or_refused(data: bytes) -> None:
-    try:
-        found = properties_of_json(data)
-    except DecodeError:
-        return
-    assert properties_of_json(properties_to_json(found)) == found

@@ -145,12 +145,6 @@ def test_a_file_cut_or_damaged_anywhere_gives_what_is_whole(data: st.DataObject)
         assert 1 <= len(flown(text).reports) <= 3
 
 
-@given(st.text(alphabet="GPS(1.0,)-->\n: BAROMETERM", max_size=300))
-def test_arbitrary_text_gives_a_flight_or_a_clear_error(text: str) -> None:
-    with suppress(PlotfeedError):
-        assert flown(text).reports
-
-
 def test_a_byte_order_mark_and_an_odd_suffix_do_not_matter(tmp_path: Path) -> None:
     path = tmp_path / "a.log"
     path.write_bytes(b"\xef\xbb\xbf" + subtitles(MATRICE).replace("\n", "\r\n").encode())

@@ -128,12 +128,6 @@ def test_a_table_cut_or_damaged_anywhere_gives_what_is_whole(data: st.DataObject
         assert len(flown(TABLE[:at] + junk + TABLE[at:]).reports) <= 2
 
 
-@given(st.text(max_size=200))
-def test_arbitrary_text_gives_a_flight_or_a_clear_error(text: str) -> None:
-    with pytest.raises(PlotfeedError):
-        flown(text)
-
-
 def test_a_file_is_read_by_its_suffix(tmp_path: Path) -> None:
     path = tmp_path / "flown.CSV"
     path.write_text(TABLE)

@@ -6,8 +6,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.live.aircraft import (
     GLIDER,
@@ -137,14 +135,6 @@ def test_a_block_of_an_edition_that_is_laid_out_otherwise_is_refused() -> None:
     (heard,) = hear(AircraftReports("asterix-021", "{icao}"), AN_OLD_BLOCK)
     assert isinstance(heard.said, Refused)
     assert "no ASTERIX 021 of editions 2.1 to 2.7: octet" in heard.said.detail
-
-
-@pytest.mark.parametrize("kind", ["sbs1", "beast", "asterix-021"])
-@given(pieces=st.lists(st.binary(max_size=200), max_size=5), now_ns=st.integers(0, 2**62))
-def test_nothing_that_comes_is_an_error(kind: str, pieces: list[bytes], now_ns: int) -> None:
-    listener = AircraftReports(kind, "{callsign}")
-    for piece in (*pieces, b"MSG,3," + b",".join(pieces) + b"\n", beast(EVEN), beast(ODD)):
-        hear(listener, piece, now_ns)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -134,8 +133,3 @@ JSON = st.recursive(
     ),
     max_leaves=12,
 )
-
-
-@given(JSON)
-def test_any_json_is_a_report_or_a_refusal(tree: Any) -> None:
-    said(json.dumps(tree).encode())

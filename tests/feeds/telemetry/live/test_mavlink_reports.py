@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from plotfeed.feeds.telemetry.live.heard import HeardReport
 from plotfeed.feeds.telemetry.live.mavlink import MAX_PEERS, MavlinkReports
@@ -257,11 +255,3 @@ def test_a_flood_of_peers_is_not_remembered() -> None:
     for i in range(3 * MAX_PEERS):
         hear(listener, b"\xfd\xff\x00", peer=f"10.0.0.1:{i}")
     assert len(listener._peers) == MAX_PEERS
-
-
-@given(st.lists(st.binary(max_size=300), max_size=5), st.integers(0, 2**63 - 1))
-def test_nothing_that_comes_is_an_error(pieces: list[bytes], now_ns: int) -> None:
-    listener = MavlinkReports("{system}")
-    for piece in pieces:
-        hear(listener, piece, now_ns)
-        hear(listener, Vehicle().at(5) + piece, now_ns)
