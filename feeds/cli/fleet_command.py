@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
-from plotfeed.feeds.cli.fleet_settings import FleetSettings
+from plotfeed.feeds.cli.options import FleetSettings
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.console.process import stopped_by_signals

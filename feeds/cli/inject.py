@@ -1,41 +1,185 @@
-"""A recorded flight published over MQTT as live telemetry: when each report is due."""
+"""A recorded flight, or what a live source says, published over MQTT as telemetry."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import json
+import logging
 import re
+import signal
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
+import numpy as np
 
-from plotfeed.feeds.cli.flight_summary import summary_lines
-from plotfeed.feeds.cli.inject_settings import InjectSettings
-from plotfeed.feeds.cli.session_answers import SessionAnswers
-from plotfeed.feeds.console import FAILED
+from plotfeed.feeds.cli.options import InjectSettings, table_of
+from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.option_fields import keys_given
-from plotfeed.feeds.console.printed import say
-from plotfeed.feeds.engine.visibility import shown_m
+from plotfeed.feeds.console.printed import say, show_last_status, show_status
+from plotfeed.feeds.console.process import stopped_by_signals
+from plotfeed.feeds.engine.visibility import (
+    HINDRANCES,
+    LIMITS,
+    Hindrance,
+    cover_of,
+    outside,
+    shown_m,
+)
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing, publish
 from plotfeed.feeds.scene.drones import FlightFile
 from plotfeed.feeds.scene.fields import Height, Positive
-from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.feeds.scene.telemetry_keys import FlownSpeed, TelemetrySource, Undulation
 from plotfeed.feeds.telemetry.admission import MAX_SPEED_M_S
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
-from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.telemetry.flights.table import REFERENCE_WORDS
+from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.live_source import LiveSource
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.models.state import AltitudeReference
+from plotfeed.models.frames import LocalFrame, distance_m, geodetic_to_ecef
+from plotfeed.models.state import AltitudeReference, Floats
 from plotfeed.proto.content_types import JSON, PROTOBUF
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.proto.utc import NS, iso_utc
+
+log = logging.getLogger(__name__)
+
+ANSWER_S = 1.0  # For what is retained to come after a subscription
+STATUS_S = 6.0  # For the next status to come: a session says one every 5 s
+MOST_REFUSALS_KEPT = 1000
+MOST_SENSORS = 10_000
+NEEDED = ("latitude_deg", "longitude_deg", "height_m", "range_max_m")  # Of a sensor's description
+
+
+class SessionAnswers:
+    """Hears a session on its prefix: that it runs, where its sensors stand, whom it refuses."""
+
+    def __init__(self, prefix: str, drone: str) -> None:
+        self._prefix, self._drone = prefix, drone
+        self.topics = [f"{prefix}/{end}" for end in ("errors", "session", "fleet/+/session")]
+        self.topics += [f"{prefix}/+/description", f"{prefix}/+/status"]
+        # The name of the scene that a session runs; None while none is heard.
+        self.scene: str | None = None
+        self.refused = 0  # Reports of the drone of which the session has said that it refused them
+        self.details: list[str] = []  # Why, of the first of them
+        # Sessions that say so, by their topics: one, or those of the parts of a fleet.
+        self._running: dict[str, dict[str, Any]] = {}
+        self._sensors: dict[str, dict[str, Any]] = {}
+        self._refused_by: Counter[str] | None = None
+        self._before: Counter[str] | None = None
+        self._statuses = 0
+        self._news = asyncio.Event()
+
+    def hear(self, topic: str, payload: bytes, _content_type: str | None) -> None:
+        """Take what came on one of the topics; what no session would say is nothing."""
+        kind = topic.rpartition("/")[2]
+        self._news.set()
+        try:
+            told = json.loads(payload)
+            if kind == "errors":
+                if told.get("drone") == self._drone:
+                    self.refused += 1
+                    if len(self.details) < MOST_REFUSALS_KEPT:
+                        self.details.append(str(told.get("detail")))
+            elif kind == "session":
+                self._running.pop(topic, None)
+                if told["state"] == "RUNNING" and len(self._running) < MOST_SENSORS:
+                    self._running[topic] = {
+                        "scene": str(told["scene"]),
+                        "sensors": frozenset(map(str, told["sensors"])),
+                    }
+                found = next(iter(self._running.values()), None)
+                self.scene = None if found is None else found["scene"]
+            elif kind == "description" and len(self._sensors) < MOST_SENSORS:
+                self._sensors[str(told["sensor"])] = {
+                    name: float(told[name])
+                    for name in (
+                        "latitude_deg",
+                        "longitude_deg",
+                        "height_m",
+                        "range_max_m",
+                        *LIMITS,
+                    )
+                    if name in told or name not in LIMITS
+                }
+            elif kind == "status":
+                counts = told.get("refused_by_reason", {})
+                self._refused_by = Counter({str(why): int(n) for why, n in counts.items()})
+                self._statuses += 1
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            log.warning("%s: something came that no session says", topic)
+
+    async def begin(self) -> None:
+        """Wait a moment for what is retained, and note what was refused before."""
+        await self._news_until(
+            ANSWER_S,
+            lambda: (
+                self.scene is not None
+                and all(self._sensors.keys() >= each["sensors"] for each in self._running.values())
+            ),
+        )
+        self._before = self._refused_by
+
+    async def end(self) -> None:
+        """Wait for what the session says of the last reports, if one runs: its next status."""
+        if self.scene is None:
+            return
+        known = self._statuses
+        await self._news_until(STATUS_S, lambda: self._statuses > known or self.scene is None)
+        await asyncio.sleep(0.2)  # for errors, which may come behind it
+
+    async def _news_until(self, most_s: float, is_so: Callable[[], bool]) -> None:
+        """Wait until that is so, but not for longer."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(most_s):
+                while not is_so():
+                    self._news.clear()
+                    await self._news.wait()
+
+    @property
+    def refused_meanwhile(self) -> Counter[str]:
+        """How many messages the session has refused since the beginning, for what, of whoever."""
+        return (self._refused_by or Counter()) - (self._before or Counter())
+
+    def nearest(
+        self, reports: Sequence[PositionReport]
+    ) -> tuple[str, float, float, Hindrance | None] | None:
+        """The sensor that comes nearest to seeing a flight, how near that comes, how far it sees.
+
+        With them, metres, what keeps the flight out of its cover, if anything does. Of sensors that
+        it comes into the cover of, the one whose range it enters deepest; None if no sensor has
+        said where it is. Heights of unknown reference are taken as they are.
+        """
+        best: tuple[Hindrance, str, float, float, Hindrance | None] | None = None
+        for name, told in self._sensors.items():
+            frame = LocalFrame(told["latitude_deg"], told["longitude_deg"], told["height_m"])
+            place_m, cover = frame.from_ecef(_ecef_m(reports, frame.height_m)), cover_of(told)
+            near_m, sees_m = float(distance_m(place_m).min()), cover.range_max_m
+            hindrance = outside(cover, place_m)
+            order = hindrance or Hindrance(len(HINDRANCES), sees_m - near_m, "")
+            if best is None or order > best[0]:
+                best = order, name, near_m, sees_m, hindrance
+        return None if best is None else best[1:]
+
+
+def _ecef_m(reports: Sequence[PositionReport], ground_m: float) -> Floats:
+    """Where the reports are; above take-off counts from `ground_m`. (n, 3)."""
+    above_m = {AltitudeReference.ABOVE_TAKEOFF: ground_m}
+    rows = [
+        (r.latitude_deg, r.longitude_deg, r.altitude_m + above_m.get(r.altitude_reference, 0.0))
+        for r in reports
+    ]
+    return geodetic_to_ecef(*np.array(rows, np.float64).T)
+
 
 # Times as fast as it was flown: beyond it, reports would fall on the same nanosecond.
 MAX_SPEED = 1000.0
@@ -62,13 +206,9 @@ T = TypeVar("T", InjectedFlight, InjectedSource)
 
 def keys_of(kind: type[T], settings: InjectSettings, **stated: Any) -> T:
     """What `--set` says of what is published, beside what is `stated`; raises `PlotfeedError`."""
+    named = {"url": str(stated.get("url")), "drone": "--drone"}
     tree = keys_given("--set", settings.changes) | stated
-    try:
-        return kind.model_validate(tree)
-    except ValidationError as error:
-        key, text = next(iter(problems_of(error, tree)))
-        where = {"url": stated.get("url"), "drone": "--drone"}.get(key, f"--set {key}")
-        raise PlotfeedError(f"{where}: {text}") from None
+    return table_of(kind, tree, lambda key: named.get(key, f"--set {key}"))
 
 
 def completed(keys: InjectedFlight | InjectedSource, report: PositionReport) -> PositionReport:
@@ -135,37 +275,79 @@ def retimed(
     return map(at_speed, flight.reports)
 
 
-class _Injection:
+class _ToSession:
+    """Reports on their way to a broker and its session, and what becomes of them."""
+
+    def __init__(
+        self,
+        keys: InjectedFlight | InjectedSource,
+        settings: InjectSettings,
+        broker: BrokerAddress,
+        drone: str = "",
+    ) -> None:
+        """`drone` is whose refusals are told of, one by one."""
+        self._keys, self._settings = keys, settings
+        self._encode, self._content_type = encode_protobuf, PROTOBUF
+        if settings.encoding == "json":
+            self._encode, self._content_type = encode_json, JSON
+        self._answers = answers = SessionAnswers(settings.prefix, drone)
+        self._link = MqttTransport(
+            broker, "plotfeed-inject", subscribe=answers.topics, on_message=answers.hear
+        )
+        self._sent = self._undelivered = 0
+
+    def _send(self, drone: str, report: PositionReport) -> None:
+        message = Message(
+            topic=f"{self._settings.prefix}/telemetry/{drone}",
+            payload=self._encode(completed(self._keys, report)),
+            content_type=self._content_type,
+            due_utc_ns=report.t_utc_ns,
+        )
+        publish([self._link], [Outgoing(message, client=self, transports=1)])
+
+    def _tell_meanwhile(self) -> int:
+        """Say what the session has refused since the beginning, of whoever; how much."""
+        meanwhile = self._answers.refused_meanwhile
+        if meanwhile:
+            reasons = ", ".join(f"{why} {n}" for why, n in meanwhile.most_common())
+            say(f"plotfeed: meanwhile the session refused, of all that came: {reasons}", err=True)
+        return meanwhile.total()
+
+    def now_ns(self) -> int:
+        """The time at which a report leaves, UTC."""
+        return time.time_ns()
+
+    def settled(self, one: Outgoing) -> None:
+        """Count what became of a report."""
+        self._sent += one.delivered
+        self._undelivered += not one.delivered
+
+
+class _Injection(_ToSession):
     """A flight on its way to a broker, and what becomes of its reports."""
 
     def __init__(
         self, flight: Flight, keys: InjectedFlight, settings: InjectSettings, broker: BrokerAddress
     ) -> None:
-        self._flight, self._keys = flight, keys
-        self._settings, self._broker = settings, broker
         drone = settings.drone or re.sub(r"[\s/+#]", "-", flight.name)
-        self._topic = f"{settings.prefix}/telemetry/{drone}"
-        self._sent = self._undelivered = 0
+        super().__init__(keys, settings, broker, drone)
+        self._flight, self._drone, self._broker = flight, drone, broker
         if not (1 <= len(drone) <= 64 and drone.isprintable()) or set("/+#") & set(drone):
             raise PlotfeedError(
                 f"--drone: {drone!a} is no name, the last level of a topic: expected 1 to 64 "
                 "printable characters without /, + and #"
             )
-        self._answers = SessionAnswers(settings.prefix, drone)
 
     async def run(self) -> int:
         """Connect, send each report when it is due, and pass on what is said of them."""
-        topic, answers = self._topic, self._answers
+        topic, answers = f"{self._settings.prefix}/telemetry/{self._drone}", self._answers
         if not topic.isprintable() or "+" in topic or "#" in topic:
             raise PlotfeedError(f"topic {topic!a}: expected printable characters without + and #")
-        link = MqttTransport(
-            self._broker, "plotfeed-inject", subscribe=answers.topics, on_message=answers.hear
-        )
-        async with link.connected(CONNECT_S):
+        async with self._link.connected(CONNECT_S):
             await answers.begin()
             is_seen = self._tell_distance()
-            await self._send_all(link)
-            await link.drain()
+            await self._send_all()
+            await self._link.drain()
             await answers.end()
         for line in answers.details[:MOST_REFUSALS_TOLD]:
             say(f"plotfeed: refused: {line}", err=True)
@@ -201,39 +383,155 @@ class _Injection:
         if self._answers.scene is None:
             say("plotfeed: no session was there to take them in", err=True)
             return False
-        meanwhile = self._answers.refused_meanwhile
-        if meanwhile:
-            reasons = ", ".join(f"{why} {n}" for why, n in meanwhile.most_common())
-            say(f"plotfeed: meanwhile the session refused, of all that came: {reasons}", err=True)
-        all_refused = self._sent > 0 and meanwhile.total() >= self._sent
+        all_refused = self._tell_meanwhile() >= self._sent > 0
         return not (self._undelivered or self._answers.refused or all_refused)
 
-    async def _send_all(self, link: MqttTransport) -> None:
-        settings, encode, content_type = self._settings, encode_protobuf, PROTOBUF
-        if settings.encoding == "json":
-            encode, content_type = encode_json, JSON
+    async def _send_all(self) -> None:
+        settings, clock = self._settings, None
         start_utc_ns = time.time_ns() if settings.shift else None
-        clock: WallClock | None = None
         try:
             for report in retimed(self._flight, speed=settings.speed, start_utc_ns=start_utc_ns):
                 clock = clock or WallClock(report.t_utc_ns)
                 await clock.sleep_until(report.t_utc_ns)
-                message = Message(
-                    topic=self._topic,
-                    payload=encode(completed(self._keys, report)),
-                    content_type=content_type,
-                    due_utc_ns=report.t_utc_ns,
-                )
-                publish([link], [Outgoing(message, client=self, transports=1)])
+                self._send(self._drone, report)
         finally:
             if clock is not None:
                 clock.close()
 
-    def now_ns(self) -> int:
-        """The time at which a report leaves, UTC."""
-        return time.time_ns()
 
-    def settled(self, one: Outgoing) -> None:
-        """Count what became of a report."""
-        self._sent += one.delivered
-        self._undelivered += not one.delivered
+# A silence is a gap if it is longer than this, and than so many times the usual interval.
+GAP_S, GAP_FACTOR = 5.0, 3.0
+MOST_REASONS = 4
+
+
+def summary_lines(flight: Flight) -> Iterator[str]:
+    """The summary of a flight as it was recorded, a line for each thing."""
+    reports = flight.reports
+    first = reports[0]
+    rows = np.array([(r.latitude_deg, r.longitude_deg, r.altitude_m) for r in reports])
+    places_m: Floats = geodetic_to_ecef(*rows.T)
+    length_km = float(np.linalg.norm(np.diff(places_m, axis=0), axis=1).sum()) / 1000
+    away_km = float(np.linalg.norm(places_m - places_m[0], axis=1).max()) / 1000
+    yield (
+        f"path       {length_km:.3g} km, up to {away_km:.3g} km from {first.latitude_deg:.5f}, "
+        f"{first.longitude_deg:.5f}, where it begins at {iso_utc(first.t_utc_ns)[:19]}Z"
+    )
+    heights_m = [report.altitude_m for report in reports]
+    above = " and ".join(
+        dict.fromkeys(REFERENCE_WORDS[report.altitude_reference] for report in reports)
+    )
+    yield f"heights    {min(heights_m):.1f} to {max(heights_m):.1f} m {above}"
+    for stated in flight.stated:
+        yield f"read as    {stated}"
+    yield f"rate       {_rate(reports)}"
+    dropped = sum(flight.dropped.values())
+    if dropped:
+        most = sorted(flight.dropped.items(), key=lambda pair: -pair[1])
+        told = ", ".join(f"{why} {n}" for why, n in most[:MOST_REASONS])
+        more = "" if len(most) <= MOST_REASONS else ", and others"
+        yield f"dropped    {dropped} of {dropped + len(reports)} records: {told}{more}"
+
+
+def _rate(reports: Sequence[PositionReport]) -> str:
+    """How often it reports as a rule, and where it does not."""
+    intervals_s = np.diff([report.t_utc_ns for report in reports]) / NS
+    if not len(intervals_s):
+        return "one report"
+    usual_s = float(np.median(intervals_s))
+    gaps_s = intervals_s[intervals_s > max(GAP_S, GAP_FACTOR * usual_s)]
+    text = f"{1 / usual_s:.3g} Hz" if usual_s <= 1 else f"one each {usual_s:.3g} s"
+    if not len(gaps_s):
+        return f"{text}, without gaps"
+    number = f"{len(gaps_s)} gaps" if len(gaps_s) > 1 else "1 gap"
+    return f"{text}, {number}, the longest {gaps_s.max():.3g} s, not bridged"
+
+
+MAX_DRONES_TOLD = 5
+MAX_DRONES = 10_000  # That are told apart in the counts
+
+
+def publish_source(url: str, settings: InjectSettings, broker: BrokerAddress) -> int:
+    """Listen and publish; the exit code. Raises `PlotfeedError`."""
+    if settings.speed != 1 or settings.shift or settings.raw:
+        raise PlotfeedError(f"{url}: --speed, --now and --raw are for files")
+    source = keys_of(InjectedSource, settings, url=url, drone=settings.drone)
+    return asyncio.run(_Relay(source, settings, broker).run(settings.duration))
+
+
+class _Relay(_ToSession):
+    """Reports on their way from a source to a broker, and what becomes of them."""
+
+    def __init__(
+        self, source: InjectedSource, settings: InjectSettings, broker: BrokerAddress
+    ) -> None:
+        super().__init__(source, settings, broker)
+        self._template = source.template
+        self._source = LiveSource(
+            source, now_utc_ns=time.time_ns, take=self._take, refuse=self._refuse
+        )
+        self._drones: dict[str, None] = {}
+        self._refused: Counter[str] = Counter()
+        self._details: dict[str, str] = {}
+
+    async def run(self, duration_s: float | None) -> int:
+        """Listen until the end of the source or of the time, or until stopped."""
+        stop = asyncio.Event()
+        async with contextlib.AsyncExitStack() as opened:
+            opened.callback(self._source.close)
+            await self._source.open()
+            await opened.enter_async_context(self._link.connected(CONNECT_S))
+            signals = opened.enter_context(stopped_by_signals(stop.set))
+            await self._answers.begin()
+            if self._answers.scene is None:
+                prefix = self._settings.prefix
+                say(f"plotfeed: no session says on {prefix}/session that it runs", err=True)
+            say(f"listens to {self._source.name}, drones are {self._template}; stop: Ctrl-C")
+            await self._listen(duration_s, stop)
+            await self._link.drain()
+            await self._answers.end()
+        self._conclude()
+        if signal.SIGINT in signals:
+            return INTERRUPTED
+        return FAILED if self._undelivered or not self._sent else 0
+
+    async def _listen(self, duration_s: float | None, stop: asyncio.Event) -> None:
+        tasks = [
+            asyncio.create_task(self._source.run(), name="source"),
+            asyncio.create_task(stop.wait(), name="stop"),
+        ]
+        status = asyncio.create_task(show_status(self._line), name="status")
+        try:
+            done, _ = await asyncio.wait(
+                tasks, timeout=duration_s, return_when=asyncio.FIRST_COMPLETED
+            )
+            for task in done:
+                task.result()
+        finally:
+            for task in (*tasks, status):
+                task.cancel()
+            await asyncio.gather(*tasks, status, return_exceptions=True)
+
+    def _line(self) -> str:
+        return (
+            f"drones {len(self._drones)}  reports {self._sent}  "
+            f"not taken {self._refused.total()}  undelivered {self._undelivered}"
+        )
+
+    def _conclude(self) -> None:
+        show_last_status(self._line())
+        told = ", ".join(list(self._drones)[:MAX_DRONES_TOLD])
+        more = len(self._drones) - MAX_DRONES_TOLD
+        say(f"drones: {told or 'none'}{f' and {more} more' if more > 0 else ''}")
+        for reason, number in self._refused.most_common(MOST_REFUSALS_TOLD):
+            say(f"plotfeed: not taken: {reason} {number}: {self._details[reason]}", err=True)
+        self._tell_meanwhile()
+
+    def _take(self, drone: str, report: PositionReport) -> None:
+        if len(self._drones) < MAX_DRONES:
+            self._drones[drone] = None
+        self._send(drone, report)
+
+    def _refuse(self, drone: str, refused: Refused) -> None:
+        self._refused[refused.reason] += 1
+        whose = f"{drone}: " if drone else ""
+        self._details.setdefault(refused.reason, whose + refused.detail)

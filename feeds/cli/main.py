@@ -12,24 +12,40 @@ from typing import Any
 
 import click
 
-from plotfeed.feeds.cli.fleet import fleet
 from plotfeed.feeds.cli.help_texts import GONE, SUMMARIES_AND_EXAMPLES, epilog_of
-from plotfeed.feeds.cli.inject_settings import InjectSettings
-from plotfeed.feeds.cli.options import NEW_FILE, POSITIVE, AccessOptions, force_option, options_of
-from plotfeed.feeds.cli.recording_commands import convert, merge, record, replay, report, show
-from plotfeed.feeds.cli.run_settings import RunSettings
-from plotfeed.feeds.cli.score_commands import score
-from plotfeed.feeds.cli.sweep_commands import sweep
+from plotfeed.feeds.cli.options import (
+    DEFAULT_BROKER,
+    NEW_FILE,
+    POSITIVE,
+    AccessOptions,
+    FleetSettings,
+    InjectSettings,
+    RunSettings,
+    force_option,
+    options_of,
+)
+from plotfeed.feeds.cli.replay_options import ReplayOptions
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import STANDARD_OUTPUT, PrintableFormatter, naming, say
-from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings
+from plotfeed.feeds.lab.lab_settings import (
+    ChartSettings,
+    NeedsSettings,
+    ScoreOptions,
+    SweepSettings,
+    TrackerSettings,
+)
+from plotfeed.feeds.recording.recording_settings import (
+    ConvertSettings,
+    RecordSettings,
+    ShowSettings,
+)
 from plotfeed.proto.errors import PlotfeedError
 
 # What a command needs is imported inside it, so that --help does not wait for NumPy.
 
-
 # Objects more than before at which the garbage collector looks at what commands load and check.
 GARBAGE_OF_START = 100_000
+OF_FILES = ("tracks", "truth", "feed")  # Options of a tracker whose tracks are there already
 
 
 class Commands(click.Group):
@@ -122,8 +138,7 @@ def inject(settings: InjectSettings, access: AccessOptions, flight: str) -> int:
     SOURCE is KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or mavlink:-, of the
     kinds mavlink, remote-id, sbs1, beast and asterix-021.
     """
-    from plotfeed.feeds.cli.inject import publish_flight
-    from plotfeed.feeds.cli.inject_live import publish_source
+    from plotfeed.feeds.cli.inject import publish_flight, publish_source
     from plotfeed.feeds.scene.telemetry_keys import looks_like_source
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 
@@ -237,8 +252,179 @@ def schema(what: str) -> int:
     return 0
 
 
-for each in (show, convert, merge, record, replay, report, score, fleet, sweep):
-    cli.add_command(each)
+@cli.command()
+@click.argument("scenes", metavar="SCENE", nargs=-1, required=True, type=click.Path(path_type=Path))
+@options_of(SweepSettings)
+def sweep(settings: SweepSettings, scenes: tuple[Path, ...]) -> int:
+    """Make many seeded runs of SCENE, a TOML file, in simulated time, with keys varied.
+
+    Several scenes are compared. A key goes by its path, such as sensor.radar.pfa or
+    drone.intruder.rcs_m2, where sensors go by id or type; link.latency_ms is that of all sensors.
+    Tables are Parquet, or CSV where that cannot be written. What is done is kept: the same command
+    goes on after an interruption.
+    """
+    from plotfeed.feeds.lab.studies import run_sweep
+
+    return run_sweep(scenes, settings)
+
+
+@cli.command()
+@click.argument("recording", metavar="RECORDING-or-SCENE", type=click.Path(path_type=Path))
+@options_of(ScoreOptions, TrackerSettings)
+def score(found: ScoreOptions, trackers: TrackerSettings, recording: Path) -> int:
+    """Score a tracker: its tracks beside the drones that the ledger in RECORDING tells of.
+
+    RECORDING is MCAP, made by run --record or by record. Tracks are ASTERIX 062, SAPIENT, our
+    protobuf, JSON, CSV or GeoJSON: those of the tracker's topic in RECORDING, or of another file.
+    With a limit of the profile broken, a tracker that failed, or with --feed a sensor that does
+    not keep what it claims, the exit code is 1.
+
+    With --tracker it runs SCENE, a TOML file, at each level of what is varied, starts the tracker
+    beside it, and draws its score against the level. What is in braces in COMMAND is filled in:
+    {broker}, {host}, {port}, {prefix}, {topic}. The same command goes on after an interruption.
+    """
+    from plotfeed.feeds.lab.score import load_profile, score_recording, settings_of
+
+    if not trackers.trackers:
+        if trackers.vary:
+            raise click.UsageError("--vary needs --tracker")
+        return score_recording(recording, found)
+    from plotfeed.feeds.lab.studies import score_tracker
+
+    for name in OF_FILES:
+        if getattr(found, name):
+            raise click.UsageError(f"--{name} contradicts --tracker")
+    if len(found.topics) > 1:
+        raise click.UsageError("--topic: a tracker of --tracker publishes on one")
+    profile = None if found.profile is None else load_profile(found.profile)
+    topic = found.topics[0] if found.topics else None
+    settings = replace(
+        trackers,
+        topic=topic,
+        force=found.force,
+        as_json=found.as_json,
+        out=found.out,
+        junit=found.junit,
+    )
+    return score_tracker(recording, settings, settings_of(profile, found.changes), profile)
+
+
+@cli.command()
+@click.argument("source", metavar="FILE-or-URL")
+@options_of(ShowSettings, AccessOptions)
+def show(settings: ShowSettings, access: AccessOptions, source: str) -> int:
+    """Print what a recording holds, in figures, or decoded messages, one a line.
+
+    The messages are those of a file, with --list; of a broker, mqtt://HOST:PORT/TOPIC-FILTER or
+    mqtts:// for TLS, where the filter is plotfeed/# if it is left out; or of a network,
+    udp://ADDRESS:PORT as for record. A file is MCAP, pcap, pcapng, FINAL, raw ASTERIX or JSON
+    lines.
+    """
+    from plotfeed.feeds.recording.show import show_source
+
+    return show_source(source, access.parsed(), settings)
+
+
+@cli.command()
+@click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
+@options_of(ReplayOptions, AccessOptions)
+def replay(options: ReplayOptions, access: AccessOptions, recording: Path) -> int:
+    """Replay the recording FILE to a broker or over UDP, with its own timing.
+
+    FILE is MCAP, pcap, pcapng, FINAL, raw ASTERIX or JSON lines. In a terminal keys steer it.
+    """
+    from plotfeed.feeds.cli.replay import replay_as_asked
+
+    return replay_as_asked(recording, DEFAULT_BROKER, access.parsed(), options)
+
+
+@cli.command()
+@click.argument("source", metavar="IN", type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
+@options_of(ConvertSettings)
+def convert(settings: ConvertSettings, source: Path, target: Path) -> int:
+    """Convert the recording IN to OUT.
+
+    What is whole of a damaged file is converted. MCAP, pcap, FINAL, raw ASTERIX and JSON lines go
+    both ways; pcapng is read, CSV (of plots) and Parquet (a table) are written.
+    """
+    from plotfeed.feeds.recording.convert import convert_recording
+
+    return convert_recording(source, target, settings)
+
+
+@cli.command()
+@click.argument("source", metavar="URL")
+@click.argument("file", type=NEW_FILE)
+@options_of(RecordSettings, AccessOptions)
+def record(settings: RecordSettings, access: AccessOptions, source: str, file: Path) -> int:
+    """Record what a broker or a network has to FILE, MCAP.
+
+    URL is mqtt://HOST:PORT/TOPIC-FILTER (mqtts:// for TLS, plotfeed/# without a filter), or
+    udp://ADDRESS:PORT: an address of this machine, 0.0.0.0 for all of them, or a multicast group,
+    which is joined at the network interface that ?interface=NAME behind it names.
+    """
+    from plotfeed.feeds.recording.record import record_source
+
+    return record_source(source, file, access.parsed(), settings)
+
+
+@cli.command()
+@click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print everything as one JSON object.")
+@click.option(
+    "--chart", type=NEW_FILE, metavar="IMAGE", help="Draw it to this file too, .png, .svg or .pdf."
+)
+@force_option("Replace the file of --chart where it is there already.")
+def report(recording: Path, **options: Any) -> int:
+    """Hold what a session delivered against what its scene asked, by the ledger in FILE.
+
+    FILE is MCAP, made by run --record or by record: delays, losses, detection, errors of plots.
+    """
+    from plotfeed.feeds.lab.report import print_report
+
+    return print_report(recording, **options)
+
+
+@cli.command()
+@click.argument("sources", metavar="IN", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
+@force_option("Replace OUT where it is there already.")
+@click.option("--json", "as_json", is_flag=True, help="Print the totals as one JSON object.")
+def merge(sources: tuple[Path, ...], target: Path, **options: Any) -> int:
+    """Merge recordings of one session, IN, to OUT, all MCAP, in the order of time.
+
+    They are those of workers that each served some sensors of one scene. What two of them hold is
+    in OUT once.
+    """
+    from plotfeed.feeds.recording.convert import merge_recordings
+
+    return merge_recordings(sources, target, **options)
+
+
+@cli.command()
+@click.argument("words", nargs=-1, required=True, metavar="SCENE | status SCENE | stop SCENE")
+@options_of(FleetSettings)
+def fleet(settings: FleetSettings, *, words: tuple[str, ...]) -> int:
+    """Run SCENE, a TOML file, by many processes of this machine, or where an engine places them.
+
+    Each runs a part of the scene, as `plotfeed run --part K/N` does, and publishes by itself over
+    MQTT: together they send the bytes that one process would. A process that dies is started again
+    and goes on at the right scan; none depends on another.
+
+    With status SCENE it prints how the parts do that run on the scene's prefix, or shows it on a
+    page; with stop SCENE it ends those that Ray runs.
+    """
+    from plotfeed.feeds.cli.fleet_command import print_status, run_fleet, stop_fleet
+
+    match words:
+        case ("status", scene):
+            return print_status(Path(scene), settings)
+        case ("stop", scene):
+            return stop_fleet(Path(scene), settings.ray)
+        case (scene,) if scene not in ("status", "stop"):
+            return run_fleet(Path(scene), settings)
+    raise click.UsageError("expected SCENE, status SCENE, or stop SCENE")
 
 
 def main() -> None:

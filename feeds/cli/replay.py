@@ -16,15 +16,13 @@ from typing import Any
 from plotfeed.feeds.cli.replay_options import ReplayOptions
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.posix import keys_of
-from plotfeed.feeds.console.printed import say, say_damage
+from plotfeed.feeds.console.printed import say, say_damage, show_last_status, show_status
 from plotfeed.feeds.console.process import stopped_by_signals
-from plotfeed.feeds.console.status_line import show_last_status, show_status
 from plotfeed.feeds.link.lateness import lateness_us
 from plotfeed.feeds.messages.outgoing import Transport
-from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import replay
+from plotfeed.feeds.replaying.replayer import ReplayControl, replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.files import RepeatableRecording, open_repeatable

@@ -17,8 +17,7 @@ import numpy as np
 
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Address, Message, SectorProperties, SectorStamp
-from plotfeed.feeds.scene.loaded_on_use import LoadedOnUse
-from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
 from plotfeed.models.state import Ints

@@ -18,8 +18,7 @@ from plotfeed.feeds.formats import (
 from plotfeed.feeds.messages.batch import Batch, of_parts
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.proto.asterix.cat062 import TrackEncoder062
-from plotfeed.proto.asterix.cat063 import StatusEncoder063
+from plotfeed.proto.asterix.cat062 import StatusEncoder063, TrackEncoder062
 from plotfeed.proto.asterix.codec.encode import Parts
 
 

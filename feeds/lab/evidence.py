@@ -10,7 +10,7 @@ from typing import BinaryIO, NamedTuple, Self
 
 import numpy as np
 
-from plotfeed.feeds.console.status_line import with_progress
+from plotfeed.feeds.console.printed import with_progress
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab.asked import AskedByTime, RecordedSettings
 from plotfeed.feeds.recording.recorder import SessionRecord, recorded_scene

@@ -25,8 +25,7 @@ from typing import Any, NoReturn, Self, TypeVar
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import lock
-from plotfeed.feeds.console.printed import naming, say
-from plotfeed.feeds.console.status_line import with_progress
+from plotfeed.feeds.console.printed import naming, say, with_progress
 from plotfeed.feeds.lab.lab_settings import RunsAsked
 from plotfeed.feeds.recording.recorder import files_of
 from plotfeed.feeds.scene.presets.preset import with_presets

@@ -23,8 +23,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from plotfeed.feeds.page.audience import Audience, Role
-from plotfeed.feeds.page.page_access import AUDIENCE_PATH, PageAccess
+from plotfeed.feeds.page.page_access import AUDIENCE_PATH, Audience, PageAccess, Role
 from plotfeed.feeds.page.updates import (
     MAX_COMMAND_OCTETS,
     Controls,

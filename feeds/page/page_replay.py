@@ -20,10 +20,9 @@ from plotfeed.feeds.page.recorded_sectors import (
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View, model_differs, tell_settings
-from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
-from plotfeed.feeds.replaying.replayer import replay
+from plotfeed.feeds.replaying.replayer import ReplayControl, replay
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress

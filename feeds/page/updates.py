@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue, QueueStatistics
-from plotfeed.feeds.page.audience import Role, name_in
+from plotfeed.feeds.page.page_access import Role, name_in
 from plotfeed.proto.errors import PlotfeedError
 
 MAGIC = b"PLF1"

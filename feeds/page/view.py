@@ -20,7 +20,7 @@ from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.feeds.link.losses import LossChain, chain_of
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.page.audience import CONCEALS, without_truth
+from plotfeed.feeds.page.page_access import CONCEALS, without_truth
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, cover_of, outline
 from plotfeed.feeds.page.shown import Drones, PlotStore, ShownTracks
 from plotfeed.feeds.page.strips import LinkRecord, Loss, Rates, looks_summary, new_looks

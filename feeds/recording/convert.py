@@ -21,9 +21,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from plotfeed.feeds.console.printed import say, say_damage
+from plotfeed.feeds.console.printed import say, say_damage, with_progress
 from plotfeed.feeds.console.process import made_of
-from plotfeed.feeds.console.status_line import with_progress
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.feeds.replaying.replay_settings import Moment
@@ -61,16 +60,40 @@ SESSION = "/session"
 
 
 @dataclass(slots=True)
-class ConversionCounts:
-    """What became of the messages."""
+class WrittenCounts:
+    """What became of the messages that were to be written."""
 
     messages: int = 0  # That are in the new file
     octets: int = 0  # Of their payload
-    read: int = 0
-    asked: int = 0  # Of these, by topic, stage and time
     first_ns: int | None = None
     last_ns: int | None = None
     left_out: Counter[str] = field(default_factory=Counter)  # By the reason why
+
+    def write(self, writer: RecordingWriter, message: Recorded) -> None:
+        """Write a message, or count why the file cannot hold it."""
+        reason = writer.write(message)
+        if reason is not None:
+            known = reason in self.left_out or len(self.left_out) < MAX_REASONS
+            self.left_out[reason if known else "of other kinds"] += 1
+            return
+        self.messages += 1
+        self.octets += len(message.payload)
+        t_ns = message.log_time_ns
+        self.first_ns = t_ns if self.first_ns is None else min(self.first_ns, t_ns)
+        self.last_ns = t_ns if self.last_ns is None else max(self.last_ns, t_ns)
+
+    def times(self) -> dict[str, str | None]:
+        """The first and the last time, as JSON has them."""
+        named = {"first_utc": self.first_ns, "last_utc": self.last_ns}
+        return {name: None if t_ns is None else iso_utc(t_ns) for name, t_ns in named.items()}
+
+
+@dataclass(slots=True)
+class ConversionCounts(WrittenCounts):
+    """What became of the messages of one recording."""
+
+    read: int = 0
+    asked: int = 0  # Of these, by topic, stage and time
     notes: list[str] = field(default_factory=list)
 
 
@@ -100,7 +123,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
             reader.messages(), target.name, lambda: reader.at, recording.octets
         )
         for message in _chosen(messages, settings, form, counts):
-            _write(writer, message, counts)
+            counts.write(writer, message)
         writer.close()
         counts.notes += [f"{form}: {note}" for note in writer.notes()]
         if reader.skipped:
@@ -217,19 +240,6 @@ def _chosen(
             counts.left_out[f"of stage {message.stage}; --stage takes them"] += 1
 
 
-def _write(writer: RecordingWriter, message: Recorded, counts: ConversionCounts) -> None:
-    reason = writer.write(message)
-    if reason is not None:
-        known = reason in counts.left_out or len(counts.left_out) < MAX_REASONS
-        counts.left_out[reason if known else "of other kinds"] += 1
-        return
-    counts.messages += 1
-    counts.octets += len(message.payload)
-    t_ns = message.log_time_ns
-    counts.first_ns = t_ns if counts.first_ns is None else min(counts.first_ns, t_ns)
-    counts.last_ns = t_ns if counts.last_ns is None else max(counts.last_ns, t_ns)
-
-
 def _print(
     source: Path, target: Path, recording: Recording, form: FileFormat, counts: ConversionCounts
 ) -> None:
@@ -256,8 +266,7 @@ def _print_json(
         "messages": counts.messages,
         "octets": counts.octets,
         "read": counts.read,
-        "first_utc": None if counts.first_ns is None else iso_utc(counts.first_ns),
-        "last_utc": None if counts.last_ns is None else iso_utc(counts.last_ns),
+        **counts.times(),
         "left_out": dict(counts.left_out),
         "notes": counts.notes,
         "damage": [asdict(each) for each in recording.reader.damage],
@@ -271,17 +280,11 @@ _log_time = attrgetter("log_time_ns")
 
 
 @dataclass(slots=True)
-class MergeCounts:
-    """What became of the messages."""
+class MergeCounts(WrittenCounts):
+    """What became of the messages of several recordings."""
 
-    messages: int = 0  # That are in the new file
-    octets: int = 0  # Of their payload
     of: dict[str, int] = field(default_factory=dict)  # Read, by file
     twice: int = 0  # Left out, as another file had them
-    # That no such file can hold, by the reason why.
-    refused: Counter[str] = field(default_factory=Counter)
-    first_ns: int | None = None
-    last_ns: int | None = None
 
 
 def merge_recordings(
@@ -298,8 +301,15 @@ def merge_recordings(
     if target.suffix != SUFFIX:
         raise PlotfeedError(f"{target}: expected a name that ends in {SUFFIX}")
     counts = MergeCounts()
+    from plotfeed.replay.mcap.mcap_reader import McapReader  # which other formats do not need
+
     with contextlib.ExitStack() as files:
-        logs = [files.enter_context(_opened(path)) for path in sources]
+        logs: list[McapReader] = []
+        for path in sources:
+            try:
+                logs.append(files.enter_context(McapReader(path)))
+            except PlotfeedError as error:
+                raise PlotfeedError(f"{path}: {error}") from None
         attachments = _attachments(sources, logs)
         file, keep = files.enter_context(made_of(sources, target, force=force))
         writer = writer_to(file, FileFormat.MCAP)
@@ -312,14 +322,7 @@ def merge_recordings(
             sum(path.stat().st_size for path in sources),
         )
         for message in every:
-            why = writer.write(message)
-            if why is not None:
-                counts.refused[why] += 1
-                continue
-            counts.messages += 1
-            counts.octets += len(message.payload)
-            counts.last_ns = message.log_time_ns
-            counts.first_ns = counts.last_ns if counts.first_ns is None else counts.first_ns
+            counts.write(writer, message)
         writer.close()
         keep(True)
         for path, log in zip(sources, logs, strict=True):
@@ -329,15 +332,6 @@ def merge_recordings(
         else:
             _say(sources, target, counts)
     return 0
-
-
-def _opened(path: Path) -> McapReader:
-    from plotfeed.replay.mcap.mcap_reader import McapReader  # which other formats do not need
-
-    try:
-        return McapReader(path)
-    except PlotfeedError as error:
-        raise PlotfeedError(f"{path}: {error}") from None
 
 
 def _attachments(sources: Sequence[Path], logs: Sequence[McapReader]) -> list[Attachment]:
@@ -396,7 +390,7 @@ def _say(sources: Sequence[Path], target: Path, counts: MergeCounts) -> None:
         say(f"  {number} of {path}")
     if counts.twice:
         say(f"  left out {counts.twice} messages that another recording has")
-    for why, number in counts.refused.items():
+    for why, number in counts.left_out.items():
         say(f"  left out {number} messages: {why}")
 
 
@@ -409,9 +403,8 @@ def _say_json(
         "octets": counts.octets,
         "of": counts.of,
         "twice": counts.twice,
-        "left_out": dict(counts.refused),
-        "first_utc": None if counts.first_ns is None else iso_utc(counts.first_ns),
-        "last_utc": None if counts.last_ns is None else iso_utc(counts.last_ns),
+        "left_out": dict(counts.left_out),
+        **counts.times(),
         "damage": {
             str(path): [asdict(each) for each in log.damage]
             for path, log in zip(sources, logs, strict=True)

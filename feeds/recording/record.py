@@ -19,9 +19,8 @@ from typing import Any
 
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.posix import HAS_POSIX, watched
-from plotfeed.feeds.console.printed import say
+from plotfeed.feeds.console.printed import interval_s, say, show_last_status, show_status
 from plotfeed.feeds.console.process import refuse_if_there, stopped_by_signals
-from plotfeed.feeds.console.status_line import interval_s, show_last_status, show_status
 from plotfeed.feeds.messages.message import ReceivedMessage, checked_topic_filter
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.recording_settings import RecordSettings

@@ -300,7 +300,7 @@ def show_file(path: Path, settings: ShowSettings) -> int:
             if count is not None and next(lines, None) is not None:
                 return 0
         else:
-            from plotfeed.feeds.console.status_line import with_progress
+            from plotfeed.feeds.console.printed import with_progress
 
             summary = Summary(settings.categories)
             for message in with_progress(

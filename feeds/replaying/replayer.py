@@ -1,27 +1,236 @@
-"""A recording replayed, lap after lap: every message at its time, through its link, and away."""
+"""A recording replayed, lap after lap: every message at its time, through its link, and away.
+
+What steers it while it runs, and how the times inside messages are moved.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+import logging
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from itertools import count, islice
 from typing import NamedTuple
 
 from plotfeed.feeds.console.process import undisturbed
 from plotfeed.feeds.messages.outgoing import Transport
-from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.restamp import Restamper
 from plotfeed.feeds.replaying.routes import Departure, ReplayCounters, Routes
 from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
 from plotfeed.feeds.timing.schedule import Schedule
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.proto.asterix.codec.retime_asterix import Retimer
+from plotfeed.proto.content_types import ASTERIX, JSON, SAPIENT_MESSAGE
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.message_kinds import OUR_MESSAGES, kind_of
+from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
+from plotfeed.proto.utc import NS
 from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Laps, Pace, lap_period_ns
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.recorded import UDP_TOPIC, Recorded, Stage
+
+SEEK_NS = NS // 10  # A replay goes on so long after a seek, for what is there has to be read first
+
+
+class ReplayControl:
+    """What may be asked of a replay, from within its loop, and where it is.
+
+    Before the replay has begun and after it has ended nothing can be asked.
+    """
+
+    def __init__(self) -> None:
+        self.pace: Pace | None = None  # None before it has begun and after it has ended
+        self.begin_ns = 0  # Recorded time at which each lap begins
+        self.stopped = False
+        self._clock: Clock | None = None
+        self._laps: Callable[[], Laps | None] = lambda: None
+        self._on_pace: Callable[[], object] = lambda: None
+        self._on_seek: Callable[[int, int], object] = lambda _lap, _from_ns: None
+
+    def begin(
+        self,
+        pace: Pace,
+        clock: Clock,
+        *,
+        begin_ns: int,
+        laps: Callable[[], Laps | None],
+        on_pace: Callable[[], object],
+        on_seek: Callable[[int, int], object],
+    ) -> None:
+        """The replay begins, and is told what is asked of it.
+
+        `laps` gives those of a recording whose end has been read, else None.
+        """
+        self.pace, self._clock = pace, clock
+        self.begin_ns, self._laps = begin_ns, laps
+        self._on_pace, self._on_seek = on_pace, on_seek
+
+    def end(self) -> None:
+        """The replay has ended."""
+        self.pace = None
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether it stands still."""
+        return self.pace is not None and self.pace.paused
+
+    @property
+    def speed(self) -> Fraction:
+        """Times its own tempo."""
+        return Fraction(1) if self.pace is None else self.pace.speed
+
+    @property
+    def position(self) -> tuple[int, int]:
+        """Lap, of which the first is 0, and recorded time that it has reached."""
+        if self.pace is None:
+            return 0, self.begin_ns
+        reached_ns = max(self.pace.position(self._now_ns()), self.begin_ns)
+        laps = self._laps()
+        return (0, reached_ns) if laps is None else laps.rolled(reached_ns)
+
+    def pause(self) -> None:
+        """Stand still; what links hold arrives all the same."""
+        if self.pace is not None and not self.pace.paused:
+            self._set(self.pace.pause(self._now_ns()))
+
+    def resume(self) -> None:
+        """Go on."""
+        if self.pace is not None and self.pace.paused:
+            self._set(self.pace.resume(self._now_ns()))
+
+    def toggle(self) -> None:
+        """Pause or resume."""
+        if self.is_paused:
+            self.resume()
+        else:
+            self.pause()
+
+    def set_speed(self, speed: Fraction) -> None:
+        """Go on at that speed."""
+        if self.pace is not None:
+            self._set(self.pace.at_speed(speed, self._now_ns()))
+
+    def seek(self, recorded_ns: int) -> None:
+        """Go on with what was recorded then, in the lap that it is in."""
+        if self.pace is None:
+            return
+        (lap, _), laps = self.position, self._laps()
+        recorded_ns = max(recorded_ns, self.begin_ns)
+        unrolled_ns = recorded_ns if laps is None else laps.unrolled(lap, recorded_ns)
+        self.pace = self.pace.seek(unrolled_ns, self._now_ns() + SEEK_NS)
+        self._on_seek(lap, recorded_ns)
+
+    def skip(self, seconds: float) -> None:
+        """Go on so much later, or earlier, than it is."""
+        self.seek(self.position[1] + round(seconds * NS))
+
+    def stand(self, end_ns: int) -> int | None:
+        """Stand still at that recorded time, the end; when that will be, None if it stands."""
+        if self.pace is None or self.pace.paused:
+            return None
+        now_ns, due_ns = self._now_ns(), self.pace.due(end_ns)
+        if now_ns < due_ns:
+            return due_ns
+        self._set(replace(self.pace, recorded_ns=end_ns, due_ns=now_ns, paused=True))
+        return None
+
+    def stop(self) -> None:
+        """End it."""
+        self.stopped = True
+        self._on_pace()
+
+    def _set(self, pace: Pace) -> None:
+        self.pace = pace
+        self._on_pace()
+
+    def _now_ns(self) -> int:
+        return 0 if self._clock is None else self._clock.now_ns()
+
+
+log = logging.getLogger(__name__)
+
+TIME = "time"  # The user property that CloudEvents tells the time of a message by
+MOST_SAID = 20
+
+Mover = Callable[[bytes, int], bytes]  # A payload and a shift in nanoseconds; raises `DecodeError`
+
+
+class Restamper:
+    """Moves the times in messages."""
+
+    def __init__(self, left: Counter[str]) -> None:
+        """`left` counts the messages, or parts of them, that are left alone, by what they are."""
+        self._left = left
+        self._asterix = Retimer()
+        self._movers: dict[str, Mover | None] = {}  # By the kind of message
+
+    def payload(self, recorded: Recorded, shift_ns: int) -> bytes:
+        """The message's payload, its times later by that."""
+        kind = kind_of(recorded.topic, recorded.content_type, recorded.payload)
+        if not kind and recorded.topic.startswith(UDP_TOPIC):
+            kind = ASTERIX
+        if kind not in self._movers:
+            self._movers[kind] = self._mover(kind)
+        mover = self._movers[kind]
+        if mover is None:
+            what = recorded.content_type or "octets that nothing is said of"
+            self._leave(f"{what} on {recorded.topic}")
+            return recorded.payload
+        try:
+            return mover(recorded.payload, shift_ns)
+        except DecodeError as error:
+            self._leave(f"messages on {recorded.topic}: {error}")
+            return recorded.payload
+
+    def properties(self, recorded: Recorded, shift_ns: int) -> tuple[tuple[str, str], ...]:
+        """The message's user properties, their times later by that."""
+        return tuple(
+            (name, self._text(value, shift_ns) if name == TIME else value)
+            for name, value in recorded.properties
+        )
+
+    def _text(self, text: str, shift_ns: int) -> str:
+        try:
+            return retime_text(text, shift_ns)
+        except ValueError:
+            self._leave("a property time that is none")
+            return text
+
+    def _leave(self, what: str) -> None:
+        if what not in self._left and len(self._left) < MOST_SAID:
+            log.warning("left alone: %s", what)
+        if what in self._left or len(self._left) < MOST_SAID:
+            self._left[what] += 1
+        else:
+            self._left["others"] += 1
+
+    def _mover(self, kind: str) -> Mover | None:
+        """What moves such messages; None where nothing does."""
+        if kind == ASTERIX:
+            return self._move_asterix
+        if kind == JSON:
+            return retime_json
+        if kind == SAPIENT_MESSAGE:
+            try:
+                from plotfeed.proto.sapient.decode_sapient import retime_sapient
+            except ImportError:  # the extra is not installed
+                return None
+            return retime_sapient
+        ours = OUR_MESSAGES.get(kind)
+        if ours is None:
+            return None
+        return lambda data, shift_ns: retime_protobuf(data, ours, shift_ns)
+
+    def _move_asterix(self, data: bytes, shift_ns: int) -> bytes:
+        done = self._asterix.retime(data, shift_ns)
+        for what in done.left:
+            self._leave(what)
+        return done.octets
+
 
 BATCH, BATCH_OCTETS = 256, 1 << 20  # Messages looked at in one go
 BEFORE = Stage.BEFORE

@@ -14,8 +14,8 @@ from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import KeptUp, Outgoing, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
-from plotfeed.feeds.scene.loaded_on_use import LoadedOnUse
 from plotfeed.feeds.scene.output_keys import TrackDestination, WaysOut
+from plotfeed.feeds.scene.report_formats import LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer, who_care

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from support.given_recordings import CAPTURES, FRAMES_048
 from support.recordings import START_NS, is_read_whatever_it_is, message, plots, read, written
 
-from plotfeed.replay import json_lines
+from plotfeed.replay import files
 from plotfeed.replay.asterix_files import FinalReader, FinalWriter
-from plotfeed.replay.json_lines import JsonLinesReader, JsonLinesWriter
+from plotfeed.replay.files import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap import PcapReader
 from plotfeed.replay.recorded import LATEST_NS, Recorded, Stage
 
@@ -111,7 +111,7 @@ def test_a_line_that_is_no_message_is_damage_and_the_next_is_read(
 
 
 def test_a_line_without_end_is_damage_and_the_next_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(json_lines, "MAX_LINE_OCTETS", 100)
+    monkeypatch.setattr(files, "MAX_LINE_OCTETS", 100)
     good = json.dumps(GOOD).encode() + b"\n"
     long = json.dumps(GOOD | {"topic": "t" * 250}).encode() + b"\n"
     messages, reader = read(JsonLinesReader, good + long + good)

@@ -11,9 +11,8 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.outgoing import Outgoing
-from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import replay
+from plotfeed.feeds.replaying.replayer import ReplayControl, replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import iso_utc

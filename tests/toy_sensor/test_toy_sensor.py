@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import SENSORS, register
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, SensorKeys
 from plotfeed.feeds.schema import text_of
-from plotfeed.feeds.schema.flows import types_that_report
+from plotfeed.feeds.schema.asyncapi import types_that_report
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import Geometry

@@ -14,7 +14,7 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdap
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from plotfeed.feeds.scene.loaded_on_use import LoadedOnUse
+from plotfeed.feeds.scene.report_formats import LoadedOnUse
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
 
 # In alphabetical order, as an error lists them.

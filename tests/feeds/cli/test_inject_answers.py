@@ -10,7 +10,7 @@ import pytest
 from support.command import plotfeed, plotfeed_here, running
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.cli.session_answers import SessionAnswers
+from plotfeed.feeds.cli.inject import SessionAnswers
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.state import AltitudeReference
 

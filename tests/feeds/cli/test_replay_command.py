@@ -24,10 +24,9 @@ from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.cli.replay import press
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.replaying import destinations
-from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.destinations import ReplayMqtt
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import AT_ONCE, replay
+from plotfeed.feeds.replaying.replayer import AT_ONCE, ReplayControl, replay
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.testing import MqttReceiver
 
@@ -198,7 +197,7 @@ def test_no_broker_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_what_is_whole_of_a_damaged_file_is_replayed(tmp_path: Path) -> None:
     path = tmp_path / "feed.jsonl"
-    from plotfeed.replay.json_lines import JsonLinesWriter
+    from plotfeed.replay.files import JsonLinesWriter
 
     with path.open("wb") as file:
         writer = JsonLinesWriter(file)

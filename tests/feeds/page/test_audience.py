@@ -20,16 +20,17 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from plotfeed.feeds.engine.change_control import told
-from plotfeed.feeds.page.audience import (
+from plotfeed.feeds.page.page_access import (
     KEPT_ACTIONS,
     MAX_NAME,
     MAX_WORDS,
     Audience,
+    PageAddress,
     Role,
+    Tokens,
     name_in,
     words_of,
 )
-from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.proto.errors import PlotfeedError
 

@@ -4,13 +4,13 @@ import socket
 
 import pytest
 
-from plotfeed.feeds.page.audience import Role
 from plotfeed.feeds.page.page_access import (
     AUDIENCE_VARIABLE,
     DEFAULT_PORT,
     TOKEN_VARIABLE,
     PageAccess,
     PageAddress,
+    Role,
     Tokens,
     fixed_tokens,
 )

@@ -366,7 +366,7 @@ def test_a_file_that_is_there_is_replaced_only_when_asked_and_only_when_it_is_do
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as broken:
-        broken.setattr("plotfeed.replay.json_lines.JsonLinesWriter.write", full)
+        broken.setattr("plotfeed.replay.files.JsonLinesWriter.write", full)
         with pytest.raises(OSError, match="No space"):
             convert(source, target, force=True)
     assert target.read_text() == "mine"

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.recordings import MS, START_NS, block, block_048, message, plots, written
 
-from plotfeed.feeds.console import status_line
-from plotfeed.feeds.console.status_line import with_progress
+from plotfeed.feeds.console import printed
+from plotfeed.feeds.console.printed import with_progress
 from plotfeed.feeds.recording.recording_settings import ShowSettings
 from plotfeed.feeds.recording.show import MAX_SERIES, OTHERS, Lateness, Summary, show_file
 from plotfeed.proto.asterix.codec.decode import decode_lenient
@@ -301,7 +301,7 @@ def test_a_bar_shows_on_a_terminal_alone_and_loses_nothing(
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     assert list(with_progress(things, "x", lambda: 0, 1000)) == things
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(status_line, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(printed, "PATIENCE_S", 0.0)
     assert list(with_progress(things, "recording.mcap", lambda: 500, 1000)) == things
     assert "recording.mcap" in capsys.readouterr().err
 

@@ -18,8 +18,7 @@ from plotfeed.feeds.replaying.replay_settings import (
     Stamps,
     TopicRule,
 )
-from plotfeed.feeds.replaying.replayer import READY_NS
-from plotfeed.feeds.replaying.restamp import Restamper
+from plotfeed.feeds.replaying.replayer import READY_NS, Restamper
 from plotfeed.feeds.replaying.routes import source_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.telemetry.decode_reports import decode

@@ -12,9 +12,8 @@ from support.replays import MS, RECORDED, REGULAR, REPLAYED, Ears, Memory, messa
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.replaying.control import SEEK_NS, ReplayControl
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import RushClock, replay
+from plotfeed.feeds.replaying.replayer import SEEK_NS, ReplayControl, RushClock, replay
 from plotfeed.replay.recorded import Recorded
 
 

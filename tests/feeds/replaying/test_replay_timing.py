@@ -13,9 +13,15 @@ from hypothesis import strategies as st
 from support.replays import MS, REGULAR, REPLAYED, Ears, Memory, S, message, simulated, since
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.replaying.control import ReplayControl
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Selection
-from plotfeed.feeds.replaying.replayer import AHEAD, BATCH, READY_NS, RushClock, replay
+from plotfeed.feeds.replaying.replayer import (
+    AHEAD,
+    BATCH,
+    READY_NS,
+    ReplayControl,
+    RushClock,
+    replay,
+)
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.replay.recorded import Recorded, Stage
 

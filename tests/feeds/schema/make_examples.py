@@ -18,8 +18,7 @@ from google.protobuf.json_format import MessageToDict
 from support.brokers import free_port, own_broker
 from support.sapient_tasks import task
 
-from plotfeed.feeds.schema.asyncapi import document
-from plotfeed.feeds.schema.flows import OURS, flows
+from plotfeed.feeds.schema.asyncapi import OURS, document, flows
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.message_kinds import OUR_MESSAGES
 
@@ -74,7 +73,8 @@ def main() -> None:
         fit = [octets for octets in payloads[flow.name] if len(octets) <= MOST_OCTETS]
         octets = max(fit or payloads[flow.name][:1], key=len)
         examples[flow.name] = _told(flow.content_type, flow.message, octets)
-    FILE.write_text(json.dumps(examples, indent=1) + "\n")
+    lines = (f" {json.dumps(name)}: {json.dumps(example)}" for name, example in examples.items())
+    FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n")
 
 
 def _telemetry() -> bytes:

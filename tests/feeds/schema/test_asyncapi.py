@@ -20,8 +20,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene import sensors
 from plotfeed.feeds.scene.changes import parsed
 from plotfeed.feeds.scene.scene import Scene, from_tree
-from plotfeed.feeds.schema.asyncapi import document
-from plotfeed.feeds.schema.flows import REQUIRED
+from plotfeed.feeds.schema.asyncapi import REQUIRED, document
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.position_report import Refused

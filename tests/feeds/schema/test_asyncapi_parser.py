@@ -14,8 +14,7 @@ import pytest
 from google.protobuf.json_format import ParseDict
 from support.tools import NODE_MODULES, ROOT, needed, node_module
 
-from plotfeed.feeds.schema.asyncapi import document
-from plotfeed.feeds.schema.flows import OURS, flows
+from plotfeed.feeds.schema.asyncapi import OURS, document, flows
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.message_kinds import OUR_MESSAGES
 

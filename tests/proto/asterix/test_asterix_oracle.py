@@ -15,8 +15,7 @@ from support.given_recordings import EVERY_CAPTURE, EVERY_FRAME, RadarCapture
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat025 import CAT025
 from plotfeed.proto.asterix.cat048 import CAT034, CAT048, PlotEncoder048, ServiceEncoder034
-from plotfeed.proto.asterix.cat062 import CAT062_1_18
-from plotfeed.proto.asterix.cat063 import CAT063
+from plotfeed.proto.asterix.cat062 import CAT062_1_18, CAT063
 from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import FURTHER, Record, Value, blocks, decode

@@ -13,8 +13,7 @@ from support.asterix_input import plots, tracks
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
 from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
 from plotfeed.proto.asterix.cat025 import StatusEncoder025
-from plotfeed.proto.asterix.cat062 import TrackEncoder062
-from plotfeed.proto.asterix.cat063 import StatusEncoder063
+from plotfeed.proto.asterix.cat062 import StatusEncoder063, TrackEncoder062
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "reports.json").read_text())

@@ -14,7 +14,7 @@ from support.asterix_readers import items_of, read_blocks, values_of
 
 from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
-from plotfeed.proto.asterix.cat063 import StatusEncoder063
+from plotfeed.proto.asterix.cat062 import StatusEncoder063
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.errors import EncodeError

@@ -12,7 +12,7 @@ from golden.make_flights import GROUND_MSL_M, PART_S, PHASE_S, START, geodetic
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.cli.flight_summary import summary_lines
+from plotfeed.feeds.cli.inject import summary_lines
 from plotfeed.feeds.telemetry.flights import BY_SUFFIX, read
 from plotfeed.feeds.telemetry.flights.file_times import (
     finer_times,
