@@ -12,10 +12,13 @@ from plotfeed.models.frames import (
     WGS84_A_M,
     WGS84_B_M,
     LocalFrame,
+    LocalFrames,
     aer_to_enu,
+    are_all_within,
     ecef_to_geodetic,
     enu_to_aer,
     geodetic_to_ecef,
+    rows_about,
     wrap_180,
     wrap_360,
 )
@@ -304,3 +307,37 @@ def test_straight_up_and_down_a_place_needs_no_azimuth(elevation):
     np.testing.assert_array_equal(aer_to_enu(np.nan, elevation, 400.0), [0.0, 0.0, up])
     both = frame.heights_m([np.nan, np.nan], [elevation, 45.0], [400.0, 400.0])
     assert np.isnan(both).tolist() == [False, True]
+
+
+@given(
+    st.lists(st.tuples(st.floats(-89, 89), st.floats(-180, 180)), min_size=1, max_size=5),
+    st.floats(0.0, 3.0),
+    st.integers(0, 2**32 - 1),
+)
+def test_whoever_is_within_reach_of_any_frame_is_about_and_who_is_far_from_all_is_not(
+    places: list[tuple[float, float]], spread_deg: float, seed: int
+) -> None:
+    """By each pair, of one town or all over the globe, some positions NaN."""
+    rng = np.random.default_rng(seed)
+    first = np.array(places[0])
+    near = [first + spread_deg * np.tanh(np.array(place) / 90) for place in places]
+    every = places if spread_deg > 2.5 else near
+    frames = LocalFrames.of([LocalFrame(float(lat), float(lon), 100.0) for lat, lon in every])
+    origins_m = frames.origin_ecef_m.reshape(-1, 3)
+    within_m = rng.uniform(100, 20_000, len(every))
+    chosen = origins_m[rng.integers(0, len(every), (2, 40))]
+    step_m = rng.normal(size=(2, 40, 3))
+    step_m *= 10 ** rng.uniform(1, 6, (2, 40, 1)) / np.linalg.norm(step_m, axis=-1, keepdims=True)
+    positions_m = chosen + step_m
+    positions_m[:, :3] = np.nan
+    apart_m = np.linalg.norm(positions_m[:, :, None] - origins_m, axis=-1)
+    found = rows_about(frames, positions_m, within_m)
+    assert (np.diff(found) > 0).all()
+    assert set(np.flatnonzero((apart_m <= within_m).any(axis=(0, 2)))) <= set(found.tolist())
+    size_m = np.linalg.norm(origins_m[:, None] - origins_m, axis=-1).max()
+    furthest_m = within_m.max() + 2 * size_m + 1.0
+    assert (np.nanmin(apart_m[:, found], axis=(0, 2)) <= furthest_m).all()
+    assert (
+        are_all_within(frames, positions_m[:, 3:], within_m) <= (apart_m[:, 3:] <= within_m).all()
+    )
+    assert are_all_within(frames, origins_m, np.full(len(every), 2 * size_m + 1.0))
