@@ -13,7 +13,7 @@ import numpy as np
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, octets_of, read_apart
+from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, file_octets, read_apart
 from plotfeed.models.state import Floats
 from plotfeed.models.terrain import ElevationTile, Ground, Walls
 from plotfeed.proto.errors import PlotfeedError
@@ -37,7 +37,7 @@ def ground_of(scene: Scene) -> Ground | None:
 def _tile(path: Path, name: str) -> ElevationTile:
     try:
         if path.suffix.lower() == ".hgt":
-            return _of_hgt(octets_of(path, "SRTM tile"), name)
+            return _of_hgt(file_octets(path, "SRTM tile"), name)
         if path.suffix.lower() in {".tif", ".tiff"}:
             return _of_geotiff(path, name)
     except PlotfeedError as error:
@@ -103,7 +103,7 @@ def walls_of(scene: Scene, ground: Ground | None) -> Walls | None:
 def _footprints(path: Path, name: str, key: str) -> Iterator[tuple[Floats, float]]:
     """Rings of footprints and how high each stands."""
     try:
-        tree = json.loads(octets_of(path, "GeoJSON"))
+        tree = json.loads(file_octets(path, "GeoJSON"))
     except PlotfeedError as error:
         raise PlotfeedError(f"{path}: {error}") from None
     except (ValueError, RecursionError):
@@ -139,7 +139,7 @@ def _rings(feature: Any, where: str) -> Sequence[Floats]:
     geometry = feature.get("geometry") if isinstance(feature, dict) else None
     geometry = geometry if isinstance(geometry, dict) else {}
     kind = geometry.get("type")
-    if kind not in {"Polygon", "MultiPolygon"}:
+    if kind not in ("Polygon", "MultiPolygon"):
         return []
     told = geometry.get("coordinates")
     try:

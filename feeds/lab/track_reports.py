@@ -235,11 +235,16 @@ def _of_record(record: Record, near_utc_ns: int, site: LocalFrame | None) -> Tol
         longitude_deg=longitude_deg,
         height_m=value("130") * FOOT_M,
         velocity_enu_m_s=(value("185/VX"), value("185/VY"), value("220") * FOOT_M / 60),
-        covariance_m2=(east_m**2, north_m**2, NAN, cross_m2, NAN, NAN),
+        covariance_m2=(_squared(east_m), _squared(north_m), NAN, cross_m2, NAN, NAN),
         tentative=bool(record.get("I062/080/CNF")),
         coasted=bool(record.get("I062/080/CST")),
         ended=bool(record.get("I062/080/TSE")),
     )
+
+
+def _squared(value: float) -> float:
+    """The square, infinite where a power would raise an error."""
+    return value * value
 
 
 def _of_batch(payload: bytes) -> Iterator[ToldTrack]:
@@ -252,8 +257,8 @@ def _of_batch(payload: bytes) -> Iterator[ToldTrack]:
         def value(name: str, track: pb.Track = track) -> float:
             return float(getattr(track, name)) if track.HasField(name) else NAN
 
-        up_m2 = value("sigma_up_m") ** 2
-        level_m2 = (track.sigma_east_m**2 or NAN, track.sigma_north_m**2 or NAN)
+        up_m2 = _squared(value("sigma_up_m"))
+        level_m2 = tuple(_squared(s) or NAN for s in (track.sigma_east_m, track.sigma_north_m))
         yield ToldTrack(
             name=(track.id or str(track.number))[:MOST_NAME],
             t_utc_ns=track.time_utc_ns,
@@ -311,7 +316,7 @@ def _of_sapient(payload: bytes) -> Iterator[ToldTrack]:
         longitude_deg=longitude_deg,
         height_m=height_m,
         velocity_enu_m_s=(east_m_s, north_m_s, up_m_s),
-        covariance_m2=(east_m**2, north_m**2, _real(place, "z_error") ** 2, 0.0, 0.0, 0.0),
+        covariance_m2=(*map(_squared, (east_m, north_m, _real(place, "z_error"))), 0.0, 0.0, 0.0),
         ended=str(report.get("state", "")).lower() in ("lost", "ended", "deleted"),
     )
 
@@ -438,7 +443,7 @@ def _covariances(entry: Mapping[str, Any]) -> Iterator[float]:
         found = _number(entry, f"covariance_{name}")
         sigma = f"sigma_{name.removesuffix('2')}"
         if math.isnan(found) and name.count("_") == 1:
-            found = _number(entry, sigma) ** 2
+            found = _squared(_number(entry, sigma))
         is_told = is_told or not math.isnan(found)
         yield 0.0 if math.isnan(found) and is_told and name.count("_") > 1 else found
 

@@ -19,6 +19,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
+from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, file_octets
 from plotfeed.models.cueing import CuedState
 from plotfeed.models.dwell_agenda import PointedBeams
 from plotfeed.models.frames import LocalFrame, aer_to_enu, geodetic_to_ecef
@@ -167,9 +168,7 @@ def _transmitters(scene: Scene, sensor: Sensor) -> list[dict[str, Any]]:
     ]
 
 
-MAX_OCTETS = 32 << 20
-MAX_VERTICES = 300_000
-MAX_DEPTH = 8  # Of collections of geometries within collections
+LIMITS = FILE_LIMITS["basemap"]
 SKEW = 0.02  # Of its diagonal, by which the fourth corner of an image may be off the parallelogram
 IMAGES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp"}
 
@@ -188,14 +187,7 @@ def load_basemap(settings: str | BasemapImage, path: Path, site: Site) -> Basema
     """Read the file that a scene names; raises `PlotfeedError`."""
     frame = site_frame(site)
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_OCTETS + 1)
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else error
-        raise PlotfeedError(f"page.basemap: {path}: {why}") from None
-    if len(content) > MAX_OCTETS:
-        raise PlotfeedError(f"page.basemap: {path}: larger than {MAX_OCTETS >> 20} MiB")
-    try:
+        content = file_octets(path, "basemap")
         if isinstance(settings, str):
             shapes = _shapes(json.loads(content), frame)
             return Basemap("application/json", json.dumps(shapes, separators=(",", ":")).encode())
@@ -203,7 +195,7 @@ def load_basemap(settings: str | BasemapImage, path: Path, site: Site) -> Basema
         if (media_type := next(types, None)) is None:
             raise ValueError("expected a PNG, JPEG or WebP image")
         return Basemap(media_type, content, _corners(settings, frame))
-    except (ValueError, RecursionError) as error:
+    except (ValueError, RecursionError, PlotfeedError) as error:
         raise PlotfeedError(f"page.basemap: {path}: {error}") from None
 
 
@@ -229,8 +221,8 @@ def _shapes(tree: Any, frame: LocalFrame) -> dict[str, list[Any]]:
     for geometry, name in _geometries(tree):
         for kind, positions in _parts(geometry):
             vertices += len(positions)
-            if vertices > MAX_VERTICES:
-                raise ValueError(f"more than {MAX_VERTICES} vertices: simplify it")
+            if vertices > LIMITS.count:
+                raise ValueError(f"more than {LIMITS.count} vertices: simplify it")
             flat = np.round(_placed(positions, frame), 1).ravel().tolist()
             shapes[kind].append([*flat, name] if kind == "points" else flat)
     return shapes
@@ -238,7 +230,7 @@ def _shapes(tree: Any, frame: LocalFrame) -> dict[str, list[Any]]:
 
 def _geometries(tree: Any, depth: int = 0) -> Iterator[tuple[dict[str, Any], str]]:
     """Every geometry of a GeoJSON tree, with the name of its feature."""
-    if not isinstance(tree, dict) or depth > MAX_DEPTH:
+    if not isinstance(tree, dict) or depth > LIMITS.depth:
         raise ValueError("expected GeoJSON: an object with a type")
     kind = tree.get("type")
     if kind == "FeatureCollection":

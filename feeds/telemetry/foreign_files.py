@@ -37,6 +37,7 @@ FILE_LIMITS: Mapping[str, FileLimits] = {
     # A tile of 1/3 arc second, of which there are none larger.
     "SRTM tile": FileLimits(2 * 10_801**2, 10_801**2),
     "GeoJSON": FileLimits(128 * MIB, 4_000_000),
+    "basemap": FileLimits(32 * MIB, 300_000, 8),
     "GPX or KML": FileLimits(64 * MIB, 4_000_000, 64, memory_mib=2048, seconds=60),
     "ULog": FileLimits(256 * MIB, 1000, 8, memory_mib=2048, seconds=60),
     "other flight": FileLimits(256 * MIB, 2_000_000),
@@ -59,7 +60,7 @@ _CONFINED = {
 _START = "from plotfeed.feeds.telemetry.foreign_readers import main; main()"
 
 
-def octets_of(path: Path, kind: str) -> bytes:
+def file_octets(path: Path, kind: str) -> bytes:
     """All octets of a file of that kind; raises `PlotfeedError`."""
     most = FILE_LIMITS[kind].octets
     try:

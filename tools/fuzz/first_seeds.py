@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-from fuzz.targets import CONTENT_TYPES, NS_2026
+from fuzz.targets import CONTENT_TYPES, HELLO, NS_2026, SAID
 from support.scene_files import DRONE, radar, scene_text
 
 from plotfeed.feeds.messages.message import Message
@@ -18,6 +18,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.feeds.transport.sapient import framed
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.files import FORMATS
@@ -128,7 +129,45 @@ def _tracker() -> Iterator[bytes]:
     yield from (b"\x02" + payload for payload in _payloads("sapient"))
 
 
+def _raster() -> Iterator[bytes]:
+    import numpy as np
+    import rasterio
+    from rasterio.transform import Affine
+
+    place, how = Affine(0.1, 0.0, -4.0, 0.0, -0.1, 41.0), {"crs": "EPSG:4326", "nodata": -1}
+    with rasterio.MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff", count=1, width=8, height=8, dtype="int16", transform=place, **how
+        ) as file:
+            file.write(np.full((8, 8), 700, np.int16), 1)
+        yield memory.read()
+
+
+RING = [[-3.73, 40.45], [-3.72, 40.45], [-3.72, 40.46], [-3.73, 40.45]]
+HOUSE = {"type": "Polygon", "coordinates": [RING]}
+HOUSES = {"features": [{"properties": {"height": 9}, "geometry": HOUSE}]}
+ASKED = (
+    b"GET /uss/flights?view=40.44,-3.75,40.46,-3.72 HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+    b"GET /display_data/a HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer a\r\n\r\n",
+)
+ANSWERS = (
+    b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}",
+    b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
+)
+EVIL = HELLO.replace(b"good", b"evil")
+PACKETS = bytes.fromhex("20020000 9003000101 3007000161 7b7d7d7d d000")
+
+
 OF_TARGET: dict[str, Callable[[], Iterable[bytes]]] = {
+    "raster": _raster,
+    "hgt": lambda: [bytes(2 * 3 * 3)],
+    "buildings": lambda: [json.dumps(HOUSES).encode()],
+    "basemap": lambda: [json.dumps({"type": "Feature", "geometry": HOUSE}).encode()],
+    "remote-id-request": lambda: ASKED,
+    "http-answer": lambda: ANSWERS,
+    "mqtt-packets": lambda: [PACKETS],
+    "mqtt-broker": lambda: [EVIL + SAID, EVIL + SAID + bytes.fromhex("c000a20400020161e000")],
+    "sapient-frames": lambda: map(framed, _payloads("sapient")),
     "asterix": lambda: _payloads("/asterix/"),
     "plots": lambda: _payloads("/plots"),
     "sapient": lambda: _payloads("sapient"),

@@ -10,12 +10,13 @@ import subprocess
 import sys
 from hashlib import sha256
 from pathlib import Path
+from random import Random
 from tempfile import TemporaryDirectory
 
 TOOLS = Path(__file__).parents[1]
 sys.path[:0] = [str(TOOLS), str(TOOLS.parent / "tests")]
 MOST_OCTETS = 65_536
-SLOWEST_S, MOST_MIB = 20, 2048  # Of one input
+SLOWEST_S, MOST_MIB = 1, 256  # Of one input
 
 
 def fuzz_one(name: str, corpus: Path, findings: Path, seconds: float) -> None:
@@ -24,18 +25,26 @@ def fuzz_one(name: str, corpus: Path, findings: Path, seconds: float) -> None:
 
     with atheris.instrument_imports(include=["plotfeed"]):
         from fuzz.first_seeds import seeds_of
+        from fuzz.mutate import mutated
         from fuzz.targets import attempt
+
+    def changed(data: bytes, most: int, seed: int) -> bytes:
+        """What it is changed by its structure, or what its octets are, by turns."""
+        rng = Random(seed)  # noqa: S311
+        return mutated(data, rng)[:most] if rng.random() < 0.5 else atheris.Mutate(data, most)
+
     for seed in seeds_of(name):
         (corpus / sha256(seed).hexdigest()[:16]).write_bytes(seed)
     options = [
         f"-max_total_time={seconds:.0f}",
         f"-max_len={MOST_OCTETS}",
         f"-timeout={SLOWEST_S}",
-        f"-rss_limit_mb={MOST_MIB}",
+        f"-malloc_limit_mb={MOST_MIB}",
         f"-artifact_prefix={findings}/",
         "-print_final_stats=1",
     ]
-    atheris.Setup([sys.argv[0], *options, str(corpus)], lambda data: attempt(name, data))
+    words = [sys.argv[0], *options, str(corpus)]
+    atheris.Setup(words, lambda data: attempt(name, data), custom_mutator=changed)
     atheris.Fuzz()
 
 

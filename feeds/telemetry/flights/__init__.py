@@ -21,7 +21,7 @@ from plotfeed.feeds.telemetry.flights.nmea import LOOKS_LIKE, read_nmea
 from plotfeed.feeds.telemetry.flights.smoothed import smoothed
 from plotfeed.feeds.telemetry.flights.srt import read_srt
 from plotfeed.feeds.telemetry.flights.table import read_table
-from plotfeed.feeds.telemetry.foreign_files import octets_of
+from plotfeed.feeds.telemetry.foreign_files import file_octets
 from plotfeed.feeds.telemetry.foreign_readers import ULOG_START
 from plotfeed.proto.errors import PlotfeedError
 
@@ -60,7 +60,7 @@ def read(path: str | Path, options: FlightOptions | None = None) -> Flight:
     try:
         if not abs(options.utc_offset_h) <= 24:
             raise PlotfeedError(f"UTC offset is {options.utc_offset_h:g} h; expected -24 to 24")
-        data = octets_of(path, "other flight")
+        data = file_octets(path, "other flight")
         if not data.strip():
             raise PlotfeedError("empty file")
         log = Log()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from plotfeed.feeds.page import scene_outline
 from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.output_keys import BasemapImage, PageKeys
+from plotfeed.feeds.telemetry.foreign_files import FileLimits
 from plotfeed.proto.errors import PlotfeedError
 
 SITE = Site(latitude_deg=40.45, longitude_deg=-3.73, height_m=650.0)
@@ -102,16 +104,16 @@ def test_depth_and_size_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     (tmp_path / "deep").write_text("[" * 100_000)
     with pytest.raises(PlotfeedError, match="deep"):
         load_basemap("deep", tmp_path / "deep", SITE)
-    monkeypatch.setattr(scene_outline, "MAX_VERTICES", 3)
+    monkeypatch.setattr(scene_outline, "LIMITS", FileLimits(1 << 20, 3, 8))
     with pytest.raises(PlotfeedError, match="vertices"):
         loaded(tmp_path, {"type": "LineString", "coordinates": [[0, 0]] * 4})
-    monkeypatch.setattr(scene_outline, "MAX_OCTETS", 10)
+    os.truncate(tmp_path / "deep", 33 << 20)
     with pytest.raises(PlotfeedError, match="larger"):
         load_basemap("deep", tmp_path / "deep", SITE)
 
 
 def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(PlotfeedError, match=r"nowhere\.geojson: No such file"):
+    with pytest.raises(PlotfeedError, match=r"nowhere\.geojson: cannot be read: No such file"):
         load_basemap("nowhere.geojson", tmp_path / "nowhere.geojson", SITE)
 
 

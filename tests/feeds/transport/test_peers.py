@@ -5,15 +5,21 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import Iterator
+from itertools import count
+from random import Random
 
 import pytest
+from fuzz.first_seeds import OF_TARGET
+from fuzz.targets import NS_2026
 from support.waiting import until
 
+from plotfeed.feeds.scene.telemetry_keys import KINDS, TelemetrySource
 from plotfeed.feeds.telemetry.fair_queue import MAX_OF_TOPIC
 from plotfeed.feeds.telemetry.live.aircraft import MAX_LINE_OCTETS, AircraftReports
 from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener
 from plotfeed.feeds.telemetry.live.remote_id import RemoteIdReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
+from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.feeds.transport.peers import AT_ONCE_S, SLICE_OCTETS, PeerLimits, PeerTurns, Places
 from plotfeed.models.state import AltitudeReference
 
@@ -163,3 +169,44 @@ def test_lines_without_end_are_refused_and_nothing_is_kept_of_them() -> None:
     kept = sum(len(rest) for rest in listener._lines.values())
     assert kept <= 256 * MAX_LINE_OCTETS
     assert not listener._aircraft
+
+
+def chaos(turns: PeerTurns, way: str, octets: bytes, rng: Random, step: int) -> None:
+    """What one bad peer, or many, do meanwhile."""
+    if way == "garbage":
+        turns.put("bad", rng.randbytes(500))
+    elif way == "flood":
+        for _ in range(100):
+            turns.put(f"bad {rng.randrange(9)}", rng.randbytes(100))
+    elif way == "drip":
+        turns.put("bad", octets[step : step + 1])
+    elif way in {"cut", "disconnect"}:
+        turns.put(f"bad {step}", octets[: len(octets) // 3])
+        if way == "disconnect":
+            turns.gone(f"bad {step}")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("way", ["garbage", "flood", "silence", "drip", "cut", "disconnect"])
+@pytest.mark.asyncio
+async def test_whatever_one_peer_does_another_is_heard_as_if_alone(kind: str, way: str) -> None:
+    octets, rng = next(iter(OF_TARGET[f"live-{kind}"]()))[1:], Random(way)  # noqa: S311
+    found = []
+    for is_alone in (True, False):
+        listener, said = listener_of(TelemetrySource(url=f"{kind}:udp::1")), list[HeardReport]()
+        looks = count()
+        turns = PeerTurns(
+            listener,
+            say=said.append,
+            note=print,
+            now_utc_ns=lambda: NS_2026,
+            now_s=lambda looks=looks: next(looks) * STEP_S,  # type: ignore[misc]
+        )
+        for step in range(3):
+            if not is_alone:
+                chaos(turns, way, octets, rng, step)
+            turns.put("good", octets)
+            await turns.emptied()
+        found.append([heard for heard in said if isinstance(heard.said, PositionReport)])
+    assert found[0] == found[1]
+    assert found[0] or kind == "mavlink"
