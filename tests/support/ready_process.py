@@ -1,4 +1,7 @@
-"""A process that has loaded the command and waits: its forks are `plotfeed`, without the imports.
+"""A process that has loaded the command and waits: its forks are `plotfeed`, without the start.
+
+It has imported what commands import, and read and run each shipped scene for a second, as what
+scenes name is loaded, and their keys are compiled, when the first one does.
 
 Its argument is the number of a socket. Over that come the words, folder and environment of each
 fork, with four files: where its number and its end are told, and its standard ones.
@@ -17,11 +20,16 @@ import sys
 import tempfile
 from collections.abc import Sequence
 
+from plotfeed.feeds.engine.simulation import simulate
+from plotfeed.feeds.scene.examples import summaries
+from plotfeed.feeds.scene.scene import example
+
 MOST_OCTETS = 1 << 17  # Of words and environment
 # In `plotfeed.feeds`: what commands import once they know what they are to do.
 LOADED = (
     *("cli.main", "cli.run", "cli.inject", "cli.check"),
     *("page.server", "transport.embedded_broker"),
+    *("lab.live", "recording.recorder", "lab.gathering"),
 )
 
 
@@ -83,6 +91,8 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # forks are told what is meant for them
     for name in LOADED:
         importlib.import_module(f"plotfeed.feeds.{name}")
+    for scene in map(example, summaries()):
+        simulate(scene, 1.0)
     gc.collect()
     gc.freeze()
     sys.argv[1:] = asked(socket.socket(fileno=int(sys.argv[1])))
