@@ -25,14 +25,14 @@ LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/f
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test environments test-lowest lint audit bench fuzz mutations soak proto pages pictures docs lock clean
+.PHONY: demo test environments test-lowest lint audit bench fuzz mutations soak verdicts proto pages pictures docs lock clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
 
-# In that many processes, a file in one of them; with ARGS, one run of what they name; REPORT is a file for JUnit's XML.
+# In that many processes, a file in one of them; with ARGS, one run of what they name.
 test: .venv/.ready-test environments
-	$(BIN)/python -m pytest $(REPORT:%=--junitxml=%) $(if $(ARGS),$(ARGS),--numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder)
+	$(BIN)/python -m pytest $(if $(ARGS),$(ARGS),--processes $(JOBS))
 
 # Of others' packages that tests drive, each apart.
 environments: .venv-docs/.ready .venv-tables/.ready .venv-utm/.ready $(TOOLS)
@@ -106,6 +106,10 @@ soak: .venv/.ready-test
 	$(BIN)/python tools/soak/promises.py
 	$(BIN)/python tools/soak/soak.py --minutes 30
 	$(BIN)/python tools/soak/soak.py --minutes 30 --radars 200
+
+# How often right feeds are called wrong, in 200 random scenes, into docs/report.md: ten minutes.
+verdicts: .venv/.ready-test
+	nice $(BIN)/python tools/soak/random_reports.py $(ARGS)
 
 # Which of the faults in tools/mutations/faults.toml no test notices: an hour; ARGS chooses some.
 mutations: .venv/.ready-test

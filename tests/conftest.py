@@ -1,18 +1,20 @@
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Generator, Iterator
 from itertools import chain, groupby, zip_longest
-from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from support.allowed_skips import allowed_skips, no_skip
+from support.forked import pytest_addoption, pytest_runtestloop
 from support.given_files import more_input
 
 from plotfeed.feeds.console import process
 
-TESTS = Path(__file__).parent
+__all__ = ["pytest_addoption", "pytest_runtestloop"]
+
 ALLOWED = allowed_skips()
 collect_ignore_glob = [] if more_input() else ["*/test_more_*.py"]
 
@@ -33,24 +35,17 @@ def _nothing_to_leave_alone() -> Iterator[None]:
         yield
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Of several processes each collects other rooms first.
-
-    A file whose assertions one of them has rewritten is there for the others, which else would all
-    do it at once: half the work of a process that collects.
-    """
-    process = getattr(config, "workerinput", None)
-    if process is None or config.args_source is not config.ArgsSource.TESTPATHS:
-        return
-    rooms = [room_of(file) for file in sorted(TESTS.rglob("test_*.py"))]
-    first = len(rooms) * int(process["workerid"].removeprefix("gw")) // process["workercount"]
-    config.args = list(map(str, dict.fromkeys(rooms[first:] + rooms[:first])))
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_left_open() -> Iterator[None]:
+    """What a file's tests have not closed is told of at its end, and not in another file's test."""
+    yield
+    gc.collect()
 
 
-def room_of(file: Path) -> Path:
-    """The folder of a test, or the file where it lies by itself."""
-    parts = file.relative_to(TESTS).parts
-    return TESTS.joinpath(*parts[: 2 if parts[0] == "feeds" else 1])
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Let one process be `plotfeed` for all that are forked hereafter."""
+    if session.config.getoption("processes") and (command := sys.modules.get("support.command")):
+        command.ready()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

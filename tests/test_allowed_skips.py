@@ -32,13 +32,14 @@ def test_that_is_expected_to_fail():
 WHOLE_FILE = "import pytest\npytest.importorskip('no_such_module')\ndef test_a(): pass\n"
 
 
-@pytest.mark.parametrize("workers", [(), ("--numprocesses", "1")], ids=["alone", "in a process"])
+@pytest.mark.parametrize("workers", [(), ("--processes", "1")], ids=["alone", "in a process"])
 @pytest.mark.parametrize("ci", ["true", ""])
 def test_a_skip_without_an_entry_fails_where_nothing_may_be_missing(
     tmp_path: Path, ci: str, workers: tuple[str, ...]
 ) -> None:
     (tmp_path / "support").mkdir()
-    for name in ("conftest.py", LIST.name, "support/allowed_skips.py", "support/given_files.py"):
+    supported = (f"support/{name}.py" for name in ("allowed_skips", "forked", "given_files"))
+    for name in ("conftest.py", LIST.name, *supported):
         shutil.copy(TESTS / name, tmp_path / name)
     (tmp_path / "test_cases.py").write_text(CASES)
     (tmp_path / "test_whole.py").write_text(WHOLE_FILE)

@@ -13,9 +13,11 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from itertools import count
+from functools import cache
+from itertools import cycle
 from pathlib import Path
 
+from support.forked import NUMBER
 from support.tools import needed
 from support.waiting import PATIENCE_S, wait_until
 
@@ -23,18 +25,23 @@ from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker, Ports
 
 TOGETHER = 3  # Ports that an embedded broker takes, one after the other
-WORKERS = 20  # Of pytest-xdist, each with ports of its own: a port is free until it is listened on
+PROCESSES = 20  # Of tests, each with ports of its own: a port is free until it is listened on
 # Below those that systems give to whoever connects, who may take one before we listen on it.
-PORTS = range(20_000, 32_000, TOGETHER)[
-    int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]) % WORKERS :: WORKERS
-]
-_turns = count(random.SystemRandom().randrange(len(PORTS)))
+PORTS = range(20_000, 32_000, TOGETHER)
+
+
+@cache
+def _ports() -> Iterator[int]:
+    """Those of this process, from any of them on, over and over."""
+    own = PORTS[int(os.environ.get(NUMBER, "0")) % PROCESSES :: PROCESSES]
+    first = random.SystemRandom().randrange(len(own))
+    return cycle([*own[first:], *own[:first]])
 
 
 def free_port() -> int:
     """One that is free as the next two are, and that nobody else in this process was given."""
     while True:
-        port = PORTS[next(_turns) % len(PORTS)]
+        port = next(_ports())
         with ExitStack() as held, suppress(OSError):
             for each in range(port, port + TOGETHER):
                 held.enter_context(socket.socket()).bind(("127.0.0.1", each))

@@ -32,7 +32,7 @@ _asking = Lock()
 
 
 @cache
-def _ready() -> socket.socket:
+def ready() -> socket.socket:
     """To one that has imported everything and waits, which ends when this process does."""
     ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
     with theirs:
@@ -58,7 +58,7 @@ class Started:
         environment = dict(os.environ)
         orders = json.dumps([[*map(str, words)], str(folder or Path.cwd()), environment])
         with _asking:
-            socket.send_fds(_ready(), [orders.encode()], [tells, given, says, complains])
+            socket.send_fds(ready(), [orders.encode()], [tells, given, says, complains])
         for theirs in (tells, given, says, complains):
             os.close(theirs)
         with os.fdopen(gives, "w") as typed:

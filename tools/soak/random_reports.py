@@ -1,6 +1,6 @@
 """Judges random scenes by the report, and writes the table of docs/report.md: who was called wrong.
 
-    nice -n 10 python tools/soak/random_reports.py --scenes 200
+    make verdicts ARGS="--scenes 200"
 
 In simulated time, a minute of each; some two seconds of processor time a scene.
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -15,18 +16,18 @@ from support.significance import FALSE_ALARM_RATE, assert_chance
 
 from plotfeed.feeds.lab.judge import FALSE_RATES
 
-# Judged together: a fault of 1 in 10 scenes is seen with 3 chances in 4, of 1 in 5 almost always.
+# Seeds of scenes that together have all there is to draw, and are soon judged: a
+# fault of 1 in 5 scenes is seen with 4 chances in 5, of 2 in 5 almost always.
 #
-# Right scenes fail three times or more in fewer than one run of 10,000. 200 scenes are judged by
-# `tools/soak/random_reports.py`.
-SCENES = 40
+# Right scenes fail so often in fewer than one run of 10,000. `make verdicts` judges 200 of them.
+SCENES = (3, 4, 10, 12, 13, 22, 26, 31, 32, 34, 36, 37, 38, 39)
 MANY = 200
 OF_ERRORS = re.compile("azimuth|(bistatic )?range|elevation|height")
 LEVELS = (0.1, 0.01, 0.001)
 
 
-def drawn(scenes: int) -> Counter[str]:
-    return Counter(name for seed in range(scenes) for name in names_in(random_tree(seed)))
+def drawn(seeds: Iterable[int]) -> Counter[str]:
+    return Counter(name for seed in seeds for name in names_in(random_tree(seed)))
 
 
 def test_scenes_that_are_judged_have_all_that_a_scene_can_name() -> None:
@@ -39,22 +40,22 @@ def test_scenes_that_are_judged_have_all_that_a_scene_can_name() -> None:
 
 
 def test_many_scenes_have_each_table_of_each_kind_of_sensor() -> None:
-    assert every_name() <= drawn(MANY).keys()
+    assert every_name() <= drawn(range(MANY)).keys()
 
 
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory: pytest.TempPathFactory) -> list[JudgedScene]:
     folder = tmp_path_factory.mktemp("scenes")
-    return [judged_scene(seed, folder) for seed in range(SCENES)]
+    return [judged_scene(seed, folder) for seed in SCENES]
 
 
 def test_what_is_right_is_called_wrong_as_seldom_as_is_said(scenes: list[JudgedScene]) -> None:
-    most = stats.binom.isf(FALSE_ALARM_RATE, SCENES, FALSE_RATES["asked"])
+    most = stats.binom.isf(FALSE_ALARM_RATE, len(SCENES), FALSE_RATES["asked"])
     wrong = {scene.seed: scene.wrong for scene in scenes if scene.wrong}
     assert len(wrong) <= most, wrong
     by_chance = [figure for scene in scenes for figure in scene.figures]
     of_errors = [figure for figure in by_chance if OF_ERRORS.match(figure.name)]
-    assert len(of_errors) > 5 * SCENES
+    assert len(of_errors) > 5 * len(SCENES)
     for figures in (by_chance, of_errors):
         p = np.array([figure.p for figure in figures])
         for level in LEVELS:
