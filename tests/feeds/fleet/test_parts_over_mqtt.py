@@ -248,10 +248,11 @@ def release(network: Proxy) -> None:
 async def test_of_two_that_begin_together_one_sends(tmp_path: Path) -> None:
     async with a_part(tmp_path) as part:
         both = [part.another(), part.another()]
-        await until(lambda: any(each.task.done() for each in both))
-        (other,) = [each for each in both if not each.task.done()]
         await part.sends(1)
-        await until(other.watch.begins.is_set)
+        # Who said it later has ended, or stands by if it had heard the other before.
+        await until(lambda: sum(e.watch.begins.is_set() and not e.task.done() for e in both) == 1)
+        await until(lambda: len({told["process"] for told in part.said()[-4:]}) == 1)
+        await part.more()
 
 
 @pytest.mark.asyncio
