@@ -74,11 +74,8 @@ class Aims(Columns):
     def of_alarms(self, alarms: Plots, sensor: int, model: SensorModel) -> Plots:
         """False alarms of one sensor by its mount's axes, as its lens and its mount have them."""
         row = np.searchsorted(self.sensor, [sensor])
-        from plotfeed.models.sensors.camera import Camera
-
-        if isinstance(model, Camera):
-            alarms = model.zoomed_alarms(alarms, float(self.field_deg[row[0]]))
-        turned: Plots = self.rows(row).back(alarms)
+        zoomed = model.zoomed_alarms(alarms, float(self.field_deg[row[0]]))
+        turned: Plots = self.rows(row).back(zoomed)
         return turned
 
     def _row(self, found: Looks | Plots) -> Ints:

@@ -489,6 +489,10 @@ class SensorModel(Stackable, ABC):
         """Whether it reports what comes by its side lobes."""
         return False
 
+    def zoomed_alarms(self, alarms: Plots, _field_deg: float) -> Plots:
+        """False alarms by its own axes at that field of view (deg); as they are without a zoom."""
+        return alarms
+
     def with_jammers_behind(self, _way: OnTheWay) -> Self:
         """The sensor with what an obstruction leaves of its jammers; itself without any."""
         return self
