@@ -197,6 +197,8 @@ def load_basemap(settings: str | BasemapImage, path: Path, site: Site) -> Basema
         return Basemap(media_type, content, _corners(settings, frame))
     except (ValueError, RecursionError, PlotfeedError) as error:
         raise PlotfeedError(f"page.basemap: {path}: {error}") from None
+    except TypeError:  # of what is no list
+        raise PlotfeedError(f"page.basemap: {path}: coordinates: expected lists") from None
 
 
 def _corners(settings: BasemapImage, frame: LocalFrame) -> list[list[float]]:

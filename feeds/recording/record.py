@@ -32,7 +32,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     without_secrets,
 )
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.udp import UdpError, receiver_at
+from plotfeed.feeds.transport.udp import UdpError, lost_of, receiver_at
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.asterix_files import content_type
@@ -41,10 +41,9 @@ from plotfeed.replay.recorded import SUFFIX, UDP_TOPIC, Recorded
 
 IS_LINUX = sys.platform == "linux"
 # Of Linux, and unknown to Python.
-SO_RCVBUFFORCE, SO_TIMESTAMPNS, SO_MEMINFO = 33, 35, 55
+SO_RCVBUFFORCE, SO_TIMESTAMPNS = 33, 35
 IP_PKTINFO, IPV6_RECVPKTINFO, IPV6_PKTINFO = 8, 49, 50
 TIMESPEC = struct.Struct("@ll")  # Seconds and nanoseconds
-MEMINFO = struct.Struct("@9I")  # Of which the last is how many datagrams the socket had no room for
 # What comes while this program does something else; the kernel may allow less.
 BUFFER_OCTETS = 32 << 20
 LARGEST_OCTETS = 1 << 16
@@ -80,13 +79,7 @@ class UdpSource:
     @property
     def lost(self) -> int | None:
         """Datagrams for which the socket had no room; None if the kernel does not tell."""
-        if self._socket is None or not IS_LINUX:
-            return self._lost
-        try:
-            told = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
-            return int(MEMINFO.unpack(told)[-1])
-        except (OSError, struct.error):
-            return None
+        return self._lost if self._socket is None else lost_of(self._socket)
 
     async def open(self, receive: Callable[[Recorded], None]) -> None:
         """Call `receive` with each datagram from now on; raises `UdpError`."""

@@ -22,7 +22,7 @@ from plotfeed.feeds.console.posix import HAS_POSIX, watched
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.telemetry.live.heard import remember
 from plotfeed.feeds.transport.peers import PEER_LIMITS, SLICE_OCTETS, Places
-from plotfeed.feeds.transport.udp import receiver_at
+from plotfeed.feeds.transport.udp import lost_of, receiver_at
 from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
@@ -52,8 +52,8 @@ class OctetsTaker(Protocol):
     def gone(self, peer: str) -> None:
         """A peer's connection has ended."""
 
-    def refuse(self, why: str) -> None:
-        """Something of a peer was not taken."""
+    def refuse(self, why: str, number: int = 1) -> None:
+        """Something of a peer was not taken, so many times."""
 
 
 class OctetSource(ABC):
@@ -91,6 +91,7 @@ class UdpOctets(OctetSource):
         self._address, self._taker, self._interface = address, taker, interface
         self._socket: socket.socket | None = None
         self._senders: dict[str, tuple[object, ...]] = {}
+        self._lost = 0
 
     async def open(self) -> None:
         """Take what comes from now on; raises `SourceError`."""
@@ -142,12 +143,16 @@ class UdpOctets(OctetSource):
             try:
                 data, sender = opened.recvfrom(UDP.octets)
             except OSError:  # there is nothing, or only word of an error
-                return
+                break
             peer = f"{sender[0]}:{sender[1]}"
             if self._address.transport == "udpin":
                 remember(self._senders, peer, sender, UDP.peers)
             if data:
                 self._taker.put(peer, data)
+        if (lost := lost_of(opened) or 0) > self._lost:
+            why = f"{self._address}: more comes than the socket has room for"
+            self._taker.refuse(why, lost - self._lost)
+            self._lost = lost
 
 
 class TcpOctets(OctetSource):

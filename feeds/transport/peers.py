@@ -82,8 +82,7 @@ class PeerTurns:
         """Have octets wait of a peer that cannot be held up; those without room are refused."""
         self._waiting.put(peer, data, None)
         for whose, number in self._waiting.dropped.items():
-            for _ in range(number):
-                self.refuse(f"{whose or 'others'}: more comes than there is time for")
+            self.refuse(f"{whose or 'others'}: more comes than there is time for", number)
         self._waiting.dropped.clear()
         if self._timer is None:
             self._plan()
@@ -102,9 +101,10 @@ class PeerTurns:
         else:
             self._listener.forget(peer)
 
-    def refuse(self, why: str) -> None:
-        """Refuse something of which nothing more is known."""
-        self._say(HeardReport("", Refused(Reason.FLOOD, why)))
+    def refuse(self, why: str, number: int = 1) -> None:
+        """Refuse something, so many times, of which nothing more is known."""
+        for _ in range(number):
+            self._say(HeardReport("", Refused(Reason.FLOOD, why)))
 
     async def emptied(self) -> None:
         """Return when nothing waits."""

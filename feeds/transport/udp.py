@@ -9,6 +9,7 @@ import ipaddress
 import logging
 import socket
 import struct
+import sys
 from collections.abc import Callable
 
 from plotfeed.feeds.messages.message import Message
@@ -78,6 +79,19 @@ class UdpError(PlotfeedError):
     """A destination that cannot be sent to."""
 
     exit_code = 1
+
+
+SO_MEMINFO = 55  # Of Linux, which Python does not name
+MEMINFO = struct.Struct("@9I")  # Of which the last is how many datagrams the socket had no room for
+
+
+def lost_of(receiver: socket.socket) -> int | None:
+    """Datagrams so far for which the socket had no room; None if the system does not tell."""
+    try:
+        told = receiver.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
+        return int(MEMINFO.unpack(told)[-1]) if sys.platform == "linux" else None
+    except (OSError, struct.error):
+        return None
 
 
 class UdpTransport(ImmediateTransport):

@@ -47,8 +47,8 @@ class Taker:
     def gone(self, peer: str) -> None:
         self.left.append(peer)
 
-    def refuse(self, why: str) -> None:
-        self.refused.append(why)
+    def refuse(self, why: str, number: int = 1) -> None:
+        self.refused += [why] * number
 
     @property
     def all(self) -> bytes:
@@ -215,6 +215,21 @@ async def test_a_connection_that_ends_is_made_again(monkeypatch: pytest.MonkeyPa
         await until(lambda: len(taker.left) >= 3)
         server.close()
     assert {b"1", b"2", b"3"} <= {bytes([octet]) for octet in taker.all}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
+@pytest.mark.asyncio
+async def test_datagrams_that_the_socket_had_no_room_for_are_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(octet_sources, "BUFFER_OCTETS", 4096)
+    port, sent = free_port(), 500
+    async with listening(f"mavlink:udpin:127.0.0.1:{port}") as (taker, _):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+            for _ in range(sent):
+                end.sendto(b".", ("127.0.0.1", port))
+        await until(lambda: len(taker.all) + len(taker.refused) == sent)
+        assert taker.refused
 
 
 @pytest.mark.asyncio
