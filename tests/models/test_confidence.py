@@ -3,60 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.every_kind import MICROPHONES, MIMO, PASSIVE
+from support.every_kind import RF as FINDER
 
-from plotfeed.feeds.scene.fields import Site
-from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.models.confidence import TargetPrior, confidence_of
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Emitter, Signature
-from plotfeed.testing import SITE, radar, staring
+from plotfeed.testing import radar, scene
 
-HERE = {
-    "latitude_deg": SITE.latitude_deg,
-    "longitude_deg": SITE.longitude_deg,
-    "height_m": SITE.height_m,
-}
 ALL_ROUND = (-180.0, 180.0)
+RF = {"integration_s": 1e-5, "pfa": 1e-3, "loss_db": 15.0, "range_max_m": 30e3}
 SENSORS: dict[str, dict[str, Any]] = {
-    "active radar": radar(pfa=1e-5, range_max_m=40e3),
-    "MIMO radar": {
-        "type": "mimo_radar", "scan": staring(),
-        "transmitters": [
-            {"power_w": 200.0, "east_m": 100.0 * k, "north_m": 30.0 * k, "above_site_m": 0.0}
-            for k in range(3)
-        ],
-        "frequency_hz": 15e9, "gain_tx_dbi": 11.6, "gain_rx_dbi": 11.6, "integration_s": 0.06,
-        "range_resolution_m": 20.0, "range_max_m": 10_000.0, "azimuth_beamwidth_deg": 3.0,
-        "elevation_beamwidth_deg": 30.0, "elevation_min_deg": -2.0, "elevation_max_deg": 60.0,
-        "pfa": 1e-5,
-    },
-    "passive radar": {
-        "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 2.0, "pfa": 1e-4,
-        "transmitters": [
-            {"id": str(east_km), "erp_w": 1e4, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
-             "place": {"east_m": 1e3 * east_km, "north_m": 14e3, "above_site_m": 100.0}}
-            for east_km in (-14, 20)
-        ],
-        "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
-        "range_max_m": 10_000.0,
-    },
-    "microphone": {
-        "type": "acoustic", "scan": staring(), "range_max_m": 1000.0, "noise_db": 0.0,
-        "sensitivity_db": 32.0, "azimuth_beamwidth_deg": 4.0, "pfa": 1e-3,
-        "absorption_db_per_km": 5.0, "slope_per_db": 0.5,
-    },
-    "finder": {
-        "type": "rf", "scan": staring(), "frequency_min_hz": 2.40e9, "frequency_max_hz": 2.48e9,
-        "channel_bandwidth_hz": 1e6, "integration_s": 1e-5, "range_max_m": 30e3,
-        "baseline_m": 0.06, "pfa": 1e-3, "loss_db": 15.0,
-    },
-}  # fmt: skip
+    "active_radar": radar(pfa=1e-5, range_max_m=40e3),
+    "mimo_radar": MIMO | {"gain_tx_dbi": 11.6, "gain_rx_dbi": 11.6, "pfa": 1e-5},
+    "passive_radar": PASSIVE | {"gain_rx_dbi": 2.0, "pfa": 1e-4},
+    "acoustic": MICROPHONES | {"range_max_m": 1000.0, "sensitivity_db": 32.0, "pfa": 1e-3},
+    "rf": FINDER | RF,
+}
 PRIOR = TargetPrior(
     mean_number=2.0,
     signature=Signature(
@@ -67,10 +35,8 @@ N = 40_000
 
 
 def model_of(name: str) -> SensorModel:
-    general = {"name": "s", "seed": 1, "site": HERE}
-    tree = {"scene": general, "sensor": [SENSORS[name] | {"id": "s"}]}
-    (sensor,) = from_tree(tree, Path("confidence.toml")).sensor
-    return sensor.model(Site(**HERE))
+    made = scene([SENSORS[name]], seed=1)
+    return made.sensor[0].model(made.scene.site)
 
 
 def shown(model: SensorModel, rng: np.random.Generator) -> tuple[Any, Any]:
@@ -104,14 +70,14 @@ def test_as_many_are_of_targets_as_it_says(name: str) -> None:
 
 
 def test_the_stronger_an_echo_the_surer() -> None:
-    confidence = confidence_of(model_of("active radar"), PRIOR, ALL_ROUND, np.random.default_rng(1))
+    confidence = confidence_of(model_of("active_radar"), PRIOR, ALL_ROUND, np.random.default_rng(1))
     weak, strong = confidence.of(10 ** (np.array([11.0, 30.0]) / 10))
     assert weak < 0.5
     assert strong > 0.95
 
 
 def test_more_are_expected_more_are_believed() -> None:
-    model = model_of("passive radar")
+    model = model_of("passive_radar")
     few, many = (
         confidence_of(
             model, replace(PRIOR, mean_number=number), ALL_ROUND, np.random.default_rng(1)

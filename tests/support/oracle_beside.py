@@ -67,9 +67,12 @@ def sensors_of(scene: Scene, seconds: int) -> Iterator[tuple[Sensor, Looks, Plot
         yield sensor, looks, Plots.joined(reported), given
 
 
-def check(scene: Scene, folder: Path, seconds: int) -> None:
-    """Fail where a sensor's looks have other odds than the oracle has, or plots other errors."""
-    recorded = scene
+def check(scene: Scene, folder: Path, seconds: int) -> int:
+    """Fail where a sensor's looks have other odds than the oracle has, or plots other errors.
+
+    How many looks were compared is returned.
+    """
+    recorded, compared = scene, 0
     if scene.terrain is not None:
         (folder / HORIZONS).write_bytes(horizons_of(scene))
         recorded = scene.enclosed({HORIZONS: folder / HORIZONS})
@@ -79,6 +82,7 @@ def check(scene: Scene, folder: Path, seconds: int) -> None:
         known = asked.known
         if getattr(sensor, "decorrelation_s", None) is not None or sensor.scan.kind == "electronic":
             known = known & False  # looks are at targets as strong as they were drawn
+        compared += int(known.sum())
         np.testing.assert_allclose(asked.pd[known], looks.pd[known], rtol=1e-6, atol=1e-12)
         known = known & ~np.isnan(looks.snr)
         told_db = 10 * np.log10(looks.snr[known])
@@ -88,6 +92,7 @@ def check(scene: Scene, folder: Path, seconds: int) -> None:
         if not why:
             told = sensor.model(scene.scene.site).false_alarms_per_scan
             assert expected == pytest.approx(told, rel=1e-6)
+    return compared
 
 
 def stated_as_asked(sensor: Sensor, plots: Plots) -> None:

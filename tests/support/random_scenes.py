@@ -81,6 +81,11 @@ def tree_with(kind: str, table: str, seed: int) -> Keys:
         sensor[table] = keys
     drop_what_is_refused(sensor)
     drones = [drone for _ in range(6) for drone in _drones(dice)]
+    for n, drone in enumerate(drones):  # for every kind some within reach
+        for key in ("home", "leg", "limits", "contingency"):
+            drone.pop(key, None)
+        far_m = (150.0, 800.0, 2500.0)[n % 3]
+        drone |= {"path": [dice.place(far_m, 20, far_m / 3) for _ in "12"], "speed_m_s": 20.0}
     tree = random_tree(seed) | {"sensor": [sensor]}
     for name in (*SCENE_TABLES, "system"):
         tree.pop(name, None)

@@ -6,34 +6,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from support.every_kind import GATE, PASSIVE, RF
 
 from plotfeed.feeds.formats import Batch
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.beam import Sectors
 from plotfeed.models.state import Looks, Plots
-from plotfeed.testing import START_NS, radar, rotating, scene, staring, waypoint
+from plotfeed.testing import START_NS, radar, rotating, scene
 
 NS = 1_000_000_000
-TRANSMITTER = {
-    "id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
-    "place": waypoint(300.0, 0.2, 20_000.0),
-}  # fmt: skip
 KINDS: dict[str, dict[str, Any]] = {
     "rotating": radar(scan=rotating(1.0, 32)),
     "staring": radar(),
-    "passive": {
-        "id": "radar", "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0,
-        "transmitters": [TRANSMITTER], "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3,
-        "external_noise_db": -4.45, "range_max_m": 10_000.0,
-    },
-    "gate": {"id": "radar", "type": "range_gate", "scan": staring(), "range_max_m": 9000.0,
-             "sigma_m": 3.0},
-    "rf": {
-        "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
-        "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
-        "range_max_m": 9000.0, "baseline_m": 0.2,
-    },
-}  # fmt: skip
+    "passive": PASSIVE,
+    "gate": GATE,
+    "rf": RF | {"azimuth_floor_deg": 2.0},
+}
 POLAR = {
     "range_m": (100.0, 9e4),
     "azimuth_deg": (0.0, 360.0),

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.dice import Dice
+from support.random_sensors import SENSOR_MAKERS
 
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.engine.scene_drones import launch
@@ -19,46 +21,12 @@ from plotfeed.testing import START_NS, radar, rotating, scene, staring, waypoint
 S = 1_000_000_000
 DURATION_NS = 3 * S
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
-POLAR = {
-    "frequency_hz": 15e9, "gain_tx_dbi": 30.0, "gain_rx_dbi": 30.0, "integration_s": 0.06,
-    "range_resolution_m": 20.0, "range_max_m": 10_000.0, "azimuth_beamwidth_deg": 3.0,
-    "elevation_beamwidth_deg": 10.0, "elevation_min_deg": -2.0, "elevation_max_deg": 60.0,
-}  # fmt: skip
 KINDS: dict[str, dict[str, Any]] = {
     "staring": radar(pfa=1e-6, scan=staring(0.5)),
     "turning": radar(pfa=1e-6, scan=rotating(1.0, 32)),
     "fast": radar(pfa=1e-6, scan=rotating(0.25, 64)),
-    "mimo": POLAR | {
-        "type": "mimo_radar", "scan": staring(),
-        "transmitters": [{"power_w": 2e3, "east_m": 9.0, "north_m": 0.0, "above_site_m": 0.0}],
-    },
-    "passive": {
-        "type": "passive_radar", "scan": staring(0.7), "gain_rx_dbi": 10.0,
-        "transmitters": [{"id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
-                          "place": waypoint(300.0, 0.2, 20_000.0)}],
-        "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
-        "range_max_m": 10_000.0,
-    },
-    "rf": {
-        "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9, "frequency_max_hz": 2.5e9,
-        "channel_bandwidth_hz": 1e6, "integration_s": 1e-3, "range_max_m": 9000.0,
-        "baseline_m": 0.2,
-    },
-    "cameras": {
-        "type": "camera", "scan": staring(0.5), "horizontal_fov_deg": 100.0, "pixels_across": 9000,
-        "pixels_down": 9000, "range_max_m": 9000.0, "false_alarms_per_frame": 0.5,
-        "visibility_m": 9e3,
-    },
-    "panoramas": {
-        "type": "camera", "scan": rotating(0.5, 16), "horizontal_fov_deg": 360.0,
-        "pixels_across": 40_000, "pixels_down": 9000, "range_max_m": 9000.0, "hotter_k": 4.0,
-        "false_alarms_per_frame": 0.5,
-    },
-    "microphones": {
-        "type": "acoustic", "scan": staring(), "noise_db": 0.0, "sensitivity_db": 10.0,
-        "range_max_m": 3000.0, "azimuth_beamwidth_deg": 20.0,
-    },
-}  # fmt: skip
+    **{kind: {"type": kind} | maker(Dice(1)) for kind, maker in SENSOR_MAKERS.items()},
+}
 EFFECTS: list[dict[str, Any]] = [
     {"multipath": {"antenna_height_m": 5.0}},
     {"doppler": {"notch_m_s": 1.0}},

@@ -57,10 +57,13 @@ def test_each_table_of_each_kind_asks_what_its_sensor_does(
 ) -> None:
     """Alone, so that no other effect hides it, and drawn thrice, at drones all over the cover."""
     write_ridge(tmp_path, height_m=700, plain_m=PLAIN_M)
-    for seed in range(1 if table == "terrain" else 3):
+    compared = 0
+    for seed in (1,) if table == "terrain" else (1, 2, 3):
         own = tmp_path / str(seed)  # horizons are read once from each place
         own.mkdir()
-        check(from_tree(tree_with(kind, table, seed), tmp_path / "one.toml"), own, 1)
+        made = from_tree(tree_with(kind, table, seed), tmp_path / "one.toml")
+        compared += check(made, own, 6 if kind.startswith("acoustic") else 1)
+    assert compared or table == "merging"
 
 
 SEARCHES = {

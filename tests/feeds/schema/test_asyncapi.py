@@ -13,6 +13,8 @@ import pytest
 from support.asyncapi_rules import problems
 from support.brokers import free_port, mosquitto, own_broker
 from support.command import plotfeed
+from support.dice import Dice
+from support.random_sensors import SENSOR_MAKERS
 from support.sapient_tasks import ONE, task
 
 from plotfeed.feeds.formats import FORMATS
@@ -26,16 +28,7 @@ from plotfeed.feeds.telemetry.decode_reports import decode
 from plotfeed.feeds.telemetry.position_report import Refused
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.testing import (
-    START_NS,
-    MqttMessage,
-    MqttReceiver,
-    held,
-    radar,
-    rotating,
-    staring,
-    waypoint,
-)
+from plotfeed.testing import START_NS, MqttMessage, MqttReceiver, held, rotating, staring
 
 PREFIX = "north/site/7"
 OF_SENSORS = ("status", "settings", "description", "sapient")
@@ -48,101 +41,13 @@ TELEMETRY = {
     "altitude_m": 700.0,
     "altitude_reference": "ELLIPSOID",
 }
-PLACES = {"azimuth_beamwidth_deg": 3.0, "elevation_beamwidth_deg": 10.0, "range_max_m": 10_000.0}
+# Of each type one as random scenes have them, which sees the drone below.
 SENSORS: list[dict[str, Any]] = [
-    radar(id="active_radar", scan=rotating(1.0, 16), pfa=1e-5),
-    {
-        "id": "mimo_radar",
-        "type": "mimo_radar",
-        "scan": staring(),
-        "transmitters": [waypoint(45.0, 0.5, 500.0) | {"power_w": 50.0}],
-        "frequency_hz": 15e9,
-        "gain_tx_dbi": 20.0,
-        "integration_s": 0.06,
-        "range_resolution_m": 20.0,
-        "elevation_min_deg": -2.0,
-        "elevation_max_deg": 30.0,
-        **PLACES,
-    },
-    {
-        "id": "passive_radar",
-        "type": "passive_radar",
-        "scan": staring(),
-        "transmitters": [
-            {
-                "id": "tv",
-                "erp_w": 10e3,
-                "frequency_hz": 600e6,
-                "bandwidth_hz": 7.61e6,
-                "place": waypoint(135.0, 0.2, 20e3),
-            }
-        ],
-        "gain_rx_dbi": 10.0,
-        "external_noise_db": -4.45,
-        "azimuth_beamwidth_deg": 2.0,
-        "integration_s": 0.3,
-        "azimuth_min_deg": 0.0,
-        "azimuth_max_deg": 90.0,
-        "range_max_m": 10_000.0,
-    },
-    {"id": "camera", "type": "camera", "preset": "droneopt", "pan_deg": 45.0, "tilt_deg": 20.0},
-    {"id": "acoustic", "type": "acoustic", "preset": "widealert", "scan": staring()},
-    {
-        "id": "multistatic_passive",
-        "type": "multistatic_passive",
-        "scan": staring(),
-        "gain_rx_dbi": 10.0,
-        "azimuth_beamwidth_deg": 10.0,
-        "integration_s": 0.3,
-        "external_noise_db": -4.45,
-        "range_max_m": 9000.0,
-        "transmitters": [
-            {
-                "id": f"m{i}",
-                "preset": "dvb-t",
-                "place": {"east_m": 9e3 * i - 9e3, "north_m": 9e3, "above_site_m": 99.0},
-            }
-            for i in range(3)
-        ],
-    },
-    {
-        "id": "multistatic_mimo",
-        "type": "multistatic_mimo",
-        "scan": staring(),
-        "frequency_hz": 15e9,
-        "gain_tx_dbi": 30.0,
-        "gain_rx_dbi": 30.0,
-        "integration_s": 0.06,
-        "range_resolution_m": 20.0,
-        "range_max_m": 9e3,
-        "azimuth_beamwidth_deg": 3.0,
-        "elevation_beamwidth_deg": 10.0,
-        "elevation_min_deg": -5.0,
-        "elevation_max_deg": 60.0,
-        "transmitters": [
-            {"power_w": 2e3, "east_m": 900.0 * k, "north_m": 0.0, "above_site_m": 3.0}
-            for k in range(3)
-        ],
-    },
-    {
-        "id": "acoustic_pair",
-        "type": "acoustic_pair",
-        "scan": staring(),
-        "noise_db": 0.0,
-        "sensitivity_db": 0.0,
-        "range_max_m": 500.0,
-        "azimuth_beamwidth_deg": 20.0,
-        "second_array": {"east_m": 60.0, "north_m": 0.0, "above_site_m": 0.0},
-    },
-    {"id": "rf", "type": "rf", "preset": "dedrone-rf-360", "scan": staring()},
-    {
-        "id": "range_gate",
-        "type": "range_gate",
-        "scan": staring(),
-        "range_max_m": 5e3,
-        "sigma_m": 5.0,
-    },
-]
+    {"id": kind, "type": kind} | SENSOR_MAKERS[kind](Dice(3))
+    | ({"scan": rotating(1.0, 16), "pfa": 1e-5} if kind == "active_radar" else {"scan": staring()})
+    | ({"pan_deg": 45.0, "tilt_deg": 20.0, "horizontal_fov_deg": 60.0} if kind == "camera" else {})
+    for kind in SENSOR_MAKERS
+]  # fmt: skip
 EMITTER = {"frequency_hz": 2.437e9, "bandwidth_hz": 1e6, "eirp_dbm": 30.0, "kind": "control"}
 DRONE = held("near", 45.0, 20.0, 100.0, rcs_m2=1.0, sound_power_db=110.0, emitters=[EMITTER])
 
