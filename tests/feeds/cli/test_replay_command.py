@@ -21,12 +21,14 @@ from support.udp_receiver import heard, place, receiver
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.cli.main import cli
+from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.cli.replay import press
 from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.replaying import destinations
 from plotfeed.feeds.replaying.destinations import ReplayMqtt
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import AT_ONCE, ReplayControl, replay
+from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.testing import MqttReceiver
 
@@ -114,8 +116,18 @@ def test_other_keys_do_nothing() -> None:
     assert asked == ["skip -10", "toggle", "skip 10", "stop"]
 
 
+def test_keys_of_a_destination_stand_behind_its_address() -> None:
+    found = udp_destination("239.1.2.3:8600?ttl=4&interface=127.0.0.1")
+    assert (found.destination, found.ttl, found.interface) == ("239.1.2.3:8600", 4, "127.0.0.1")
+    assert udp_destination("127.0.0.1:1") == UdpDestination(destination="127.0.0.1:1")
+
+
 MISTAKES = {
     ("--udp", "localhost:1"): "--udp: expected ADDRESS:PORT such as",
+    ("--udp", "239.1.2.3:1?ttl=300"): "--udp: ttl: ",
+    ("--udp", "239.1.2.3:1?ttl"): "--udp ttl: expected KEY=VALUE",
+    ("--udp", "recorded?colour=red"): "--udp: colour: no such key",
+    ("--udp", "127.0.0.1:1?interface=lo"): "--udp: interface: only for multicast",
     ("--topic", "a"): "topic: expected OLD=NEW",
     ("--stamps", "later"): "stamps: expected keep, now, or seconds",
     ("--start", "noon"): "expected seconds from the beginning",

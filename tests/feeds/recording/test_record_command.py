@@ -18,6 +18,8 @@ from support.command import Started, plotfeed_here, started
 from support.recordings import read_log
 from support.waiting import PATIENCE_S, wait_until
 
+from plotfeed.feeds.recording.record import source_of
+from plotfeed.feeds.transport.udp import UdpError
 from plotfeed.replay.recorded import Recorded
 from plotfeed.testing import MqttReceiver
 
@@ -245,3 +247,9 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert done.stderr == f"plotfeed: {url}: Address already in use\n"
     assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_group_is_joined_where_its_address_says() -> None:
+    with pytest.raises(UdpError, match=r"interface: only for multicast, which 127\.0\.0\.1 is not"):
+        source_of("udp://127.0.0.1:1?interface=lo", {})
+    assert vars(source_of("udp://239.1.2.3:1?interface=lo", {}))["_interface"] == "lo"
