@@ -17,8 +17,9 @@ from support.cut_proxy import Proxy, proxied
 from support.fleet_oracle import Verdict, judged, reference
 from support.fleet_scenes import by_topic, stateless
 from support.sessions import AtWork, Start, every_broker, quiet_mosquitto
-from support.waiting import until
+from support.waiting import PATIENCE_S, until
 
+from plotfeed.feeds.fleet import part_hold
 from plotfeed.feeds.fleet.part_hold import NOT_HELD, PartTakenError, run_part
 from plotfeed.feeds.fleet.partition import partition
 from plotfeed.feeds.scene.scene import Scene, example
@@ -30,8 +31,11 @@ from plotfeed.testing import START_NS, MqttReceiver, fly
 
 
 @pytest.mark.asyncio
-async def test_the_parts_of_a_shipped_scene_send_what_one_process_does(tmp_path: Path) -> None:
+async def test_the_parts_of_a_shipped_scene_send_what_one_process_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its links, which lose and delay, among them; a broker's connections, simulated time."""
+    monkeypatch.setattr(part_hold, "LEASE_S", PATIENCE_S)  # a machine that stalls loses no lease
     scene, port, duration_s = example("field-day"), free_port(), 30.0
     parts = partition(scene, 3)
     with quiet_mosquitto(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as client:
