@@ -3,6 +3,8 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Generator, Iterator
+from contextlib import suppress
+from importlib import import_module
 from itertools import chain, groupby, zip_longest
 
 import pytest
@@ -15,6 +17,16 @@ from plotfeed.feeds.console import process
 
 __all__ = ["pytest_addoption", "pytest_runtestloop"]
 
+# Packages that tests use and that take seconds to load.
+LARGE = ("asterix.generated", "matplotlib.figure", "scipy.stats", "playwright.sync_api")
+# Files that take longest are begun first: the last to end is then a short one.
+LONGEST = (
+    *("test_parts_over_mqtt", "test_fleet_command", "test_verdicts", "test_needs"),
+    *("test_page_on_broker", "test_tracker_sweep", "test_scene_verdicts", "test_tools_in_browser"),
+    *("test_asyncapi", "test_cli", "test_attack_recordings", "test_planted_faults"),
+    *("test_controls_in_browser", "test_page_of_runs", "test_sweep_command", "test_oracle"),
+    *("test_shipped_scenes", "test_wait_for_broker", "test_display_in_browser"),
+)
 ALLOWED = allowed_skips()
 collect_ignore_glob = [] if more_input() else ["*/test_more_*.py"]
 
@@ -43,19 +55,25 @@ def _nothing_left_open() -> Iterator[None]:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Let one process be `plotfeed` for all that are forked hereafter."""
+    """Load once what all that are forked hereafter need, and have one process be `plotfeed`."""
     if session.config.getoption("processes") and (command := sys.modules.get("support.command")):
         command.ready()
+        for name in LARGE:
+            with suppress(ImportError):
+                import_module(name)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of feeds, which mostly wait, and others, which compute, by turns for the processes."""
+    """The longest files, then those of feeds, which mostly wait, and others by turns."""
     items.sort(key=lambda item: item.path)  # in whatever order they were collected
     files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
+    longest = [tests for tests in files if tests[0].path.stem in LONGEST]
+    longest.sort(key=lambda tests: LONGEST.index(tests[0].path.stem))
+    files = [tests for tests in files if tests not in longest]
     waiting = [tests for tests in files if "feeds" in tests[0].path.parts]
     computing = [tests for tests in files if "feeds" not in tests[0].path.parts]
     pairs = zip_longest(waiting, computing, fillvalue=[])
-    items[:] = chain.from_iterable(chain.from_iterable(pairs))
+    items[:] = chain.from_iterable([*longest, *chain.from_iterable(pairs)])
 
 
 @pytest.hookimpl(wrapper=True)

@@ -104,8 +104,9 @@ def test_a_part_is_started_again_by_whoever_started_it_and_goes_on(tmp_path: Pat
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS, drones=DRONE))
     with mosquitto(tmp_path, port), fleet(scene, port, "--workers", "1") as at_work:
         at_work.wait(lambda: at_work.sends(1), "it never began")
-        os.kill(at_work.pid(1), signal.SIGKILL)
         died = "plotfeed/fleet/1/session"
+        at_work.wait(lambda: at_work.states(died), "its session never said so")
+        os.kill(at_work.pid(1), signal.SIGKILL)
         at_work.wait(lambda: at_work.states(died)[:2] == ["RUNNING", "DIED"], "no will came")
         at_work.wait(lambda: at_work.sends(1, 2), "it was not started again")
         at_work.wait(lambda: at_work.states(died)[-1] == "RUNNING", "it is still said to be dead")
