@@ -112,6 +112,18 @@ async def test_what_is_no_request_is_told_so_and_costs_nobody_else(octets: bytes
 
 
 @pytest.mark.asyncio
+async def test_who_asks_is_answered_however_many_are_silent() -> None:
+    async with service() as transport:
+        port = transport.settings.port
+        silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(140)]
+        status, _ = await ask(port, "/display_data/none")
+        assert status == 404
+        assert len(transport._places) <= 100
+        for _, writer in silent:
+            writer.close()
+
+
+@pytest.mark.asyncio
 async def test_a_message_that_is_damaged_on_its_way_tells_nothing() -> None:
     async with service() as transport:
         carried = transport.settings.content_type
