@@ -16,7 +16,7 @@ from urllib.parse import parse_qs
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from plotfeed.feeds.console.printed import bracketed
-from plotfeed.feeds.link.lateness import lateness_us
+from plotfeed.feeds.link.counters import lateness_us
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.transport.local_hosts import ServedAddress, drawn_token, fixed_token
 from plotfeed.proto.errors import PlotfeedError

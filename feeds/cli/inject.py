@@ -31,7 +31,7 @@ from plotfeed.feeds.engine.visibility import (
     shown_m,
 )
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing, publish
+from plotfeed.feeds.messages.transports import publish
 from plotfeed.feeds.scene.drones import FlightFile
 from plotfeed.feeds.scene.fields import Height, Positive
 from plotfeed.feeds.scene.telemetry_keys import FlownSpeed, TelemetrySource, Undulation
@@ -303,7 +303,7 @@ class _ToSession:
             content_type=self._content_type,
             due_utc_ns=report.t_utc_ns,
         )
-        publish([self._link], [Outgoing(message, client=self, transports=1)])
+        publish([self._link], [message], self)
 
     def _tell_meanwhile(self) -> int:
         """Say what the session has refused since the beginning, of whoever; how much."""
@@ -317,7 +317,7 @@ class _ToSession:
         """The time at which a report leaves, UTC."""
         return time.time_ns()
 
-    def settled(self, one: Outgoing) -> None:
+    def settled(self, one: Message) -> None:
         """Count what became of a report."""
         self._sent += one.delivered
         self._undelivered += not one.delivered

@@ -18,8 +18,8 @@ from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.posix import keys_of
 from plotfeed.feeds.console.printed import say, say_damage, show_last_status, show_status
 from plotfeed.feeds.console.process import stopped_by_signals
-from plotfeed.feeds.link.lateness import lateness_us
-from plotfeed.feeds.messages.outgoing import Transport
+from plotfeed.feeds.link.counters import lateness_us
+from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import ReplayControl, replay

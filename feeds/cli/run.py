@@ -31,8 +31,7 @@ from plotfeed.feeds.console.process import (
     stopped_by_signals,
     undisturbed,
 )
-from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.lateness import lateness_us
+from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import (
     TOKEN_VARIABLE,

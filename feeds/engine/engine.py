@@ -18,7 +18,6 @@ from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.changes import (
     ChangeError,
     ClockCommand,
@@ -98,7 +97,7 @@ class Engine:
         ]
         # When scripts may change a sensor's link next, UTC, by index.
         self._link_script: dict[int, deque[int]] = {}
-        self._let_go: list[tuple[int, int, Outgoing]] = []
+        self._let_go: list[tuple[int, int, Message]] = []
         self.control_topic = f"{scene.mqtt.prefix}/control"
         cued = [sensor.id for sensor in own if mount_of(sensor) is not None]
         self._cues = {f"{scene.mqtt.prefix}/{name}/{CUE_TOPIC}": name for name in cued}
@@ -228,7 +227,7 @@ class Engine:
         for i in self._link_script:
             self._follow_link_script(i, t_utc_ns)
 
-    def take_let_go(self) -> list[tuple[int, int, Outgoing]]:
+    def take_let_go(self) -> list[tuple[int, int, Message]]:
         """What links held and have let go since this was asked last: sensor, when, and what.
 
         The sensor is an index of `uplinks`, the time UTC. Some of it is lost all the same, as its

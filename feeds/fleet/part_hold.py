@@ -19,16 +19,14 @@ import os
 import socket
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
-from dataclasses import replace
 from typing import Any
 from uuid import uuid4
 
 from plotfeed.feeds.console.posix import alive_s
-from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.lateness import lateness_us
+from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, retained_message
-from plotfeed.feeds.messages.outgoing import Client, Outgoing, Transport
+from plotfeed.feeds.messages.transports import Client, Transport
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.session.session import FIRST_CONNECTION_S, Session, run_over
@@ -286,7 +284,8 @@ class BrokerHold:
             "lateness_p99_us": p99_us,
         }
         message = self._message(str(part.number), said, now_ns)
-        self._out.send_past_link(replace(message, qos=0))  # what is late is of no use to anybody
+        message.qos = 0  # what is late is of no use to anybody
+        self._out.send_past_link(message)
 
     def _message(self, kind: str, said: object, now_ns: int) -> Message:
         source = self.source if kind == "gaps" else self.source.rpartition("/")[0]
@@ -355,11 +354,11 @@ class _HeldTransport:
         self.prepare: Callable[[Sequence[Message]], None] = transport.prepare
         self.drain = transport.drain
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
+    def publish(self, messages: Sequence[Message]) -> bool:
         """Send them, or settle them as undelivered."""
         if self._hold.holds:
-            return self._transport.publish(outgoing)
-        for one in outgoing:
+            return self._transport.publish(messages)
+        for one in messages:
             one.settle(delivered=False, to=NOT_HELD)
         return False
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Address, Message, SectorProperties, SectorStamp
+from plotfeed.feeds.messages.message import Address, Message, SectorMessage, SectorStamp
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
@@ -99,8 +99,8 @@ class Format:
     #
     # None for a format of tracks.
     plots_in: Callable[[bytes, int], MeasuredPlots] | None
-    # A message as it may leave at a time, or None if it is dropped then, where that matters.
-    late: Callable[[Scene, Message, int], Message | None] | None = None
+    # Payload of a message as it may leave at a time, or None if it is dropped then.
+    late: Callable[[Scene, Message, int], bytes | None] | None = None
     # What makes the messages of a sensor of itself, if the format has any.
     announcer: Callable[[Scene, Sensor], Announcer] | None = None
 
@@ -205,11 +205,9 @@ class AsterixFormat(ABC):
             addresses = self._addresses[category]
             for (messages, sensor, stamp), some in zip(sectors, blocks, strict=True):
                 if some:
-                    address, due_ns = addresses[sensor], stamp.due_ns
-                    topic, content_type, qos = address.topic, address.content_type, address.qos
-                    for number, block in enumerate(some):
-                        of = SectorProperties(address, stamp, number)
-                        messages.append(Message(topic, block, content_type, due_ns, of, False, qos))
+                    address = addresses[sensor]
+                    for index, block in enumerate(some):
+                        messages.append(SectorMessage(address, block, stamp, index))
         return made
 
 
@@ -242,10 +240,10 @@ class Topics:
     def asterix(self, stamp: SectorStamp, blocks: Sequence[tuple[int, bytes]]) -> list[Message]:
         """A message for each data block, given with its category, numbered within its category."""
         counts: dict[int, int] = {}
-        messages = []
+        messages: list[Message] = []
         for category, block in blocks:
-            counts[category] = number = counts.get(category, -1) + 1
-            messages.append(message_to(self.of_category(category), block, stamp, number))
+            counts[category] = index = counts.get(category, -1) + 1
+            messages.append(SectorMessage(self.of_category(category), block, stamp, index))
         return messages
 
     def of_category(self, category: int) -> Address:
@@ -259,14 +257,6 @@ class Topics:
     def address(self, kind: str, content_type: str) -> Address:
         """Where its messages of a kind go."""
         return Address(self._root, self._sensor, kind, content_type, self._qos)
-
-
-def message_to(address: Address, payload: bytes, stamp: SectorStamp, number: int = 0) -> Message:
-    """One message of a sector; `number` tells those of one kind and sector apart."""
-    properties = SectorProperties(address, stamp, number)
-    return Message(  # by keywords it would take twice as long
-        address.topic, payload, address.content_type, stamp.due_ns, properties, False, address.qos
-    )
 
 
 def max_block_octets(scene: Scene, sensor: Sensor) -> int:
@@ -323,16 +313,16 @@ def carries_plots(topic: str) -> bool:
     return any(topic.endswith(f"/{facts.topic}") for facts in REPORT_FORMATS.values())
 
 
-def in_time(scene: Scene) -> Callable[[Message, int], Message | None]:
-    """The rule for messages that leave late: as they may leave at a time, or None."""
+def in_time(scene: Scene) -> Callable[[Message, int], bytes | None]:
+    """The rule for messages that leave late: their payload as it may leave at a time, or None."""
     asked = {name: FORMATS[name] for sensor in scene.sensor for name in sensor.report}
     rules = {f"/{row.facts.topic}": row.late for row in asked.values() if row.late is not None}
 
-    def check(message: Message, t_utc_ns: int) -> Message | None:
+    def check(message: Message, t_utc_ns: int) -> bytes | None:
         for end, late in rules.items():
             if message.topic.endswith(end):
                 return late(scene, message, t_utc_ns)
-        return message
+        return message.payload
 
     return check
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats import Format, Sensors, Topics, message_to
+from plotfeed.feeds.formats import Format, Sensors, Topics
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.message import Message, SectorMessage
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.plot_messages import plot_batches, plots_in_batch
@@ -34,7 +34,7 @@ class PlotBatches:
             batch.of_plots.tolist(),
         )
         every = zip(sensors, batches, stamps, strict=True)
-        return [[message_to(self._addresses[i], batch, stamp)] for i, batch, stamp in every]
+        return [[SectorMessage(self._addresses[i], batch, stamp)] for i, batch, stamp in every]
 
 
 FORMAT = Format(facts=REPORT_FORMATS["plots"], maker=PlotBatches, plots_in=plots_in_batch)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from plotfeed.feeds.formats import Format, Sensors, Topics, message_to
+from plotfeed.feeds.formats import Format, Sensors, Topics
 from plotfeed.feeds.formats.sensor_tracks import tracks_keys_of
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message, SectorStamp
+from plotfeed.feeds.messages.message import Message, SectorMessage, SectorStamp
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -45,7 +45,7 @@ class TrackMessages:
     def messages(self, batch: Batch) -> list[list[Message]]:
         """Messages of each sector; none of one without tracks."""
         by = batch.of_tracks.tolist()
-        found = []
+        found: list[list[Message]] = []
         for k, (sensor, stamp) in enumerate(
             zip(batch.sectors.sensor.tolist(), batch.stamps, strict=True)
         ):
@@ -54,7 +54,7 @@ class TrackMessages:
                 tracks = batch.tracks.between(by[k], by[k + 1])
                 payloads = self._encoders[sensor](tracks, self._origins[sensor], stamp)
             address = self._addresses[sensor]
-            found.append([message_to(address, p, stamp, n) for n, p in enumerate(payloads)])
+            found.append([SectorMessage(address, p, stamp, n) for n, p in enumerate(payloads)])
         return found
 
 

@@ -1,21 +1,78 @@
-"""What a session has done so far."""
+"""What a session has done so far, and how late its messages left."""
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from plotfeed.feeds.link.lateness import LastLateness
+import numpy as np
+
+from plotfeed.models.state import Ints
 from plotfeed.proto import plotfeed_pb2 as pb
+
+LATENESS_KEPT = 100_000
+
+
+class LastLateness:
+    """How late messages left, nanoseconds: of the last `most` of them, 8 octets each, in order."""
+
+    def __init__(self, most: int = LATENESS_KEPT) -> None:
+        self._most = most
+        self._values = array("q")
+        self._at = 0  # Where the next one goes: at the end, or once that is full, over the oldest
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.values().tolist())
+
+    def append(self, lateness_ns: int, times: int = 1) -> None:
+        """Keep another, of so many messages; the oldest give way where there is no more room."""
+        at, end = self._at, self._at + times
+        if end > self._most:
+            self.append(lateness_ns, self._most - at)
+            self.append(lateness_ns, end - self._most)
+            return
+        self._values[at:end] = array("q", (lateness_ns,)) * times
+        self._at = 0 if end == self._most else end
+
+    def clear(self) -> None:
+        """Keep none."""
+        del self._values[:]
+        self._at = 0
+
+    def values(self) -> Ints:
+        """The last of them, oldest first; a copy."""
+        return np.roll(self.in_any_order(), -self._at)
+
+    def in_any_order(self) -> Ints:
+        """The last of them, as they are kept; a copy."""
+        return np.array(self._values, np.int64)
+
+
+def lateness_us(lateness_ns: LastLateness | Sequence[int], *percentiles: float) -> list[float]:
+    """Percentiles of how late messages left, microseconds; zeros if none did."""
+    if not lateness_ns:
+        return [0.0] * len(percentiles)
+    values = lateness_ns.in_any_order() if isinstance(lateness_ns, LastLateness) else lateness_ns
+    ordered = np.sort(np.asarray(values))  # of integers quicker than what np.percentile does
+    at = np.array(percentiles) / 100 * (len(ordered) - 1)
+    below = at.astype(np.int64)
+    above = np.minimum(below + 1, len(ordered) - 1)
+    found = ordered[below] + (at - below) * (ordered[above] - ordered[below])
+    return [float(p) / 1e3 for p in found]
+
 
 # Fates that a link decides on, as the scene asks.
 LOSSES = frozenset({pb.LOST, pb.QUEUE_FULL, pb.OUTAGE})
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class SessionCounters:
-    """Counts of a session; they only grow."""
+    """Counts of a session; they only grow. Each is who it is."""
 
     drones: int = 0  # Known now
     forgotten: int = 0  # Drones that were known, and of which nothing came for long
@@ -63,22 +120,23 @@ class SessionCounters:
     # And at which it ran since that was set: a machine that cannot hold it slows the clock.
     speed_reached: float | None = None
 
-    def add(self, scan: int, looks: int, plots: int, false_alarms: int) -> None:
-        """Count what one sector brought."""
-        self.scan = max(self.scan, scan)
-        self.looks += looks
-        self.plots += plots
-        self.false_alarms += false_alarms
+    def add(self, counts: Sequence[tuple[int, int, int, int]]) -> None:
+        """Count what sectors brought: scan, looks, plots and false alarms of each."""
+        scans, looks, plots, false_alarms = zip(*counts, strict=True)
+        self.scan = max(self.scan, *scans)
+        self.looks += sum(looks)
+        self.plots += sum(plots)
+        self.false_alarms += sum(false_alarms)
 
     def echoed(self, came: bool) -> None:
         """Count a sample of what was published, which has come back or not."""
         self.heard_back += came
         self.not_heard_back += not came
 
-    def sent(self, lateness_ns: Sequence[int]) -> None:
-        """Count messages that were sent, so late each."""
-        self.messages += len(lateness_ns)
-        self.lateness_ns.extend(lateness_ns)
+    def sent(self, messages: int, lateness_ns: int) -> None:
+        """Count so many that were sent, all of them so late."""
+        self.messages += messages
+        self.lateness_ns.append(lateness_ns, messages)
 
     def settle(self, fate: pb.Fate, copy: int, lateness_ns: int, octets: int) -> None:  # noqa: ARG002
         """Count what became of a copy of a message, with so many octets of payload."""

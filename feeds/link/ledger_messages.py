@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.feeds.messages.batch import Batch, edges, of_parts
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import HELD_NS, Outgoing
+from plotfeed.feeds.messages.message import HELD_NS, Message
 from plotfeed.models.beam import Sectors
 from plotfeed.models.state import Columns, Ints, Looks, Plots
 from plotfeed.proto.content_types import LEDGER_BATCH, protobuf_content_type
@@ -123,7 +122,7 @@ def _octets(kept: Sequence[Kept]) -> tuple[bytes, int]:
 
 
 def _message_columns(
-    sent: Sequence[Sequence[Outgoing]],
+    sent: Sequence[Sequence[Message]],
 ) -> tuple[Written, Iterable[str], Iterable[str]]:
     """What became of messages of sectors; their topics and the destinations that missed some."""
     rows = [*chain.from_iterable(sent)]
@@ -133,9 +132,8 @@ def _message_columns(
         # They left in another order than they were handed over.
         order = np.lexsort((_ints([one.copy for one in rows]), number, of_sector))
         rows, number = [rows[i] for i in order.tolist()], number[order]
-    messages = [one.message for one in rows]
-    topics, topic = _placed([each.topic for each in messages])
-    due, link_due = [one.handed.due_utc_ns for one in rows], [one.due_utc_ns for one in rows]
+    topics, topic = _placed([one.topic for one in rows])
+    due, link_due = [one.due_utc_ns for one in rows], [one.leaves_utc_ns for one in rows]
     copies, bits = [one.copy for one in rows], [one.flipped_bit for one in rows]
     not_to = [one.not_to for one in rows]
     missed = [to for some in not_to for to in some] if any(not_to) else []
@@ -144,7 +142,7 @@ def _message_columns(
         "topic": topic,
         "due_utc_ns": _ints(due),
         "sent_utc_ns": _ints([one.sent_utc_ns for one in rows]),
-        "octets": _ints([len(each.payload) for each in messages]),
+        "octets": _ints([len(one.payload) for one in rows]),
         "fate": np.frombuffer(bytes([one.fate for one in rows]), np.uint8),
         "link_due_utc_ns": None,
         "number": number,

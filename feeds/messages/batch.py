@@ -9,8 +9,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from plotfeed.feeds.messages.message import SectorStamp
-from plotfeed.feeds.messages.outgoing import Outgoing
+from plotfeed.feeds.messages.message import Message, SectorStamp
 from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import FALSE_ALARM, Columns, Ints, Looks, Plots, TruthState
@@ -48,7 +47,7 @@ class Batch:
     # Ids of drones when the sectors were worked out, by the index in the columns `drone`.
     names: Sequence[str] = ()
     # Messages of each sector, handed to its link at its end, with when that lets them leave.
-    messages: Sequence[Sequence[Outgoing]] = ()
+    messages: Sequence[Sequence[Message]] = ()
     # Keys of the link that each sector's messages passed, as JSON; empty where there is none.
     links: Sequence[str] = ()
     # What drones said of themselves; None of a sensor's batch.
@@ -71,7 +70,7 @@ class Batch:
         *,
         sensor: int = 0,
         sensors: Sequence[str] = (),
-        messages: Sequence[Outgoing] = (),
+        messages: Sequence[Message] = (),
         link: str = "",
         claims: Sequence[pb.Claim] | None = None,
     ) -> Self:

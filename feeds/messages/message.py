@@ -1,12 +1,14 @@
-"""A message with its user properties: what goes out, what came in, and filters of topics."""
+"""`Message`: what goes out, and what became of it; what came in; filters of topics."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import overload
+from types import MappingProxyType
+from typing import Any
 
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
@@ -42,6 +44,21 @@ def packed_text(text: str) -> bytes:
 def _octets_of(text: str) -> bytes:
     octets = text.encode()
     return len(octets).to_bytes(2, "big") + octets
+
+
+class Countdown:
+    """Calls a function once as many have settled as it was made for."""
+
+    __slots__ = ("_call", "left")
+
+    def __init__(self, left: int, call: Callable[[], object]) -> None:
+        self.left, self._call = left, call
+
+    def one_less(self) -> None:
+        """Another has settled."""
+        self.left -= 1
+        if not self.left:
+            self._call()
 
 
 class SectorStamp:
@@ -99,96 +116,239 @@ class Address:
         self.octets = self.kind, event, whose, len(event) + len(whose)  # as packets have them
 
 
-class SectorProperties(Sequence[Pair]):
-    """The properties of a message of a sector, as CloudEvents attributes, in their order.
+def packed(properties: Sequence[Pair]) -> Pieces:
+    """Properties as packets have them: their octets, in pieces that are to be joined."""
+    pieces = [packed_pair(name, value) for name, value in properties]
+    return sum(map(len, pieces)), pieces
 
-    `number` tells those of one kind and sector apart.
+
+MESSAGE_EXPIRY_S = 60  # So long a broker keeps a message that it cannot pass on
+HELD_NS = 2**63 - 1  # Leaves when its link is up again: nobody knows yet when that is
+# Number of a message that passes no link, such as a status: nobody asks what becomes of it.
+NOT_COUNTED = -1
+NO_PACKETS: Mapping[int, bytes] = MappingProxyType({})
+
+
+class Message:
+    """A payload, where it goes, when it is due there, and what became of it on its way.
+
+    `properties` become MQTT 5 user properties; whoever cannot read those finds the same in the
+    payload. Its link says when it leaves, or that it does not. Each transport says once, by
+    `settle` or `taken`, whether it has delivered it.
     """
 
-    __slots__ = ("_pairs", "address", "number", "stamp")
+    __slots__ = (
+        "_handed_payload",
+        "_properties",
+        "client",
+        "content_type",
+        "copy",
+        "countdown",
+        "delivered",
+        "due_utc_ns",
+        "fate",
+        "flipped_bit",
+        "leaves_utc_ns",
+        "not_to",
+        "number",
+        "over_link",
+        "packets",
+        "payload",
+        "qos",
+        "retain",
+        "sent_utc_ns",
+        "since_s",
+        "topic",
+        "unsettled",
+    )
 
-    def __init__(self, address: Address, stamp: SectorStamp, number: int) -> None:
-        self.address, self.stamp, self.number = address, stamp, number
-        self._pairs: tuple[Pair, ...] = ()
+    def __init__(  # noqa: PLR0917 - by their names it would take some times as long
+        self,
+        topic: str,
+        payload: bytes,
+        content_type: str,
+        due_utc_ns: int,
+        properties: Sequence[Pair] = (),
+        retain: bool = False,
+        qos: int = 0,
+    ) -> None:
+        """`due_utc_ns` is when it is handed to its link, if there is one."""
+        self.topic, self.payload, self.content_type = topic, payload, content_type
+        self._properties, self.retain, self.qos = properties, retain, qos
+        self.due_utc_ns = due_utc_ns
+        # When it leaves its link; `HELD_NS` while that holds it.
+        self.leaves_utc_ns = due_utc_ns
+        # Of all that its client hands to its link, in that order.
+        self.number = NOT_COUNTED
+        self.copy = 0  # 0 for the message itself, 1 for the duplicate that its link made
+        self.over_link = False  # Whether there is a link that may do anything to it
+        self.flipped_bit: int | None = None  # Of the payload, where the link has corrupted it
+        self._handed_payload: bytes | None = None  # Where its link has changed that
+        self.fate: pb.Fate = pb.FATE_UNSPECIFIED
+        self.delivered = False  # Whether a transport has delivered it
+        self.not_to: tuple[str, ...] = ()  # Destinations that did not get it
+        self.sent_utc_ns = 0  # When the last transport began to send it; 0 before any has
+        # Monotonic time at which it first had to wait for a transport, or was first sent.
+        self.since_s = 0.0
+        self.client: Any = None  # Whose it is: a `Client`, for which every use would have to ask
+        # Transports of which it is not known yet whether they deliver it.
+        self.unsettled = 0
+        self.countdown: Countdown | None = None
+        # The message as MQTT packets, by version, where they were made ahead of time.
+        self.packets: Mapping[int, bytes] = NO_PACKETS
 
-    def pairs(self) -> tuple[Pair, ...]:
+    def __eq__(self, other: object) -> bool:
+        """Whether the other says the same, whatever becomes of it."""
+        if not isinstance(other, Message):
+            return NotImplemented
+        return self._said == other._said
+
+    # In sets, each is who it is: a duplicate that says the same has a fate of its own.
+    __hash__ = object.__hash__
+
+    @property
+    def _said(self) -> tuple[object, ...]:
+        said = self.topic, self.payload, self.content_type, self.due_utc_ns
+        return *said, tuple(self.properties), self.retain, self.qos
+
+    def __repr__(self) -> str:
+        return f"<{self.topic}, due {self.due_utc_ns}, {len(self.payload)} octets>"
+
+    @property
+    def properties(self) -> Sequence[Pair]:
+        """User properties, in their order."""
+        return self._properties
+
+    def packed_properties(self) -> Pieces:
+        """User properties as packets have them."""
+        return packed(self._properties)
+
+    @property
+    def handed(self) -> Message:
+        """The message as it was handed to the link."""
+        return self if self._handed_payload is None else self.again()
+
+    def again(self, client: Any = None, transports: int = 0) -> Message:
+        """A message as this one was handed to the link, of which nothing has become yet.
+
+        So many transports will tell that client, if there is one, what becomes of it.
+        """
+        payload = self.payload if self._handed_payload is None else self._handed_payload
+        other = Message(
+            self.topic,
+            payload,
+            self.content_type,
+            self.due_utc_ns,
+            self.properties,
+            self.retain,
+            self.qos,
+        )
+        other.client, other.unsettled = client, transports
+        return other
+
+    def become(self, payload: bytes) -> None:
+        """Leave the link with another payload."""
+        if self._handed_payload is None:
+            self._handed_payload = self.payload
+        self.payload = payload
+
+    def duplicate(self) -> Message:
+        """Another copy of it, on its way as far as this one is."""
+        other = self.again(self.client, self.unsettled)
+        other.number, other.copy, other.over_link = self.number, self.copy + 1, self.over_link
+        other.countdown = self.countdown
+        if self.countdown is not None:
+            self.countdown.left += 1
+        return other
+
+    def leave(self) -> None:
+        """A transport hands it to its socket now."""
+        self.sent_utc_ns = self.client.now_ns()
+
+    def taken(self, sent_utc_ns: int) -> None:
+        """A transport handed it to its socket then, which took all of it."""
+        self.sent_utc_ns = max(self.sent_utc_ns, sent_utc_ns)
+        self.settle(delivered=True)
+
+    def settle(self, *, delivered: bool | None, to: str = "") -> None:
+        """A transport is done with it: delivered as far as it can know, or given up.
+
+        `to` is what the transport calls its destination; None where that is for others.
+        It is sent if a destination got it, or if none was to.
+        """
+        if delivered:
+            self.delivered = True
+        elif delivered is not None:
+            self.not_to += (to,)
+        self.unsettled -= 1
+        if not self.unsettled:
+            self.end(pb.SENT if self.delivered or not self.not_to else pb.UNDELIVERED)
+
+    def end(self, fate: pb.Fate) -> None:
+        """Note its fate, which is known now."""
+        if fate == pb.SENT and not self.sent_utc_ns:
+            self.leave()
+        self.fate = fate
+        self.client.settled(self)
+        countdown, self.countdown = self.countdown, None  # what it calls may hold this one
+        if countdown is not None:
+            countdown.one_less()
+
+    def record(self) -> pb.Sent:
+        """What the ledger says of it."""
+        leaves_ns = self.due_utc_ns if self.leaves_utc_ns == HELD_NS else self.leaves_utc_ns
+        return pb.Sent(
+            topic=self.topic,
+            due_utc_ns=self.due_utc_ns,
+            sent_utc_ns=self.sent_utc_ns,
+            octets=len(self.payload),
+            delivered=self.fate == pb.SENT,
+            fate=self.fate,
+            link_due_utc_ns=leaves_ns,
+            number=self.number,
+            copy=self.copy,
+            flipped_bit=self.flipped_bit,
+            not_to=self.not_to,
+        )
+
+
+class SectorMessage(Message):
+    """A message of a sector; its properties are CloudEvents attributes, in their order."""
+
+    __slots__ = ("_of",)
+
+    def __init__(
+        self, address: Address, payload: bytes, stamp: SectorStamp, index: int = 0
+    ) -> None:
+        """`index` tells those of one kind and sector apart."""
+        content_type, due_utc_ns = address.content_type, stamp.due_ns
+        super().__init__(address.topic, payload, content_type, due_utc_ns, (), False, address.qos)
+        self._of = address, stamp, index
+
+    @property
+    def properties(self) -> Sequence[Pair]:
         """All of them; the same tuple again."""
-        if not self._pairs:
-            address, stamp = self.address, self.stamp
-            self._pairs = (
-                ("id", f"{address.kind}-{stamp.scan}-{stamp.index}-{self.number}"),
+        if not self._properties:
+            address, stamp, index = self._of
+            self._properties = (
+                ("id", f"{address.kind}-{stamp.scan}-{stamp.index}-{index}"),
                 *address.event,
                 ("time", iso_utc(stamp.end_ns)),
                 address.sensor,
                 ("scan", str(stamp.scan)),
                 ("sector", str(stamp.index)),
             )
-        return self._pairs
+        return self._properties
 
-    def __len__(self) -> int:
-        """How many there are."""
-        return 8
-
-    @overload
-    def __getitem__(self, place: int) -> Pair: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> tuple[Pair, ...]: ...
-
-    def __getitem__(self, place: int | slice) -> Pair | tuple[Pair, ...]:
-        """Pairs at a place."""
-        return self.pairs()[place]
-
-    def __iter__(self) -> Iterator[Pair]:
-        """One after the other."""
-        return iter(self.pairs())
-
-    def __eq__(self, other: object) -> bool:
-        """Whether the other has the same pairs, whatever holds them."""
-        if isinstance(other, SectorProperties | tuple):
-            return self.pairs() == tuple(other)
-        return NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self.pairs())
-
-    def __repr__(self) -> str:
-        return repr(self.pairs())
+    def packed_properties(self) -> Pieces:
+        """User properties as packets have them; what many have alike is made once."""
+        address, stamp, index = self._of
+        return stamp.octets(address, index)
 
 
-def packed(properties: Sequence[Pair]) -> bytes:
-    """Properties as packets have them."""
-    return b"".join(pieces_of(properties)[1])
-
-
-def pieces_of(properties: Sequence[Pair]) -> Pieces:
-    """Properties as packets have them: their octets, in pieces that are to be joined."""
-    if isinstance(properties, SectorProperties):
-        return properties.stamp.octets(properties.address, properties.number)
-    pieces = [packed_pair(name, value) for name, value in properties]
-    return sum(map(len, pieces)), pieces
-
-
-MESSAGE_EXPIRY_S = 60  # So long a broker keeps a message that it cannot pass on
-
-
-@dataclass(slots=True)  # frozen or by keywords, it would take some times as long to make
-class Message:
-    """A payload, where it goes, and when it is due there; it stays as it was made.
-
-    `properties` become MQTT 5 user properties; whoever cannot read those finds the same in the
-    payload.
-    """
-
-    topic: str
-    payload: bytes
-    content_type: str
-    due_utc_ns: int
-    properties: Sequence[Pair] = ()
-    retain: bool = False
-    qos: int = 0
-    # The message as MQTT packets, by version, where they were made ahead of time.
-    packets: dict[int, bytes] = field(init=False, default_factory=dict, compare=False, repr=False)
+def records(messages: Sequence[Message]) -> list[pb.Sent]:
+    """What the ledger says of them, in the order in which they were handed to the link."""
+    return [one.record() for one in sorted(messages, key=lambda one: (one.number, one.copy))]
 
 
 def attributes(

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Self
 
 from plotfeed.feeds.console.process import new_file
-from plotfeed.feeds.messages.message import Message, SectorProperties
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.scene.world_keys import HORIZONS
 from plotfeed.feeds.session.observer import Observer, RunningSession
@@ -206,7 +206,6 @@ class SessionRecorder(Observer):
             self._flushing.cancel()
 
     def _write(self, message: Message, at_utc_ns: int, stage: Stage) -> None:
-        found = message.properties
         self.recorder.write(
             Recorded(  # in their order, which takes half as long as by their names
                 message.topic,
@@ -214,7 +213,7 @@ class SessionRecorder(Observer):
                 at_utc_ns,
                 message.due_utc_ns,
                 message.content_type,
-                found.pairs() if isinstance(found, SectorProperties) else tuple(found),
+                tuple(message.properties),
                 message.retain,
                 message.qos,
                 stage,

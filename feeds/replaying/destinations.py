@@ -11,7 +11,7 @@ from ipaddress import ip_address
 
 from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import ImmediateTransport, Outgoing, Transport
+from plotfeed.feeds.messages.transports import ImmediateTransport, Transport
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys, UdpDestination
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -102,10 +102,10 @@ class RecordedUdp(ImmediateTransport):
             self._links[topic] = self._opened(topic)
         return self._links.get(topic) is not None
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
+    def publish(self, messages: Sequence[Message]) -> bool:
         """Send each to where its topic says."""
-        for one in outgoing:
-            link = self._links.get(one.message.topic)
+        for one in messages:
+            link = self._links.get(one.topic)
             if link is None:
                 one.settle(delivered=None)
             else:

@@ -17,11 +17,10 @@ from itertools import count, islice
 from typing import NamedTuple
 
 from plotfeed.feeds.console.process import undisturbed
-from plotfeed.feeds.messages.outgoing import Transport
+from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.routes import Departure, ReplayCounters, Routes
-from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.clock import Clock, InstantClock, Schedule, WallClock
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer
 from plotfeed.proto.content_types import ASTERIX, JSON, SAPIENT_MESSAGE

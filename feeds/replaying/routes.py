@@ -14,12 +14,11 @@ from plotfeed.feeds.link.impairment import Copy, Impairment, Outcome
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing, Transport, publish
+from plotfeed.feeds.messages.transports import Transport, publish
 from plotfeed.feeds.replaying.destinations import ReplayUdp
 from plotfeed.feeds.replaying.replay_settings import ReplayError, ReplaySettings, is_topic
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.timing.clock import Clock
-from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.clock import Clock, Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.recorded import Recorded
 
@@ -115,7 +114,7 @@ class Routes:
         self._schedule = schedule
         self._totals = totals
         self._together = TOGETHER if settings.fastest else 1
-        self._gathered: list[Outgoing] = []
+        self._gathered: list[Message] = []
         self._routes: dict[tuple[str, str], Route] = {}
         self._over: dict[str, tuple[Uplink, Outbox]] = {}
 
@@ -162,26 +161,26 @@ class Routes:
             uplink, outbox = route.over
             outbox.send(uplink.passed([message]))
         elif message is not None:
-            self._gathered.append(Outgoing(message, client=self, transports=len(self._transports)))
+            self._gathered.append(message)
             if len(self._gathered) >= self._together:
                 self.flush()
 
     def flush(self) -> None:
         """Send what was gathered to leave together."""
         if self._gathered:
-            outgoing, self._gathered = self._gathered, []
-            publish(self._transports, outgoing)
+            together, self._gathered = self._gathered, []
+            publish(self._transports, together, self)
 
     def now_ns(self) -> int:
         """The time by which it sends, UTC."""
         return self._clock.now_ns()
 
-    def settled(self, one: Outgoing) -> None:
+    def settled(self, one: Message) -> None:
         """The fate of a message that goes through no link is known."""
         late_ns = 0
         if not self._settings.fastest:  # else there are no deadlines
-            late_ns = (one.sent_utc_ns or self._clock.now_ns()) - one.message.due_utc_ns
-        self._totals.settle(one.fate, 0, late_ns, len(one.message.payload))
+            late_ns = (one.sent_utc_ns or self._clock.now_ns()) - one.due_utc_ns
+        self._totals.settle(one.fate, 0, late_ns, len(one.payload))
 
     def end(self) -> None:
         """What links still hold does not arrive."""

@@ -6,11 +6,14 @@ import asyncio
 import contextlib
 from collections import deque
 from collections.abc import Callable, Coroutine, Sequence
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from plotfeed.feeds.timing.clock import Clock, InstantClock
-from plotfeed.feeds.timing.schedule import ActionKind, Schedule
+from plotfeed.feeds.timing.clock import ActionKind, Clock, InstantClock, Schedule
 from plotfeed.proto.utc import NS
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.engine.intake import Intake
+    from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
 SPARE_NS = 1_000_000  # Less than this before a deadline, nothing else is begun
 # What can wait is done together, at multiples of this, after what is due just then.
@@ -25,30 +28,6 @@ DRAIN_EVERY_NS = 20 * NS  # A simulated clock lets the sockets catch up this oft
 T = TypeVar("T")
 
 
-class WaitingTransport(Protocol):
-    """A way out that would rather have the session wait than lose a message."""
-
-    @property
-    def is_full(self) -> bool:
-        """Whether it can take no more at the moment."""
-
-    async def room(self) -> None:
-        """Return when it can."""
-
-
-class WaitingInputs(Protocol):
-    """What has come in and waits to be taken in."""
-
-    def __len__(self) -> int:
-        """How many messages wait."""
-
-    def queue(self, topic: str, payload: bytes, content_type: str | None) -> None:
-        """Let wait what has come in."""
-
-    def take_in(self, as_of_ns: int, until: Callable[[], bool]) -> None:
-        """Take in some of what waits as of that time, and then more until it is enough."""
-
-
 class SessionLoop(Generic[T]):
     """Does what the schedule says, and takes in what comes in between."""
 
@@ -57,7 +36,7 @@ class SessionLoop(Generic[T]):
         clock: Clock,
         schedule: Schedule,
         *,
-        inputs: WaitingInputs,
+        inputs: Intake,
         drain: Callable[[], object],
         write_later: Callable[[Sequence[T]], object],
         before_due: Sequence[Callable[[int], object]] = (),
@@ -76,28 +55,29 @@ class SessionLoop(Generic[T]):
         self._drain = drain
         self._write_later = write_later
         self._before_due = before_due
-        self._waiting_transports: Sequence[WaitingTransport] = ()
+        self._waiting_transports: Sequence[MqttTransport] = ()
         self._later: deque[T] = deque()
         # When the turn of what waits comes; it has come at the end.
         self._later_ns: int | None = None
         self._is_turn_of_later = False
 
-    def wait_for(self, transports: Sequence[WaitingTransport]) -> None:
+    def wait_for(self, transports: Sequence[MqttTransport]) -> None:
         """Wait for these whenever they are full, and with them all sensors."""
         self._waiting_transports = transports
 
-    def later(self, item: T) -> None:
-        """Write it with others, soon, when nothing is due; or when too much waits for that."""
-        waiting = self._later
-        if len(waiting) >= MAX_LATER:
-            self._do_later(MAX_LATER if isinstance(self._clock, InstantClock) else ENTRIES_AT_ONCE)
-        waiting.append(item)
+    def later(self, items: Sequence[T]) -> None:
+        """Write them with others, soon, when nothing is due; or when too much waits for that."""
+        waiting, is_simulated = self._later, isinstance(self._clock, InstantClock)
+        begins = not waiting
+        for item in items:
+            if len(waiting) >= MAX_LATER:
+                self._do_later(MAX_LATER if is_simulated else ENTRIES_AT_ONCE)
+            waiting.append(item)
         if self._later_ns is None:
-            is_simulated = isinstance(self._clock, InstantClock)
             every_ns = LATER_EVERY_SIMULATED_NS if is_simulated else LATER_EVERY_NS
             self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns
             self.schedule.put(self._later_ns, self._begin_later, ActionKind.BETWEEN)
-        if len(waiting) == 1 and self._stands_still():
+        if begins and self._stands_still():
             self._clock.wake()
 
     def queue_input(self, topic: str, payload: bytes, content_type: str | None) -> None:
@@ -121,7 +101,7 @@ class SessionLoop(Generic[T]):
                     return
                 continue
             await self._wait_until(due_ns)
-            await self._do_what_is_due(end_ns)
+            await self._do_what_is_due(NEVER_NS if end_ns is None else end_ns)
             if self._clock.can_wait and due_ns >= drain_ns:
                 drained = self._drain()
                 if asyncio.iscoroutine(drained):
@@ -153,16 +133,14 @@ class SessionLoop(Generic[T]):
         if not self._later and self._later_ns != NEVER_NS:
             self._is_turn_of_later = False
 
-    async def _do_what_is_due(self, end_ns: int | None = None) -> None:
+    async def _do_what_is_due(self, end_ns: int = NEVER_NS) -> None:
         """What is due by now, but nothing that is due after the end, however late it is."""
-        transports = self._waiting_transports
+        clock, transports = self._clock, self._waiting_transports
         for transport in transports:
             if transport.is_full:
                 self.waited += 1
                 await transport.room()
-        now_ns = self._clock.now_ns()
-        by_ns = now_ns if end_ns is None else min(now_ns, end_ns)
-        done = 0
+        by_ns, done = min(clock.now_ns(), end_ns), 0
         while (due_ns := self.schedule.next_due_ns()) is not None and due_ns <= by_ns:
             for tell in self._before_due:
                 tell(due_ns)
@@ -170,45 +148,38 @@ class SessionLoop(Generic[T]):
             done += 1
             if any(transport.is_full for transport in transports):
                 break  # however much more is overdue
-            if done < AT_ONCE and isinstance(self._clock, InstantClock) and self._clock.leaps:
-                by_ns = self._on_to_the_next(self._clock, by_ns, end_ns)
-
-    def _on_to_the_next(self, clock: InstantClock, by_ns: int, end_ns: int | None) -> int:
-        """Simulated time goes on to the next that is only sent, if that is so: until when."""
-        next_ns = self.schedule.next_due_ns()
-        if next_ns is None or (end_ns is not None and next_ns > end_ns):
-            return by_ns
-        if self.schedule.next_kind() < ActionKind.SENDING:
-            return by_ns
-        clock.jump(next_ns)
-        return max(by_ns, next_ns)
+            if done >= AT_ONCE or not isinstance(clock, InstantClock) or not clock.leaps:
+                continue
+            next_ns = self.schedule.next_due_ns()
+            if next_ns is None or next_ns > end_ns:
+                continue
+            if self.schedule.next_kind() >= ActionKind.SENDING:  # to which simulated time goes on
+                clock.jump(next_ns)
+                by_ns = max(by_ns, next_ns)
 
     async def _wait_until(self, due_ns: int) -> None:
         """Do what could wait, until then; what comes while time stands still is taken in now."""
-        while self._has_time_before(due_ns):
+        clock = self._clock
+        while clock.stands_before(due_ns) or due_ns - clock.now_ns() > SPARE_NS:
             stands_still = self._stands_still()
             takes_in = stands_still and len(self._inputs) > 0
             if takes_in:
-                self._inputs.take_in(self._clock.now_ns(), lambda: False)
+                self._inputs.take_in(clock.now_ns(), lambda: False)
             if self._later and (self._is_turn_of_later or stands_still):
                 self._do_later(ENTRIES_AT_ONCE)
             elif not takes_in:
                 break
             await asyncio.sleep(0)
         exactly = len(self.schedule) > 0 and self.schedule.next_kind() >= ActionKind.SENDING
-        asleep_ns = self._clock.now_ns()
-        await self._clock.sleep_until(due_ns, exactly=exactly)
-        self.slept_ns += max(0, min(due_ns, self._clock.now_ns()) - asleep_ns)
+        asleep_ns = clock.now_ns()
+        await clock.sleep_until(due_ns, exactly=exactly)
+        self.slept_ns += max(0, min(due_ns, clock.now_ns()) - asleep_ns)
 
     def _stands_still(self) -> bool:
         """Whether the next deadline waits for somebody who lets time go on."""
         due_ns, clock = self.schedule.next_due_ns(), self._clock
         is_instant = isinstance(clock, InstantClock)
         return not is_instant and due_ns is not None and clock.stands_before(due_ns)
-
-    def _has_time_before(self, due_ns: int) -> bool:
-        clock = self._clock
-        return clock.stands_before(due_ns) or due_ns - clock.now_ns() > SPARE_NS
 
 
 async def first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:

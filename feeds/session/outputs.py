@@ -12,7 +12,7 @@ from plotfeed.feeds.formats import Announcer, announcer_of
 from plotfeed.feeds.link.counters import SapientCounters, SessionCounters
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import KeptUp, Outgoing, Transport
+from plotfeed.feeds.messages.transports import KeptUp, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
 from plotfeed.feeds.scene.output_keys import TrackDestination, WaysOut
 from plotfeed.feeds.scene.report_formats import LoadedOnUse
@@ -20,8 +20,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer, who_care
 from plotfeed.feeds.session.part import PartHold
-from plotfeed.feeds.timing.clock import Clock
-from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.clock import Clock, Schedule
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -208,8 +207,7 @@ class Outputs:
 
     async def drain(self, timeout_s: float) -> None:
         """Wait until the sockets have taken everything, or the time is up."""
-        of_tracks = [transport for _, transport in self._of_tracks]
-        transports = [*self.brokers, *self._sapient, *self.udp, *of_tracks]
+        transports = [*self.brokers, *self._sapient, *self.udp, *(to for _, to in self._of_tracks)]
         await asyncio.gather(*(transport.drain(timeout_s) for transport in transports))
 
     def forget_wills(self) -> None:
@@ -252,13 +250,13 @@ class Outputs:
         for outbox in (self._of_session, *self._of_sensor.values()):
             for topic, message in outbox.retained.items():
                 if topic not in said_anew:
-                    link.publish([Outgoing(message, client=outbox, transports=1)])
+                    link.publish([message.again(outbox, 1)])
         for message in anew:
-            link.publish([Outgoing(message, client=self._of_session, transports=1)])
+            link.publish([message.again(self._of_session, 1)])
 
     def _is_back(self, link: MqttTransport, whose: str) -> None:
         """Say again how a sensor, or the session, is: the broker has published its last will."""
         outbox = self._of_session if whose == SESSION else self._of_sensor[whose]
         topic = self._wills[whose].topic
         if topic in outbox.retained:
-            link.publish([Outgoing(outbox.retained[topic], client=outbox, transports=1)])
+            link.publish([outbox.retained[topic].again(outbox, 1)])

@@ -12,7 +12,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from plotfeed.feeds.messages.outgoing import Transport
+from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.scene.scene import Scene
 
 if TYPE_CHECKING:

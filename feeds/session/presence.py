@@ -92,30 +92,24 @@ class SessionPresence:
             is_new = other not in self._heard
             knew = self._heard.setdefault(other, False)
             if self.id in told["heard"] and not knew:
-                self._there(other, told)
+                self._heard[other] = True
+                self._totals.other_sessions = sum(self._heard.values())
+                log.warning(
+                    "another session (%s, scene %.60r) publishes on %s/# too: what both send is "
+                    "mixed up there; give one of them another mqtt.prefix",
+                    other,
+                    str(told.get("scene")),
+                    self._scene.mqtt.prefix,
+                )
             if is_new:
                 self._say(RUNNING)
-
-    def _there(self, other: str, told: dict[str, Any]) -> None:
-        self._heard[other] = True
-        self._count()
-        log.warning(
-            "another session (%s, scene %.60r) publishes on %s/# too: what both send is mixed up "
-            "there; give one of them another mqtt.prefix",
-            other,
-            str(told.get("scene")),
-            self._scene.mqtt.prefix,
-        )
 
     def _gone(self, other: str, state: str) -> None:
         """Another has ended; what is retained is of it, but this one runs."""
         if self._heard.pop(other, False):
             log.warning("the other session (%s) has %s", other, state.lower())
-        self._count()
-        self._say(RUNNING)
-
-    def _count(self) -> None:
         self._totals.other_sessions = sum(self._heard.values())
+        self._say(RUNNING)
 
     def _say(self, state: str) -> None:
         if self._start_ns is not None:

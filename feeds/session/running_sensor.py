@@ -20,13 +20,12 @@ from plotfeed.feeds.engine.sensor_description import (
     status_of,
 )
 from plotfeed.feeds.formats import Announcer
-from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.lateness import lateness_us
+from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import instants_ns, joined
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.clock import Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 
@@ -64,10 +63,11 @@ class RunningSensor:
         self._schedule, self._totals, self._changed = schedule, totals, changed
         self._since_ns = 0  # Since when its keys, and what control asks of them, are so
         self._description, self._status = description, status_of(description)
+        self._scan = self._plots = 0  # The last one that was reported, and all so far
 
     def start(self, start_utc_ns: int, now_utc_ns: int) -> None:
         """Say what there is to say of the sensor, now and from now on; its script began before."""
-        self._status.scan = self._sensors.next_sector(self._i).scan
+        self._scan = self._sensors.next_sector(self._i).scan
         self._since_ns = now_utc_ns
         for after_ns in instants_ns(self.sensor.event):
             at_utc_ns = start_utc_ns + after_ns
@@ -76,13 +76,17 @@ class RunningSensor:
         self._description.time_utc.FromNanoseconds(now_utc_ns)
         self._follow_script(now_utc_ns)
         self._publish_status(pb.SensorStatus.ONLINE)
-        later_ns = self._i // STATUSES_AT_ONCE * AHEAD_NS
-        self._tell_status_at(now_utc_ns + later_ns + STATUS_EVERY_NS)
+        told_ns = now_utc_ns + self._i // STATUSES_AT_ONCE * AHEAD_NS + STATUS_EVERY_NS
+        online = pb.SensorStatus.ONLINE
+        self._repeat(told_ns, STATUS_EVERY_NS, lambda _: self._publish_status(online))
         self.outbox.send_past_link(self.settings, self.description)
-        if self._announcer is not None:
-            self._announcer.changed(self.sensor, now_utc_ns)
-            self.outbox.send_past_link(*self._announcer.opening(now_utc_ns))
-            self._announce_at(now_utc_ns + self._announcer.every_ns, self._announcer)
+        if (announcer := self._announcer) is not None:
+            announcer.changed(self.sensor, now_utc_ns)
+            send, every_ns = self.outbox.send_past_link, announcer.every_ns
+            send(*announcer.opening(now_utc_ns))
+            self._repeat(
+                now_utc_ns + every_ns, every_ns, lambda t_ns: send(*announcer.regular(t_ns))
+            )
 
     def end(self) -> None:
         """Say that the sensor is no longer there."""
@@ -93,8 +97,7 @@ class RunningSensor:
 
     def reported(self, scan: int, plots: int) -> None:
         """A sector of that scan has been reported, with so many plots."""
-        self._status.scan = scan
-        self._status.plots += plots
+        self._scan, self._plots = scan, self._plots + plots
 
     def missed(self, missed: MissedScans) -> None:
         """Count what was left out, since it was too late for that."""
@@ -153,19 +156,14 @@ class RunningSensor:
         for tell in self._changed:
             tell(sensor)
 
-    def _tell_status_at(self, due_utc_ns: int) -> None:
-        def tell() -> None:
-            self._publish_status(pb.SensorStatus.ONLINE)
-            self._tell_status_at(due_utc_ns + STATUS_EVERY_NS)
+    def _repeat(self, due_utc_ns: int, every_ns: int, tell: Callable[[int], object]) -> None:
+        """Call that then, with that time, and again whenever as long has passed."""
 
-        self._schedule.put(due_utc_ns, tell)
+        def do() -> None:
+            tell(due_utc_ns)
+            self._repeat(due_utc_ns + every_ns, every_ns, tell)
 
-    def _announce_at(self, due_utc_ns: int, announcer: Announcer) -> None:
-        def announce() -> None:
-            self.outbox.send_past_link(*announcer.regular(due_utc_ns))
-            self._announce_at(due_utc_ns + announcer.every_ns, announcer)
-
-        self._schedule.put(due_utc_ns, announce)
+        self._schedule.put(due_utc_ns, do)
 
     @property
     def _controlled(self) -> Mapping[str, Any]:
@@ -187,6 +185,7 @@ class RunningSensor:
     def status(self) -> pb.SensorStatus:
         """The sensor's status as it is now, but for its lateness."""
         status, counts, totals = self._status, self.outbox.counters, self._totals
+        status.scan, status.plots = self._scan, self._plots
         status.refused, status.conflated = totals.refused, totals.conflated
         status.drones, status.forgotten = totals.drones, totals.forgotten
         status.refused_by_reason.update(totals.refused_by)

@@ -25,11 +25,10 @@ from plotfeed.feeds.engine.intake import Input, Intake
 from plotfeed.feeds.engine.sensor_description import SensorDescriber, status_of
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.ledger_messages import Kept, ledger_messages
-from plotfeed.feeds.link.outbox import Departure, Outbox, prepare_all, send_all
+from plotfeed.feeds.link.outbox import Departure, prepare_all, send_all
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.bounded_queue import QueueStatistics
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing, records
+from plotfeed.feeds.messages.message import Message, records
 from plotfeed.feeds.scene.changes import ClockCommand, Command, ControlError, command_of
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.loop import SessionLoop, cause_of, first_of
@@ -41,8 +40,7 @@ from plotfeed.feeds.session.running_sensor import RunningSensor
 from plotfeed.feeds.session.shedding import Shedding
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
-from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.timing.schedule import ActionKind, Schedule
+from plotfeed.feeds.timing.clock import ActionKind, Clock, InstantClock, Schedule, WallClock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.content_types import JSON, PROTOBUF
@@ -165,7 +163,8 @@ class Session:
         engine = self.engine = Engine(
             scene, self.start_ns, sensors=None if part is None else part.sensors, claims=leads
         )
-        engine.control_clock, engine.answer = self._control_clock, self._answer
+        engine.control_clock = self._control_clock
+        engine.answer = lambda sensor, payload, t_ns: self.sensors[sensor].asked(payload, t_ns)
         self.trajectories, self.changes = engine.trajectories, engine.changes
 
         # What comes in.
@@ -180,7 +179,11 @@ class Session:
             leads=leads,
         )
         self._root = f"{scene.mqtt.prefix}/telemetry/"
-        self._mapped = mapped_reports(scene)
+        self._mapped: MappedReports | None = None
+        if scene.telemetry.mapping:
+            from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
+
+            self._mapped = MappedReports(scene.telemetry.mapping)
         self._sources = self._live_sources()
         self._tracker_topics = tracker_topics(own, observers)
 
@@ -209,7 +212,8 @@ class Session:
 
         # What goes out.
         self._reported = who_care(observers, "report")
-        self._keeps_ledger = scene.mqtt.truth or any(o.wants_ledger for o in observers)
+        keeps_ledger = scene.mqtt.truth or any(o.wants_ledger for o in observers)
+        self._keep = self._loop.later if keeps_ledger else lambda _: None
         self._outputs = Outputs(
             own,
             addresses,
@@ -495,9 +499,6 @@ class Session:
             clock.step(round(command.step_s * NS))
         return {"paused": clock.is_paused, "speed": clock.speed}
 
-    def _answer(self, sensor: str, payload: bytes, as_of_ns: int) -> None:
-        self.sensors[sensor].asked(payload, as_of_ns)
-
     # Tick by tick.
 
     def _input_waits(self) -> None:
@@ -532,15 +533,17 @@ class Session:
         """What ends from tick k + 1 on, and plan when to send it."""
         now_ns = self.clock.now_ns()
         too_late_ns = self._leave_out(now_ns)
-        ticks = self._ticks_from(k)
+        ticks = self._at_once
+        for next_input_ns in self._hand_in:  # before which something is handed in
+            if (comes_ns := next_input_ns()) is not None:
+                ticks = min(ticks, max(comes_ns // TICK_NS - k + 1, 1))
         if not self.clock.can_wait:
             before_ns, slept_ns = (k + 1 + ticks) * TICK_NS, self._loop.slept_ns
             self._shedding.look(now_ns, k * TICK_NS, before_ns, slept_ns)
         if too_late_ns:  # by steps as long as when it joins: else it would be late for ever
             ticks = max(ticks, min(now_ns // TICK_NS - k, LONGEST_NS // TICK_NS))
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
-        due: dict[int, list[tuple[int, Batch, int]]] = defaultdict(list)
-        ready: list[tuple[Outbox, Sequence[Outgoing]]] = []
+        due: dict[int, list[tuple[int, Departure[Kept]]]] = defaultdict(list)
         engine = self.engine
         if engine.cooperative is not None and not self.clock.can_wait:
             engine.skip_claims(now_ns - engine.cooperative.period_ns)
@@ -548,19 +551,17 @@ class Session:
             self._let_go()
             self._let_sendings_pass((k + 1) * TICK_NS)
             sectors += len(batch)
-            of = batch.sectors.sensor.tolist()
-            for row, due_ns in enumerate(batch.sectors.end_ns.tolist()):
-                i = of[row]
-                if too_late_ns and not self._in_time(batch, row, due_ns, too_late_ns):
-                    continue
-                due[due_ns].append((i, batch, row))
-                ready.append((self._outboxes[i], batch.messages[row]))
-        for together in due.values():
-            together.sort(key=itemgetter(0))
-        prepare_all(ready)
-        self._let_go()
+            of, ends_ns = batch.sectors.sensor.tolist(), batch.sectors.end_ns.tolist()
+            for row, (i, due_ns) in enumerate(zip(of, ends_ns, strict=True)):
+                if not too_late_ns or self._in_time(batch, row, due_ns, too_late_ns):
+                    departure = self._outboxes[i], batch.messages[row], (batch, row)
+                    due[due_ns].append((i, departure))
         for due_ns, together in due.items():
-            self._schedule.put(due_ns, partial(self._send, together), ActionKind.SENDING)
+            together.sort(key=itemgetter(0))
+            departures = [departure for _, departure in together]
+            prepare_all(departures)
+            self._schedule.put(due_ns, partial(self._send, departures), ActionKind.SENDING)
+        self._let_go()
         self._shedding.took(self.clock.now_ns() - now_ns, sectors)
         if sectors < MOST_SECTORS:
             self._at_once = min(2 * ticks, self._most_at_once)
@@ -572,14 +573,6 @@ class Session:
         self._plan_tick(max((min(ends_ns) // TICK_NS - 1) * TICK_NS, self._earliest_ns))
         if self._intake:
             self._input_waits()
-
-    def _ticks_from(self, k: int) -> int:
-        """How many are done at once: up to the next one before which something is handed in."""
-        ticks = self._at_once
-        for next_input_ns in self._hand_in:
-            if (comes_ns := next_input_ns()) is not None:
-                ticks = min(ticks, max(comes_ns // TICK_NS - k + 1, 1))
-        return ticks
 
     def _leave_out(self, now_ns: int) -> dict[int, int]:
         """Leave out what is late by more than a period, or have it worked out and not sent.
@@ -629,20 +622,18 @@ class Session:
         for i, at_utc_ns, one in self.engine.take_let_go():
             self._outboxes[i].let_go(one, at_utc_ns)
 
-    def _send(self, sectors: Sequence[tuple[int, Batch, int]]) -> None:
+    def _send(self, departures: Sequence[Departure[Kept]]) -> None:
         """Hand over what is due now; the ledger has it when its fate is known."""
-        began_ns, departures = self.clock.now_ns(), list[Departure]()
-        for i, batch, row in sectors:
-            keep = partial(self._loop.later, (batch, row)) if self._keeps_ledger else None
-            departures.append((self._outboxes[i], batch.messages[row], keep))
-        send_all(departures)
-        reported = [(i, batch, row) for i, batch, row in sectors if batch.claims is None]
-        for i, batch, row in reported:
-            scan, looks, plots, false_alarms = batch.counts[row]
-            self.totals.add(scan, looks, plots, false_alarms)
-            self._of_index[i].reported(scan, plots)
+        began_ns = self.clock.now_ns()
+        send_all(departures, self._keep)
+        reported = [kept for _, _, kept in departures if kept[0].claims is None]
+        if reported:
+            self.totals.add([batch.counts[row] for batch, row in reported])
+        for batch, row in reported:
+            scan, _, plots, _ = batch.counts[row]
+            self._of_index[batch.sectors.sensor[row]].reported(scan, plots)
         for tell in self._reported:
-            for _, batch, row in reported:
+            for batch, row in reported:
                 tell(batch.one(row))
         self._shedding.took(self.clock.now_ns() - began_ns)
 
@@ -671,12 +662,3 @@ class Session:
         """Tell once from when until when some of what was due did not leave, by sensor; UTC."""
         taken = {name: s.outbox.counters.take_not_sent() for name, s in self.sensors.items()}
         return {name: stretch for name, stretch in taken.items() if stretch is not None}
-
-
-def mapped_reports(scene: Scene) -> MappedReports | None:
-    """What takes what other systems publish as if their drones had published it, if any do."""
-    if not scene.telemetry.mapping:
-        return None
-    from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
-
-    return MappedReports(scene.telemetry.mapping)

@@ -20,7 +20,7 @@ from plotfeed.feeds.formats.sapient.sapient_announcer import is_answer, is_regis
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.link.counters import SapientCounters
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import ImmediateTransport
+from plotfeed.feeds.messages.transports import ImmediateTransport
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock

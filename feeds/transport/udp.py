@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import ImmediateTransport
+from plotfeed.feeds.messages.transports import ImmediateTransport
 from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
 from plotfeed.proto.content_types import ASTERIX, COT
 from plotfeed.proto.errors import PlotfeedError

@@ -11,7 +11,7 @@ from contextlib import AbstractAsyncContextManager
 
 from plotfeed.feeds.console.printed import bracketed, printable
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Client, ImmediateTransport, Outgoing
+from plotfeed.feeds.messages.transports import Client, ImmediateTransport
 from plotfeed.feeds.scene.output_keys import ListeningDestination, QueuedDestination
 from plotfeed.proto.errors import PlotfeedError
 
@@ -59,7 +59,7 @@ class QueuedTransport:
         self._carried = settings.content_type
         self._limit = settings.queue_messages
         self._retries = retries
-        self._queue: deque[Outgoing] = deque()
+        self._queue: deque[Message] = deque()
         self._filled = asyncio.Event()
         self._fails = False
 
@@ -79,10 +79,10 @@ class QueuedTransport:
         """Whether it is of the format that goes there."""
         return message.content_type == self._carried
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
+    def publish(self, messages: Sequence[Message]) -> bool:
         """Let what goes there wait its turn; the oldest gives way where there is no room."""
-        for one in outgoing:
-            if not self.carries(one.message):
+        for one in messages:
+            if not self.carries(one):
                 one.settle(delivered=None)
                 continue
             if len(self._queue) >= self._limit:
@@ -113,7 +113,7 @@ class QueuedTransport:
                 await self._filled.wait()
                 one = self._queue[0]
                 try:
-                    await self.send(one.message)
+                    await self.send(one)
                 except SendError as error:
                     tries, failures = tries + 1, failures + 1
                     if not self._fails:
@@ -138,7 +138,7 @@ class QueuedTransport:
                 one.settle(delivered=False, to=self.name)
             self._queue.clear()
 
-    def _settle(self, one: Outgoing, *, delivered: bool) -> None:
+    def _settle(self, one: Message, *, delivered: bool) -> None:
         """Say what became of a message, unless it has given way meanwhile."""
         if self._queue and self._queue[0] is one:
             self._queue.popleft()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing, Transport, publish
+from plotfeed.feeds.messages.transports import Transport, publish
 
 NUMBER_OCTETS = 4
 
@@ -16,20 +16,27 @@ class _Nobody:
     def now_ns(self) -> int:
         return time.time_ns()
 
-    def settled(self, outgoing: Outgoing) -> None:
+    def settled(self, message: Message) -> None:
         pass
 
 
 NOBODY = _Nobody()
 
 
-class FollowedDelivery(Outgoing):
+class FollowedDelivery(Message):
     """Remembers every word that is said of it."""
 
-    __slots__ = ("said",)
-
     def __init__(self, message: Message, number: int = 0) -> None:
-        super().__init__(message, number, client=NOBODY, transports=1)
+        super().__init__(
+            message.topic,
+            message.payload,
+            message.content_type,
+            message.due_utc_ns,
+            message.properties,
+            message.retain,
+            message.qos,
+        )
+        self.number, self.client, self.unsettled = number, NOBODY, 1
         self.said: list[bool] = []
 
     def settle(self, *, delivered: bool | None, to: str = "") -> None:

@@ -327,7 +327,7 @@ class MadeUpSession:
     def _report(self, report: Batch) -> None:
         [counts], [outgoing] = report.counts, report.messages
         messages = [one.handed for one in outgoing]
-        self.totals.add(*counts)
+        self.totals.add([counts])
         self.messages += messages
         sent = [self._sent(report, message.topic) for message in messages]
         if self.view is not None:

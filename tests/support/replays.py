@@ -10,7 +10,6 @@ from pathlib import Path
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import ReplayControl, replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
@@ -82,12 +81,12 @@ class Ears:
     on_message: Callable[[Message], object] = lambda _: None
     carries_it: Callable[[Message], bool] = lambda _: True
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Message]) -> None:
         for delivery in outgoing:
-            self.heard.append((self.clock.now_ns(), delivery.message))
+            self.heard.append((self.clock.now_ns(), delivery))
             delivery.leave()
             delivery.settle(delivered=True)
-            self.on_message(delivery.message)
+            self.on_message(delivery)
 
     def prepare(self, messages: Sequence[Message]) -> None:
         pass

@@ -17,7 +17,6 @@ from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.link.counters import SapientCounters, SessionCounters
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews, SapientTcpTransport
@@ -116,7 +115,7 @@ async def linked(
         counters=counters,
     )
     opening, _ = ANNOUNCER.opening(WallClock().now_ns())
-    link.publish([Outgoing(opening, client=NOBODY, transports=1)])
+    link.publish([opening.again(NOBODY, 1)])
     running = asyncio.create_task(link.run())
     try:
         if wait:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -44,5 +43,4 @@ class Station:
     def report(self, sector: Sector) -> Batch:
         self._emulated.go_on_with(0, sector)
         [batch] = self._emulated.seen(sector.end_ns + 1)
-        outgoing = [[*map(Outgoing, some)] for some in self._emulated.messages(batch)]
-        return replace(batch, messages=outgoing)
+        return replace(batch, messages=self._emulated.messages(batch))

@@ -31,7 +31,6 @@ from plotfeed.feeds.link.ledger_messages import ledger_messages
 from plotfeed.feeds.link.outbox import Outbox, prepare_all, send_all
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, attributes
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -67,6 +66,13 @@ def messages(sensor: str, due_utc_ns: int) -> list[Message]:
         )
         for category, octets in (("048", 60), ("034", 20))
     ]
+
+
+def numbered(some: list[Message]) -> list[Message]:
+    """Messages as a link that does nothing passes them on."""
+    for number, one in enumerate(some):
+        one.number = number
+    return some
 
 
 def status(sensor: str, due_utc_ns: int) -> Message:
@@ -112,17 +118,16 @@ def one_deadline(outboxes: list[Outbox], due_utc_ns: int, found: Found) -> None:
     """Whoever is told first is told after the last write."""
     told: list[float] = []
 
-    def keep() -> None:
+    def keep(_: object) -> None:
         if not told:
             told.append(time.process_time())
 
     departures = [
-        (outbox, [Outgoing(each, k) for k, each in enumerate(messages(f"r{i}", due_utc_ns))], keep)
-        for i, outbox in enumerate(outboxes)
+        (outbox, numbered(messages(f"r{i}", due_utc_ns)), None) for i, outbox in enumerate(outboxes)
     ]
-    prepare_all((outbox, some) for outbox, some, _ in departures)
+    prepare_all(departures)
     start = time.process_time()
-    send_all(departures)
+    send_all(departures, keep)
     end = time.process_time()
     found.write.append((told[0] - start) * 1e6)
     found.tell.append((end - told[0]) * 1e6)
@@ -165,7 +170,7 @@ def ledger_us(sectors: int, drones: int) -> float:
         stares=np.zeros(sectors, np.bool_),
     )
     sensors = [f"r{i}" for i in range(sectors)]
-    sent = [[Outgoing(message) for message in messages(name, int(due_ns[0]))] for name in sensors]
+    sent = [messages(name, int(due_ns[0])) for name in sensors]
     for one in chain.from_iterable(sent):
         one.fate, one.sent_utc_ns = pb.SENT, one.due_utc_ns
     batch = Batch(

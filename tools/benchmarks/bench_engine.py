@@ -44,8 +44,7 @@ from plotfeed.feeds.session.loop import SessionLoop  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.testing.built_scene import toml_of  # noqa: E402
-from plotfeed.feeds.timing.clock import InstantClock, WallClock  # noqa: E402
-from plotfeed.feeds.timing.schedule import Schedule  # noqa: E402
+from plotfeed.feeds.timing.clock import InstantClock, Schedule, WallClock  # noqa: E402
 from plotfeed.testing import MqttReceiver, flown, radar, rotating, staring, waypoint  # noqa: E402
 
 SECONDS, RUNS = 12.0, 3

@@ -36,7 +36,7 @@ END = "bench/end"
 async def by_plotfeed(port: int, payload: bytes, count: int) -> None:
     """All messages, and the last one back."""
     from plotfeed.feeds.messages.message import Message
-    from plotfeed.feeds.messages.outgoing import Outgoing, publish
+    from plotfeed.feeds.messages.transports import publish
     from plotfeed.feeds.scene.output_keys import MqttQueueKeys
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
     from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -46,7 +46,7 @@ async def by_plotfeed(port: int, payload: bytes, count: int) -> None:
 
         now_ns = staticmethod(time.time_ns)
 
-        def settled(self, outgoing: Outgoing) -> None:
+        def settled(self, outgoing: Message) -> None:
             """One has left."""
 
     sender, back = Sender(), asyncio.Event()
@@ -63,11 +63,11 @@ async def by_plotfeed(port: int, payload: bytes, count: int) -> None:
             for _ in range(count):
                 await link.room()
                 message = Message("bench/load", payload, "", 0)
-                publish([link], [Outgoing(message, client=sender, transports=1)])
+                publish([link], [message.again(sender, 1)])
                 if link.waiting:
                     await asyncio.sleep(0)
             last = Message(END, b"", "", 0)
-            publish([link], [Outgoing(last, client=sender, transports=1)])
+            publish([link], [last.again(sender, 1)])
             await back.wait()
 
 

@@ -26,8 +26,7 @@ from support.scene_files import radar, scene_file, scene_text  # noqa: E402
 
 from plotfeed.feeds.engine.engine import Engine  # noqa: E402
 from plotfeed.feeds.engine.intake import Intake  # noqa: E402
-from plotfeed.feeds.link.counters import SessionCounters  # noqa: E402
-from plotfeed.feeds.link.lateness import lateness_us  # noqa: E402
+from plotfeed.feeds.link.counters import SessionCounters, lateness_us  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402

@@ -58,7 +58,7 @@ def fly(engine: Engine, steps: range) -> list[Message]:
         assert refused is None, refused
         for batch in engine.until(START_NS + (step + 1) * STEP_NS):
             for one in [one for each in batch.messages for one in each]:
-                one.fate, one.sent_utc_ns = pb.SENT, one.due_utc_ns
+                one.fate, one.sent_utc_ns = pb.SENT, one.leaves_utc_ns
             entries += ledger_messages("plotfeed", [(batch, row) for row in range(len(batch))])
     return entries
 

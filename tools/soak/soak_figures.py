@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from plotfeed.feeds.link.lateness import LATENESS_KEPT
+from plotfeed.feeds.link.counters import LATENESS_KEPT
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of
 from plotfeed.replay.mcap.mcap_reader import FOOTER, McapReader

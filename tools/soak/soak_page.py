@@ -17,7 +17,7 @@ from pages import between
 from radars_page import draw_radars, radars_text, read_radars
 from soak_figures import NS, Array, Run, fault_rows, late_ms, memory, outside_faults, read
 
-from plotfeed.feeds.link.lateness import LATENESS_KEPT
+from plotfeed.feeds.link.counters import LATENESS_KEPT
 
 LATE_EVERY_S = 10.0
 COLUMNS = 104

@@ -65,7 +65,7 @@ def _plots_in(payload: bytes, _near_utc_ns: int) -> MeasuredPlots:
     return plots_in_sapient(payload)
 
 
-def _late(scene: Scene, message: Message, t_utc_ns: int) -> Message | None:
+def _late(scene: Scene, message: Message, t_utc_ns: int) -> bytes | None:
     from plotfeed.feeds.formats.sapient.sapient_node import as_it_may_leave
 
     return as_it_may_leave(message, t_utc_ns, scene.sapient.late)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
@@ -258,13 +258,13 @@ def _classes(scene: Scene, sensor: Sensor) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*sensor.classes, *filter(None, named)]))
 
 
-def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> Message | None:
-    """The message as it leaves at that time, or None if it is dropped."""
+def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> bytes | None:
+    """The payload of a message that leaves at that time, or None if it is dropped."""
     late_ns = t_utc_ns - message.due_utc_ns
     if late_ns <= MAX_LATE_NS or rule == "send":
-        return message
+        return message.payload
     if rule == "drop":
         return None
     with contextlib.suppress(DecodeError, EncodeError):  # of a message that the link has corrupted
-        return replace(message, payload=restamped_later(message.payload, late_ns))
-    return message
+        return restamped_later(message.payload, late_ns)
+    return message.payload

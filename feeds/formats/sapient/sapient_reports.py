@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from plotfeed.feeds.formats import SectorFormat, message_to
+from plotfeed.feeds.formats import SectorFormat
 from plotfeed.feeds.formats.sapient.sapient_node import (
     CONTENT_TYPE,
     detection_confidence_of,
@@ -17,7 +17,7 @@ from plotfeed.feeds.formats.sapient.sapient_node import (
     tells_location,
 )
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.message import Message, SectorMessage
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -135,7 +135,8 @@ class SapientReports(SectorFormat):
             None if self._confidence is None else self._confidence.of(together.snr),
         )
         return [
-            message_to(self._address, payload, batch.stamp, n) for n, payload in enumerate(payloads)
+            SectorMessage(self._address, payload, batch.stamp, n)
+            for n, payload in enumerate(payloads)
         ]
 
     def _positions(self, plots: Plots) -> Positions | None:

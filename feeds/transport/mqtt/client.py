@@ -11,7 +11,7 @@ from typing import Self
 from uuid import uuid4
 
 from plotfeed.feeds.messages.message import Message, OnReceived
-from plotfeed.feeds.messages.outgoing import Client, Outgoing
+from plotfeed.feeds.messages.transports import Client
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
@@ -173,23 +173,26 @@ class MqttTransport:
         """Say that it is for the broker, as everything is."""
         return True
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
+    def publish(self, messages: Sequence[Message]) -> bool:
         """Send all in one write where they may go; else send each, let it wait, or drop it.
 
         Delivered is what the socket has taken, with QoS 0, and what the broker has acknowledged,
         with QoS 1. True if that is so of all; else each is settled as soon as it is known.
         """
         connection = self._connection
-        if not (connection is None or self._ended or self._queues[0]) and connection.has_room(0):
-            messages = [one.message for one in outgoing]
-            if not any(message.qos for message in messages) and connection.takes(*messages):
-                return connection.send(outgoing, messages)
-        for one in outgoing:
+        if (
+            not (connection is None or self._ended or self._queues[0])
+            and connection.has_room(0)
+            and not any(message.qos for message in messages)
+            and connection.takes(*messages)
+        ):
+            return connection.send(messages)
+        for one in messages:
             self._publish(one)
         return False
 
-    def _publish(self, one: Outgoing) -> None:
-        qos = one.message.qos
+    def _publish(self, one: Message) -> None:
+        qos = one.qos
         queue, connection = self._queues[qos], self._connection
         if self._ended:
             one.settle(delivered=False, to=self.counts.destination)
@@ -263,16 +266,16 @@ class MqttTransport:
         if not self.is_full:
             self._room.set()
 
-    def _send(self, connection: MqttConnection, one: Outgoing, sent_before: bool = False) -> None:
-        if not connection.takes(one.message):
+    def _send(self, connection: MqttConnection, one: Message, sent_before: bool = False) -> None:
+        if not connection.takes(one):
             self.counts.dropped += 1
             one.settle(delivered=False, to=self.counts.destination)
-        elif one.message.qos:
+        elif one.qos:
             self.counts.repeated += sent_before
             connection.send_until_acknowledged(one)
         else:
             one.leave()
-            if connection.send([one], [one.message]):
+            if connection.send([one]):
                 one.settle(delivered=True)
 
     async def _watch(self, connection: MqttConnection) -> None:

@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from itertools import cycle
 
 from plotfeed.feeds.messages.message import Message, OnReceived, ReceivedMessage
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
 from plotfeed.feeds.transport.mqtt.packets import (
@@ -117,7 +116,7 @@ class MqttConnection(asyncio.BufferedProtocol):
         self._transport: asyncio.WriteTransport | None = None
         self._buffer: SocketBuffer  # There is one as soon as there is a transport
         # Of QoS 1, by the numbers of their packets, in the order in which they were sent.
-        self._unacknowledged: dict[int, Outgoing] = {}
+        self._unacknowledged: dict[int, Message] = {}
         self._unacknowledged_octets = 0
         self._most_unacknowledged = MAX_UNACKNOWLEDGED
         self._last_id = FIRST_ID - 1
@@ -186,7 +185,7 @@ class MqttConnection(asyncio.BufferedProtocol):
         most = self._largest_payload
         return most is None or all(len(message.payload) <= most for message in messages)
 
-    def send(self, outgoing: Sequence[Outgoing], messages: Sequence[Message]) -> bool:
+    def send(self, messages: Sequence[Message]) -> bool:
         """Hand these messages of QoS 0, at least one, to the socket, where there is room.
 
         In one go, since a system call costs more than a message. True if it has taken all; else
@@ -203,7 +202,7 @@ class MqttConnection(asyncio.BufferedProtocol):
         if all_left:
             return True
         left = len(octets)
-        for packet, one in zip(packets, outgoing, strict=True):
+        for packet, one in zip(packets, messages, strict=True):
             left -= len(packet)
             if not one.sent_utc_ns:
                 one.leave()
@@ -212,11 +211,13 @@ class MqttConnection(asyncio.BufferedProtocol):
 
     def prepare(self, messages: Sequence[Message]) -> None:
         """Make the packets of what will be sent soon; those of QoS 1 need a number first."""
+        version = self.version
         for message in messages:
             if not message.qos:
-                message.packets[self.version] = publish_packet(message, self.version)
+                packet = publish_packet(message, version)
+                message.packets = {**message.packets, version: packet}
 
-    def send_until_acknowledged(self, one: Outgoing) -> None:
+    def send_until_acknowledged(self, one: Message) -> None:
         """Send a message of QoS 1, and keep it until the broker has answered.
 
         Small ones of one turn of the loop leave in one write at its end.
@@ -227,13 +228,13 @@ class MqttConnection(asyncio.BufferedProtocol):
             pass
         self._last_id = number
         self._unacknowledged[number] = one
-        self._unacknowledged_octets += len(one.message.payload)
+        self._unacknowledged_octets += len(one.payload)
         if not self._packets:
             self._loop.call_soon(self._write_packets)
-        packet = publish_packet(one.message, self.version, number=number)
+        packet = publish_packet(one, self.version, number=number)
         self._packets.append(packet)
         if self._echo is not None and self._echo.wants:
-            self._echo.published([one.message])
+            self._echo.published([one])
         self._packed_octets += len(packet)
         if self._packed_octets > TOGETHER_OCTETS:
             self._write_packets()
@@ -242,12 +243,12 @@ class MqttConnection(asyncio.BufferedProtocol):
         """Whether the socket has taken everything, and QoS 1 is acknowledged."""
         return not self._unacknowledged and not self._buffer.octets
 
-    def give_up(self) -> list[Outgoing]:
+    def give_up(self) -> list[Message]:
         """Drop what the socket has not taken, and hand back what is unacknowledged."""
         self._counts.dropped += self._buffer.give_up(self._counts.destination)
-        outgoing, self._unacknowledged = list(self._unacknowledged.values()), {}
+        left, self._unacknowledged = list(self._unacknowledged.values()), {}
         self._unacknowledged_octets = 0
-        return outgoing
+        return left
 
     def end_if_stuck(self) -> None:
         """Cut a connection whose socket takes nothing any more; to be called now and then."""
@@ -385,8 +386,8 @@ class MqttConnection(asyncio.BufferedProtocol):
         one = self._unacknowledged.pop(number, None)
         if one is None:
             return
-        self._unacknowledged_octets -= len(one.message.payload)
-        delivered, topic = code < REFUSED, one.message.topic
+        self._unacknowledged_octets -= len(one.payload)
+        delivered, topic = code < REFUSED, one.topic
         self._counts.refused += not delivered
         one.settle(delivered=delivered, to=self._counts.destination)
         self._on_room()

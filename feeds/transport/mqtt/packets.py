@@ -10,13 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from plotfeed.feeds.messages.message import (
-    MESSAGE_EXPIRY_S,
-    Message,
-    packed,
-    packed_text,
-    pieces_of,
-)
+from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S, Message, packed_text
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.varint import varint
 
@@ -104,8 +98,9 @@ def connect_packet(
     if will is not None:
         flags |= WILL | will.qos << 3 | (RETAIN if will.retain else 0)
         if version >= 5:
-            properties = CONTENT_TYPE + packed_text(will.content_type) + packed(will.properties)
-            of_will = varint(len(properties)) + properties
+            octets, pieces = will.packed_properties()
+            own = CONTENT_TYPE + packed_text(will.content_type)
+            of_will = b"".join([varint(len(own) + octets), own, *pieces])
         of_will += packed_text(will.topic) + len(will.payload).to_bytes(2, "big") + will.payload
     flags |= (USERNAME if username is not None else 0) | (PASSWORD if password is not None else 0)
     return packet(
@@ -151,7 +146,7 @@ def publish_packet(
     octets, expiry = 0, b""
     properties: Sequence[bytes] = ()
     if version >= 5:
-        octets, properties = pieces_of(message.properties)
+        octets, properties = message.packed_properties()
         if not message.retain:
             expiry = USUAL_EXPIRY
             if expiry_s != MESSAGE_EXPIRY_S:

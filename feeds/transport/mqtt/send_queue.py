@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from itertools import count
 
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
-from plotfeed.feeds.messages.outgoing import Client, Outgoing
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.transports import Client
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 
 MAX_WAITING_OCTETS = 32 << 20  # Of payloads; more do not wait, however few messages they are
@@ -34,7 +35,7 @@ class QueueCounts:
 @dataclass(frozen=True, slots=True)
 class _Waiting:
     key: Hashable  # Its topic, if it is retained
-    outgoing: Outgoing
+    message: Message
     was_sent: bool
 
 
@@ -84,17 +85,17 @@ class SendQueue:
             for queue in self._of_client.values()
         )
 
-    def put(self, one: Outgoing) -> None:
+    def put(self, one: Message) -> None:
         """Let it wait, or drop what the policy drops: dropped is settled as not delivered."""
         self.expire()
         one.since_s = self._now_s()
-        message, queue = one.message, self._queue_of(one)
-        key: Hashable = message.topic if message.retain else next(self._numbers)
+        queue = self._queue_of(one)
+        key: Hashable = one.topic if one.retain else next(self._numbers)
         dropped = []
-        superseded = self._take_out(key).outgoing if key in self._order else None
+        superseded = self._take_out(key).message if key in self._order else None
         if self._policy == "drop-oldest":
-            while queue and not queue.has_room(len(message.payload)):
-                dropped.append(self._take_out(queue.first().key).outgoing)
+            while queue and not queue.has_room(len(one.payload)):
+                dropped.append(self._take_out(queue.first().key).message)
         if queue.put(_Waiting(key, one, False), key):
             self._order[key] = queue
         else:
@@ -104,23 +105,22 @@ class SendQueue:
         for given_up in dropped:
             self._drop(given_up)
 
-    def take(self) -> tuple[Outgoing, bool] | None:
+    def take(self) -> tuple[Message, bool] | None:
         """The one whose turn it is, if any is left, and whether it was sent before."""
         self.expire()
         if not self._order:
             return None
         queue = self._order.popitem(last=False)[1]
         found = queue.take()
-        return found.outgoing, found.was_sent
+        return found.message, found.was_sent
 
-    def put_back(self, outgoing: Sequence[Outgoing]) -> None:
+    def put_back(self, messages: Sequence[Message]) -> None:
         """Let these, which were sent, go before all others, in their order.
 
         They may be more than the limit.
         """
-        for one in reversed(outgoing):
-            message = one.message
-            key: Hashable = message.topic if message.retain else next(self._numbers)
+        for one in reversed(messages):
+            key: Hashable = one.topic if one.retain else next(self._numbers)
             if key in self._order:
                 self._supersede(one)
                 continue
@@ -134,7 +134,7 @@ class SendQueue:
         if self._max_age_s is None:
             return
         before_s = self._now_s() - self._max_age_s
-        while self._order and next(iter(self._order.values())).first().outgoing.since_s < before_s:
+        while self._order and next(iter(self._order.values())).first().message.since_s < before_s:
             self._drop(self._drop_first())
 
     def give_up(self) -> None:
@@ -142,29 +142,29 @@ class SendQueue:
         while self._order:
             self._drop(self._drop_first())
 
-    def _queue_of(self, one: Outgoing) -> BoundedQueue[_Waiting]:
+    def _queue_of(self, one: Message) -> BoundedQueue[_Waiting]:
         queue = self._of_client.get(one.client)
         if queue is None:
             waits = self._policy == "wait"
             queue = self._of_client[one.client] = BoundedQueue(
                 self._limit + (OVERRUN if waits else 0),
                 limit_octets=MAX_WAITING_OCTETS * (2 if waits else 1),
-                octets_of=lambda waiting: len(waiting.outgoing.message.payload),
+                octets_of=lambda waiting: len(waiting.message.payload),
                 any_size_alone=True,
             )
         return queue
 
-    def _drop_first(self) -> Outgoing:
-        return self._take_out(next(iter(self._order))).outgoing
+    def _drop_first(self) -> Message:
+        return self._take_out(next(iter(self._order))).message
 
     def _take_out(self, key: Hashable) -> _Waiting:
         return self._order.pop(key).drop(key)
 
-    def _drop(self, one: Outgoing) -> None:
+    def _drop(self, one: Message) -> None:
         self._counts.dropped += 1
         one.settle(delivered=False, to=self._counts.destination)
 
-    def _supersede(self, one: Outgoing) -> None:
+    def _supersede(self, one: Message) -> None:
         self._counts.superseded += 1
         one.settle(delivered=False, to=self._counts.destination)
 
@@ -197,7 +197,7 @@ class SocketBuffer:
         self._on_room = on_room
         self._now_s = now_s
         # What has not left, and how many octets have when it has.
-        self._outgoing: deque[tuple[int, Outgoing]] = deque()
+        self._unsent: deque[tuple[int, Message]] = deque()
         self._written = self._taken = 0
         self._holds = False
 
@@ -209,7 +209,7 @@ class SocketBuffer:
     @property
     def messages(self) -> int:
         """Messages of QoS 0 that it has not taken."""
-        return len(self._outgoing)
+        return len(self._unsent)
 
     @property
     def has_room(self) -> bool:
@@ -218,7 +218,7 @@ class SocketBuffer:
             return not self._transport.is_closing()
         return (
             self._look() <= MAX_UNSENT_OCTETS
-            and len(self._outgoing) < MAX_UNSENT_MESSAGES
+            and len(self._unsent) < MAX_UNSENT_MESSAGES
             and not self._transport.is_closing()
         )
 
@@ -230,16 +230,16 @@ class SocketBuffer:
             self._taken = self._written
         return not self._holds
 
-    def keep(self, one: Outgoing, octets_behind: int = 0) -> None:
+    def keep(self, one: Message, octets_behind: int = 0) -> None:
         """One that was written last but for so many octets; settled once it has left."""
-        self._outgoing.append((self._written - octets_behind, one))
+        self._unsent.append((self._written - octets_behind, one))
         self._settle_taken()
 
     def give_up(self, destination: str = "") -> int:
         """The connection is lost: settle what was not taken; how many messages that were."""
-        lost = len(self._outgoing)
-        while self._outgoing:
-            self._outgoing.popleft()[1].settle(delivered=False, to=destination)
+        lost = len(self._unsent)
+        while self._unsent:
+            self._unsent.popleft()[1].settle(delivered=False, to=destination)
         return lost
 
     def is_stuck(self) -> bool:
@@ -272,5 +272,5 @@ class SocketBuffer:
         return octets
 
     def _settle_taken(self) -> None:
-        while self._outgoing and self._outgoing[0][0] <= self._taken:
-            self._outgoing.popleft()[1].settle(delivered=True)
+        while self._unsent and self._unsent[0][0] <= self._taken:
+            self._unsent.popleft()[1].settle(delivered=True)

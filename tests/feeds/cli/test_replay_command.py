@@ -23,7 +23,7 @@ from support.waiting import PATIENCE_S
 from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.cli.replay import press
-from plotfeed.feeds.messages.outgoing import Outgoing
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying import destinations
 from plotfeed.feeds.replaying.destinations import ReplayMqtt
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
@@ -185,7 +185,7 @@ async def test_a_broker_that_never_has_room_can_be_left() -> None:
         async def room(self) -> None:
             await asyncio.Event().wait()
 
-        def publish(self, outgoing: Sequence[Outgoing]) -> None:
+        def publish(self, outgoing: Sequence[Message]) -> None:
             self.taken += len(outgoing)
             for delivery in outgoing:
                 delivery.settle(delivered=True)

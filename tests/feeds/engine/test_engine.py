@@ -56,7 +56,7 @@ def what_left(batches: list[Batch]) -> tuple[Said, Left]:
         if not one.copy:
             put(said, one.handed)
         if not one.fate:
-            left.append((one.due_utc_ns, one.message.topic, one.message.payload))
+            left.append((one.leaves_utc_ns, one.topic, one.payload))
     return said, sorted(left)
 
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from plotfeed.feeds.link import ledger_messages as writing
 from plotfeed.feeds.link.ledger_messages import Kept, ledger_messages
 from plotfeed.feeds.messages.batch import Batch, edges
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import HELD_NS, Outgoing, records
+from plotfeed.feeds.messages.message import HELD_NS, Message, records
 from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.state import FALSE_ALARM, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -108,10 +107,11 @@ def plots_of(rows: list[Any], with_rates: bool, with_merged: bool) -> Plots:
     )
 
 
-def outgoing_of(row: Any) -> Outgoing:
+def outgoing_of(row: Any) -> Message:
     topic, due, link_due, sent, payload, fate, number, copy, bit, not_to = row
-    one = Outgoing(Message(topic, payload, "", due), number, copy)
-    one.due_utc_ns = due if link_due is None else link_due
+    one = Message(topic, payload, "", due)
+    one.number, one.copy = number, copy
+    one.leaves_utc_ns = due if link_due is None else link_due
     one.sent_utc_ns, one.fate, one.flipped_bit, one.not_to = sent, fate, bit, tuple(not_to)
     return one
 

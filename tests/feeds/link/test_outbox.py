@@ -6,17 +6,15 @@ from typing import Any
 
 import pytest
 
-from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.link.impairment import Impairment
-from plotfeed.feeds.link.lateness import lateness_us
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.link.uplink import Uplink
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Client, Outgoing, records
+from plotfeed.feeds.messages.message import Message, records
+from plotfeed.feeds.messages.transports import Client
 from plotfeed.feeds.recording.recorder import RawFile
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.clock import InstantClock, Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 
 ASTERIX = "application/x-asterix; cat=48"
@@ -34,9 +32,9 @@ class Link:
         self.takes = takes
         self.drained = 0
         self.carried: list[bytes] = []
-        self.kept: list[Outgoing] = []
+        self.kept: list[Message] = []
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> None:
+    def publish(self, outgoing: Sequence[Message]) -> None:
         for delivery in outgoing:
             if self.takes is None:
                 self.kept.append(delivery)
@@ -49,10 +47,10 @@ class Link:
     def waiting_of(self, _client: Client) -> int:
         return len(self.kept)
 
-    def settle(self, delivery: Outgoing, *, delivered: bool) -> None:
+    def settle(self, delivery: Message, *, delivered: bool) -> None:
         if delivered:
             delivery.leave()
-            self.carried.append(delivery.message.payload)
+            self.carried.append(delivery.payload)
         delivery.settle(delivered=delivered, to="here")
 
     async def drain(self, _timeout_s: float = 1.0) -> None:

@@ -14,11 +14,10 @@ from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.outbox import Departure, Outbox, send_all
 from plotfeed.feeds.link.uplink import Uplink
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Client, Outgoing, records
+from plotfeed.feeds.messages.message import Message, records
+from plotfeed.feeds.messages.transports import Client
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.feeds.timing.schedule import Schedule
+from plotfeed.feeds.timing.clock import InstantClock, Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 
 DUE_NS = 7_000
@@ -31,25 +30,25 @@ class Socket:
         self.how, self.together = how, together
         self.carried: list[bytes] = []
         self.writes = 0
-        self._kept: list[Outgoing] = []
+        self._kept: list[Message] = []
 
-    def publish(self, outgoing: Sequence[Outgoing]) -> bool:
+    def publish(self, outgoing: Sequence[Message]) -> bool:
         self.writes += 1
         if self.together and self.how == "at once":
-            self.carried += [one.message.payload for one in outgoing]
+            self.carried += [one.payload for one in outgoing]
             return True
         for delivery in outgoing:
             delivery.leave()
-            self.carried.append(delivery.message.payload)
+            self.carried.append(delivery.payload)
             if self.how == "later":
                 self._kept.append(delivery)
             else:
-                delivery.settle(delivered=self.how == "at once" or self._takes(delivery.message))
+                delivery.settle(delivered=self.how == "at once" or self._takes(delivery))
         return False
 
     def settle_kept(self) -> None:
         for delivery in self._kept:
-            delivery.settle(delivered=self._takes(delivery.message))
+            delivery.settle(delivered=self._takes(delivery))
 
     def _takes(self, message: Message) -> bool:
         return message.payload[0] % 3 > 0
@@ -103,17 +102,18 @@ class Case:
             ]
             self.departures.append((outbox, uplink, some))
 
-    def handed(self) -> list[Departure]:
+    def handed(self) -> list[Departure[Any]]:
         """What each hands over now, each time anew."""
         return [
-            (outbox, outgoing, partial(self._keep, i, outgoing))
+            (outbox, outgoing, (i, outgoing))
             for i, (outbox, uplink, some) in enumerate(self.departures)
-            for outgoing in [uplink.passed(some)]
+            for outgoing in [uplink.passed([message.again() for message in some])]
         ]
 
-    def _keep(self, i: int, outgoing: Sequence[Outgoing]) -> None:
-        assert i not in self.entries
-        self.entries[i] = records(outgoing)
+    def keep(self, complete: Sequence[tuple[int, Sequence[Message]]]) -> None:
+        for i, outgoing in complete:
+            assert i not in self.entries
+            self.entries[i] = records(outgoing)
 
     def settle(self) -> None:
         for socket in self.sockets:
@@ -135,9 +135,9 @@ def test_together_as_one_by_one(how: list[tuple[str, bool]], clients: list[Any])
     for _ in range(2):
         for case in (together, apart):
             case.entries.clear()
-        send_all(together.handed())
-        for outbox, outgoing, on_complete in apart.handed():
-            outbox.send(outgoing, on_complete)
+        send_all(together.handed(), together.keep)
+        for outbox, outgoing, what in apart.handed():
+            outbox.send(outgoing, partial(apart.keep, [what]))
         for case in (together, apart):
             case.settle()
             for socket in case.sockets:
@@ -156,7 +156,7 @@ def test_together_as_one_by_one(how: list[tuple[str, bool]], clients: list[Any])
 @pytest.mark.parametrize("clients", [1, 50])
 def test_each_socket_is_asked_once(clients: int) -> None:
     case = Case([("at once", True)] * 2, [(2, None, ())] * clients)
-    send_all(case.handed())
+    send_all(case.handed(), case.keep)
     assert [socket.writes for socket in case.sockets] == [1, 1]
     payloads = [message.payload for _, _, messages in case.departures for message in messages]
     assert [socket.carried for socket in case.sockets] == [payloads, payloads]
@@ -166,6 +166,5 @@ def test_each_socket_is_asked_once(clients: int) -> None:
 def test_what_leaves_is_on_its_way_before_anybody_is_told() -> None:
     case = Case([("at once", True)], [(1, None, ())] * 3)
     seen: list[int] = []
-    keep = lambda: seen.append(len(case.sockets[0].carried))  # noqa: E731
-    send_all([(outbox, outgoing, keep) for outbox, outgoing, _ in case.handed()])
+    send_all(case.handed(), lambda done: seen.extend(len(case.sockets[0].carried) for _ in done))
     assert seen == [3, 3, 3]

@@ -17,7 +17,6 @@ from support.udp_receiver import LOOPBACK_INTERFACE, interface_of
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.recording.record import BrokerSource, CaptureSource, UdpSource, rfc_3339_ns
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -245,7 +244,7 @@ async def heard_over_mqtt(port: int, versions: tuple[int, ...]) -> list[Recorded
             try:
                 await link.wait_until_up(PATIENCE_S)
                 for message in MESSAGES:
-                    link.publish([Outgoing(message, client=NOBODY, transports=1)])
+                    link.publish([message.again(NOBODY, 1)])
                 return await listener.wait_for(len(MESSAGES))
             finally:
                 running.cancel()

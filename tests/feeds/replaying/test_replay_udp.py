@@ -15,7 +15,7 @@ from support.udp_receiver import LOOPBACK_INTERFACE, heard, place, receiver
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Transport
+from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.replaying.destinations import RecordedUdp, ReplayUdp, is_datagram
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
 from plotfeed.feeds.replaying.replayer import replay

@@ -7,8 +7,7 @@ import pytest
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.session.loop import LATER_EVERY_SIMULATED_NS, MAX_LATER, SessionLoop
-from plotfeed.feeds.timing.clock import Clock, InstantClock, WallClock
-from plotfeed.feeds.timing.schedule import ActionKind, Schedule
+from plotfeed.feeds.timing.clock import ActionKind, Clock, InstantClock, Schedule, WallClock
 
 MS = 1_000_000
 
@@ -59,7 +58,7 @@ async def test_what_can_wait_is_done_together_at_fixed_times() -> None:
 
     def both(name: str) -> Callable[[], None]:
         def act() -> None:
-            case.loop.later(f"ledger of {name}")
+            case.loop.later([f"ledger of {name}"])
             case.note(name)()
 
         return act
@@ -128,7 +127,7 @@ async def test_what_can_wait_does_not_pile_up_however_late_the_session_is() -> N
     waiting: list[int] = []
 
     def work() -> None:
-        case.loop.later("ledger")
+        case.loop.later(["ledger"])
         waiting.append(len(waiting) + 1 - len(case.done))
 
     for t in range(number):
@@ -255,7 +254,7 @@ async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_don
     case = Case(clock)
 
     def five() -> None:
-        case.loop.later("ledger")
+        case.loop.later(["ledger"])
         case.note("five")()
 
     case.loop.schedule.put(5 * MS, five)
@@ -267,7 +266,7 @@ async def test_while_time_stands_just_before_a_deadline_all_that_can_wait_is_don
     await until(lambda: "ledger" in names(case))
     await until(lambda: clock.is_paused)
     case.come_in("in")
-    case.loop.later("later")  # as when a broker acknowledges
+    case.loop.later(["later"])  # as when a broker acknowledges
     await until(lambda: {"in", "later"} <= names(case))
     assert "next" not in names(case)
     clock.resume()

@@ -19,8 +19,7 @@ from support.command import plotfeed_here
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.lateness import lateness_us
+from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.metrics import COUNTERS, TOKEN_VARIABLE, MetricsAddress, MetricsError, served
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer

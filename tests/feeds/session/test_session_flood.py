@@ -70,7 +70,7 @@ Octets = list[tuple[int, str, bytes]]
 
 def octets(session: AtWork) -> Octets:
     return [
-        (sector.sector.end_ns, one.message.topic, one.message.payload)
+        (sector.sector.end_ns, one.topic, one.payload)
         for sector in session.sectors
         for outgoing in sector.messages
         for one in outgoing

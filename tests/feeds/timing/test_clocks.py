@@ -10,9 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.timing.clock import MOST_BEHIND_NS, InstantClock, WallClock
-from plotfeed.feeds.timing.schedule import Schedule
-from plotfeed.feeds.timing.timers import LoopTimer, TimerFd, precise_timer
+from plotfeed.feeds.timing.clock import (
+    MOST_BEHIND_NS,
+    InstantClock,
+    LoopTimer,
+    Schedule,
+    TimerFd,
+    WallClock,
+    precise_timer,
+)
 from plotfeed.proto.utc import iso_utc
 
 MS = 1_000_000

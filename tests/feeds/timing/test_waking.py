@@ -12,8 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.timing.clock import InstantClock, WallClock
-from plotfeed.feeds.timing.timers import MAX_EARLY_NS, SAVED_NS, SHARE, EarlyWaking, TimerFd
+from plotfeed.feeds.timing.clock import (
+    MAX_EARLY_NS,
+    SAVED_NS,
+    SHARE,
+    EarlyWaking,
+    InstantClock,
+    TimerFd,
+    WallClock,
+)
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -16,7 +16,6 @@ from support.sessions import Start, every_broker
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.transport import ways_out
 from plotfeed.feeds.transport.mqtt import connection, last_wills
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -53,14 +52,14 @@ async def placed(
 
     def is_back(sensor: str) -> None:
         back.append(sensor)
-        link.publish([Outgoing(status(sensor, "ONLINE"), client=NOBODY, transports=1)])
+        link.publish([status(sensor, "ONLINE").again(NOBODY, 1)])
 
     there = LastWills(link, {s: status(s, "OFFLINE") for s in sensors}, is_back)
     async with link.connected(PATIENCE_S):
         running = asyncio.create_task(there.run())
         await there.wait_until_up()
         for sensor in sensors:
-            link.publish([Outgoing(status(sensor, "ONLINE"), client=NOBODY, transports=1)])
+            link.publish([status(sensor, "ONLINE").again(NOBODY, 1)])
         await link.drain(PATIENCE_S)
         try:
             yield there, back

@@ -12,7 +12,7 @@ from support.mqtt_link import end_connection, linked, numbers
 from support.scripted_broker import ScriptedBroker
 from support.waiting import PATIENCE_S, until
 
-from plotfeed.feeds.messages.outgoing import publish
+from plotfeed.feeds.messages.transports import publish
 from plotfeed.feeds.transport.mqtt import client, send_queue
 from plotfeed.feeds.transport.mqtt.connection import MAX_UNACKNOWLEDGED, MqttError
 from plotfeed.feeds.transport.mqtt.send_queue import MAX_UNSENT_MESSAGES, MAX_UNSENT_OCTETS

@@ -13,7 +13,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
-from plotfeed.feeds.messages.message import Address, Message, SectorProperties, SectorStamp
+from plotfeed.feeds.messages.message import Address, Message, SectorMessage, SectorStamp
 from plotfeed.feeds.transport.mqtt.packets import (
     CONNACK,
     DISCONNECT,
@@ -42,18 +42,19 @@ versions = st.sampled_from([4, 5])
 ids = st.integers(1, 65_535)
 integers = st.integers(-1, 10**10)
 of_sectors = st.builds(
-    SectorProperties,
-    st.builds(Address, words, words, words, words, st.just(0)),
+    SectorMessage,
+    st.builds(Address, words, words, words, words, st.sampled_from([0, 1])),
+    st.binary(max_size=300),
     st.builds(SectorStamp, integers, integers, st.integers(-(2**40), 2**63)),
     st.integers(0, 1000),
 )
-messages = st.builds(
+messages = of_sectors | st.builds(
     Message,
     topic=words,
     payload=st.binary(max_size=300),
     content_type=words,
     due_utc_ns=st.just(0),
-    properties=pairs | of_sectors,
+    properties=pairs,
     retain=st.booleans(),
     qos=st.sampled_from([0, 1]),
 )

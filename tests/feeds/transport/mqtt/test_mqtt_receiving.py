@@ -14,7 +14,7 @@ from support.sessions import Start, every_broker
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing, publish
+from plotfeed.feeds.messages.transports import publish
 from plotfeed.feeds.transport.mqtt import connection
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -64,7 +64,7 @@ async def test_however_long_properties_are_the_connection_stays(
             pairs = [("k", "v" * (octets - 6))]
             for payload in (b"1", b"2"):
                 message = Message("a", payload, "", 0, properties=pairs, qos=1)
-                publish([link], [Outgoing(message, client=NOBODY, transports=1)])
+                publish([link], [message.again(NOBODY, 1)])
                 await until(lambda payload=payload: payload in heard)  # type: ignore[misc]
             assert link.connections == 1
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import pytest
 from hypothesis import given
@@ -18,7 +17,6 @@ from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.outbox import Outbox, send_all
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -28,9 +26,10 @@ from plotfeed.proto import plotfeed_pb2 as pb
 CLIENTS, EACH = 20, 2
 
 
-def passed(messages: Sequence[Message]) -> list[Outgoing]:
-    """Messages after a link that does nothing."""
-    return Uplink(None, lambda link: Impairment(link, 1, "radar")).passed(messages)
+def passed(messages: Sequence[Message]) -> Sequence[Message]:
+    """The same messages again, after a link that does nothing."""
+    link = Uplink(None, lambda link: Impairment(link, 1, "radar"))
+    return link.passed([message.again() for message in messages])
 
 
 class Clients:
@@ -55,11 +54,12 @@ class Clients:
                 )
                 self.sent.append(payload)
             outgoing = passed(messages)
-            departures.append((outbox, outgoing, partial(self._keep, i, outgoing)))
-        send_all(departures)
+            departures.append((outbox, outgoing, (i, outgoing)))
+        send_all(departures, self._keep)
 
-    def _keep(self, i: int, outgoing: Sequence[Outgoing]) -> None:
-        self.fates[i] += [one.fate for one in outgoing]
+    def _keep(self, complete: Sequence[tuple[int, Sequence[Message]]]) -> None:
+        for i, outgoing in complete:
+            self.fates[i] += [one.fate for one in outgoing]
 
     @property
     def told(self) -> int:

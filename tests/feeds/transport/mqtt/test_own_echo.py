@@ -16,7 +16,6 @@ from support.sessions import AtWork, Start, at_work, own_broker, quiet_mosquitto
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.outgoing import Outgoing
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt import own_echo
@@ -145,7 +144,7 @@ async def test_where_the_subscription_is_not_granted_nobody_can_tell(
         async with link.connected(PATIENCE_S):
             while not complaints(caplog):
                 message = Message("plotfeed/north/plots", b"plots", "", clock.now_ns())
-                link.publish([Outgoing(message, client=NOBODY, transports=1)])
+                link.publish([message.again(NOBODY, 1)])
                 await asyncio.sleep(0.01)
     assert complaints(caplog) == [
         "cannot tell whether anybody hears what is published on plotfeed/north/plots: "

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from support.deliveries import Deliveries
 
 from plotfeed.feeds.link.outbox import Outbox
-from plotfeed.feeds.messages.outgoing import Outgoing
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.mqtt import send_queue
@@ -37,7 +37,7 @@ class Bench:
         for _ in range(n):
             self.queue.put(self.deliveries.make(**how))  # type: ignore[arg-type]
 
-    def take(self) -> Outgoing | None:
+    def take(self) -> Message | None:
         found = self.queue.take()
         return None if found is None else found[0]
 
@@ -86,7 +86,7 @@ def test_it_does_what_the_simplest_queue_would_do(
     numbers = count()
     waiting: list[int] = []
     dropped: list[int] = []
-    sent: list[Outgoing] = []
+    sent: list[Message] = []
     for step in steps:
         if step == "put":
             bench.put()
@@ -163,7 +163,7 @@ def test_what_has_waited_too_long_is_dropped_and_nothing_else(
     """A number is time that passes. What was sent and comes back is as old as it was."""
     bench = Bench(policy=policy, max_age_s=5.0)
     since_s: list[float] = []
-    sent: list[Outgoing] = []
+    sent: list[Message] = []
     for step in steps:
         if step == "put":
             since_s.append(bench.now_s)

@@ -95,7 +95,7 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
             watch.is_stuck()
             for n in deliveries.delivered:
                 assert ends[n] <= transport.taken + 1
-            held = sum(len(p.message.payload) for p in deliveries.made if not p.said)
+            held = sum(len(p.payload) for p in deliveries.made if not p.said)
             assert held <= 1000 + 405 + 400 + pings
         transport.take(10**6)
         assert deliveries.delivered == [p.number for p in deliveries.made]
