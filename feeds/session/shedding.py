@@ -113,7 +113,7 @@ class Shedding:
     def _follow_cost(self) -> None:
         """Work out as many scans as there is time for; all of them where that is so."""
         needed = self._cost_ns * self._sensors.sectors_per_ns.sum()
-        self._share = min(1.0, BUSY / max(needed, BUSY))
+        self._share = 1.0 if needed <= MOST_BUSY else BUSY / needed
 
     def _give_up(self, now_ns: int, late_ns: int, slept_ns: int) -> None:
         """Have as many sensors give up their scans as there is no time for, and one in ten more.

@@ -29,17 +29,24 @@ PERIODS = "".join(radar(f"r{i:02}", period_s=1.0 + 0.13 * i, sectors=16) for i i
 
 
 class Machine(InstantClock):
-    """Time goes by while sectors are worked out, and only then."""
+    """Time goes by while sectors are worked out, and only then; for a while three times as fast."""
 
     leaps = False
 
-    def __init__(self, start_utc_ns: int, cost_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(
+        self,
+        start_utc_ns: int,
+        cost_ns: int,
+        monkeypatch: pytest.MonkeyPatch,
+        slow_s: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         super().__init__(start_utc_ns)
         until = Engine.until
 
         def costly(engine: Engine, t_utc_ns: int) -> Iterator[Batch]:
             for batch in until(engine, t_utc_ns):
-                self.jump(self.now_ns() + cost_ns * len(batch))
+                is_slow = slow_s[0] <= (self.now_ns() - start_utc_ns) / NS < slow_s[1]
+                self.jump(self.now_ns() + cost_ns * len(batch) * (3 if is_slow else 1))
                 yield batch
 
         monkeypatch.setattr(Engine, "until", costly)
@@ -65,14 +72,20 @@ class Sent(Observer):
 
 
 def loaded(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, sensors: str, times: float, duration_s: float
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    sensors: str,
+    times: float,
+    duration_s: float,
+    *,
+    slow_s: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Sent, SessionCounters]:
-    """A session that has so many times as much to do as it can."""
+    """A session that has so many times as much to do as it can, and more for a while."""
     scene = load(
         scene_file(folder, scene_text(start_utc=START, sensors=sensors, port=1, drones=""))
     )
     per_s = sum(s.scan.sectors / s.scan.period_s for s in scene.sensor)
-    clock = Machine(scene.scene.start_utc_ns or 0, round(times * NS / per_s), monkeypatch)
+    clock = Machine(scene.scene.start_utc_ns or 0, round(times * NS / per_s), monkeypatch, slow_s)
     sent = Sent(clock)
     running = run(scene, clock=clock, broker="none", duration_s=duration_s, observers=[sent])
     return sent, asyncio.run(running)
@@ -101,6 +114,18 @@ def test_whole_scans_are_left_out_in_turn_and_what_is_sent_is_on_time(
     # What there is time for is done.
     done = sum(map(len, sent.sectors.values())) / all_scans.sum()
     assert done >= 0.7 / times
+
+
+def test_nothing_is_left_out_any_more_once_there_is_time_for_all_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However little time is to spare: what was late is given up, and not made up for."""
+    sent, totals = loaded(tmp_path, monkeypatch, IN_STEP, 0.92, 30.0, slow_s=(5.0, 8.0))
+    assert totals.missed_scans > 0
+    first = min(min(found) for found in sent.sectors.values())
+    for found in sent.sectors.values():
+        late = [scan for scan in range(first + 12, first + 29) if found[scan] < 32]
+        assert not late
 
 
 def test_nothing_is_left_out_while_there_is_time_for_all(
