@@ -114,4 +114,4 @@ def _inline(value: Any) -> str:
         return f"{{ {', '.join(inside)} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_inline, value))}]"
-    return repr(value) if isinstance(value, float) else json.dumps(value)
+    return repr(float(value)) if isinstance(value, float) else json.dumps(value)
