@@ -16,7 +16,7 @@ async def until(holds: Callable[[], object], says: str = "it never came to that"
     deadline_s = time.monotonic() + PATIENCE_S
     while not holds():
         assert time.monotonic() < deadline_s, says
-        await asyncio.sleep(0.002)
+        await asyncio.sleep(0.005)
 
 
 def wait_until(

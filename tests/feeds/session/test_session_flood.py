@@ -29,7 +29,7 @@ from plotfeed.models.state import AltitudeReference
 from plotfeed.testing import MqttReceiver
 
 S = 1_000_000_000
-FLOOD = 60_000
+FLOOD = 20_000
 # A broker that is itself behind with a flood may pass a report on when it is seconds old.
 NEVER_LATE = "stale_after_s = 3600"
 

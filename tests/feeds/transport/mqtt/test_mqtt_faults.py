@@ -274,7 +274,9 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
             await drained(link)
             await publish(deliveries, link, 20)
             await drained(link)
-            assert (link.connections, proxy.connections) == (2, 2)
+            # A broker gives up whoever stalls for one and a half seconds of such a keep-alive.
+            assert link.connections == proxy.connections >= 2
+            assert silently or link.connections == 2
         heard = await asyncio.to_thread(heard_by, ears, at_least=419)
     delivered, given_up = {*deliveries.delivered}, {*deliveries.given_up}
     assert delivered <= {*heard} <= delivered | given_up
