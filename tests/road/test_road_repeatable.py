@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 from plotfeed.feeds.messages.message import Message
@@ -39,7 +38,7 @@ def unnumbered(message: Message) -> Iterator[Message]:
         for sent in entry.messages:
             sent.number = 0
         payload = entry.SerializeToString()
-        yield replace(message, payload=payload, due_utc_ns=end_ns, properties=())
+        yield Message(message.topic, payload, message.content_type, end_ns)
 
 
 def told(road: Feed, sensor: str | None = None, since_ns: int = 0) -> list[Message]:
