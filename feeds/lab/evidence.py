@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import BinaryIO, NamedTuple, Self
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from plotfeed.feeds.console.printed import with_progress
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab.asked import AskedByTime, RecordedSettings
-from plotfeed.feeds.recording.recorder import SessionRecord, recorded_scene
+from plotfeed.feeds.recording.recorder import SessionRecord
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.clutter import CLUTTER
 from plotfeed.models.sidelobe_echoes import SIDELOBE
@@ -174,8 +175,13 @@ class EvidencePart(NamedTuple):
 class Evidence:
     """What a recording has of a session: its scene and settings, and parts of its ledger."""
 
-    def __init__(self, path: Path, file: BinaryIO, stages: Sequence[Stage]) -> None:
-        """Plots are looked for at the first of those stages; raises `PlotfeedError`."""
+    def __init__(
+        self, path: Path, file: BinaryIO, stages: Sequence[Stage], folder: Path
+    ) -> None:
+        """Plots are looked for at the first of those stages; raises `PlotfeedError`.
+
+        `folder` is where files of its scene may be unpacked.
+        """
         # Entries that are no ledger, and those that were there before.
         self.unreadable = self.repeated = 0
         self.first_ns: int | None = None
@@ -186,7 +192,7 @@ class Evidence:
         # What was asked of sensors, by id; of none without a scene that can be used.
         self.asked: Mapping[str, AskedByTime] = {}
         self.log = McapReader(file)
-        self._path, self._file = path, file
+        self._path, self._file, self._folder = path, file, folder
         series = list(self.log.summary().counts)
         self._truths = truth_topics(series)
         if not self._truths:
@@ -200,16 +206,16 @@ class Evidence:
     def of(cls, path: Path, stages: Sequence[Stage] = MOST_COMPLETE) -> Iterator[Self]:
         """The evidence in a file; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
         try:
-            with path.open("rb") as file:
-                yield cls(path, file, stages)
+            with path.open("rb") as file, TemporaryDirectory() as folder:
+                yield cls(path, file, stages, Path(folder))
         except DecodeError as error:
             raise PlotfeedError(f"{path}: {error}") from None
 
     def ask(self) -> None:
         """Take notice of what the recorded scene asks of its sensors."""
         try:
-            start_utc_ns = SessionRecord.open(self._path).start_utc_ns
-            scene = recorded_scene(self._path, self.log)
+            record = SessionRecord.open(self._path)
+            start_utc_ns, scene = record.start_utc_ns, record.scene(self._folder)
             settings = RecordedSettings.read(scene, self.log)
         except (PlotfeedError, OSError) as error:
             self.problem = str(error).partition("\n")[0]

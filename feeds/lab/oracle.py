@@ -16,6 +16,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
@@ -44,6 +45,11 @@ DIPOLE_DB = 2.15
 # Loss of a Gaussian beam one 3 dB width off its axis, one way.
 ONE_WIDTH_DB = 40 * np.log10(2)
 STEADY = np.inf
+# Of horizons in a recording: octets, parts of the circle, and what no edge is as far as.
+MOST_OCTETS, MOST_PARTS, FURTHER_M = 1 << 30, 3600, 4e6
+STEP = np.dtype(
+    [("place", "<u4"), ("azimuth", "<u4"), ("distance_m", "<f4"), ("slope", "<f4")]
+)
 # Terms of the series of a fluctuating target, and what is left of it that counts.
 MOST_TERMS, LEAST, AT_ONCE = 20_000, 1e-11, 1024
 # Widths of resolution beyond which two targets make one plot less often than once in 4,000 times.
@@ -661,37 +667,47 @@ class _Horizon(LevelAxes):
 
     def highest(self, azimuth_deg: Floats, ground_m: Floats) -> tuple[Floats, Floats]:
         """Distance and slope of the highest edge before places; -inf where there is none."""
-        part = np.floor(azimuth_deg * self.parts / 360).astype(np.int64) % self.parts
-        edge_m, slope = np.full(len(part), 1.0), np.full(len(part), -np.inf)
-        first = np.searchsorted(self.steps["azimuth"], np.arange(self.parts + 1))
-        for i, (of, far_m) in enumerate(zip(part.tolist(), ground_m.tolist(), strict=True)):
-            mine = self.steps[first[of] : first[of + 1]]
-            number = int(np.searchsorted(mine["distance_m"], far_m))
-            if number:
-                edge_m[i], slope[i] = mine["distance_m"][number - 1], mine["slope"][number - 1]
-        return edge_m, slope
+        part = np.floor(azimuth_deg * self.parts / 360) % self.parts
+        number = np.searchsorted(self._keys, part + ground_m / FURTHER_M)
+        before = self.steps[np.maximum(number - 1, 0)] if number.any() else np.zeros(1, STEP)
+        found = (number > 0) & (before["azimuth"] == part)
+        return np.where(found, before["distance_m"], 1.0), np.where(found, before["slope"], -np.inf)
+
+    @cached_property
+    def _keys(self) -> Floats:
+        """Azimuths and distances of steps on one axis; (n,)."""
+        return np.asarray(self.steps["azimuth"] + self.steps["distance_m"].astype("f8") / FURTHER_M)
 
 
 def _horizons(scene: Scene) -> list[_Horizon]:
     """Horizons of a recorded scene, about each place where its signals begin or end."""
     if scene.terrain is None or not scene.encloses(HORIZONS):
         return []
-    try:
-        return _read_horizons(scene.file(HORIZONS))
-    except (ValueError, zlib.error):  # damaged
-        return []
+    return _read_horizons(scene.file(HORIZONS))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=1)
 def _read_horizons(path: Path) -> list[_Horizon]:
-    told = zlib.decompress(path.read_bytes())
-    count = int(np.frombuffer(told, "<u4", 1)[0])
-    heads = np.frombuffer(told, "<f8", 4 * count, 4).reshape(-1, 4)
-    names = [("place", "<u4"), ("azimuth", "<u4"), ("distance_m", "<f4"), ("slope", "<f4")]
-    steps = np.frombuffer(told, np.dtype(names), offset=4 + heads.nbytes)
+    """Horizons as a recording has them; none of what is damaged, since anybody may have made it."""
+    unpacked = zlib.decompressobj()
+    try:
+        told = unpacked.decompress(path.read_bytes(), MOST_OCTETS)
+        count = int(np.frombuffer(told, "<u4", 1)[0])
+        heads = np.frombuffer(told, "<f8", 4 * count, 4).reshape(-1, 4)
+        steps = np.frombuffer(told, STEP, offset=4 + heads.nbytes)
+    except (ValueError, zlib.error):
+        return []
+    lat, lon, height_m, parts = heads.T
+    sound = np.isfinite(heads).all() and (np.abs(lat) <= 90).all() and (np.abs(lon) <= 360).all()
+    sound = sound and ((parts >= 1) & (parts <= MOST_PARTS)).all() and (steps["place"] < count).all()
+    sound = sound and ((steps["distance_m"] > 0) & (steps["distance_m"] < FURTHER_M)).all()
+    if not sound or not unpacked.eof or not np.isfinite(steps["slope"]).all():
+        return []
+    steps = steps[np.lexsort((steps["distance_m"], steps["azimuth"], steps["place"]))]
+    first = np.searchsorted(steps["place"], np.arange(count + 1)).tolist()
     return [
-        _Horizon(lat, lon, height_m, int(parts), steps[steps["place"] == number])
-        for number, (lat, lon, height_m, parts) in enumerate(heads.tolist())
+        _Horizon(*place, int(count_of), steps[start:end])
+        for (*place, count_of), (start, end) in zip(heads.tolist(), pairwise(first), strict=True)
     ]
 
 
