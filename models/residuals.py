@@ -63,12 +63,16 @@ class MeasuredQuantity(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class LookOdds(Columns):
-    """Looks, (n,): at what, when, with which expected probability of a plot, and if one came."""
+    """Looks, (n,): at what, when, with which expected probability of a plot, and if one came.
+
+    By `off` that may be another than expected, for what of it is not known.
+    """
 
     target: Ints
     t_s: Floats
     pd: Floats
     hit: Bools
+    off: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -319,8 +323,8 @@ class LookTally:
         self.cell_m = cell_m
         self._most_cells = most_cells
         self._at_once = at_once
-        self._cells = np.zeros((4, 0))
-        self._parts: list[tuple[Any, Any, Any]] = []
+        self._cells = np.zeros((5, 0))
+        self._parts: list[tuple[Any, Any, Any, Any]] = []
         self._waiting = 0
 
     def add(
@@ -328,17 +332,18 @@ class LookTally:
         range_m: Floats | Sequence[float],
         pd: Floats | Sequence[float],
         detected: Bools | Sequence[bool],
+        off: Floats | None = None,
     ) -> None:
-        """Take some looks; (n,) each."""
+        """Take some looks; (n,) each, `off` of what is not known of their odds."""
         if not len(pd):
             return
-        self._parts.append((range_m, pd, detected))
+        self._parts.append((range_m, pd, detected, np.zeros(len(pd)) if off is None else off))
         self._waiting += len(pd)
         if self._waiting >= self._at_once:
             self._count()
 
     def cells(self) -> Floats:
-        """Looks, sum of pd, sum of pd (1 - pd) and detections, by range from 0 on; (4, n).
+        """Looks, sums of pd and pd (1 - pd), detections and sum of `off`, by range from 0; (5, n).
 
         There are as many cells as have been looked at. Looks without a range or odds tell nothing.
         """
@@ -347,21 +352,28 @@ class LookTally:
         return self._cells
 
     def _count(self) -> None:
-        range_m, pd, detected = (
+        range_m, pd, detected, off = (
             np.concatenate(column, dtype=np.float64) for column in zip(*self._parts, strict=True)
         )
         self._parts.clear()
         self._waiting = 0
         good = (range_m >= 0) & (range_m < math.inf) & (pd >= 0) & (pd <= 1)
-        range_m, pd, detected = range_m[good], pd[good], detected[good]
+        range_m, pd, detected, off = range_m[good], pd[good], detected[good], off[good]
         if not len(pd):
             return
         cell = np.minimum(range_m / self.cell_m, self._most_cells - 1).astype(np.int64)
         more = int(cell.max()) + 1 - self._cells.shape[1]
         if more > 0:
             self._cells = np.pad(self._cells, ((0, 0), (0, more)))
-        for row, values in enumerate((np.ones(len(pd)), pd, pd * (1 - pd), detected)):
+        for row, values in enumerate((np.ones(len(pd)), pd, pd * (1 - pd), detected, off)):
             self._cells[row] += np.bincount(cell, values, self._cells.shape[1])
+
+
+def nearer(hits: int, expected: float, off: float) -> int:
+    """Hits as near to what is expected as that may be off."""
+    if hits < expected:
+        return min(math.ceil(hits + off), max(hits, math.floor(expected)))
+    return max(math.floor(hits - off), min(hits, math.ceil(expected)))
 
 
 class LookSums:
@@ -378,7 +390,7 @@ class LookSums:
         pd, hit, target = looks.pd[order], looks.hit[order], looks.target[order]
         p = 1 - (1 - np.clip(pd, 0.0, 1.0)) * (1 - min(false_per_look, 1.0))
         left, same = hit - p, target[1:] == target[:-1]
-        self.tally.add(range_m[order], p, hit)
+        self.tally.add(range_m[order], p, hit, None if looks.off is None else looks.off[order])
         self._expected += float(pd.sum())
         self._squares += float(left @ left)
         self._after += float((left[1:] * left[:-1])[same].sum())
@@ -387,7 +399,7 @@ class LookSums:
     def check(self) -> Check:
         """How often targets had a plot, beside the sum of the probabilities that are expected."""
         cells = self.tally.cells()
-        n, total, variance, found = cells.sum(axis=1).tolist()
+        n, total, variance, found, off = cells.sum(axis=1).tolist()
         hits = round(found)
         if not n:
             return Check(
@@ -397,12 +409,13 @@ class LookSums:
         if variance <= 0 and hits == round(total):
             return replace(blank, why_not="every look is certain, one way or the other")
         rho = _correlation(self._squares, self._after, round(n), self._pairs)
+        least = nearer(hits, total, off)
         if rho and variance > 0:
             variance *= (1 + rho) / (1 - rho)
-            chance = p_of_normal((hits - total) / math.sqrt(variance))
+            chance = p_of_normal((least - total) / math.sqrt(variance))
         else:
             mean = np.divide(cells[1], cells[0], out=np.zeros_like(cells[1]), where=cells[0] > 0)
-            chance = p_of_trials(cells[0], mean, hits)
+            chance = p_of_trials(cells[0], mean, least)
         return replace(blank, found=hits / n, sigma=math.sqrt(variance) / n, p=chance)
 
 

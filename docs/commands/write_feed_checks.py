@@ -17,7 +17,6 @@ import os
 import platform
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -25,8 +24,9 @@ from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from pages import between, table
-from scipy.stats import binom
+from scipy.stats import binom, norm, poisson
 
 import plotfeed.feeds.scene.examples
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
@@ -40,6 +40,7 @@ from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.models.residuals import Check
 from plotfeed.proto.utc import NS
 
 DOCS = Path(__file__).parents[1]
@@ -87,6 +88,8 @@ KINDS = {
     "camera": Kind("field-day", "camera"),
 }
 COPIES, LENGTHS = 16, (40.0, 120.0)
+# Named in so many of the copies, or with that probability, a fault needs no longer run.
+MOST_NAMED, OFTEN = 15, 0.9
 # Heights above mean sea level that are taken for those above the ellipsoid.
 DATUM_M = 51.0
 # By fault: the keys that a sensor has in truth, and which names are right.
@@ -236,33 +239,64 @@ def until(seen: SimulatedSensor, seconds: float) -> SimulatedSensor:
     )
 
 
-def write_kinds() -> None:
+def write_kinds(names: Iterable[str] = KINDS) -> None:
     """Count how often each fault of each kind of sensor is named, and write the table."""
     rows = []
-    for name, kind in KINDS.items():
-        named: dict[tuple[str, float], Counter[str]] = {}
-        for fault, scene, seen in faulty(kind):
+    for name in names:
+        found: dict[str, list[list[Sequence[Check]]]] = {fault: [[], []] for fault in OF_KINDS}
+        for fault, scene, seen in faulty(KINDS[name]):
             says = seen.sensor.model_copy(update={"bias": None, "degradation": None})
-            for seconds in LENGTHS:
+            for runs, seconds in zip(found[fault], LENGTHS, strict=True):
                 feed = simulated_feed(scene, until(seen, seconds))
-                right = AskedSensor(scene, says)
                 tally = FeedTally("claimed")
-                tally.take(feed._replace(expected=[right.claimed]))
-                wrong = {c.name for c in Verdicts.of(tally.checks(), "claimed").wrong}
-                ends = OF_KINDS[fault][1]
-                is_named = any(each.endswith(end) for each in wrong for end in ends)
-                others = {each for each in wrong if not any(map(each.endswith, ends))}
-                counts = named.setdefault((fault, seconds), Counter())
-                counts.update({"named": is_named, "other": bool(others)})
-        cells = []
-        for fault in OF_KINDS:
-            each = [named[fault, seconds] for seconds in LENGTHS]
-            counted = "other" if fault == "none" else "named"
-            cells.append(" / ".join(str(counts[counted]) for counts in each))
-        rows.append((name, *cells))
-        print(*rows[-1], flush=True)
+                tally.take(feed._replace(expected=[AskedSensor(scene, says).claimed]))
+                runs.append(Verdicts.of(tally.checks(), "claimed").checks)
+        period_s = says.scan.period_s
+        rows.append((name, *(told_rates(fault, *found[fault], period_s) for fault in OF_KINDS)))
+        print(*rows[-1], sep=" | ", flush=True)
     head = ("kind", *(f">{fault}" for fault in OF_KINDS))
     between(PAGE, "kinds", "\n".join(table(head, rows)))
+
+
+def told_rates(
+    fault: str, short: list[Sequence[Check]], long: list[Sequence[Check]], period_s: float
+) -> str:
+    """In how many runs of each length a fault was named, and of which length it would be."""
+    if fault == "none":
+        return " / ".join(str(sum(any(c.wrong for c in run) for run in r)) for r in (short, long))
+    ends = tuple(OF_KINDS[fault][1])
+    named = [
+        sum(any(c.wrong and c.name.endswith(ends) for c in run) for run in r) for r in (short, long)
+    ]
+    checks = [[c for c in run if c.name.endswith(ends)] for run in long]
+    judged = [[c for c in run if c.is_judged] for run in checks]
+    if not any(checks):
+        return "not measured"
+    if not any(judged):
+        return "not judged"
+    if fault == "clutter × 4" and not judged[0][0].expected:
+        return "there is none"
+    told = " / ".join(map(str, named))
+    if named[-1] >= MOST_NAMED:
+        return told
+    least = FALSE_RATE / sum(c.is_judged for c in long[0])
+    if fault == "clutter × 4":
+        per_s = judged[0][0].expected / period_s
+        means = np.geomspace(1e-3, 1e3, 500)
+        seen = poisson.sf(poisson.isf(least, means), 4 * means) > OFTEN
+        seconds = means[seen.argmax()] / per_s
+    else:
+        z = float(np.median([max(abs(c.z) for c in run) for run in judged if run]))
+        seconds = max(LENGTHS) * ((norm.isf(least / 2) + norm.ppf(OFTEN)) / z) ** 2
+    return f"{told}, {as_duration(seconds)}"
+
+
+def as_duration(seconds: float) -> str:
+    """A length of time in the unit that suits it, to two digits."""
+    for unit, lasts_s in (("days", 86_400), ("h", 3600), ("min", 60)):
+        if seconds > 3 * lasts_s:
+            return f"{float(f'{seconds / lasts_s:.2g}'):g} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def write_scenes() -> None:

@@ -175,9 +175,7 @@ class EvidencePart(NamedTuple):
 class Evidence:
     """What a recording has of a session: its scene and settings, and parts of its ledger."""
 
-    def __init__(
-        self, path: Path, file: BinaryIO, stages: Sequence[Stage], folder: Path
-    ) -> None:
+    def __init__(self, path: Path, file: BinaryIO, stages: Sequence[Stage], folder: Path) -> None:
         """Plots are looked for at the first of those stages; raises `PlotfeedError`.
 
         `folder` is where files of its scene may be unpacked.

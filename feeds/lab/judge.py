@@ -18,6 +18,7 @@ import numpy as np
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.engine.simulation import SimulatedSensor
+from plotfeed.feeds.lab import oracle
 from plotfeed.feeds.lab.asked import RADARS, AskedSensor
 from plotfeed.feeds.lab.laws import (
     QUANTITIES,
@@ -29,7 +30,6 @@ from plotfeed.feeds.lab.laws import (
     share_interval,
     with_rounding,
 )
-from plotfeed.feeds.lab.oracle import LooksGiven
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.effects.merging import Merging
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer, wrap_180
@@ -46,6 +46,7 @@ from plotfeed.models.residuals import (
     Residuals,
     clutter_check,
     look_groups,
+    nearer,
     plot_pairs,
     wrong_at,
 )
@@ -72,6 +73,8 @@ AT_ONCE = 500_000
 CONFUSED = 8.0
 # Widths of resolution within which echoes may merge: further apart, one pair in 60,000.
 MERGED = 4.0
+# Between plots that tell the same field of view, so that it has not changed meanwhile.
+SAME_FIELD_NS = 10 * NS
 # Either way, for the rates of what is measured.
 STEP_S = 0.25
 # Usual times between looks at a target after which its way between them is not known.
@@ -110,6 +113,12 @@ class FeedLooks(Columns):
     pd: Floats
     counts: Bools
     detected: Bools
+    pd_off: Floats | None = None
+
+    def odds(self, hit: Bools) -> LookOdds:
+        """The odds of those looks, of which those brought a plot."""
+        t_s = self.t_utc_ns / NS
+        return LookOdds(target=self.target, t_s=t_s, pd=self.pd, hit=hit, off=self.pd_off)
 
 
 class ToldTruth(NamedTuple):
@@ -224,6 +233,7 @@ class FeedTally:
         """
         looks, n = feed.looks, len(feed.looks)
         pd, counts, sigmas = looks.pd.copy(), looks.counts.copy(), np.full((len(NAMES), n), np.nan)
+        off = np.zeros(n)
         keys, names = feed.keys_of_sector[looks.sector], np.array([*feed.names, ""], np.object_)
         for which in np.unique(keys).tolist():
             expected, rows = feed.expected[which], np.flatnonzero(keys == which)
@@ -231,7 +241,7 @@ class FeedTally:
                 continue
             of = looks.rows(rows)
             found = expected.of_looks(
-                LooksGiven(
+                oracle.LooksGiven(
                     t_utc_ns=of.t_utc_ns,
                     azimuth_deg=of.azimuth_deg,
                     elevation_deg=of.elevation_deg,
@@ -239,16 +249,18 @@ class FeedTally:
                     drone=names[of.target],
                     channel=of.channel,
                     emitted_utc_ns=of.emitted_utc_ns if of.emitted_utc_ns.any() else None,
+                    field_deg=_fields_deg(feed, of.sector, expected.keys),
                 )
             )
             pd[rows] = np.where(found.known, found.pd, pd[rows])
             counts[rows] &= found.known
+            off[rows] = found.pd_off
             self.unjudged += int((~found.known).sum())
             self.why_not_pd = self.why_not_pd or found.why_not
             for name in ("range", "azimuth", "elevation"):
                 sigma = getattr(found, f"sigma_{QUANTITIES[name][0]}") / expected.error_factor
                 sigmas[NAMES.index(name), rows] = np.where(found.known, sigma, np.nan)
-        return feed._replace(looks=looks.but(pd=pd, counts=counts)), sigmas
+        return feed._replace(looks=looks.but(pd=pd, counts=counts, pd_off=off)), sigmas
 
     def _take_sigmas(self, feed: SensorFeed, which: Ints, expected: Floats) -> None:
         """Count what those plots state of their errors over what they are to, (k, m).
@@ -340,10 +352,7 @@ class FeedTally:
         looks, told = feed.looks, feed.told
         self.left += feed.false_alarms
         counted = looks.rows(looks.counts)
-        odds = LookOdds(
-            target=counted.target, t_s=counted.t_utc_ns / NS, pd=counted.pd, hit=counted.detected
-        )
-        self.looks.add(odds, counted.range_m)
+        self.looks.add(counted.odds(counted.detected), counted.range_m)
         if told is None or not len(told.plots):
             return
         self._is_compared = True
@@ -436,10 +445,26 @@ class FeedTally:
         self.false_hits += false_hits
 
     def _count_looks(self, feed: SensorFeed, hit: Bools, which: Bools, false: float) -> None:
-        odds = LookOdds(
-            target=feed.looks.target, t_s=feed.looks.t_utc_ns / NS, pd=feed.looks.pd, hit=hit
-        )
-        self.looks.add(odds.rows(which), feed.looks.range_m[which], false)
+        self.looks.add(feed.looks.odds(hit).rows(which), feed.looks.range_m[which], false)
+
+
+def _fields_deg(feed: SensorFeed, sector: Ints, keys: Any) -> Floats | None:
+    """Fields of view in those frames, of a camera that zooms: as plots before and after tell alike.
+
+    Not by plots of the frame itself, as there are more where more was detected; (n,), NaN if
+    unknown.
+    """
+    exact = np.flatnonzero(feed.plots.category == 0)
+    if not oracle.zooms(keys) or not len(exact):
+        return None
+    told_deg = oracle.field_of_view_deg(keys, feed.plots.sigma_elevation_deg[exact])
+    at, t_ns = feed.plot_sector[exact], feed.plots.t_utc_ns[exact].astype(np.int64)
+    before, after = np.searchsorted(at, sector) - 1, np.searchsorted(at, sector, side="right")
+    is_between = (before >= 0) & (after < len(at))
+    before, after = np.maximum(before, 0), np.minimum(after, len(at) - 1)
+    alike = np.isclose(told_deg[before], told_deg[after], rtol=1e-5)
+    alike &= t_ns[after] - t_ns[before] < SAME_FIELD_NS
+    return np.where(is_between & alike, told_deg[before], np.nan)
 
 
 def _rows_in(keys: tuple[Ints, ...], among: tuple[Ints, ...]) -> tuple[Ints, Ints]:
@@ -491,7 +516,7 @@ def pd_by_range(looks: LookTally) -> list[PdFigures]:
 
 def _pd_figures(cells: Floats, from_m: float, to_m: float) -> PdFigures:
     count, sum_pd, *_ = cells
-    looks, pd, _, detected = cells.sum(axis=1).tolist()
+    looks, pd, _, detected, off = cells.sum(axis=1).tolist()
     mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
     low, high = share_interval(round(detected), round(looks))
     return PdFigures(
@@ -502,7 +527,7 @@ def _pd_figures(cells: Floats, from_m: float, to_m: float) -> PdFigures:
         found=detected / looks,
         low=low,
         high=high,
-        p=p_of_trials(count, mean_pd, round(detected)),
+        p=p_of_trials(count, mean_pd, nearer(round(detected), pd, off)),
     )
 
 

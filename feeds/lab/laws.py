@@ -185,14 +185,10 @@ class TruePlots(Columns):
 
 
 class Comparison(NamedTuple):
-    """Errors by quantity: what was measured less what was expected, and how that is expected; (n,).
-
-    `stated` are the standard deviations that plots state.
-    """
+    """Errors by quantity: what was measured less what was expected, and the law of that; (n,)."""
 
     errors: dict[str, Floats]
     expected: dict[str, Expected]
-    stated: dict[str, Floats]
     # Plots of which it is not known what they were to say, or that noise may have made none.
     left_out: int
     # Values further off than any noise leaves them, and times that are not those asked for.
@@ -221,7 +217,7 @@ def compared(
     expected = _expected(asked, place, plots, channel, sigmas)
     left_out = ~is_whole if keeps_ends else ~is_whole | _near_an_end(asked, place, channel, sigmas)
     values = _values(measured, place, expected, asked)
-    found = Comparison({}, {}, {}, int(left_out.sum()), {})
+    found = Comparison({}, {}, int(left_out.sum()), {})
     for name, (column, _) in QUANTITIES.items():
         if name not in expected or not np.isfinite(values[name]).any():
             continue
@@ -234,7 +230,6 @@ def compared(
             error = asked.folded_error(name, error, channel)
         error = np.where(left_out, np.nan, error)
         found.errors[name], found.expected[name] = error, law
-        found.stated[name] = getattr(measured, f"sigma_{column}", np.full(len(error), np.nan))
         if name != "height" and not (name == "range" and asked is not None and asked.is_bistatic):
             far = 8 * np.sqrt(law.variance) + law.step + TOLERANCES.get(name, 1e-3)
             found.off[name] = int((np.abs(error) > far).sum())

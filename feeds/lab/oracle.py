@@ -16,13 +16,13 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special, stats
+from scipy import ndimage, special, stats
 
 from plotfeed.feeds.scene.fields import Location, Site
 from plotfeed.feeds.scene.scene import Scene
@@ -47,10 +47,11 @@ ONE_WIDTH_DB = 40 * np.log10(2)
 STEADY = np.inf
 # Of horizons in a recording: octets, parts of the circle, and what no edge is as far as.
 MOST_OCTETS, MOST_PARTS, FURTHER_M = 1 << 30, 3600, 4e6
-STEP = np.dtype(
-    [("place", "<u4"), ("azimuth", "<u4"), ("distance_m", "<f4"), ("slope", "<f4")]
-)
+STEP = np.dtype([("place", "<u4"), ("azimuth", "<u4"), ("distance_m", "<f4"), ("slope", "<f4")])
 # Terms of the series of a fluctuating target, and what is left of it that counts.
+# Share of a beam that a track may lag, and what is left open of Pd that is worked out by its aim.
+LAGS, OF_AIM = 0.15, 0.01
+CONFIRMATION = 1  # The channel of looks that confirm what a steered beam's search, 0, has found
 MOST_TERMS, LEAST, AT_ONCE = 20_000, 1e-11, 1024
 # Widths of resolution beyond which two targets make one plot less often than once in 4,000 times.
 APART = 3.5
@@ -74,8 +75,9 @@ class LooksGiven:
 
     `drone` are names, those of what is no drone ("bird/ID-1") among them. All looks of the sensor
     belong here, as echoes of targets side by side merge. Of velocities, (n, 3), rows of NaN are not
-    known; without any they follow from a target's looks before and after. `signatures` are those
-    of targets that the scene does not name, such as drones of telemetry.
+    known; without any they follow from a target's looks before and after. `field_deg` are the
+    fields of view of a camera that zooms, NaN where not known. `signatures` are those of targets
+    that the scene does not name, such as drones of telemetry.
     """
 
     t_utc_ns: Ints
@@ -86,6 +88,7 @@ class LooksGiven:
     channel: Ints
     velocity_enu_m_s: Floats | None = None
     emitted_utc_ns: Ints | None = None
+    field_deg: Floats | None = None
     signatures: Mapping[str, TargetSignature] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -99,7 +102,8 @@ class Asked:
     `pd` is over all that is drawn anew (fluctuation, bursts); sigmas are rms errors of plots about
     what a sensor that stands askew or drifts reads, of a passive radar `sigma_range_m` of the
     bistatic range. `snr_db` is the mean ratio. Where not `known`, an effect is in force of which
-    `why_not` tells, and the look is not to be judged.
+    `why_not` tells, and the look is not to be judged; by `pd_off` Pd may be off where it is known
+    but roughly.
     """
 
     pd: Floats
@@ -109,6 +113,7 @@ class Asked:
     sigma_range_rate_m_s: Floats
     snr_db: Floats
     known: Bools
+    pd_off: Floats
     why_not: str = ""
 
 
@@ -132,6 +137,7 @@ def asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
 def _asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     look = _Look(scene, sensor, looks)
     found = {name: np.full(len(looks), np.nan) for name in ("pd", "snr_db", *SIGMAS)}
+    found["pd_off"] = np.zeros(len(looks))
     if sensor.type in KINDS:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
             found |= KINDS[sensor.type](look)
@@ -697,9 +703,11 @@ def _read_horizons(path: Path) -> list[_Horizon]:
         steps = np.frombuffer(told, STEP, offset=4 + heads.nbytes)
     except (ValueError, zlib.error):
         return []
-    lat, lon, height_m, parts = heads.T
+    lat, lon, _, parts = heads.T
     sound = np.isfinite(heads).all() and (np.abs(lat) <= 90).all() and (np.abs(lon) <= 360).all()
-    sound = sound and ((parts >= 1) & (parts <= MOST_PARTS)).all() and (steps["place"] < count).all()
+    sound = (
+        sound and ((parts >= 1) & (parts <= MOST_PARTS)).all() and (steps["place"] < count).all()
+    )
     sound = sound and ((steps["distance_m"] > 0) & (steps["distance_m"] < FURTHER_M)).all()
     if not sound or not unpacked.eof or not np.isfinite(steps["slope"]).all():
         return []
@@ -1122,16 +1130,26 @@ def _detected(look: _Look, snrs: Floats, transmitters: int) -> tuple[Floats, Flo
     sensor: Any = look.sensor
     pd, inverse = np.full((2, len(snrs)), np.nan)
     samples = sensor.n_reference * transmitters
-    orders = {0: STEADY, 1: 1.0, 2: transmitters, 3: 2.0, 4: 2.0 * transmitters}
     for case in {s.swerling for s in look.signatures}:
         mine = np.array([s.swerling == case for s in look.signatures])[look.of]
         if case is None:
             pd[mine], inverse[mine] = unequal(snrs[mine], sensor.pfa, samples)
         else:
             pd[mine], inverse[mine] = fluctuating(
-                snrs[mine].mean(axis=1), float(orders[case]), sensor.pfa, transmitters, samples
+                snrs[mine].mean(axis=1),
+                _order(case, transmitters),
+                sensor.pfa,
+                transmitters,
+                samples,
             )
     return pd, inverse * transmitters
+
+
+def _order(case: int | None, looks: int) -> float:
+    """The order of the gamma variable of Swerling's cases, over looks whose powers are summed."""
+    return {0: STEADY, 2: float(looks), 3: 2.0, 4: 2.0 * looks}.get(
+        1 if case is None else case, 1.0
+    )
 
 
 def _passed(look: _Look, rate_m_s: Floats, legs: int, wavelength_m: Any) -> Floats:
@@ -1188,7 +1206,9 @@ def _polar(look: _Look) -> dict[str, Floats]:
     if getattr(sensor, "mount", None) is not None and (sensor.antenna or sensor.jamming):
         look.doubt("where a mount turns an antenna")
     if sensor.scan.kind == "electronic":
-        every = every * _search_gain(look)[:, None, None]
+        searched = every * _search_gain(look)[:, None, None]
+        steered = _steered(look, every[:, 0, 0], searched[:, 0, 0])
+        every = searched
     found = [_detected(look, every[:, i], signals) for i in range(count)]
     each, inverse = (np.stack(column, axis=1) for column in zip(*found, strict=True))
     needed = 1 if sensor.pulses is None else sensor.pulses.needed
@@ -1197,11 +1217,13 @@ def _polar(look: _Look) -> dict[str, Floats]:
         inverse = inverse * _first_hits(each, needed)
     if sensor.doppler is not None:
         pd = pd * _passed(look, look.rate_m_s(), 2, LIGHT_M_S / sensor.frequency_hz)
+    if sensor.scan.kind == "electronic":
+        pd = np.where(look.channel == 0, pd, steered)
     _merged(look)
     snr_db = 10 * np.log10(every.reshape(n, -1).mean(axis=1))
     # Of errors that go as 1/x, the mean square is that at the mean of 1/x.
     sigmas = stated_sigmas(sensor, 1 / inverse.sum(axis=1), look.channel)
-    return {"pd": pd, "snr_db": snr_db} | sigmas
+    return {"pd": pd, "snr_db": snr_db, "pd_off": OF_AIM * (look.channel > CONFIRMATION)} | sigmas
 
 
 def _first_hits(pd: Floats, needed: int) -> Floats:
@@ -1216,7 +1238,7 @@ def _first_hits(pd: Floats, needed: int) -> Floats:
 def _search_gain(look: _Look) -> Floats:
     """What search leaves of echoes: two ways of the beam in whose part of the cover they are.
 
-    Looks at tracks, and those that confirm, point to where the radar itself took a target to be.
+    Looks at tracks point to where the radar itself took a target to be.
     """
     sensor: Any = look.sensor
     azimuth_deg, elevation_deg, _ = directions(look.own_m)
@@ -1232,8 +1254,78 @@ def _search_gain(look: _Look) -> Floats:
         step = cover / beams
         nearest = np.clip(np.floor(angle / step), 0, beams - 1)
         off2 = off2 + ((angle - (nearest + 0.5) * step) * level_or_1 / width) ** 2
-    look.doubt("where a steered beam pointed", look.channel != 0)
     return linear(-2 * ONE_WIDTH_DB * off2)
+
+
+def _steered(look: _Look, aimed: Floats, searched: Floats) -> Floats:
+    """Pd of looks that confirm what search found, and of those at the radar's own tracks; (n,).
+
+    Looks confirm the very echo that was detected, at the place where that was measured; tracks are
+    straight lines through the last ten plots. Within a period a target is as strong as it is: Pd is
+    the mean over strengths, weighed by how often search detects them, and over errors of the aim.
+    Ratios are those of a beam on the target, and of the one that searches it.
+    """
+    sensor: Any = look.sensor
+    grid_db = np.arange(-30.0, 80.0, 0.05)
+    table = fluctuating(linear(grid_db), STEADY, sensor.pfa, 1, sensor.n_reference)
+
+    def of_steady(snr: Floats) -> tuple[Floats, Floats]:
+        pd, inverse = (np.interp(10 * np.log10(snr), grid_db, column) for column in table)
+        return pd, inverse
+
+    node, weight = _unit_interval(32)
+    node, weight = 1 - node**3, 3 * node**2 * weight  # closer where targets are strong
+    orders = [_order(each.swerling, 1) for each in look.signatures]
+    of_order = {k: special.gammaincinv(k, node) / k for k in {*orders} - {STEADY}}
+    strength = np.array([of_order.get(k, np.ones(len(node))) for k in orders])[look.of]
+    confirms = (look.channel == CONFIRMATION)[:, None]
+    found, inverse = of_steady(np.where(confirms, searched[:, None], aimed[:, None]) * strength)
+    before = np.where(confirms, found, 1.0)
+    spread = np.where(confirms[:, 0], 1.0, np.sqrt(_aim_variance(look)))[:, None]
+    if sensor.degradation is not None:
+        spread = spread * sensor.degradation.error_factor
+    sigmas = stated_sigmas(sensor, 1 / inverse, 0 * look.channel[:, None])
+    level = np.cos(np.radians(directions(look.own_m)[1]))[:, None]
+    across = spread * level * sigmas["sigma_azimuth_deg"] / sensor.azimuth_beamwidth_deg
+    upwards = spread * sigmas["sigma_elevation_deg"] / sensor.elevation_beamwidth_deg
+    after: Floats = np.zeros_like(before)
+    off, share = np.polynomial.hermite_e.hermegauss(5)
+    for (x, a), (y, b) in product(zip(off, share, strict=True), repeat=2):
+        left = linear(-2 * ONE_WIDTH_DB * ((x * across) ** 2 + (y * upwards) ** 2))
+        after += a * b / (2 * np.pi) * of_steady(aimed[:, None] * strength * left)[0]
+    return np.asarray(((before * after) @ weight) / (before @ weight))
+
+
+def _aim_variance(look: _Look) -> Floats:
+    """Variance of where tracks are expected over that of their plots, along each axis; (n,).
+
+    Of a line through n plots, one step on, 2 (2n + 1)/(n (n - 1)); from ten on, of a filter of the
+    gains a and b, (2a^2 + 2b + ab)/(a (4 - 2a - b)) (Kalata 1984), which lags acceleration by T^2/b
+    of it.
+    """
+    sensor: Any = look.sensor
+    found, t_s = np.ones(len(look.channel)), look.looks.t_utc_ns / 1e9
+    at_tracks = look.channel > CONFIRMATION
+    _, at, together = np.unique(t_s[at_tracks], return_inverse=True, return_counts=True)
+    doubted = at_tracks.copy()
+    doubted[at_tracks] = (together > 1)[at]  # which of them the beam was aimed at
+    for number in np.unique(look.of[at_tracks]).tolist():
+        mine = np.flatnonzero((look.of == number) & at_tracks)
+        mine = mine[np.argsort(t_s[mine], kind="stable")]
+        rows, step_s = np.arange(len(mine)), np.diff(t_s[mine], prepend=-np.inf)
+        begins = np.maximum.accumulate(np.where(step_s > 3 * np.median(step_s), rows, 0))
+        n = np.clip(rows - begins + 1, 2, 10)
+        a, b = 2 * (2 * n - 1) / (n * (n + 1)), 6 / (n * (n + 1))
+        settled = (2 * a * a + 2 * b + a * b) / (a * (4 - 2 * a - b))
+        found[mine] = np.where(n < 10, 2 * (2 * n + 1) / (n * (n - 1)), settled)
+        speed = np.diff(look.place_m[mine], axis=0, prepend=np.nan) / step_s[:, None]
+        lag_m = length(np.diff(speed, axis=0, prepend=np.nan)) * step_s / b
+        lag_deg = np.degrees(
+            ndimage.maximum_filter1d(np.nan_to_num(lag_m), 19) / look.range_m[mine]
+        )
+        doubted[mine] |= (n < 4) | (lag_deg > LAGS * sensor.azimuth_beamwidth_deg)
+    look.doubt("where a steered beam pointed", doubted)
+    return found
 
 
 def _passive(look: _Look) -> dict[str, Floats]:
@@ -1516,14 +1608,14 @@ def _phase_variance(snr: Floats, samples: int, threshold: float) -> Floats:
 def _camera(look: _Look) -> dict[str, Floats]:
     """Pixels on a target, half as many cycles, and how often these suffice (Johnson)."""
     sensor: Any = look.sensor
+    field_deg, mount = sensor.horizontal_fov_deg, sensor.mount
+    if mount is not None and zooms(sensor):
+        field_deg = look.looks.field_deg
+        field_deg = np.full(len(look.range_m), np.nan) if field_deg is None else field_deg
+        look.doubt("the zoom of a mount", np.isnan(field_deg))
+    pixel = 2 * np.tan(np.radians(field_deg) / 2) / sensor.pixels_across
     if sensor.horizontal_fov_deg > 120:
         pixel = np.radians(sensor.horizontal_fov_deg) / sensor.pixels_across
-    else:
-        pixel = 2 * np.tan(np.radians(sensor.horizontal_fov_deg) / 2) / sensor.pixels_across
-    mount = sensor.mount
-    if mount is not None:
-        ends = {mount.fov_min_deg, mount.fov_max_deg} - {None, sensor.horizontal_fov_deg}
-        look.doubt("the zoom of a mount", bool(ends))
     size_m, range_m = look.each("size_m"), look.range_m
     cycles = size_m / (range_m * pixel) / 2
     visible = np.exp(-np.log(20) * range_m / (sensor.visibility_m or 1e9))
@@ -1550,6 +1642,20 @@ def _camera(look: _Look) -> dict[str, Floats]:
         found["sigma_azimuth_deg"] = np.hypot(blur / level, sensor.pointing_error_deg)
         found["sigma_elevation_deg"] = np.full(len(pd), np.hypot(blur, sensor.pointing_error_deg))
     return found
+
+
+def zooms(sensor: Any) -> bool:
+    """Whether a camera has several fields of view."""
+    mount = getattr(sensor, "mount", None)
+    ends = () if mount is None else (mount.fov_min_deg, mount.fov_max_deg)
+    return bool({*ends} - {None, getattr(sensor, "horizontal_fov_deg", None)})
+
+
+def field_of_view_deg(sensor: Any, sigma_elevation_deg: Floats) -> Floats:
+    """Fields of view of a camera at which plots state those errors; (n,)."""
+    blur2 = sigma_elevation_deg**2 - sensor.pointing_error_deg**2
+    pixel = np.radians(np.sqrt(np.maximum(blur2, 0))) / sensor.pixel_error
+    return np.asarray(2 * np.degrees(np.arctan(pixel * sensor.pixels_across / 2)))
 
 
 def _gate(look: _Look) -> dict[str, Floats]:

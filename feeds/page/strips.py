@@ -29,7 +29,7 @@ def looks_summary(looks: LookTally) -> dict[str, Any]:
 
     `off` says that so many detections hardly come by chance.
     """
-    cells = looks.cells()
+    cells = looks.cells()[:4]
     count, expected, variance, detected = np.pad(cells, ((0, 0), (0, RANGE_BINS - cells.shape[1])))
     mean_pd = np.divide(expected, count, out=np.zeros_like(count), where=count > 0)
     by_chance = p_of_trials(count, mean_pd, round(detected.sum())) if count.any() else 1.0

@@ -91,6 +91,26 @@ def test_looks_at_a_strength_that_was_drawn_are_asked_for_on_average(changes: An
         assert off.std() > 0.05
 
 
+@pytest.mark.parametrize("power", [1.0, 0.2, 0.02])
+def test_looks_of_a_steered_beam_are_as_many_as_are_asked_for(power: float) -> None:
+    """Of ten minutes: those that confirm, and those at tracks but for what is said to be open.
+
+    Successive looks at a track are as strong in one period, so that 4 errors are 5: one in 16,000.
+    """
+    whole = load(next(path for path in EXAMPLES if path.stem == "perimeter"))
+    radar: Any = whole.sensor[0]
+    weaker = radar.model_copy(update={"power_w": power * radar.power_w})
+    scene = whole.model_copy(update={"sensor": (weaker,)})
+    for sensor, looks, _, given in sensors_of(scene, 300):
+        asked = oracle.asked(scene, sensor, given)
+        for channel in (0, 1, 2):
+            of = (looks.channel == channel) & asked.known
+            assert of.sum() > 0.9 * (looks.channel == channel).sum() > 100
+            error = (asked.pd[of] * (1 - asked.pd[of])).sum() ** 0.5
+            off = abs((looks.detected[of] - asked.pd[of]).sum()) - asked.pd_off[of].sum()
+            assert off < 5 * max(error, 1.0)
+
+
 def test_a_fault_that_is_planted_in_the_running_process_moves_sensors_and_not_the_oracle(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
