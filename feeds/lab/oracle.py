@@ -714,8 +714,10 @@ def _read_horizons(path: Path) -> list[_Horizon]:
     steps = steps[np.lexsort((steps["distance_m"], steps["azimuth"], steps["place"]))]
     first = np.searchsorted(steps["place"], np.arange(count + 1)).tolist()
     return [
-        _Horizon(*place, int(count_of), steps[start:end])
-        for (*place, count_of), (start, end) in zip(heads.tolist(), pairwise(first), strict=True)
+        _Horizon(lat, lon, height_m, int(parts), steps[start:end])
+        for (lat, lon, height_m, parts), (start, end) in zip(
+            heads.tolist(), pairwise(first), strict=True
+        )
     ]
 
 

@@ -10,12 +10,13 @@ from typing import Any
 
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.uplink import json_of
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.recorded_sectors import (
     DroneNumbers,
-    RecordedSector,
     RecordedSectors,
     RecordedSession,
     SeenDrones,
+    Told,
 )
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import refused
@@ -26,7 +27,8 @@ from plotfeed.feeds.replaying.replayer import ReplayControl, replay
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.models.state import FALSE_ALARM, Looks, TruthState
+from plotfeed.models.state import Looks, TruthState
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.pacing import speed_of
@@ -64,21 +66,21 @@ class RecordedView:
             self._view.clear()
             self._begin(t_ns)
         self._tell_changes(t_ns)
-        for sector in found:
-            self._tell(sector, leap=leap)
+        for batch, sent in found:
+            self._tell(batch, sent, leap=leap)
         self._totals.drones = len(self._drones.names)
         self._view.truth(t_ns, drones, tuple(self._drones.names))
         self._view.totals(self._totals)
 
-    def _read(self, t_ns: int, *, leap: bool) -> tuple[list[RecordedSector], TruthState]:
+    def _read(self, t_ns: int, *, leap: bool) -> tuple[list[Told], TruthState]:
         """What is new then, and where the drones are; in a thread, as it takes a while."""
         if leap:
             self._seen = SeenDrones(self._recording.scene)
         if leap or t_ns - self._sectors.read_ns > MOST_READ_NS:
             self._sectors = self._from(t_ns - self._glow_ns - LEAD_NS)
         found = self._sectors.until(t_ns)
-        for sensor in {sector.sensor for sector in found}:
-            looks = [sector.looks for sector in found if sector.sensor == sensor]
+        for sensor in {batch.sensor for batch, _ in found}:
+            looks = [batch.looks for batch, _ in found if batch.sensor == sensor]
             self._seen.take(sensor, Looks.joined(looks))
         return found, self._seen.state_at(t_ns)
 
@@ -94,15 +96,15 @@ class RecordedView:
         for sensor in self._sensors.values():
             tell_settings(self._view, sensor, t_ns, new_model=True)
 
-    def _tell(self, sector: RecordedSector, *, leap: bool) -> None:
+    def _tell(self, batch: Batch, sent: Sequence[pb.Sent], *, leap: bool) -> None:
         if leap:
-            self._view.recall(sector, sector.sent)
+            self._view.recall(batch, sent)
             return
-        if sector.link is not None and sector.sensor in self._sensors:
-            self._tell_link(self._sensors[sector.sensor], sector)
-        self._view.report(sector)
-        self._view.settled(sector, sector.sent)
-        self._count(sector)
+        if self._recording.ledger is not None and batch.sensor in self._sensors:
+            self._tell_link(self._sensors[batch.sensor], batch, sent)
+        self._view.report(batch)
+        self._view.settled(batch, sent)
+        self._count(batch, sent)
 
     def _tell_changes(self, t_ns: int) -> None:
         """Show keys of sensors that changed, but for links: of those the ledger tells."""
@@ -115,27 +117,28 @@ class RecordedView:
             self._change(before, after, t_ns)
         self._told_ns = max(self._told_ns, t_ns)
 
-    def _tell_link(self, before: Sensor, sector: RecordedSector) -> None:
+    def _tell_link(self, before: Sensor, batch: Batch, sent: Sequence[pb.Sent]) -> None:
         """Show a sector's link, if it is another than that of the one before."""
-        if sector.link == json_of(before.link):
+        (keys,) = batch.links
+        if keys == json_of(before.link):
             return
         try:
-            link = LinkSettings.model_validate_json(sector.link or "{}") if sector.link else None
+            link = LinkSettings.model_validate_json(keys) if keys else None
         except ValueError:
             return
-        since_ns = min((one.due_utc_ns for one in sector.sent), default=sector.at_ns)
+        since_ns = min((one.due_utc_ns for one in sent), default=batch.due_utc_ns)
         self._change(before, before.model_copy(update={"link": link}), since_ns)
 
     def _change(self, before: Sensor, after: Sensor, since_ns: int) -> None:
         self._sensors[after.id] = after
         tell_settings(self._view, after, since_ns, new_model=model_differs(before, after))
 
-    def _count(self, sector: RecordedSector) -> None:
-        totals = self._totals
-        totals.looks += len(sector.looks)
-        totals.plots += len(sector.plots)
-        totals.false_alarms += int((sector.plots.drone == FALSE_ALARM).sum())
-        for one in sector.sent:
+    def _count(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
+        totals, ((_, looks, plots, false_alarms),) = self._totals, batch.counts
+        totals.looks += looks
+        totals.plots += plots
+        totals.false_alarms += false_alarms
+        for one in sent:
             late_ns = one.sent_utc_ns - (one.link_due_utc_ns or one.due_utc_ns)
             totals.settle(one.fate, one.copy, late_ns, one.octets)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import insort
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -22,11 +22,13 @@ from plotfeed.feeds.lab.evidence import (
     plot_topics,
     sector_plots,
 )
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.recording.recorder import recorded_scene
 from plotfeed.feeds.replaying.replay_settings import Selection
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
+from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, TruthState
 from plotfeed.models.truth import fit_velocity
@@ -201,16 +203,9 @@ def _notes(
 FAR_NS = DAY_NS  # Times further from a recording than this are not its own
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedSector:
-    """A sector of a recording, or a message where there is no ledger."""
-
-    at_ns: int  # Log time at which this was known
-    sensor: str
-    looks: Looks
-    plots: Plots
-    sent: Sequence[pb.Sent]
-    link: str | None  # The link's keys then, in JSON, empty for none; None if that is not known
+# A sector of a recording, or a message where there is no ledger, as a session would have handed it
+# on, known when the sector ends; and what became of its messages.
+Told = tuple[Batch, Sequence[pb.Sent]]
 
 
 class RecordedSectors:
@@ -229,7 +224,7 @@ class RecordedSectors:
         self._messages = log.messages(from_ns, None, topics, stages)
         self._next: Recorded | None = None
 
-    def until(self, t_ns: int) -> list[RecordedSector]:
+    def until(self, t_ns: int) -> list[Told]:
         """What was known then, and is new since the last call."""
         ledgers: list[Recorded] = []
         carried: list[Recorded] = []
@@ -248,35 +243,38 @@ class RecordedSectors:
             self._waiting.add(found)
         return list(self._sectors(ledgers))
 
-    def _sectors(self, ledgers: Sequence[Recorded]) -> Iterator[RecordedSector]:
+    def _sectors(self, ledgers: Sequence[Recorded]) -> Iterator[Told]:
         """Entries of the ledger with their plots; those of other times are passed over."""
         told = tables_of(message.payload for message in ledgers)
         told = told.of(np.flatnonzero(self._are_plausible(told)))
         of, numbers = told.entries, np.arange(len(told) + 1)
         look_ends, plot_ends, sent_ends = (
-            np.searchsorted(table.entry, numbers).tolist()
+            np.searchsorted(table.entry, numbers)
             for table in (told.looks, told.plots, told.messages)
         )
         parts, is_known = [NO_PLOTS], np.zeros(len(told.plots), np.bool_)
-        for i, (first, end) in enumerate(pairwise(plot_ends)):
+        for i, (first, end) in enumerate(pairwise(plot_ends.tolist())):
             key = SectorKey(self._prefix, of.sensor[i], int(of.scan[i]), int(of.sector[i]))
             measured = self._waiting.take(key, told.plots.t_utc_ns[first:end])
             is_known[first:end] = measured is not None
             parts.append(NO_PLOTS if measured is None else measured)
-        plots = plots_of(MeasuredPlots.joined(parts), told.plots.rows(is_known), self._drones)
-        looks, sent = looks_of(told.looks, self._drones), sent_of(told.messages)
-        plot_ends = list(accumulate(map(len, parts)))
-        for i, payload in enumerate(of.payload.tolist()):
-            yield RecordedSector(
-                at_ns=ledgers[payload].log_time_ns,
-                sensor=of.sensor[i],
-                looks=looks.between(look_ends[i], look_ends[i + 1]),
-                plots=plots.between(plot_ends[i], plot_ends[i + 1]),
-                sent=sent[sent_ends[i] : sent_ends[i + 1]],
-                link=of.link[i],
-            )
+        ids, sensor = np.unique(of.sensor.astype(str), return_inverse=True)
+        known_ns = (ledgers[n].log_time_ns for n in of.payload.tolist())
+        sectors = map(_sector, of.scan.tolist(), of.sector.tolist(), known_ns)
+        batch = Batch(
+            sectors=Sectors.of([*sectors]).but(sensor=sensor),
+            plots=plots_of(MeasuredPlots.joined(parts), told.plots.rows(is_known), self._drones),
+            plots_by=np.cumsum([len(part) for part in parts]),
+            looks=looks_of(told.looks, self._drones),
+            looks_by=look_ends,
+            sensors=ids.tolist(),
+            links=of.link.tolist(),
+        )
+        sent = sent_of(told.messages)
+        for i, (first, end) in enumerate(pairwise(sent_ends.tolist())):
+            yield batch.one(i), sent[first:end]
 
-    def _alone(self, message: Recorded) -> RecordedSector:
+    def _alone(self, message: Recorded) -> Told:
         """Plots as they were delivered, and nothing besides."""
         measured, due_ns = plots_in(message) or NO_PLOTS, message.publish_time_ns
         times_ns = [due_ns if t_ns is None else t_ns for t_ns in measured.t_utc_ns]
@@ -288,14 +286,10 @@ class RecordedSectors:
             delivered=True,
             fate=pb.SENT,
         )
-        return RecordedSector(
-            at_ns=message.log_time_ns,
-            sensor=self._recording.carriers[message.topic],
-            looks=looks_of(tables_of(()).looks, self._drones),
-            plots=nobody_s(measured.but(t_utc_ns=np.array(times_ns, np.int64))),
-            sent=[sent],
-            link=None,
-        )
+        plots = nobody_s(measured.but(t_utc_ns=np.array(times_ns, np.int64)))
+        sensors = [self._recording.carriers[message.topic]]
+        batch = Batch.of_one(_sector(0, 0, message.log_time_ns), plots, sensors=sensors)
+        return batch, [sent]
 
     def _are_plausible(self, told: LedgerTables) -> Bools:
         """Whether times of each entry are near those of the recording."""
@@ -313,6 +307,11 @@ class RecordedSectors:
                     near |= t_ns == 0  # it is not told
                 good[table.entry[~near]] = False
         return good
+
+
+def _sector(scan: int, index: int, known_ns: int) -> Sector:
+    """A sector of which a recording says no more than when what came of it was known."""
+    return Sector(scan, index, known_ns, known_ns, np.nan, np.nan)
 
 
 def sent_of(told: ToldMessages) -> list[pb.Sent]:

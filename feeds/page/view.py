@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from heapq import heappop, heappush
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,11 +42,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
     from plotfeed.feeds.lab.track_reports import ToldTrack
-    from plotfeed.feeds.page.recorded_sectors import RecordedSector
 
-Reported: TypeAlias = (
-    "Batch | RecordedSector"  # A sector: its sensor, what that looked at, and what it measured
-)
 MAX_REASON = 300
 LAYOUTS_BY_KIND = {str(int(kind)): layout for kind, layout in LAYOUTS.items()}
 _NOWHERE = Site(latitude_deg=0.0, longitude_deg=0.0, height_m=0.0)
@@ -89,7 +85,7 @@ class View:
         """Begin at another time of the scene, as after a leap within a recording."""
         self._begin(self._placements, list(self._sensors))
 
-    def report(self, report: Reported) -> None:
+    def report(self, report: Batch) -> None:
         """A sector was worked out: what its sensor looked at."""
         number = self._sensors.get(report.sensor)
         if number is not None:
@@ -99,7 +95,7 @@ class View:
                 looks = looks.rows(np.unique(both, axis=1, return_index=True)[1])
             self._looks[number].add(looks.range_m, looks.pd, looks.detected)
 
-    def recall(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
+    def recall(self, report: Batch, sent: Sequence[pb.Sent]) -> None:
         """Plots of before a leap, which fade; nothing of them is counted."""
         number = self._sensors.get(report.sensor)
         if number is not None:
@@ -113,7 +109,7 @@ class View:
             self._plots.take(number, plots, at_utc_ns)
             self._rates.plots(number, len(plots))
 
-    def settled(self, report: Reported, sent: Sequence[pb.Sent]) -> None:
+    def settled(self, report: Batch, sent: Sequence[pb.Sent]) -> None:
         """Take what became of a sector's messages: if one that brings plots left, so did they."""
         number = self._sensors.get(report.sensor)
         if number is None:
