@@ -30,7 +30,7 @@ from scipy.stats import binom, norm, poisson
 
 import plotfeed.feeds.scene.examples
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
-from plotfeed.feeds.lab.asked import AskedSensor
+from plotfeed.feeds.lab.evidence import AskedSensor
 from plotfeed.feeds.lab.gathering import judged_recording
 from plotfeed.feeds.lab.judge import FALSE_RATES, FeedTally, Verdicts, simulated_feed
 from plotfeed.feeds.lab.laws import share_interval

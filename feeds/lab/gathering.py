@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plotfeed.feeds.console.printed import finite
-from plotfeed.feeds.lab.asked import AskedByTime, AskedSensor
 from plotfeed.feeds.lab.evidence import (
     AS_DELIVERED,
     MOST_COMPLETE,
     NO_PLOTS,
+    AskedByTime,
+    AskedSensor,
     Evidence,
     SectorKey,
     WaitingPlots,
@@ -55,7 +56,7 @@ from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import WHAT_LEFT, Damage, Stage
 
-# Settings of one sensor's link; what is under further ones is not told.
+# Settings of one sensor's link, of which numbers have an octet; others are not told.
 MAX_LINKS = 100
 MAX_SENSORS = 10_000
 # Looks and plots, of all sensors together, that are held until they are judged.
@@ -278,7 +279,12 @@ class Gathering:
         number = np.array([numbers.get(text, -1) for text in links], np.int64)
         self.left_out += int((number < 0).sum())
         fate = np.where((sent.fate == 0) & sent.delivered, int(pb.SENT), sent.fate)
-        sent = sent.but(entry=number[sent.entry], fate=fate.astype(np.int8))
+        sent = sent.but(
+            entry=number[sent.entry].astype(np.int8),
+            fate=fate.astype(np.int8),
+            copy=np.clip(sent.copy, 0, 127).astype(np.int8),
+            flipped_bit=np.clip(sent.flipped_bit, -1, 0).astype(np.int8),
+        )
         self._sent.append(sent.picked(np.flatnonzero(sent.entry >= 0), NEEDED))
 
     def checks(self) -> list[Check]:

@@ -19,7 +19,7 @@ import numpy as np
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.engine.simulation import SimulatedSensor
 from plotfeed.feeds.lab import oracle
-from plotfeed.feeds.lab.asked import RADARS, AskedSensor
+from plotfeed.feeds.lab.evidence import RADARS, AskedSensor
 from plotfeed.feeds.lab.laws import (
     QUANTITIES,
     TIME_OF_SENDING,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import kolmogorov, ndtr
 
-from plotfeed.feeds.lab.asked import AskedSensor
+from plotfeed.feeds.lab.evidence import AskedSensor
 from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.models.beam import Volume
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180

@@ -12,14 +12,14 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from plotfeed.feeds.lab.asked import RecordedSettings
 from plotfeed.feeds.lab.evidence import (
     NO_PLOTS,
+    RecordedSettings,
     SectorKey,
     WaitingPlots,
     are_targets,
     names_of,
-    plot_topics,
+    plot_topics_of,
     sector_plots,
 )
 from plotfeed.feeds.messages.batch import Batch
@@ -158,7 +158,11 @@ class RecordedSession:
         has_ledger = any(s.topic == ledger and s.stage in WHAT_LEFT for s in series)
         has_before = any(s.stage is Stage.BEFORE for s in series)
         carried = (Stage.BEFORE,) if has_ledger and has_before else WHAT_LEFT
-        carriers = _carriers(scene, {s.topic for s in series if s.stage in carried})
+        found, ids = (
+            plot_topics_of(series, {scene.mqtt.prefix}, carried),
+            {s.id for s in scene.sensor},
+        )
+        carriers = {topic: sensor for (topic, _), (_, sensor) in found.items() if sensor in ids}
         if not has_ledger and not carriers:
             raise PlotfeedError(
                 f"no plots to show: expected the ledger, {scene.mqtt.prefix}/SENSOR/plots, "
@@ -176,16 +180,6 @@ class RecordedSession:
             settings=settings,
             notes=tuple(_notes(scene, carriers, len(log.damage), has_ledger=has_ledger)),
         )
-
-
-def _carriers(scene: Scene, topics: set[str]) -> dict[str, str]:
-    found = {}
-    for sensor in scene.sensor:
-        of_sensor = (f"{scene.mqtt.prefix}/{sensor.id}/{end}" for end in plot_topics())
-        topic = next((topic for topic in of_sensor if topic in topics), None)
-        if topic is not None:
-            found[topic] = sensor.id
-    return found
 
 
 def _notes(

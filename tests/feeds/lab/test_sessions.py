@@ -12,7 +12,7 @@ from support.ledgers import as_received, changed, record_session, told, written
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import assert_chance
 
-from plotfeed.feeds.lab.asked import AskedByTime, RecordedSettings
+from plotfeed.feeds.lab.evidence import AskedByTime, RecordedSettings
 from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures
 from plotfeed.feeds.lab.links import LinkFigures
 from plotfeed.feeds.scene.scene import load
