@@ -378,7 +378,7 @@ class WaitingPlots:
 
     def __init__(self) -> None:
         self._sectors: OrderedDict[SectorKey, dict[int, MeasuredPlots]] = OrderedDict()
-        self._count = 0
+        self.total = 0
 
     def add(self, found: SectorPlots) -> None:
         """Keep the plots of a message; a duplicate of it is passed over."""
@@ -388,8 +388,8 @@ class WaitingPlots:
         if found.number in messages:
             return
         messages[found.number] = found.plots
-        self._count += len(found.plots)
-        while self._count > MAX_WAITING_PLOTS and self._sectors:
+        self.total += len(found.plots)
+        while self.total > MAX_WAITING_PLOTS and self._sectors:
             self._forget(next(iter(self._sectors)))
 
     def count(self, key: SectorKey) -> int:
@@ -413,7 +413,7 @@ class WaitingPlots:
 
     def _forget(self, key: SectorKey) -> dict[int, MeasuredPlots]:
         messages = self._sectors.pop(key, {})
-        self._count -= sum(map(len, messages.values()))
+        self.total -= sum(map(len, messages.values()))
         return messages
 
 

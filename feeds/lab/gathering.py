@@ -63,6 +63,8 @@ MAX_SENSORS = 10_000
 MOST_HELD = 400_000
 # Of one sensor, from which on they are judged, however many sensors there are.
 FEWEST_HELD = 2000
+# Plots that wait sector by sector, each of which takes 4 KiB, until all are judged by the ledger.
+MOST_WAITING = 20_000
 # In a row, of which is looked which are lacking although the sensor was at work.
 MOST_RUNS = 1000
 STAGES: Mapping[Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
@@ -281,6 +283,7 @@ class Gathering:
         fate = np.where((sent.fate == 0) & sent.delivered, int(pb.SENT), sent.fate)
         sent = sent.but(
             entry=number[sent.entry].astype(np.int8),
+            number=sent.number.astype(np.int32),
             fate=fate.astype(np.int8),
             copy=np.clip(sent.copy, 0, 127).astype(np.int8),
             flipped_bit=np.clip(sent.flipped_bit, -1, 0).astype(np.int8),
@@ -411,6 +414,8 @@ def _gathered(evidence: Evidence, against: Against) -> dict[tuple[str, str], Gat
             spoilt = _spoilt(told, whose, evidence.carriers) if against == "asked" else set()
             of(whose).take(told, keys, spoilt)
         most = max(MOST_HELD // max(len(found), 1), FEWEST_HELD)
+        if against == "asked" and waiting.total >= MOST_WAITING:
+            most = 1
         for each in found.values():
             if each.held >= most:
                 each.settle()

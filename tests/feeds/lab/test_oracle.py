@@ -5,6 +5,8 @@ Two implementations that share no line have one answer for each look. Where they
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -91,6 +93,20 @@ def test_looks_at_a_strength_that_was_drawn_are_asked_for_on_average(changes: An
         assert off.std() > 0.05
 
 
+def test_a_zoomed_camera_is_judged_where_its_field_of_view_is_told() -> None:
+    scene = example("city")
+    for sensor, looks, plots, given in sensors_of(scene, 30):
+        if not oracle.zooms(sensor):
+            continue
+        told_deg = oracle.field_of_view_deg(sensor, plots.sigma_elevation_deg)
+        np.testing.assert_allclose(told_deg, 6.0)
+        wide = oracle.LooksGiven(**{**vars(given), "field_deg": np.full(len(looks), 6.0)})
+        asked = oracle.asked(scene, sensor, wide)
+        later = looks.t_utc_ns >= plots.t_utc_ns.min()
+        np.testing.assert_allclose(asked.pd[later], looks.pd[later], rtol=1e-6)
+        assert not oracle.asked(scene, sensor, given).known.any()
+
+
 @pytest.mark.parametrize("power", [1.0, 0.2, 0.02])
 def test_looks_of_a_steered_beam_are_as_many_as_are_asked_for(power: float) -> None:
     """Of ten minutes: those that confirm, and those at tracks but for what is said to be open.
@@ -172,7 +188,11 @@ def test_what_it_does_not_know_is_not_judged() -> None:
         assert oracle.asked(scene, sensor, said).known.all()
 
 
-@pytest.mark.parametrize("told", [None, b"", b"none"])
+NOWHERE = zlib.compress(struct.pack("<I4d", 1, float("nan"), 0.0, 0.0, 1440.0))
+TOO_MANY = zlib.compress(struct.pack("<I4d", 1 << 31, 0.0, 0.0, 0.0, 1440.0))
+
+
+@pytest.mark.parametrize("told", [None, b"", b"none", NOWHERE, TOO_MANY, NOWHERE[:-4]])
 def test_without_horizons_of_use_nothing_behind_ground_is_judged(
     told: bytes | None, tmp_path: Path
 ) -> None:
