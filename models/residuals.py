@@ -63,10 +63,7 @@ class MeasuredQuantity(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class LookOdds(Columns):
-    """Looks, (n,): at what, when, with which expected probability of a plot, and if one came.
-
-    By `off` that may be another than expected, for what of it is not known.
-    """
+    """Looks, (n,): at what, when, with which expected Pd, hit or not; Pd may be off by `off`."""
 
     target: Ints
     t_s: Floats
@@ -390,7 +387,8 @@ class LookSums:
         pd, hit, target = looks.pd[order], looks.hit[order], looks.target[order]
         p = 1 - (1 - np.clip(pd, 0.0, 1.0)) * (1 - min(false_per_look, 1.0))
         left, same = hit - p, target[1:] == target[:-1]
-        self.tally.add(range_m[order], p, hit, None if looks.off is None else looks.off[order])
+        off = None if looks.off is None else looks.off[order]
+        self.tally.add(range_m[order], p, hit, off)
         self._expected += float(pd.sum())
         self._squares += float(left @ left)
         self._after += float((left[1:] * left[:-1])[same].sum())

@@ -271,7 +271,7 @@ def told_rates(
     checks = [[c for c in run if c.name.endswith(ends)] for run in long]
     judged = [[c for c in run if c.is_judged] for run in checks]
     if not any(checks):
-        return "not measured"
+        return "-"
     if not any(judged):
         return "not judged"
     if fault == "clutter × 4" and not judged[0][0].expected:

@@ -297,11 +297,8 @@ class AskedByTime:
 
     def missed(self, lacking: range) -> int:
         """How many of those sectors, by number, there were to be: it was at work."""
-        return sum(self._is_at_work(number) for number in lacking[:MOST_LACKING])
-
-    def _is_at_work(self, number: int) -> bool:
-        asked = self.in_sector(*divmod(number, self.sectors))
-        return asked is not None and asked.keys.enabled
+        asked = (self.in_sector(*divmod(n, self.sectors)) for n in lacking[:MOST_LACKING])
+        return sum(each is not None and each.keys.enabled for each in asked)
 
 
 def plot_topics() -> list[str]:
