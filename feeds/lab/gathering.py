@@ -413,9 +413,8 @@ def _gathered(evidence: Evidence, against: Against) -> dict[tuple[str, str], Gat
                 continue
             spoilt = _spoilt(told, whose, evidence.carriers) if against == "asked" else set()
             of(whose).take(told, keys, spoilt)
-        most = max(MOST_HELD // max(len(found), 1), FEWEST_HELD)
-        if against == "asked" and waiting.total >= MOST_WAITING:
-            most = 1
+        crowded = against == "asked" and waiting.total >= MOST_WAITING
+        most = 1 if crowded else max(MOST_HELD // max(len(found), 1), FEWEST_HELD)
         for each in found.values():
             if each.held >= most:
                 each.settle()

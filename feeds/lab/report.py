@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from textwrap import wrap
@@ -81,6 +82,10 @@ def feed_lines(told: FeedReport) -> Iterator[str]:
     )
 
 
+def _fate(name: str, link: LinkFigures) -> int:
+    return link.other_fates[name]
+
+
 NAMED = (TextColumn("sensor", "sensor"), TextColumn("link", "number", "d"))  # Of links
 
 
@@ -130,7 +135,7 @@ def _link_tables(told: FeedReport) -> Iterator[str]:
     some = [link for link in told.links if any(link.other_fates.values())]
     if some:
         fates = [
-            TextColumn(name.replace("_", " "), lambda link, of=name: link.other_fates[of], "d")
+            TextColumn(name.replace("_", " "), partial(_fate, name), "d")
             for name in some[0].other_fates
         ]
         yield from Table("Messages that did not leave otherwise", [*NAMED, *fates], some).lines()
