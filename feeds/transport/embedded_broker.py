@@ -31,7 +31,8 @@ from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
-START_TIMEOUT_S = 10.0
+# One that cannot listen ends at once, and is not waited for; on a busy machine it may take long.
+START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 2.0
 # So long a session that ended just now may still have the ports that a scene names.
 PORT_PATIENCE_S = 3.0
