@@ -469,7 +469,7 @@ class Session:
         # for what is worked out next.
         now_ns, next_ns = self.clock.now_ns(), self._schedule.next_due_ns()
         t_utc_ns = now_ns if next_ns is None or now_ns < next_ns else next_ns - 1
-        t_utc_ns = max(t_utc_ns, self._earliest_ns - TICK_NS)
+        t_utc_ns = max(t_utc_ns, self._earliest_ns - 1)
         payload = json.dumps(command).encode()
         for received in self._received:
             received(self.engine.control_topic, payload, JSON, t_utc_ns)

@@ -31,9 +31,9 @@ PORTS = range(20_000, 32_000, TOGETHER)
 
 
 @cache
-def _ports() -> Iterator[int]:
-    """Those of this process, from any of them on, over and over."""
-    own = PORTS[int(os.environ.get(NUMBER, "0")) % PROCESSES :: PROCESSES]
+def _ports(number: str) -> Iterator[int]:
+    """Those of a process of tests, from any of them on, over and over."""
+    own = PORTS[int(number) % PROCESSES :: PROCESSES]
     first = random.SystemRandom().randrange(len(own))
     return cycle([*own[first:], *own[:first]])
 
@@ -41,7 +41,8 @@ def _ports() -> Iterator[int]:
 def free_port() -> int:
     """One that is free as the next two are, and that nobody else in this process was given."""
     while True:
-        port = next(_ports())
+        # What is collected, which the process does that the others are forked from, has its own.
+        port = next(_ports(os.environ.get(NUMBER, "-1")))
         with ExitStack() as held, suppress(OSError):
             for each in range(port, port + TOGETHER):
                 held.enter_context(socket.socket()).bind(("127.0.0.1", each))
