@@ -141,7 +141,7 @@ def test_the_image_installs_all_that_its_extras_need() -> None:
         for line in (ROOT / name).read_text().splitlines()
         if "==" in line
     }
-    needed = [*project["dependencies"], *extras["page"], *extras["broker"], "setuptools>=77"]
+    needed = [*project["dependencies"], *extras["page"], "setuptools>=77"]
     assert {re.split("[<=>]", each)[0] for each in needed} <= held
 
 

@@ -29,7 +29,6 @@ FLIGHT = ROOT / "examples" / "flights" / "visit.csv"
 GUARDED = {
     "feeds/page/page_access.py": {"socket.TCP_USER_TIMEOUT"},  # where the system has it
     "feeds/timing/clock.py": {"os.O_NONBLOCK", "os.O_CLOEXEC", "time.CLOCK_MONOTONIC"},  # Linux's
-    "feeds/transport/broker_process.py": {"os.sysconf"},  # for a file that Linux has
     "feeds/transport/sapient.py": {"socket.TCP_USER_TIMEOUT"},  # where the system has it
 }
 

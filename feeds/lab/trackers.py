@@ -234,13 +234,14 @@ async def _started(
     job: RunJob, brokers: Brokers, prefix: str, topic: str
 ) -> AsyncIterator[_TrackerProcess]:
     """The tracker's process, which is gone afterwards with all that it has started."""
-    five, three = brokers[0]
+    (broker,) = brokers[0]
+    url, port = f"mqtt://{broker.host}:{broker.port}", str(broker.port)
     values = {
-        "broker": f"mqtt://{three.host}:{three.port}",
-        "broker5": f"mqtt://{five.host}:{five.port}",
-        "host": three.host,
-        "port": str(three.port),
-        "port5": str(five.port),
+        "broker": url,
+        "broker5": url,
+        "host": broker.host,
+        "port": port,
+        "port5": port,
         "prefix": prefix,
         "topic": topic,
         "seed": str(job.seed),

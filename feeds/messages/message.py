@@ -6,12 +6,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
+
+if TYPE_CHECKING:
+    from plotfeed.proto import plotfeed_pb2 as pb
+
+# Numbers of `plotfeed.v1.Fate`: every message needs them, and protobuf takes long to load.
+UNSPECIFIED: pb.Fate = 0  # type: ignore[assignment]
+SENT: pb.Fate = 1  # type: ignore[assignment]
+UNDELIVERED: pb.Fate = 5  # type: ignore[assignment]
 
 USER_PROPERTY = b"\x26"  # What announces one in a packet; MQTT 5.0, section 2.2.2
 
@@ -184,7 +191,7 @@ class Message:
         self.over_link = False  # Whether there is a link that may do anything to it
         self.flipped_bit: int | None = None  # Of the payload, where the link has corrupted it
         self._handed_payload: bytes | None = None  # Where its link has changed that
-        self.fate: pb.Fate = pb.FATE_UNSPECIFIED
+        self.fate: pb.Fate = UNSPECIFIED
         self.delivered = False  # Whether a transport has delivered it
         self.not_to: tuple[str, ...] = ()  # Destinations that did not get it
         self.sent_utc_ns = 0  # When the last transport began to send it; 0 before any has
@@ -282,11 +289,11 @@ class Message:
             self.not_to += (to,)
         self.unsettled -= 1
         if not self.unsettled:
-            self.end(pb.SENT if self.delivered or not self.not_to else pb.UNDELIVERED)
+            self.end(SENT if self.delivered or not self.not_to else UNDELIVERED)
 
     def end(self, fate: pb.Fate) -> None:
         """Note its fate, which is known now."""
-        if fate == pb.SENT and not self.sent_utc_ns:
+        if fate == SENT and not self.sent_utc_ns:
             self.leave()
         self.fate = fate
         self.client.settled(self)
@@ -296,13 +303,15 @@ class Message:
 
     def record(self) -> pb.Sent:
         """What the ledger says of it."""
+        from plotfeed.proto import plotfeed_pb2 as pb
+
         leaves_ns = self.due_utc_ns if self.leaves_utc_ns == HELD_NS else self.leaves_utc_ns
         return pb.Sent(
             topic=self.topic,
             due_utc_ns=self.due_utc_ns,
             sent_utc_ns=self.sent_utc_ns,
             octets=len(self.payload),
-            delivered=self.fate == pb.SENT,
+            delivered=self.fate == SENT,
             fate=self.fate,
             link_due_utc_ns=leaves_ns,
             number=self.number,

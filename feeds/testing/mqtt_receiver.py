@@ -56,6 +56,7 @@ class MqttReceiver:
         except BaseException:
             self._socket.close()
             raise
+        self._socket.settimeout(None)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -168,7 +169,6 @@ class MqttReceiver:
 
     def _read(self) -> None:
         try:
-            self._socket.settimeout(None)
             while True:
                 self._take(*self._packet())
         except OSError:

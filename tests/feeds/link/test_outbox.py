@@ -10,7 +10,7 @@ from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.link.uplink import Uplink
-from plotfeed.feeds.messages.message import Message, records
+from plotfeed.feeds.messages.message import SENT, UNDELIVERED, UNSPECIFIED, Message, records
 from plotfeed.feeds.messages.transports import Client
 from plotfeed.feeds.recording.recorder import RawFile
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -287,3 +287,7 @@ def test_a_full_disk_is_told_once_and_stops_nothing(octets: int) -> None:
         for _ in range(5):
             raw.after_link(message(b"x" * octets), 0)
     assert raw.failure == ("/dev/full: No space left on device; what came after is not in the file")
+
+
+def test_fates_of_messages_are_numbered_as_in_the_ledger() -> None:
+    assert (UNSPECIFIED, SENT, UNDELIVERED) == (pb.FATE_UNSPECIFIED, pb.SENT, pb.UNDELIVERED)

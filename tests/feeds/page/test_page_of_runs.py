@@ -62,7 +62,7 @@ def run(shared: Live) -> Iterator[Live]:
 def test_what_is_copied_from_the_page_receives_the_sensors_messages(run: Live) -> None:
     page = run.page
     page.get_by_role("button", name="Connect here").click()
-    until(page, "document.querySelectorAll('#connect-snippets li').length >= 4")
+    until(page, "document.querySelectorAll('#connect-snippets li').length >= 3")
     where = page.locator("#connect-where").inner_text()
     assert f"mqtt://127.0.0.1:{run.process.port('MQTT')}" in where
     assert "plotfeed/radar/plots" in where
