@@ -103,7 +103,7 @@ class Shedding:
         if self._looked_ns >= 0 and self._sectors:
             cost_ns = busy_ns / self._sectors
             if self._cost_ns:  # one stall makes little of a difference
-                cost_ns = min((self._cost_ns + cost_ns) / 2, 2 * self._cost_ns)
+                cost_ns = min(cost_ns, (self._cost_ns + cost_ns) / 2, 2 * self._cost_ns)
             self._cost_ns = cost_ns
         self._is_by_sectors = 2 * self._took_ns > busy_ns
         self._sectors, self._took_ns, self._looked_ns, self._slept_ns = 0, 0, now_ns, slept_ns
@@ -120,9 +120,10 @@ class Shedding:
 
         None does so before it is late by a part of its period: a long scan is worth waiting for.
         """
+        is_cold = not self._cost_ns  # what is done for the first time costs several times as much
         if self._sectors:
             self._look_up_cost(now_ns, slept_ns)
-        if not self._is_by_sectors:
+        if is_cold or not self._is_by_sectors:
             return  # but by what comes in, or by others: it passes
         self._follow_cost()
         per_ns = self._sensors.sectors_per_ns

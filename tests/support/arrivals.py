@@ -1,43 +1,41 @@
-"""A subscriber in a process of its own that counts what arrives, and nothing else."""
+"""A subscriber that counts what arrives and nothing else: mosquitto_sub, as it takes a broker's machine least."""
 
 from __future__ import annotations
 
 import subprocess
-import sys
+import tempfile
 
-PROGRAM = """
-import asyncio, sys
-from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttTransport
-async def main():
-    count = 0
-    def heard(*_):
-        nonlocal count
-        count += 1
-    address = BrokerAddress("127.0.0.1", int(sys.argv[1]), (5,))
-    link = MqttTransport(address, "count", subscribe=[sys.argv[2]], on_message=heard)
-    async with link.connected(5):
-        print("ready", flush=True)
-        await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
-        await asyncio.sleep(1.0)
-    print(count, flush=True)
-asyncio.run(main())
-"""
+from support.waiting import wait_until
 
 
 class Arrivals:
     """It hears those topics once it is made."""
 
     def __init__(self, port: int, topic_filter: str = "plotfeed/+/asterix/#") -> None:
+        at = ["-h", "127.0.0.1", "-p", str(port), "-V", "mqttv5"]
+        self._lengths = tempfile.TemporaryFile()  # noqa: SIM115 - of each payload, a line each
         self._process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, str(port), topic_filter],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+            ["mosquitto_sub", *at, "-t", topic_filter, "-F", "%l"], stdout=self._lengths
         )
-        assert self._process.stdout
-        self._process.stdout.readline()
+        # What a sensor sends has octets: messages of none are ours, and show that it hears.
+        ours = [
+            "mosquitto_pub",
+            *at,
+            "-t",
+            topic_filter.replace("+", "us").rstrip("#") + "us",
+            "-n",
+        ]
+        wait_until(lambda: subprocess.run(ours).returncode == 0 and self._lines())
 
-    def count(self) -> int:
+    def _lines(self) -> list[bytes]:
+        self._lengths.seek(0)
+        return self._lengths.read().splitlines()
+
+    def count(self, settle_s: float = 1.0) -> int:
         """How many messages came; a second later it hears no more."""
-        return int(self._process.communicate("")[0])
+        try:
+            self._process.wait(settle_s)
+        except subprocess.TimeoutExpired:
+            self._process.terminate()
+            self._process.wait()
+        return sum(line != b"0" for line in self._lines())

@@ -145,7 +145,6 @@ def loaded(
             [command, "run", scene, *options], stdout=subprocess.PIPE, text=True
         )
         if embedded:
-            port += 1  # of MQTT 5
             wait_until(lambda: is_open(port), "no broker listens")
             arrivals = Arrivals(port)
         with MqttReceiver(port, 5, "plotfeed/session") as ears:
