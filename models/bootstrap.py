@@ -63,6 +63,8 @@ def _times_drawn(runs: int, seed: int) -> Floats:
 
 
 def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
-    """The mean of values (n,), one a run."""
+    """The mean of values (n,), one a run; infinite where that of any run is."""
     values = as_floats(values)
+    if np.isinf(values).any():
+        return Interval(np.inf, np.inf, np.inf)
     return ratio_interval(values, np.ones_like(values), seed)

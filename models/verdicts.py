@@ -26,6 +26,8 @@ FLAT = 0.14
 NEIGHBOURS = 10.0
 RESAMPLES = 1000
 FEWEST_RUNS = 3
+# In place of infinite figures, of which there is no mean: further than any limit.
+BEYOND = 1e12
 # One-sided critical values for so many looks at 5 %: Jennison and Turnbull, Group Sequential
 # Methods (2000), table 2.1.
 POCOCK = (1.645, 1.875, 1.992, 2.067, 2.122)
@@ -133,10 +135,13 @@ def _share_bounds(
 def seeds_interval(values: Floats, risk: float = RISK / 2) -> Interval:
     """The mean of a figure over runs (n,), which are independent, by Student's t.
 
-    Two runs may be alike by chance, and tell no spread.
+    Two runs may be alike by chance, and tell no spread. The mean is infinite where that of any run
+    is, such as the time to see most drones where most were never seen.
     """
     from scipy.special import stdtrit
 
+    if np.isinf(values).any():
+        return Interval(np.inf, np.inf, np.inf)
     values = values[np.isfinite(values)]
     n = len(values)
     if n < FEWEST_RUNS:
@@ -187,7 +192,7 @@ def breaking_level(
 
     order = np.argsort(levels)
     levels, values = levels[order], values[order] if rises else -values[order]
-    known = values[:, np.isfinite(values).all(axis=0)]
+    known = np.clip(values[:, ~np.isnan(values).any(axis=0)], -BEYOND, BEYOND)
     runs = known.shape[1]
     if not runs or len(levels) < 2:
         return NOTHING

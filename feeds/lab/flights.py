@@ -12,7 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from plotfeed.feeds.lab.evidence import Evidence
-from plotfeed.feeds.lab.track_reports import TABLES, UNKNOWN_NS, is_table_of_tracks, read_tracks
+from plotfeed.feeds.lab.track_reports import (
+    TABLES,
+    UNKNOWN_NS,
+    is_place,
+    is_table_of_tracks,
+    read_tracks,
+)
 from plotfeed.feeds.recording.recorder import recorded_scene
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -49,6 +55,7 @@ class Truths:
     sensors_at: LocalFrame | None = None  # Amid all sensors
     scene: str = ""
     notes: Sequence[str] = field(default_factory=tuple)
+    has_height: bool = True  # Else heights are 0, and nothing is told of them
 
     @property
     def start_utc_ns(self) -> int:
@@ -160,14 +167,22 @@ def read_trial(
     site = None if scene is None else site_frame(scene.scene.site)
     drones: dict[str, FlightPath] = {}
     notes: list[str] = []
+    has_height = True
     for path in paths:
         is_log = path.suffix.lower() in BY_SUFFIX
         if path.suffix.lower() in TABLES:
             with path.open(encoding="utf-8-sig", errors="replace") as file:
-                is_log = not is_table_of_tracks(file.readline())
+                delimiter = TABLES[path.suffix.lower()]
+                is_log = not is_table_of_tracks(file.readline(), delimiter)
         if not is_log:
             read = read_tracks(path, scene, date_utc_ns=date_utc_ns)
-            told = read.reports.rows(read.reports.t_utc_ns != UNKNOWN_NS)
+            told = read.reports.rows((read.reports.t_utc_ns != UNKNOWN_NS) & is_place(read.reports))
+            refused = len(read.reports) - len(told) + sum(read.unreadable.values())
+            if refused:
+                notes.append(f"{path.name}: {refused} places of the truth cannot be used")
+            if np.isnan(told.height_m).any():
+                has_height = False
+                notes.append(f"{path.name} does not tell all heights: nothing is told in space")
             height_m = np.nan_to_num(told.height_m)
             place_m = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, height_m)
             flights = [
@@ -191,13 +206,15 @@ def read_trial(
             times = np.array([report.t_utc_ns for report in flight.reports], np.int64)
             flights = [(flight.name, times, place_m)]
         for name, t_ns, place_m in flights:
-            own = name if name not in drones else f"{path.stem} {name}"
+            own = name
+            while own in drones:
+                own = f"{path.stem} {own}"
             usual_ns = float(np.median(np.diff(np.unique(t_ns)))) if len(t_ns) > 1 else 0.0
             gap_ns = round(max(LEAST_GAP_S * NS, 2 * SCANS * usual_ns))
             drones[own] = FlightPath.of(t_ns, place_m, gap_ns)
     return Truths(
         drones=list(drones), paths=list(drones.values()), sensors=(), looks_utc_ns={}, site=site,
-        scene="" if scene is None else scene.scene.name, notes=notes,
+        scene="" if scene is None else scene.scene.name, notes=notes, has_height=has_height,
     )  # fmt: skip
 
 

@@ -175,6 +175,7 @@ class LiveScore(Observer):
                 "time_utc": iso_utc(now_utc_ns),
                 "tracks_topic": session.scene.page.tracks_topic,
                 "cutoff_m": self._settings.cutoff_m,
+                "dimensions": 2,
                 "drones": drones,
                 "tracks": tracks,
                 "reports": self._reports,

@@ -619,7 +619,7 @@ class Journal:
         if other:
             raise PlotfeedError(
                 f"{self.path}: begun with other {', '.join(sorted(other))}; --force begins anew, "
-                "and another --out leaves it alone"
+                "and another folder leaves it alone"
             )
 
     def _write(self, line: Mapping[str, Any]) -> None:
@@ -636,20 +636,18 @@ def finish(
     asked: RunsAsked,
     plan: Any,
     *,
-    runs: int | None = None,
-) -> int:
-    """Do the runs that are not done yet, and keep the result of each; how many were done before.
-
-    `runs` of each level, or as many as are asked for.
+    runs: int,
+) -> None:
+    """Do those of so many runs of each level that are not done yet, and keep the result of each.
 
     A bar says how far they are. Ctrl-C ends it with a line on what is kept.
     """
     jobs = [
         RunJob(level=level, run=run, seed=seed_of(asked.seed, run), plan=plan)
-        for level, run in kept.missing(levels, runs or asked.runs)
+        for level, run in kept.missing(levels, runs)
     ]
-    every = len(levels) * (runs or asked.runs)
-    before = count = every - len(jobs)
+    every = len(levels) * runs
+    count = every - len(jobs)
 
     def counted(results: Iterable[tuple[Any, dict[str, Any]]]) -> Iterator[None]:
         nonlocal count
@@ -671,4 +669,3 @@ def finish(
             err=True,
         )
         raise
-    return before

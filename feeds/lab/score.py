@@ -14,7 +14,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from io import BufferedWriter
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 from xml.etree.ElementTree import Element, SubElement, tostring  # nosec B405
 
 import numpy as np
@@ -188,8 +188,9 @@ class LimitVerdict:
             bound = limit.at_most if limit.at_most is not None else limit.at_least
             more = times_more(found, bound or 0.0)
             note = f"about {more:.2g} times as {unit} would decide" if more < 1e4 else ""
-        if figure != limit.figure:
-            note = "as known" + f"; {note}" * bool(note)
+        if limit.figure in SETS:
+            how = "as stamped" if figure == limit.figure else "as known"
+            note = f"{how}; {note}" if note else how
         return cls(
             name=limit.title,
             figure=limit.figure,
@@ -311,7 +312,7 @@ class ScoreReport:
     @property
     def is_kept(self) -> bool:
         """Whether no limit is broken, and the tracker did not fail."""
-        return not self.score.failure and all(v.status != "failed" for v in self.verdicts)
+        return mark_of(self.score.failure, self.verdicts) != "broken"
 
     def head(self) -> list[str]:
         """What was scored, and how."""
@@ -461,8 +462,15 @@ LIMITS = (
 )
 
 
-def closing(failure: str, verdicts: Sequence[LimitVerdict]) -> str:
-    """The verdict in a line."""
+def mark_of(failure: str, verdicts: Sequence[LimitVerdict]) -> Literal["broken", "kept", ""]:
+    """How a page marks verdicts: kept where all are passed, and nothing where any is undecided."""
+    if failure or any(each.status == "failed" for each in verdicts):
+        return "broken"
+    return "kept" if verdicts and all(each.status == "passed" for each in verdicts) else ""
+
+
+def closing(failure: str, verdicts: Sequence[LimitVerdict], where: str = "") -> str:
+    """The verdict in a line; `where` says of which verdicts together the risk is told."""
     if failure:
         return f"The tracker failed: {printable(failure)}."
     if not verdicts:
@@ -470,7 +478,7 @@ def closing(failure: str, verdicts: Sequence[LimitVerdict]) -> str:
     counts = Counter(verdict.status for verdict in verdicts)
     told = [f"{counts['passed']} of {len(verdicts)} limits kept"]
     told += [f"{n} {status}" for status, n in sorted(counts.items()) if status != "passed"]
-    return f"{', '.join(told)}; any verdict is wrong in at most {RISK:.0%} of such runs."
+    return f"{', '.join(told)}; {where}any verdict is wrong in at most {RISK:.0%} of such runs."
 
 
 def _told(value: float, form: str) -> str:
@@ -653,7 +661,7 @@ def page(title: str, verdict: str, mark: str, parts: Iterable[str]) -> bytes:
 def html_of(told: ScoreReport) -> bytes:
     """The page of a score; needs matplotlib."""
     score = told.score
-    mark = "broken" if not told.is_kept else "kept" if told.verdicts else ""
+    mark = mark_of(score.failure, told.verdicts)
     parts = [f"<p>{escape(printable(line))}</p>\n" for line in told.head()]
     notes = "".join(f"<li>{escape(printable(each))}</li>" for each in told.notes())
     parts.append(f"<ul>{notes}</ul>\n" if notes else "")

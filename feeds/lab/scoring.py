@@ -247,7 +247,10 @@ def truth_beside(truths: Truths, drone: Ints, t_utc_ns: Ints, level: Level) -> T
     for path, a, b in zip(truths.paths, ends[:-1], ends[1:], strict=True):
         which = order[a:b]
         place_m[which], velocity_m_s[which] = path.states_at(t_utc_ns[which])
-    return true_states(place_m, velocity_m_s, level)
+    found = true_states(place_m, velocity_m_s, level)
+    if not truths.has_height:
+        found.point[:, GROUND] = np.nan
+    return found
 
 
 class Figures(dict[str, float]):
@@ -435,9 +438,7 @@ FIGURE_NAMES = (
 def drone_scores(
     truths: Truths,
     *,
-    usable: UsableTracks,
     grid: Grid,
-    rows: GridRows,
     there: Bools,
     tracked: Bools,
     segments: Segments,
@@ -446,7 +447,7 @@ def drone_scores(
 ) -> list[DroneScore]:
     """Each drone's own score, in their order."""
     protected = how.place(truths)
-    row_keys = rows.step * max(len(usable.names), 1) + rows.track
+    late_ns = np.nan_to_num(errors.latency_s * NS).astype(np.int64)
     found = []
     step_s = grid.step_ns / NS
     for number, (name, path) in enumerate(zip(truths.drones, truths.paths, strict=True)):
@@ -455,16 +456,13 @@ def drone_scores(
         following = followed(own, steps)
         covered = int(np.count_nonzero(tracked[steps, number]))
         initiation_s, alert_m = float("nan"), float("nan")
-        if len(own):
-            first = int(np.lexsort((own.track, own.first))[0])
-            key = int(own.first[first]) * max(len(usable.names), 1) + int(own.track[first])
-            report = int(rows.report[np.searchsorted(row_keys, key)])
-            stamped_ns = int(usable.reports.t_utc_ns[report])
-            known_ns = int(usable.reports.known_utc_ns[report])
-            known_ns = stamped_ns if known_ns == UNKNOWN_NS else known_ns
-            initiation_s = max((known_ns - int(path.t_utc_ns[0])) / NS, 0.0)
-            alert_m = _distance_at(path, known_ns, stamped_ns, protected)
-        apart_m = errors.distance_m[errors.drone == number]
+        of = errors.drone == number
+        apart_m, stamped_ns = errors.distance_m[of], errors.t_utc_ns[of]
+        if len(stamped_ns):
+            known_ns = stamped_ns + late_ns[of]
+            first = int(np.argmin(known_ns))
+            initiation_s = max((int(known_ns[first]) - int(path.t_utc_ns[0])) / NS, 0.0)
+            alert_m = _distance_at(path, known_ns[first], stamped_ns[first], protected)
         found.append(
             DroneScore(
                 drone=name,
@@ -523,7 +521,7 @@ def _longest(missing: Bools) -> int:
 
 
 def _distance_at(
-    path: FlightPath, known_ns: int, stamped_ns: int, protected: LocalFrame | None
+    path: FlightPath, known_ns: np.int64, stamped_ns: np.int64, protected: LocalFrame | None
 ) -> float:
     """How far the drone was when it was known, or else when it was seen."""
     if protected is None:
@@ -578,6 +576,8 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
     if how.leaves_out:
         usable = usable.only(_are_scored(whole, truths, usable, field.level, how), "not scored")
     if how.dimensions == 3:
+        if not truths.has_height:
+            raise PlotfeedError("dimensions = 3: the truth tells no heights")
         usable = usable.only(usable.has_height, "without a height")
     beside = _beside(truths, field, usable, how, how.dimensions)
     rows, walked, segments, errors = beside.rows, beside.walked, beside.segments, beside.errors
@@ -589,7 +589,7 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
         known, of_known = _set_figures(field, usable, *later, how)
         samples |= {f"known_{name}": each for name, each in of_known.items()}
     notes = [*truths.notes]
-    if usable.has_height.any():
+    if usable.has_height.any() and truths.has_height:
         high = usable.only(usable.has_height, "")
         space = beside if how.dimensions == 3 else _beside(truths, field, high, how, 3)
         in_space = Figures({**space.sets, **space.reports})
@@ -605,9 +605,7 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
     tracked[walked.assigned.step, walked.assigned.drone] = True
     drones = drone_scores(
         truths,
-        usable=usable,
         grid=field.grid,
-        rows=rows,
         there=field.there,
         tracked=tracked,
         segments=segments,
@@ -904,7 +902,7 @@ def report_figures(
     found = Figures({name: each.value for name, each in samples.items()})
     found["reports"] = float(len(errors))
     found["position_max_m"] = float(distance_m.max())
-    found["latency_max_s"] = float(errors.latency_s.max())
+    found["latency_max_s"] = float(np.fmax.reduce(errors.latency_s))
     _, found["nees_low"], found["nees_high"] = of_nees.interval()
     tau = lag.interval()
     found["lag_se_s"] = (tau.high - tau.low) / (2 * SE_95)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plotfeed.feeds.console.extras import check_picture, need_extra
-from plotfeed.feeds.console.printed import printable, say
+from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.lab.lab_settings import SweepSettings, TrackerSettings
 from plotfeed.feeds.lab.pictures import (
@@ -50,6 +50,7 @@ from plotfeed.feeds.lab.score import (
     closing,
     judged_figure,
     junit_of,
+    mark_of,
     page,
     write_new,
 )
@@ -131,7 +132,8 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
         "--alert-within": plan.alert_within_s,
     }
     with Journal(journal, told, anew=settings.force) as kept:
-        before = finish_runs(kept, run_once, levels, settings, plan)
+        before = len(kept.of_first(settings.runs))
+        finish_runs(kept, run_once, levels, settings, plan, runs=settings.runs)
         done = kept.of_first(settings.runs)
         figures = figures_of(levels, done)
         for name, path in settings.tables(TABLES).items():
@@ -310,6 +312,8 @@ SHOWN = {
 INCHES = (15.0, 11.0)
 # A machine that is later than this, or than such a share of what is varied, tells of itself.
 LATE_S, LATE_SHARE = 0.1, 0.1
+# Of which verdicts the risk is told: those of all levels together are wrong more often.
+AT_A_LEVEL = "at each level "
 
 
 class CurvePoint(NamedTuple):
@@ -543,11 +547,11 @@ def score_tracker(
         return [CurvePoint.of(lv, plan.of(lv).name, done, asked, looks) for lv in levels]
 
     with Journal(settings.folder / NAME, told, anew=settings.force) as kept:
-        before, open_levels, decided_by = 0, levels, dict[int, CurvePoint]()
+        before, open_levels = len(kept.of_first(settings.runs)), levels
+        decided_by: dict[int, CurvePoint] = {}
         for look in range(1, looks + 1):
             runs = -(-settings.runs * look // looks)
-            were = finish_runs(kept, run_tracker, open_levels, settings, plan, runs=runs)
-            before = before if look > 1 else were
+            finish_runs(kept, run_tracker, open_levels, settings, plan, runs=runs)
             now = {p.level.number: p for p in points_by(runs) if p.level in open_levels}
             decided_by |= now
             open_levels = [level for level in open_levels if not now[level.number].is_decided]
@@ -574,11 +578,11 @@ def score_tracker(
     }
     lines = [*curve_lines(points, survived)]
     if verdicts and not failures:
-        lines.append(closing("", verdicts))
+        lines.append(closing("", verdicts, AT_A_LEVEL))
     settings.tell(told, lines, [*settings.files(), *given])
     if before and not settings.as_json:
         say(f"{before} runs were done before")
-    return 1 if failures or any(v.status == "failed" for v in verdicts) else 0
+    return 1 if failures or mark_of("", verdicts) == "broken" else 0
 
 
 def _write_scores(
@@ -590,7 +594,10 @@ def _write_scores(
     names = [*FIGURE_NAMES, *POSSIBLE]
     own = {"failure": str, "late_s": float, **dict.fromkeys(names, float)}
     rows = [
-        (key, [[run["failure"] or None, run["late_s"], *(run["figures"][name] for name in names)]])
+        (
+            key,
+            [[run["failure"] or None, run["late_s"], *finite([run["figures"][n] for n in names])]],
+        )
         for key, run in sorted(done.items())
     ]
     table, *pictures = settings.files()
@@ -614,11 +621,10 @@ def _write_verdicts(
     if settings.junit is not None:
         write_new(settings.junit, junit_of(title, verdicts, failure, 0.0), force=settings.force)
     if settings.out is not None:
-        is_broken = failure or any(verdict.status == "failed" for verdict in verdicts)
-        mark = "broken" if is_broken else "kept" if verdicts else ""
         parts = [f"<p>{escape(printable(str(each)))}</p>\n" for each in survived]
         parts += [limit_table(points).html()] if verdicts else []
         with curve_figure(points) as figure:
             parts += [svg_of(figure), curve_table(points).html()]
-        text = page(printable(f"Trackers: {title}"), closing(failure, verdicts), mark, parts)
+        told = closing(failure, verdicts, AT_A_LEVEL), mark_of(failure, verdicts)
+        text = page(printable(f"Trackers: {title}"), *told, parts)
         write_new(settings.out, text, force=settings.force)

@@ -26,7 +26,7 @@ from plotfeed.models.frames import LocalFrame, geoid_undulation_m
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.track_metrics import GROUND, Level, TrackReports, rates, rates_by_differences
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.asterix.codec.decode import Record, decode, whole_blocks
 from plotfeed.proto.content_types import (
     COT,
     SAPIENT_MESSAGE,
@@ -190,7 +190,9 @@ def tracks_in(
         return list(_of_batch(payload))
     if kind == SAPIENT_MESSAGE:
         return list(_of_sapient(payload))
-    if payload[:1] == bytes([CATEGORY]):
+    held = [*whole_blocks(payload)]
+    is_all = bool(held) and held[-1].at_octet + len(held[-1].body) == len(payload)
+    if payload[:1] == bytes([CATEGORY]) or (is_all and CATEGORY in [b.category for b in held]):
         records = (record for record in decode(payload) if record.category == CATEGORY)
         found = (_of_record(record, received_utc_ns, site) for record in records)
         return [told for told in found if told is not None]
@@ -491,7 +493,9 @@ def _counted(value: Any, key: str, read: Callable[[Any], int]) -> int:
         ) from None
 
 
-TABLES, FEATURES = (".csv", ".tsv"), (".geojson", ".json", ".xml", ".cot")
+# Suffixes of tables, with what parts their columns.
+TABLES = {".csv": ",", ".tsv": "\t"}
+FEATURES = (".geojson", ".json", ".xml", ".cot")
 LINES = (".jsonl", ".ndjson")
 MAX_FILE_OCTETS = 1 << 30
 MOST_TOPICS = 1000
@@ -617,7 +621,7 @@ def _is_recording(path: Path) -> bool:
 
 def _lines(path: Path, suffix: str) -> Iterator[Mapping[str, Any]]:
     """Lines of a table, by the names in its first."""
-    delimiter = "\t" if suffix == ".tsv" else ","
+    delimiter = TABLES[suffix]
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         rows = csv.DictReader(file, delimiter=delimiter)
         try:
@@ -739,7 +743,7 @@ def usable_tracks(
     kept = np.ones(len(told), np.bool_)
     for reason, wrong in (
         ("without a time", told.t_utc_ns == UNKNOWN_NS),
-        ("not a place on Earth", ~_is_place(told)),
+        ("not a place on Earth", ~is_place(told)),
         ("of the future", early & (told.received_utc_ns != UNKNOWN_NS)),
         ("after the run", told.t_utc_ns - future_ns > span_utc_ns[1]),
         ("before the run", told.t_utc_ns + future_ns < span_utc_ns[0]),
@@ -762,7 +766,8 @@ def _count(counts: dict[str, int], reason: str, many: int) -> None:
         counts[reason] = counts.get(reason, 0) + many
 
 
-def _is_place(told: ReportedTracks) -> Bools:
+def is_place(told: ReportedTracks) -> Bools:
+    """Which reports are of a place on Earth, (n,)."""
     with np.errstate(invalid="ignore"):
         on_earth = (np.abs(told.latitude_deg) <= 90.0) & (np.abs(told.longitude_deg) <= 180.0)
         return on_earth & (np.isnan(told.height_m) | (np.abs(told.height_m) <= HIGHEST_M))

@@ -17,7 +17,6 @@ from typing import Any, Self
 import numpy as np
 
 from plotfeed.feeds.console.posix import end_group
-from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.lab.flights import FlightsTally
 from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, plots_of, possible
 from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
@@ -106,7 +105,7 @@ class TrackerPlan:
 
 
 def run_tracker(job: RunJob) -> dict[str, Any]:
-    """The figures of a run, and how the tracker failed if it did, as JSON holds them.
+    """The figures of a run, NaN and infinite ones too, and how the tracker failed if it did.
 
     Raises `PlotfeedError` where there is nothing to score, or no broker.
     """
@@ -148,7 +147,8 @@ async def _run(job: RunJob) -> dict[str, Any]:
         "seed": job.seed,
         "failure": score.failure,
         "late_s": float(np.quantile(all_late_s, 0.95)),
-        **finite({"figures": figures, "limits": [limit_value(score, v) for v in plan.limits]}),
+        "figures": figures,
+        "limits": [limit_value(score, limit) for limit in plan.limits],
     }
 
 

@@ -215,6 +215,7 @@ def _of_session() -> Iterator[Flow]:
             time_utc="string",
             tracks_topic="string",
             cutoff_m="number",
+            dimensions="integer",
             drones="integer",
             tracks="integer",
             reports="integer",

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from plotfeed.models.bootstrap import Interval
+from plotfeed.models.bootstrap import Interval, mean_interval
 from plotfeed.models.verdicts import (
     RISK,
     FigureSamples,
@@ -94,6 +94,16 @@ def test_five_looks_at_seeds_are_wrong_as_seldom_as_one() -> None:
             wrong[verdict] += 1
     assert max(wrong.values()) <= MOST
     assert seeds_interval(values[:1]).low == -np.inf
+
+
+def test_what_is_infinite_in_some_runs_is_so_on_average() -> None:
+    """The time to see most drones, where most were never seen in one run of ten."""
+    values = np.array([[2.0] * 10, [2.0] * 9 + [np.inf]])
+    assert decided(seeds_interval(values[1]), 10.0, None) == "failed"
+    assert mean_interval(values[1]).value == np.inf
+    found = breaking_level(np.array([0.0, 1.0]), values, 10.0, rises=True)
+    assert found.value == pytest.approx(0.0, abs=1e-6)
+    assert decided(seeds_interval(np.array([2.0] * 9 + [np.nan])), 10.0, None) == "passed"
 
 
 def test_how_many_more_would_decide() -> None:

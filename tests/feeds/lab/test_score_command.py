@@ -15,8 +15,15 @@ from support.recordings import START_NS
 from support.scene_files import radar, scene_file, scene_text
 from support.scored_flights import APART, csv_of, ledger_of
 
-from plotfeed.feeds.lab.score import load_profile, shipped_profiles
+from plotfeed.feeds.lab.score import (
+    LimitVerdict,
+    ScoreLimit,
+    load_profile,
+    mark_of,
+    shipped_profiles,
+)
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES
+from plotfeed.models.bootstrap import Interval
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
@@ -144,6 +151,20 @@ class Tags(HTMLParser):
             for name, value in attrs
             if name in ("src", "href", "xlink:href") and value and not value.startswith("#")
         ]
+
+
+def test_a_page_is_marked_as_kept_where_every_limit_is_passed() -> None:
+    limit = ScoreLimit(figure="gospa_m", at_most=10.0)
+    passed, open_, failed = (
+        LimitVerdict.of_interval(limit, "known_gospa_m", Interval(*found), 1, "long a run")
+        for found in ((5.0, 4.0, 6.0), (9.0, 7.0, 11.0), (20.0, 19.0, 21.0))
+    )
+    assert mark_of("", [passed, passed]) == "kept"
+    assert mark_of("", [passed, open_]) == mark_of("", []) == ""
+    assert mark_of("", [passed, open_, failed]) == mark_of("dead", [passed]) == "broken"
+    assert open_.note == "as known; about 4 times as long a run would decide"
+    stamped = LimitVerdict.of_interval(limit, "gospa_m", Interval(5.0, 4.0, 6.0), 1, "long a run")
+    assert stamped.note == "as stamped"
 
 
 def test_html_is_one_file_the_same_to_the_byte(recording: Path, tmp_path: Path) -> None:

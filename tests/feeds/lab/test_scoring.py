@@ -132,6 +132,7 @@ def test_of_reports_that_somebody_received_latency_is_theirs() -> None:
     score = scored(given)
     assert score.as_known is None
     assert score.reports.latency_p95_s == pytest.approx(0.2)
+    assert score.reports.latency_max_s == pytest.approx(0.2)
     assert score.notes[0].startswith("1 of 122 reports have no time of receipt")
 
 
@@ -215,6 +216,13 @@ def test_a_late_beginning_is_told_from_entry_into_cover() -> None:
     given = [g for g in followed_well(flights) if g[0].t_utc_ns >= START_NS + 24 * NS]
     score = scored(given, truths_of(flights))
     assert [round(each.initiation_s, 1) for each in score.drones] == [24.2, 4.2]
+
+
+def test_the_first_report_is_not_the_last_before_the_next_step() -> None:
+    """Ten a second from 20.1 s on, each known 0.2 s later."""
+    often = [g for g in followed_well(period_s=0.1) if g[0].t_utc_ns > START_NS + 20.05 * NS]
+    score = scored(often)
+    assert [round(each.initiation_s, 1) for each in score.drones] == [20.3, 20.3]
 
 
 def test_tracks_of_no_drone_are_false() -> None:

@@ -64,6 +64,13 @@ def test_asterix_062() -> None:
     assert math.isnan(found[0].covariance_m2[2])
 
 
+def test_asterix_062_behind_another_category() -> None:
+    """A status of the tracker's, 065, in the same datagram."""
+    (block,) = TrackEncoder062(25, 10).blocks(TRACKS)
+    status = bytes([65, 0, 7, 0xC0, 25, 10, 1])
+    check(tracks_in(status + block, "", T_NS + NS, None), 180 / 2**25, 1.0)
+
+
 def test_asterix_062_by_x_and_y_counts_from_the_site() -> None:
     """SAC 1, SIC 2, time, X 1000 m, Y -500 m, track 7: FSPEC 010, 070, 100 and 040."""
     x, y = (2000).to_bytes(3, "big"), (-1000).to_bytes(3, "big", signed=True)

@@ -104,6 +104,37 @@ def test_raw_asterix_of_a_reference_is_of_the_day_of_the_tracks(tmp_path: Path) 
     assert told_score["figures"]["position_rms_m"] < 6.0
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".tsv"])
+def test_of_a_truth_without_heights_nothing_is_told_in_space(tmp_path: Path, suffix: str) -> None:
+    """Nor that the tracker's are wrong; and what has no place is counted, and spoils nothing."""
+    delimiter = "," if suffix == ".csv" else "\t"
+    rows = [row.split(",")[:4] for row in tracks_of(tmp_path / "x.csv").read_text().splitlines()]
+    rows[30][2], rows[31][2] = "200.0", "north"
+    reference = tmp_path / f"reference{suffix}"
+    reference.write_text("".join(delimiter.join(row) + "\n" for row in rows))
+    words = ["score", tracks_of(tmp_path / "t.csv"), "--truth", reference, "--json"]
+    told = json.loads(plotfeed_here(*words).stdout)
+    assert told["findings"] == []
+    assert told["figures"]["completeness"] > 0.95
+    for name in ("space_gospa_m", "height_rms_m", "bias_up_m"):
+        assert told["figures"][name] is None
+    assert told["notes"][:2] == [
+        f"reference{suffix}: 2 places of the truth cannot be used",
+        f"reference{suffix} does not tell all heights: nothing is told in space",
+    ]
+    done = plotfeed_here(*words, "--set", "dimensions=3")
+    assert done.returncode == 2
+    assert "dimensions = 3: the truth tells no heights" in done.stderr
+
+
+def test_logs_of_one_name_are_drones_of_their_own(tmp_path: Path) -> None:
+    paths = [tmp_path / folder / "uav.csv" for folder in ("one", "two", "three")]
+    for path in paths:
+        path.parent.mkdir()
+        log_of(path)
+    assert read_trial(paths).drones == ["uav", "uav uav", "uav uav uav"]
+
+
 def test_what_is_neither_a_log_nor_tracks_is_refused_in_a_line(tmp_path: Path) -> None:
     path = tmp_path / "x.csv"
     path.write_text("a,b\n1,2\n")
