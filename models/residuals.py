@@ -479,7 +479,9 @@ def plot_pairs(found: Candidates, reach: Floats, looks: int) -> PlotPairs:
     many there are.
     """
     quantities = found.error.shape[1]
-    usual = _medians(found.sigma)
+    # Medians; 0 of a quantity that is nowhere measured.
+    usual = np.array([np.median([0.0] if not len(of := c[np.isfinite(c)]) else of)
+                      for c in found.sigma.T])  # fmt: skip
     reach = np.fmax(reach, 4 * GATE * usual)
     has = np.isfinite(found.error)
     far = np.abs(found.error) > np.fmax(reach, 4 * GATE * found.sigma)
@@ -494,7 +496,10 @@ def plot_pairs(found: Candidates, reach: Floats, looks: int) -> PlotPairs:
     ratio = np.where(has, (error - centre) / sigma, 0.0)
     chosen, false_per_look = _NONE, 0.0
     for _ in range(ROUNDS):
-        chosen = _one_to_one(plot, look, ratio / gate)
+        # Pairs within the gate, by the least sum of squares.
+        inside = np.flatnonzero((np.abs(ratio / gate) <= 1).all(axis=1))
+        cost = ((ratio / gate)[inside] ** 2).sum(axis=1) - quantities - 1.0
+        chosen = inside[least_sum(plot[inside], look[inside], cost)]
         others = ~np.isin(plot, plot[chosen])
         false_per_look = _false_per_look(ratio[others], sigma[others, 0], gate, reach[0], looks)
         if false_per_look * looks > MOST_FALSE * max(len(chosen), 1):
@@ -522,13 +527,6 @@ def look_groups(axes: Sequence[tuple[Floats, float]]) -> Ints:
     return np.asarray(connected_components(links, directed=False)[1], np.int64)
 
 
-def _medians(sigma: Floats) -> Floats:
-    """Medians of each quantity; 0 of one that is nowhere measured."""
-    return np.array(
-        [np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in sigma.T]
-    )
-
-
 def _commonest(error: Floats, sigma: float) -> float:
     """The residual about which most are, unless about 0 there are nearly as many."""
     width = 2 * WINDOW * sigma
@@ -546,13 +544,6 @@ def _commonest(error: Floats, sigma: float) -> float:
     for _ in range(3):  # the window's own edges are chosen by chance
         middle = float(np.median(values[np.abs(values - middle) <= width]))
     return middle
-
-
-def _one_to_one(plot: Ints, look: Ints, share: Floats) -> Ints:
-    """Pairs within the gate, by the least sum of squares; rows."""
-    inside = np.flatnonzero((np.abs(share) <= 1).all(axis=1))
-    cost = (share[inside] ** 2).sum(axis=1) - share.shape[1] - 1.0
-    return inside[least_sum(plot[inside], look[inside], cost)]
 
 
 def _false_per_look(ratio: Floats, sigma: Floats, gate: Floats, reach: float, looks: int) -> float:

@@ -302,7 +302,8 @@ class FeedTally:
         """All that is expected, checked; with why what cannot be checked is not."""
         is_asked, nothing = self._against == "asked", not self._is_compared
         if nothing and not is_asked and not self.why_not:
-            self.why_not = self._why_nothing()
+            near = "no plots near targets, or none that tells directions or ranges"
+            self.why_not = near if self._plots else "no plots came"
         found = self.errors.checks("asked of each plot" if is_asked else self._no_time)
         if nothing:
             names = () if is_asked else (*REACH, "time")
@@ -330,11 +331,6 @@ class FeedTally:
             yield Check(
                 name=where, expected=at.expected, found=at.found, sigma=half, p=at.p, of=at.looks
             )
-
-    def _why_nothing(self) -> str:
-        if not self._plots:
-            return "no plots came"
-        return "no plots near targets, or none that tells directions or ranges"
 
     def _clutter(self) -> Check:
         why = self.why_no_clutter or (self.why_not if self._plots else "")

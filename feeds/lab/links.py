@@ -45,15 +45,11 @@ def p_of_losses(chain: LossChain, of: int, count: int) -> float:
             left >>= 1
         return log + math.log(float(vector.sum()))
 
-    return p_of_whole(count, _by_differences(log_moment), of)
-
-
-def _by_differences(log_moment: Callable[[float], float]) -> Callable[[float], Cumulants]:
     def cumulants(t: float) -> Cumulants:
         below, here, above = log_moment(t - STEP), log_moment(t), log_moment(t + STEP)
         return Cumulants(here, (above - below) / (2 * STEP), (above - 2 * here + below) / STEP**2)
 
-    return cumulants
+    return p_of_whole(count, cumulants, of)
 
 
 # Fates of messages that the model of loss let through.
@@ -342,7 +338,11 @@ def link_figures(sensor: str, number: int, of: LinkMessages, order: Order) -> Li
         last_utc_ns=int(first.due_utc_ns.max(initial=-(1 << 62))) if len(first) else 0,
         messages=len(first),
         sent=fates[pb.SENT],
-        asked=None if asked is None or asked.link.down else _asked_times(asked),
+        asked=None
+        if asked is None or asked.link.down
+        else _times(
+            asked.delay.mean_ms(), float(asked.delay.quantile_ms([1.0])[0]), asked.delay.quantile_ms
+        ),
         delivered=found_times(of.delays_ns),
         fit=_fit(asked, of),
         lateness=found_times(of.lateness_ns),
@@ -387,11 +387,6 @@ def found_times(times_ns: Ints) -> LatencyFigures:
 
     mean_ms = float(times_ns.sum(dtype=np.float64)) / n / 1e6 if n else math.nan
     return _times(mean_ms, float(in_order[-1]) / 1e6 if n else math.nan, quantiles_ms)
-
-
-def _asked_times(asked: LinkExpectation) -> LatencyFigures:
-    max_ms = float(asked.delay.quantile_ms([1.0])[0])
-    return _times(asked.delay.mean_ms(), max_ms, asked.delay.quantile_ms)
 
 
 def _fit(asked: LinkExpectation | None, of: LinkMessages) -> Fit:

@@ -137,7 +137,13 @@ def as_values(found: Needs) -> dict[str, Any]:
     """Findings for JSON."""
     return {
         "scene": found.scene,
-        "machine": _machine(),
+        "machine": {  # Where the times are from
+            "processor": processor(),
+            "cores": os.cpu_count(),
+            "system": platform.system(),
+            "python": platform.python_version(),
+            "numpy": version("numpy"),
+        },
         "matters": found.matters,
         "duration_s": found.duration_s,
         "runs": found.runs,
@@ -157,17 +163,6 @@ def as_values(found: Needs) -> dict[str, Any]:
         "cover": {
             name: {"with": one, "without": other} for name, (one, other) in found.covers.items()
         },
-    }
-
-
-def _machine() -> dict[str, Any]:
-    """Where the times are from."""
-    return {
-        "processor": processor(),
-        "cores": os.cpu_count(),
-        "system": platform.system(),
-        "python": platform.python_version(),
-        "numpy": version("numpy"),
     }
 
 

@@ -12,14 +12,14 @@ import numpy as np
 from plotfeed.feeds.lab.evidence import Evidence, SectorKey, WaitingPlots
 from plotfeed.feeds.lab.flights import Truths, stands_of
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run
-from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, ReportedTracks, TracksRead
+from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTracks, TracksRead
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.accuracy import polar_covariance_m2
 from plotfeed.models.constant_velocity import predicted, updated
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.state import Columns, Floats, Ints, Texts
 from plotfeed.models.track_metrics import FlightPath, overtaken
-from plotfeed.proto.ledger import ToldMessages, ToldPlots
+from plotfeed.proto.ledger import ToldPlots
 from plotfeed.proto.utc import NS
 
 LEAST_SIGMA_M, UNMEASURED_SIGMA_M = 0.1, 300.0
@@ -120,18 +120,16 @@ def recorded_plots(path: Path, scene: Scene | None) -> tuple[list[KnownPlots], i
             told = part.told
             truths = told.plots.rows(np.argsort(told.plots.entry, kind="stable"))
             ends = np.searchsorted(truths.entry, np.arange(len(part.keys) + 1)).tolist()
+            arrived_ns = np.full(len(part.keys), LATEST_NS)  # When the first message of each left
+            left = told.messages.rows(told.messages.delivered)
+            np.minimum.at(arrived_ns, left.entry, left.sent_utc_ns)
+            arrived_ns[arrived_ns == LATEST_NS] = UNKNOWN_NS
             for n, (key, a, b) in enumerate(zip(part.keys, ends[:-1], ends[1:], strict=True)):
                 if b > a:
-                    awaited.append((key, truths.between(a, b), _arrival_ns(told.messages, n)))
+                    awaited.append((key, truths.between(a, b), int(arrived_ns[n])))
             awaited = take(at_end=False)
         take(at_end=True)
     return found, placeless
-
-
-def _arrival_ns(messages: ToldMessages, entry: int) -> int:
-    """When the first message of an entry left."""
-    sent_ns = messages.sent_utc_ns[(messages.entry == entry) & messages.delivered]
-    return int(sent_ns.min()) if len(sent_ns) else UNKNOWN_NS
 
 
 def possible(

@@ -38,6 +38,7 @@ from plotfeed.feeds.lab.scoring import (
     Score,
     ScoreSettings,
     score_run,
+    stretches,
 )
 from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells, percent
 from plotfeed.feeds.lab.track_reports import read_tracks
@@ -209,8 +210,15 @@ def verdicts_of(score: Score, profile: ScoreProfile) -> list[LimitVerdict]:
 
     What sets of tracks are asked is of what was known at the time, where that is known.
     """
-    risk = RISK / len(profile.limit)
-    return [_verdict(score, limit, risk) for limit in profile.limit]
+    risk, found = RISK / len(profile.limit), []
+    for limit in profile.limit:
+        value, samples = _samples_of(score, limit)
+        figure = judged_figure(limit, is_known=score.as_known is not None)
+        bounds = Interval(value, math.nan, math.nan) if samples is None else samples.interval(risk)
+        of = len(samples.parts) if samples is not None and limit.figure in PARAMETERS else 0
+        unit = "" if samples is None else "long a run"
+        found.append(LimitVerdict.of_interval(limit, figure, bounds, of, unit))
+    return found
 
 
 def judged_figure(limit: ScoreLimit, *, is_known: bool) -> str:
@@ -231,15 +239,6 @@ def _samples_of(score: Score, limit: ScoreLimit) -> tuple[float, FigureSamples |
 def limit_value(score: Score, limit: ScoreLimit) -> float:
     """The figure that a limit is of; NaN where it is not known."""
     return _samples_of(score, limit)[0]
-
-
-def _verdict(score: Score, limit: ScoreLimit, risk: float) -> LimitVerdict:
-    value, samples = _samples_of(score, limit)
-    figure = judged_figure(limit, is_known=score.as_known is not None)
-    found = Interval(value, math.nan, math.nan) if samples is None else samples.interval(risk)
-    of = len(samples.parts) if samples is not None and limit.figure in PARAMETERS else 0
-    unit = "" if samples is None else "long a run"
-    return LimitVerdict.of_interval(limit, figure, found, of, unit)
 
 
 def update_share(score: Score, period_s: float) -> FigureSamples:
@@ -507,21 +506,17 @@ def charts(score: Score) -> dict[str, str]:
         drawn["NEES over its degrees of freedom: 1 for an honest tracker"] = _nees
     if np.isfinite(score.errors.latency_s).any():
         drawn["Latency of reports"] = _latency
-    return {title: _svg(draw, score) for title, draw in drawn.items()}
-
-
-def _svg(draw: Callable[[Any, Score], None], score: Score) -> str:
     settings: Any = {"svg.fonttype": "none", "font.size": 9.0}
-    with figure_of(INCHES, **settings) as figure:
-        axes = figure.subplots()
-        draw(axes, score)
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=8.5)
-        return svg_of(figure)
-
-
-def _since_s(score: Score) -> Floats:
-    return (score.over_time.t_utc_ns - score.start_utc_ns) / NS
+    beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
+    found = {}
+    for title, draw in drawn.items():
+        with figure_of(INCHES, **settings) as figure:
+            axes = figure.subplots()
+            draw(axes, score)
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(**beside, fontsize=8.5)
+            found[title] = svg_of(figure)
+    return found
 
 
 def _thinned(x: Floats, *columns: Floats) -> list[Floats]:
@@ -546,7 +541,7 @@ def _gospa(axes: Any, score: Score) -> None:
     steps, power = score.over_time.steps, 1.0 / score.settings.order
     total = (steps.localisation + steps.missed + steps.false) ** power
     x, total, location, missed, false = _thinned(
-        _since_s(score), total, steps.localisation**power, steps.missed**power, steps.false**power
+        score.since_s, total, steps.localisation**power, steps.missed**power, steps.false**power
     )
     axes.plot(x, missed, color=RED, lw=0.9, label="drones without a track")
     axes.plot(x, false, color=ORANGE, lw=0.9, label="tracks of no drone")
@@ -557,19 +552,15 @@ def _gospa(axes: Any, score: Score) -> None:
 
 def _drones(axes: Any, score: Score) -> None:
     shown, step_s = min(len(score.drones), MOST_DRONES), score.settings.step_s
-    since_s = _since_s(score)
+    since_s = score.since_s
     for n in range(shown):
         for there, colour, height in (
             (score.over_time.there[:, n], GREY, 0.7),
             (score.over_time.tracked[:, n], BLUE, 0.4),
         ):
-            edges = np.diff(np.concatenate([[0], there.astype(np.int8), [0]]))
-            begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-            stretches = [
-                (float(since_s[a]), float((b - a) * step_s))
-                for a, b in zip(begins, ends, strict=True)
-            ]
-            axes.broken_barh(stretches, (n - height / 2, height), color=colour, lw=0)
+            begins, ends = stretches(there[:, None])
+            bars = np.stack([since_s[begins], (ends - begins) * step_s], axis=1).tolist()
+            axes.broken_barh(bars, (n - height / 2, height), color=colour, lw=0)
     if shown <= 25:
         names = [plain_text(each.drone[:NAME]) for each in score.drones[:shown]]
         axes.set_yticks(range(shown), names)

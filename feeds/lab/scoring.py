@@ -398,6 +398,11 @@ class Score:
     places: Mapping[str, Floats]
 
     @property
+    def since_s(self) -> Floats:
+        """Times of the steps, (steps,), from the beginning on."""
+        return (self.over_time.t_utc_ns - self.start_utc_ns) / NS
+
+    @property
     def distances(self) -> str:
         """Which distances are meant throughout, in words."""
         return "over the ground" if self.settings.dimensions == 2 else "in space"
@@ -474,7 +479,9 @@ def drone_scores(
                 longest_s=following.longest_steps * step_s,
                 initiation_s=initiation_s,
                 alert_m=alert_m,
-                closest_m=_closest_m(path, protected),
+                closest_m=float("nan")
+                if protected is None or not len(path.t_utc_ns)
+                else float(_over_ground_m(path.position_ecef_m, protected).min()),
                 position_rms_m=_rms(apart_m),
                 position_p95_m=_p95(apart_m),
             )
@@ -498,6 +505,7 @@ def sensor_scores(
             own = np.flatnonzero(errors.drone == drone)
             of_errors[own] = covered_at(looks_ns, errors.t_utc_ns[own], path.gap_ns)
         apart_m, cover = errors.distance_m[of_errors], int(inside.sum())
+        begins, ends = stretches(inside & ~tracked)
         found.append(
             SensorScore(
                 sensor=name,
@@ -506,18 +514,16 @@ def sensor_scores(
                 completeness=int((inside & tracked).sum()) / cover if cover else float("nan"),
                 position_rms_m=_rms(apart_m),
                 position_p95_m=_p95(apart_m),
-                longest_gap_s=_longest(inside & ~tracked) * step_s,
+                longest_gap_s=int((ends - begins).max(initial=0)) * step_s,
             )
         )
     return found
 
 
-def _longest(missing: Bools) -> int:
-    """The most steps in a row at which a drone has no track, (steps, drones)."""
-    edge = np.zeros((1, missing.shape[1]), np.int8)
-    edges = np.diff(np.concatenate([edge, missing.astype(np.int8), edge]), axis=0).T
-    begins, ends = np.nonzero(edges == 1)[1], np.nonzero(edges == -1)[1]
-    return int((ends - begins).max()) if len(begins) else 0
+def stretches(flags: Bools) -> tuple[Ints, Ints]:
+    """Where flags (n, k) begin to hold and where they do not any more, column by column; (m,)."""
+    edges = np.diff(np.pad(flags.astype(np.int8), ((1, 1), (0, 0))), axis=0).T
+    return np.nonzero(edges == 1)[1], np.nonzero(edges == -1)[1]
 
 
 def _distance_at(
@@ -529,12 +535,6 @@ def _distance_at(
     place_m, _ = path.states_at(np.array([known_ns, stamped_ns]))
     each_m = _over_ground_m(place_m, protected)
     return float(each_m[0] if np.isfinite(each_m[0]) else each_m[1])
-
-
-def _closest_m(path: FlightPath, protected: LocalFrame | None) -> float:
-    if protected is None or not len(path.t_utc_ns):
-        return float("nan")
-    return float(_over_ground_m(path.position_ecef_m, protected).min())
 
 
 def _over_ground_m(place_m: Floats, protected: LocalFrame) -> Floats:

@@ -110,12 +110,15 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
         _check_felt(key.path)
     _check(settings)
     levels = levels_of(files, varied)
+    # Classes of distance are 1, 2 or 5 times a power of ten wide, by the furthest range of all.
+    widest_m = max(s.range_max_m for level in levels for s in scene_of(level).sensor) / CLASSES
+    power: float = 10.0 ** ceil(log10(widest_m) - 1)
     plan = RunPlan(
         duration_s=settings.duration,
         protect_enu_m=place_of(settings.protect),
         alert_plots=settings.alert_plots,
         alert_within_s=settings.alert_within,
-        bin_m=_class_m(levels),
+        bin_m=max(power * factor for factor in (1, 2, 5) if power * factor <= widest_m),
     )
     journal = settings.folder / NAME
     if not journal.exists():
@@ -144,21 +147,19 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
     if settings.is_one_table:
         shutil.rmtree(settings.folder)
     counts = {"levels": len(levels), "runs": settings.runs, "were_done": before}
+    were = f", {before} of which were done" if before else ""
     settings.tell(
         counts | {"figures": [each.as_json() for each in figures]},
-        _sweep_lines(figures, counts),
+        (
+            f"{len(levels)} level(s), {settings.runs} run(s) of each{were}\n",
+            *lines_of(figures),
+            "\nIn brackets: 95 % intervals, by the bootstrap over runs.",
+        ),
         [*settings.tables(TABLES).values(), *([picture] if picture else [])],
     )
     if picture is None and not settings.is_one_table and not settings.as_json:
         say("no chart: pip install 'plotfeed[charts]'")
     return 0
-
-
-def _sweep_lines(figures: Sequence[LevelFigures], counts: Mapping[str, int]) -> Iterator[str]:
-    were = f", {counts['were_done']} of which were done" if counts["were_done"] else ""
-    yield f"{counts['levels']} level(s), {counts['runs']} run(s) of each{were}\n"
-    yield from lines_of(figures)
-    yield "\nIn brackets: 95 % intervals, by the bootstrap over runs."
 
 
 def place_of(text: str | None) -> Enu:
@@ -201,13 +202,6 @@ def _check(settings: SweepSettings) -> None:
         need_extra("ray", "--ray", "fleet", load=False)
 
 
-def _class_m(levels: Sequence[SweepLevel]) -> float:
-    """A width of classes, 1, 2 or 5 times a power of ten, by the furthest range of all sensors."""
-    most_m = max(sensor.range_max_m for level in levels for sensor in scene_of(level).sensor)
-    power: float = 10.0 ** ceil(log10(most_m / CLASSES) - 1)
-    return max(power * factor for factor in (1, 2, 5) if power * factor <= most_m / CLASSES)
-
-
 INCHES_WIDE, INCHES_A_ROW = 15.0, 3.7
 # That are drawn.
 MOST_SENSORS = 6
@@ -225,7 +219,11 @@ def draw_sweep(
     shown, axis = sensors[:MOST_SENSORS], LevelAxis(levels)
     by = {(each.level.number, each.sensor): each for each in figures}
     size = INCHES_WIDE, INCHES_A_ROW * (1 + len(shown))
-    with figure_of(size, _sweep_title(levels, figures, len(sensors) - len(shown))) as figure:
+    names = ", ".join(dict.fromkeys(level.scene for level in levels))
+    runs = max((each.runs for each in figures), default=0)
+    more = f"; {left} more sensors, not drawn" if (left := len(sensors) - len(shown)) else ""
+    title = f"{names}: {len(levels)} levels of {runs} runs, bars 95 % over runs{more}"
+    with figure_of(size, plain_text(title)) as figure:
         grid = figure.subplots(1 + len(shown), 3, squeeze=False)
         _draw_figure(grid[0, 0], axis, by, None, ("Drones told of", "share", lambda f: f.alerted))
         _draw_figure(grid[0, 1], axis, by, None, ALERT)
@@ -234,7 +232,10 @@ def draw_sweep(
         for row, sensor in enumerate(shown, 1):
             _detection_by_distance(grid[row, 0], axis, levels, sensor, results)
             _draw_figure(grid[row, 1], axis, by, sensor, ALERT)
-            error = _told_error(by, sensor)
+            # The first error that the sensor has: those of bearings alone have none of range.
+            own = [each for (_, name), each in by.items() if name == sensor]
+            told = (e for e in ERRORS if any(np.isfinite(each.errors[e].value) for each in own))
+            error = next(told, ERRORS[0])
             unit = f"rms of {UNITS[error]}"
             errors = "Error of plots", unit, lambda f, error=error: f.errors[error]
             _draw_figure(grid[row, 2], axis, by, sensor, errors)
@@ -242,13 +243,6 @@ def draw_sweep(
 
 
 ALERT = "Alert", "metres from what is protected", attrgetter("alert_distance_m")
-
-
-def _told_error(by: Mapping[Any, LevelFigures], sensor: str) -> str:
-    """The first error that the sensor has at all: those of bearings alone have none of range."""
-    of = [each for (_, name), each in by.items() if name == sensor]
-    told = (e for e in ERRORS if any(np.isfinite(each.errors[e].value) for each in of))
-    return next(told, ERRORS[0])
 
 
 def _draw_figure(
@@ -285,15 +279,6 @@ def _detection_by_distance(
         axes.legend(frameon=False, fontsize=8.5)
     title = f"Detection: {printable(sensor)}"
     finish(axes, title, "true distance, km", "share of looks", drawn=drawn)
-
-
-def _sweep_title(
-    levels: Sequence[SweepLevel], figures: Sequence[LevelFigures], left_out: int
-) -> str:
-    names = ", ".join(dict.fromkeys(level.scene for level in levels))
-    runs = max((each.runs for each in figures), default=0)
-    more = f"; {left_out} more sensors, not drawn" if left_out else ""
-    return plain_text(f"{names}: {len(levels)} levels of {runs} runs, bars 95 % over runs{more}")
 
 
 # Figures of the printed table and the picture, with their titles and how they are printed: as known
@@ -480,19 +465,15 @@ def curve_lines(points: Sequence[CurvePoint], survived: Sequence[Survival]) -> I
 def curve_figure(points: Sequence[CurvePoint]) -> Iterator[Any]:
     """The picture."""
     axis = LevelAxis([point.level for point in points])
-    with figure_of(INCHES, _title(points)) as figure:
+    names = ", ".join(dict.fromkeys(point.tracker for point in points))
+    failed, runs = sum(len(point.failures) for point in points), sum(p.runs for p in points)
+    more = f"; failed in {failed}" if failed else ""
+    title = f"{names}: {runs} runs, bars 95 % over those of a level{more}"
+    with figure_of(INCHES, plain_text(title)) as figure:
         for axes, (name, (title, _)) in zip(figure.subplots(3, 3).flat, SHOWN.items(), strict=True):
             found = {point.level.number: point.figures[name] for point in points}
             draw_by_level(axes, axis, found, title, "")
         yield figure
-
-
-def _title(points: Sequence[CurvePoint]) -> str:
-    names = ", ".join(dict.fromkeys(point.tracker for point in points))
-    failed = sum(len(point.failures) for point in points)
-    runs = sum(point.runs for point in points)
-    more = f"; failed in {failed}" if failed else ""
-    return plain_text(f"{names}: {runs} runs, bars 95 % over those of a level{more}")
 
 
 def score_tracker(

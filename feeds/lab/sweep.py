@@ -17,7 +17,6 @@ from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.bootstrap import NOTHING, Interval, mean_interval, ratio_interval
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import FALSE_ALARM, OTHER, Bools, Floats, Ints
@@ -105,7 +104,10 @@ def arrivals_ns(seen: SimulatedSensor, seed: int, start_ns: int) -> Ints:
     outages count, and changes of it by events, as in a session of a sensor with one format.
     """
     sensor, due_ns = seen.sensor, seen.sectors.end_ns
-    links = [(start_ns + after_ns, link) for after_ns, link in _later_links(sensor)]
+    links: list[tuple[int, LinkSettings | None]] = [
+        (start_ns + after_ns, changed(sensor, *in_force(sensor.event, after_ns)).link)
+        for after_ns in instants_ns(sensor.event)
+    ]
     if sensor.link is None and all(link is None for _, link in links):
         return due_ns
     passing = Impairment(_without_octets(sensor.link), seed, sensor.id)
@@ -131,12 +133,6 @@ def arrivals_ns(seen: SimulatedSensor, seed: int, start_ns: int) -> Ints:
             at_ns, link = next(later)
         pass_on(i, t_utc_ns)
     return found
-
-
-def _later_links(sensor: Sensor) -> list[tuple[int, LinkSettings | None]]:
-    """What events make of a sensor's link, by nanoseconds after the beginning."""
-    times_ns = instants_ns(sensor.event)
-    return [(t, changed(sensor, *in_force(sensor.event, t)).link) for t in times_ns]
 
 
 def _without_octets(link: LinkSettings | None) -> LinkSettings:
@@ -176,7 +172,10 @@ class _RunFigures:
         looks = seen.looks.rows(self._is_drone[seen.looks.drone])
         plots = seen.plots
         is_hit = self._of_drones(plots.drone)
-        sector = _sectors_of(seen)
+        sectors, count = seen.sectors, seen.sensor.scan.sectors
+        sector = np.searchsorted(
+            sectors.scan * count + sectors.index, plots.scan * count + plots.sector
+        )
         left_ns = arrival_ns[sector]
         is_there = left_ns <= self._end_ns
         delays_ns = (left_ns - seen.sectors.end_ns[sector])[is_there]
@@ -273,15 +272,6 @@ class _RunFigures:
             edges = [i * bin_m, (i + 1) * bin_m]
             counts = [int(looks[i]), float(expected[i]), int(hits[i])]
             self.distances.append([sensor, *edges, *counts])
-
-
-def _sectors_of(seen: SimulatedSensor) -> Ints:
-    """The row of the sector that each plot is of; (n,)."""
-    sectors, plots, count = seen.sectors, seen.plots, seen.sensor.scan.sectors
-    found: Ints = np.searchsorted(
-        sectors.scan * count + sectors.index, plots.scan * count + plots.sector
-    )
-    return found
 
 
 def _rms(errors: Floats) -> float | None:

@@ -113,7 +113,11 @@ def run_tracker(job: RunJob) -> dict[str, Any]:
 
 
 async def _run(job: RunJob) -> dict[str, Any]:
-    scene, plan = _scene_of(job), job.plan
+    plan, scene = job.plan, scene_of(job.level)
+    # The run's seed; no truth, which no tracker is to know; and nothing leaves but to its broker.
+    general = scene.scene.model_copy(update={"seed": job.seed})
+    mqtt = scene.mqtt.model_copy(update={"truth": False})
+    scene = scene.model_copy(update={"scene": general, "mqtt": mqtt}).sent_to(WaysOut())
     start_ns, duration_s = span_of(scene, plan.duration_s)
     clock = WallClock(start_ns, speed=plan.speed)
     site = scene.scene.site
@@ -150,14 +154,6 @@ async def _run(job: RunJob) -> dict[str, Any]:
         "figures": figures,
         "limits": [limit_value(score, limit) for limit in plan.limits],
     }
-
-
-def _scene_of(job: RunJob) -> Scene:
-    """The scene of the level, with the run's seed; nothing of it leaves but to the run's broker."""
-    scene = scene_of(job.level)
-    general = scene.scene.model_copy(update={"seed": job.seed})
-    mqtt = scene.mqtt.model_copy(update={"truth": False})  # no tracker is to know it
-    return scene.model_copy(update={"scene": general, "mqtt": mqtt}).sent_to(WaysOut())
 
 
 class _Followed(Observer):
