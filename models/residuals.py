@@ -236,16 +236,11 @@ class _Fit:
         worst = float(self._inflation.max(initial=1.0))
         self._se_alone_s = math.sqrt(worst / self._alone) if self._alone > 0 else math.inf
 
-    @property
-    def is_confounded(self) -> bool:
-        """Whether lateness would be seen, were it not for systematic errors that look like it."""
-        return self._se_alone_s * BENEFIT <= SEEN_LATENESS_S < self.se_time_s * BENEFIT
-
     def why_no_time(self) -> str:
         """Why lateness is not judged; nothing if it is."""
         if self._se_alone_s * BENEFIT > SEEN_LATENESS_S:
             return "targets hardly move as the sensor sees them"
-        if self.is_confounded:
+        if self.se_time_s * BENEFIT > SEEN_LATENESS_S:
             return "on these paths lateness looks like a systematic error"
         return ""
 

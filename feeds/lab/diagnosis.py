@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plotfeed.feeds.lab.flights import Truths
-from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run, truth_beside
+from plotfeed.feeds.lab.scoring import Score, ScoreSettings, nearest_drones, score_run, truth_beside
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, ReportedTracks, TracksRead
 from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
 from plotfeed.models.joint_fit import FittedEffect, joint_fit
@@ -94,24 +94,13 @@ class _Look:
 
     def errors(self, rows: ReportedTracks) -> tuple[Ints, Floats, Floats, Floats]:
         """The nearest drone, errors east, north and up, of velocity, and true velocities."""
-        n = len(rows)
-        place = (rows.latitude_deg, rows.longitude_deg)
         with np.errstate(invalid="ignore"):
-            point = self._level.points(*place, rows.height_m)
-        least, drone = np.full(n, np.inf), np.zeros(n, np.int64)
-        error, velocity, true_velocity = (np.full((n, 3), np.nan) for _ in range(3))
-        for number in range(len(self._truths.paths)):
-            whose = np.full(n, number)
-            true = truth_beside(self._truths, whose, rows.t_utc_ns, self._level)
-            apart = point - true.point
-            distance = np.sqrt((apart[:, :3] ** 2).sum(axis=1))
-            nearer = distance < least
-            least[nearer], drone[nearer] = distance[nearer], number
-            along = along_enu(apart, true.latitude_deg, true.longitude_deg)
-            error[nearer] = along[nearer]
-            true_velocity[nearer] = true.velocity_enu_m_s[nearer]
-            velocity[nearer] = (rows.velocity_enu_m_s - true.velocity_enu_m_s)[nearer]
-        return drone, error, velocity, true_velocity
+            point = self._level.points(rows.latitude_deg, rows.longitude_deg, rows.height_m)
+        _, drone = nearest_drones(self._truths, rows.t_utc_ns, point, self._level)
+        true = truth_beside(self._truths, drone, rows.t_utc_ns, self._level)
+        error = along_enu(point - true.point, true.latitude_deg, true.longitude_deg)
+        velocity = true.velocity_enu_m_s
+        return drone, error, rows.velocity_enu_m_s - velocity, velocity
 
     def costs(self, rows: ReportedTracks) -> Floats:
         """How wrong each report is, (n,): one that is where no drone is, more than any other."""
@@ -167,7 +156,12 @@ class _Look:
             "latitude and longitude are exchanged",
             lambda of: of.but(latitude_deg=of.longitude_deg, longitude_deg=of.latitude_deg),
         )
-        yield "places are in radians", _in_degrees
+        yield (
+            "places are in radians",
+            lambda of: of.but(
+                latitude_deg=np.degrees(of.latitude_deg), longitude_deg=np.degrees(of.longitude_deg)
+            ),
+        )
         _, error, _, _ = self.errors(rows)
         apart = np.hypot(error[:, 0], error[:, 1])
         if float(np.median(np.nan_to_num(apart, nan=np.inf))) < GROSS_M:
@@ -250,12 +244,6 @@ def _higher(by_m: float) -> Change:
 
 def _faster(factors: list[float]) -> Change:
     return lambda of: of.but(velocity_enu_m_s=of.velocity_enu_m_s * np.array(factors))
-
-
-def _in_degrees(of: ReportedTracks) -> ReportedTracks:
-    return of.but(
-        latitude_deg=np.degrees(of.latitude_deg), longitude_deg=np.degrees(of.longitude_deg)
-    )
 
 
 # Of an effect: what is so, by how much, and how it is called where it is another's.

@@ -209,11 +209,6 @@ class AskedSensor:
         """Nanoseconds by which its clock is to be ahead."""
         return 0 if self.keys.bias is None else round(self.keys.bias.time_offset_s * NS)
 
-    @property
-    def merges(self) -> bool:
-        """Whether echoes that are near each other are to make one plot."""
-        return getattr(self.model, "merging", None) is not None
-
     @cached_property
     def error_factor(self) -> float | Floats:
         """Errors over the stated ones; NaN where plots do not err by what they state."""
@@ -491,9 +486,9 @@ class Evidence:
             for (topic, stage), whose in self.carriers.items()
         }
 
-    def parts(self, *, with_plots: bool = True) -> Iterator[EvidencePart]:
+    def parts(self) -> Iterator[EvidencePart]:
         """All of it, in the order of the file, some messages at a time."""
-        series = {*self._truths, *(self.carriers if with_plots else ())}
+        series = {*self._truths, *self.carriers}
         found = self.log.messages(topics={t for t, _ in series}, stages={s for _, s in series})
         octets = self._path.stat().st_size
         messages = with_progress(found, self._path.name, self._file.tell, octets)
@@ -503,7 +498,7 @@ class Evidence:
             carried = (m for m, key in zip(several, of, strict=True) if key in self.carriers)
             told, keys = self._new(ledgers)
             plots = sector_plots(carried, lambda m: self.carriers[m.topic, m.stage])
-            yield EvidencePart(told, keys, list(plots) if with_plots else [])
+            yield EvidencePart(told, keys, list(plots))
 
     def _new(self, ledgers: Sequence[Recorded]) -> tuple[LedgerTables, list[SectorKey]]:
         """Entries that were not there before."""

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from plotfeed.feeds.lab.evidence import Evidence
 from plotfeed.feeds.lab.track_reports import (
     TABLES,
     UNKNOWN_NS,
@@ -30,7 +29,7 @@ from plotfeed.models.state import AltitudeReference, Floats, Ints
 from plotfeed.models.track_metrics import FlightPath
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import LedgerTables, ToldLooks
-from plotfeed.proto.utc import DAY_NS, NS
+from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT
 
@@ -227,31 +226,6 @@ def scene_of(path: Path) -> Scene | None:
             return recorded_scene(path, log)
     except PlotfeedError:
         return None
-
-
-def read_truths(path: Path, scene: Scene | None = None) -> Truths:
-    """The flights that the ledger in a recording tells of, live or in simulated time.
-
-    Sensors stand where the scene says, the one given or the recording's own, or else where their
-    descriptions in the recording do. Raises `PlotfeedError` if it is no MCAP, or holds no ledger,
-    and `OSError`.
-    """
-    with Evidence.of(path) as evidence:
-        scene = scene or scene_of(path)
-        tally = FlightsTally(*stands_of(evidence.log, scene))
-        for part in evidence.parts(with_plots=False):
-            tally.add(part.told)
-        found = evidence.unreadable
-        notes = [f"{found} entries are no ledger and are left out"] if found else []
-        if damage := len(evidence.log.damage):
-            notes.append(f"the recording is damaged in {damage} places, which are left out")
-        summary = evidence.log.summary()
-        return tally.truths(
-            ((summary.start_ns or 0) - DAY_NS, (summary.end_ns or 0) + DAY_NS),
-            site=None if scene is None else site_frame(scene.scene.site),
-            scene="" if scene is None else scene.scene.name,
-            notes=notes,
-        )
 
 
 def stands_of(log: McapReader, scene: Scene | None) -> tuple[dict[str, LocalFrame], float]:

@@ -343,7 +343,14 @@ async def scoring(
             number += 1
             if on_score is not None:
                 on_score(found)
-            message = score_message(scene.mqtt.prefix, found, number, now_ns)
+            prefix = scene.mqtt.prefix
+            message = Message(
+                topic=f"{prefix}/{TOPIC}",
+                payload=json.dumps(found).encode(),
+                content_type=JSON,
+                due_utc_ns=now_ns,
+                properties=attributes(prefix, TOPIC, str(number), now_ns),
+            )
             outbox.send_past_link(message)
 
     tasks = [asyncio.create_task(link.run(), name="score-link") for link in links]
@@ -354,17 +361,6 @@ async def scoring(
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-
-def score_message(prefix: str, score: dict[str, Any], number: int, now_utc_ns: int) -> Message:
-    """A score as it is published."""
-    return Message(
-        topic=f"{prefix}/{TOPIC}",
-        payload=json.dumps(score).encode(),
-        content_type=JSON,
-        due_utc_ns=now_utc_ns,
-        properties=attributes(prefix, TOPIC, str(number), now_utc_ns),
-    )
 
 
 async def run_scored(

@@ -520,6 +520,10 @@ def needs_of(
     of_all = sum(len(run.chances) for run in as_it_is) or 1
     with_all, *without = np.sum(covered, axis=0) / of_all
     figures = np.mean([run.figures for run in as_it_is], axis=0)
+    needed = []  # By each, until its widest interval is as narrow as the share that matters
+    for name, found in findings.items():
+        widest = max(((c.share_high - c.share_low) / 2 for c in found.changes), default=0.0)
+        needed.append(max(FIRST_RUNS, math.ceil(len(others[name]) * (widest / matters) ** 2)))
     return Needs(
         scene=scene.scene.name,
         matters=matters,
@@ -531,9 +535,7 @@ def needs_of(
             sensor.id: (float(with_all), float(left))
             for sensor, left in zip(scene.sensor, without, strict=True)
         },
-        runs_needed=max(
-            (_runs_needed(f, len(others[name]), matters) for name, f in findings.items()), default=2
-        ),
+        runs_needed=max(needed, default=2),
         as_it_is={
             sensor.id: dict(zip(METRICS, figures[i].tolist(), strict=True))
             for i, sensor in enumerate(scene.sensor)
@@ -591,12 +593,6 @@ def _interval(values: Floats, risk: float) -> tuple[float, float, float]:
         return mean, mean, mean
     half = float(stdtrit(n - 1, 1 - risk / 2) * values.std(ddof=1) / np.sqrt(n))
     return mean, mean - half, mean + half
-
-
-def _runs_needed(found: Finding, runs: int, matters: float) -> int:
-    """Runs after which its widest interval would be as narrow as the share that matters."""
-    halves = [(c.share_high - c.share_low) / 2 for c in found.changes]
-    return max(FIRST_RUNS, math.ceil(runs * (max(halves, default=0.0) / matters) ** 2))
 
 
 def on_front(costs: Floats, sizes: Floats) -> Ints:

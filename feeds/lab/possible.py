@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from plotfeed.feeds.lab.evidence import Evidence, SectorKey, WaitingPlots
-from plotfeed.feeds.lab.flights import Truths, stands_of
+from plotfeed.feeds.lab.flights import FlightsTally, Truths, scene_of, stands_of
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run
 from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTracks, TracksRead
+from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.accuracy import polar_covariance_m2
 from plotfeed.models.constant_velocity import predicted, updated
@@ -20,7 +21,7 @@ from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.state import Columns, Floats, Ints, Texts
 from plotfeed.models.track_metrics import FlightPath, overtaken
 from plotfeed.proto.ledger import ToldPlots
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import DAY_NS, NS
 
 LEAST_SIGMA_M, UNMEASURED_SIGMA_M = 0.1, 300.0
 # Standard deviation of a velocity before anything is known of it.
@@ -89,56 +90,79 @@ def plots_of(
     return found, int(np.count_nonzero(own)) - len(which)
 
 
-def recorded_plots(path: Path, scene: Scene | None) -> tuple[list[KnownPlots], int]:
-    """Plots of drones in a recording, and how many have no place.
+class RecordedRun(NamedTuple):
+    """What a recording tells of a run: where drones were, and their plots."""
 
-    Raises `PlotfeedError` if it holds no ledger, and `OSError`.
+    truths: Truths
+    plots: Sequence[KnownPlots] = ()
+    placeless: int = 0  # Plots of drones that have no place
+
+
+def read_run(path: Path, scene: Scene | None = None) -> RecordedRun:
+    """The flights that a recording's ledger tells of, live or in simulated time, and the plots.
+
+    Sensors stand where the scene says, the one given or the recording's own, or else where their
+    descriptions in the recording do. Raises `PlotfeedError` if it is no MCAP, or holds no ledger,
+    and `OSError`.
     """
     found: list[KnownPlots] = []
     placeless, waiting = 0, WaitingPlots()
     with Evidence.of(path) as evidence:
-        frames, _ = stands_of(evidence.log, scene)
+        scene = scene or scene_of(path)
+        frames, longest_s = stands_of(evidence.log, scene)
+        tally = FlightsTally(frames, longest_s)
         awaited: list[tuple[SectorKey, ToldPlots, int]] = []
 
         def take(*, at_end: bool) -> list[tuple[SectorKey, ToldPlots, int]]:
             nonlocal placeless
             left = []
-            for key, truth, arrived_ns in awaited:
+            for key, truth, came_ns in awaited:
                 if not at_end and waiting.count(key) < len(truth):
-                    left.append((key, truth, arrived_ns))
+                    left.append((key, truth, came_ns))
                     continue
                 plots = waiting.take(key, truth.t_utc_ns)
                 if plots is not None and key.sensor in frames:
-                    own, without = plots_of(truth.drone, plots, frames[key.sensor], arrived_ns)
+                    own, without = plots_of(truth.drone, plots, frames[key.sensor], came_ns)
                     found.append(own)
                     placeless += without
             return left
 
         for part in evidence.parts():
+            tally.add(part.told)
             for plots in part.plots:
                 waiting.add(plots)
             told = part.told
             truths = told.plots.rows(np.argsort(told.plots.entry, kind="stable"))
             ends = np.searchsorted(truths.entry, np.arange(len(part.keys) + 1)).tolist()
             arrived_ns = np.full(len(part.keys), LATEST_NS)  # When the first message of each left
-            left = told.messages.rows(told.messages.delivered)
-            np.minimum.at(arrived_ns, left.entry, left.sent_utc_ns)
+            sent = told.messages.rows(told.messages.delivered)
+            np.minimum.at(arrived_ns, sent.entry, sent.sent_utc_ns)
             arrived_ns[arrived_ns == LATEST_NS] = UNKNOWN_NS
             for n, (key, a, b) in enumerate(zip(part.keys, ends[:-1], ends[1:], strict=True)):
                 if b > a:
                     awaited.append((key, truths.between(a, b), int(arrived_ns[n])))
             awaited = take(at_end=False)
         take(at_end=True)
-    return found, placeless
+        wrong, damage = evidence.unreadable, len(evidence.log.damage)
+        notes = [f"{wrong} entries are no ledger and are left out"] if wrong else []
+        if damage:
+            notes.append(f"the recording is damaged in {damage} places, which are left out")
+        summary = evidence.log.summary()
+        of_run = tally.truths(
+            ((summary.start_ns or 0) - DAY_NS, (summary.end_ns or 0) + DAY_NS),
+            site=None if scene is None else site_frame(scene.scene.site),
+            scene="" if scene is None else scene.scene.name,
+            notes=notes,
+        )
+    return RecordedRun(of_run, found, placeless)
 
 
-def possible(
-    truths: Truths, plots: Sequence[KnownPlots], placeless: int, score: Score
-) -> Possible | None:
+def possible(run: RecordedRun, score: Score) -> Possible | None:
     """What could have been made of the plots; None where none of them has a place."""
-    joined = KnownPlots.joined([each for each in plots if len(each)]) if any(plots) else None
-    if joined is None:
+    truths, parts = run.truths, [each for each in run.plots if len(each)]
+    if not parts:
         return None
+    joined = KnownPlots.joined(parts)
     how, p = score.settings.model_copy(update={"counts_tentative": True}), score.settings.order
     all_of, _ = _followed(truths, joined.but(arrived_utc_ns=joined.t_utc_ns), how)
     came, bound_m = _followed(truths, joined.rows(joined.arrived_utc_ns != UNKNOWN_NS), how)
@@ -153,7 +177,7 @@ def possible(
         completeness=best.as_stamped.completeness,
         position_rms_m=linked.reports.position_rms_m,
         bound_m=bound_m,
-        placeless=placeless,
+        placeless=run.placeless,
     )
 
 

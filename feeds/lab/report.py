@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from math import isfinite
 from pathlib import Path
 from textwrap import wrap
@@ -82,10 +81,6 @@ def feed_lines(told: FeedReport) -> Iterator[str]:
     )
 
 
-def _fate(name: str, link: LinkFigures) -> int:
-    return link.other_fates[name]
-
-
 NAMED = (TextColumn("sensor", "sensor"), TextColumn("link", "number", "d"))  # Of links
 
 
@@ -134,29 +129,28 @@ def _link_tables(told: FeedReport) -> Iterator[str]:
     yield from Table(title, copies, told.links, groups).lines()
     some = [link for link in told.links if any(link.other_fates.values())]
     if some:
-        fates = [
-            TextColumn(name.replace("_", " "), partial(_fate, name), "d")
-            for name in some[0].other_fates
-        ]
+
+        def fate(name: str) -> Callable[[LinkFigures], int]:
+            return lambda link: link.other_fates[name]
+
+        fates = [TextColumn(n.replace("_", " "), fate(n), "d") for n in some[0].other_fates]
         yield from Table("Messages that did not leave otherwise", [*NAMED, *fates], some).lines()
 
 
 def _delays(told: FeedReport) -> Iterator[str]:
-    rows = [row for link in told.links for row in _delay_rows(link)]
+    rows: list[Row] = []
+    for link in told.links:
+        name, fit, sent = printable(link.sensor), link.fit, str(link.sent)
+        why = f"not compared: {fit.not_comparable}" if fit.not_comparable else ""
+        rows.append((name, str(link.number), "asked", "", *_times(link.asked), "", "", why))
+        fits = number(fit.distance, ".4f"), number(fit.p_value, ".2g")
+        rows.append(("", "", "delivered", sent, *_times(link.delivered), *fits, ""))
+        fits = number(fit.link_distance, ".4f"), number(fit.link_p_value, ".2g")
+        by_link = "of the link alone" if fits[0] != NOTHING else ""
+        rows.append(("", "", "engine late", "", *_times(link.lateness), *fits, by_link))
     header = ("sensor", "link", "", "messages", "mean", "p50", "p90", "p99", "max", "KS", "p", "")
     title = "Delay from being handed over to sending, ms"
     yield from table(title, header, rows, "<><>>>>>>>><", {9: "distance from the law"})
-
-
-def _delay_rows(link: LinkFigures) -> Iterator[Row]:
-    name, fit, sent = printable(link.sensor), link.fit, str(link.sent)
-    why = f"not compared: {fit.not_comparable}" if fit.not_comparable else ""
-    yield name, str(link.number), "asked", "", *_times(link.asked), "", "", why
-    fits = number(fit.distance, ".4f"), number(fit.p_value, ".2g")
-    yield "", "", "delivered", sent, *_times(link.delivered), *fits, ""
-    fits = number(fit.link_distance, ".4f"), number(fit.link_p_value, ".2g")
-    by_link = "of the link alone" if fits[0] != NOTHING else ""
-    yield "", "", "engine late", "", *_times(link.lateness), *fits, by_link
 
 
 def _times(times: LatencyFigures | None) -> Iterator[str]:
@@ -208,6 +202,13 @@ def checks_columns(verdicts: Verdicts, *, with_links: bool) -> Sequence[TextColu
             return f"not judged: {check.why_not or 'too few'}"
         return differs(verdicts) if check.wrong else "ok"
 
+    def z(row: tuple[str, Check]) -> str:
+        """Standard deviations, where they say anything; what cannot be by chance never is."""
+        check = row[1]
+        if check.p == 0:
+            return "never"
+        return NOTHING if check.is_never else number(check.z, "+.1f")
+
     def of(name: str) -> Callable[[tuple[str, Check]], Any]:
         return lambda row: getattr(row[1], name)
 
@@ -220,17 +221,10 @@ def checks_columns(verdicts: Verdicts, *, with_links: bool) -> Sequence[TextColu
         TextColumn("found", of("found"), ".4g"),
         TextColumn("+-", of("sigma"), ".2g"),
         TextColumn("", of("unit")),
-        TextColumn("z", lambda row: _z(row[1]), "s"),
+        TextColumn("z", z, "s"),
         TextColumn("of", of("of"), "d"),
         TextColumn("", verdict),
     )
-
-
-def _z(check: Check) -> str:
-    """Standard deviations, where they say anything; what cannot be by chance never is."""
-    if check.p == 0:
-        return "never"
-    return NOTHING if check.is_never else number(check.z, "+.1f")
 
 
 def _whence(sensor: SensorFigures, verdicts: Verdicts) -> str:
@@ -459,8 +453,17 @@ def _legend(axes: Any, chosen: Chosen) -> None:
         Line2D([], [], color=INK, lw=1.1, marker="o", ms=3.5, label="delivered, bars: 95 %"),
     ]
     for colour, link in chosen.links:
-        text = f"{link.sensor}, link {link.number}: {link_text(link.link)}; {_delay_verdict(link)}"
-        handles.append(Line2D([], [], color=colour, lw=3, label=_fit_in(text)))
+        fit, how = link.fit, ""
+        if fit.not_comparable or not isfinite(fit.p_value):
+            how = f"delay not compared: {fit.not_comparable or 'too few'}"
+        else:  # whether the delays can be those that were asked for
+            how = f"delay: KS {fit.distance:.4f}, p {fit.p_value:.2g}"
+        text = f"{link.sensor}, link {link.number}: {link_text(link.link)}; {how}"
+        several = wrap(printable(text), LEGEND_LETTERS, break_on_hyphens=False)
+        if len(several) > LEGEND_LINES:
+            several = [*several[: LEGEND_LINES - 1], f"... {several[-1]}"]
+        label = "\n".join(several).replace("$", r"\$")
+        handles.append(Line2D([], [], color=colour, lw=3, label=label))
     if not chosen.links:
         handles += [
             Line2D([], [], color=colour, lw=3, label=printable(sensor.sensor))
@@ -469,22 +472,6 @@ def _legend(axes: Any, chosen: Chosen) -> None:
     if chosen.left_out:
         handles.append(Line2D([], [], lw=0, label=f"and {chosen.left_out} more, not drawn"))
     axes.legend(handles=handles, loc="upper left", frameon=False, fontsize=9, labelspacing=0.9)
-
-
-def _delay_verdict(link: LinkFigures) -> str:
-    """A verdict on whether the delays can be those that were asked for."""
-    fit = link.fit
-    if fit.not_comparable or not isfinite(fit.p_value):
-        return f"delay not compared: {fit.not_comparable or 'too few'}"
-    return f"delay: KS {fit.distance:.4f}, p {fit.p_value:.2g}"
-
-
-def _fit_in(text: str) -> str:
-    """Some lines of it; matplotlib takes a dollar for mathematics."""
-    lines = wrap(printable(text), LEGEND_LETTERS, break_on_hyphens=False)
-    if len(lines) > LEGEND_LINES:
-        lines = [*lines[: LEGEND_LINES - 1], f"... {lines[-1]}"]
-    return "\n".join(lines).replace("$", r"\$")
 
 
 DAMAGED = 2

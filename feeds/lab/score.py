@@ -24,11 +24,11 @@ from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
 from plotfeed.feeds.lab.diagnosis import Diagnosis, diagnosed
-from plotfeed.feeds.lab.flights import read_trial, read_truths, scene_of
+from plotfeed.feeds.lab.flights import read_trial, scene_of
 from plotfeed.feeds.lab.gathering import judged_recording
 from plotfeed.feeds.lab.lab_settings import ScoreOptions
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
-from plotfeed.feeds.lab.possible import Possible, possible, recorded_plots, told_of
+from plotfeed.feeds.lab.possible import Possible, RecordedRun, possible, read_run, told_of
 from plotfeed.feeds.lab.report import feed_lines
 from plotfeed.feeds.lab.scoring import (
     FIGURE_NAMES,
@@ -732,21 +732,21 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
         times_ns = read_tracks(file, scene, options.topics).reports.t_utc_ns
         dated_ns = times_ns[times_ns > 2 * DAY_NS]  # those of raw files are of no day
         midnight_ns = int(dated_ns.min()) // DAY_NS * DAY_NS if len(dated_ns) else 0
-        truths = read_trial(options.truth, scene, date_utc_ns=midnight_ns)
+        run = RecordedRun(read_trial(options.truth, scene, date_utc_ns=midnight_ns))
     else:
-        truths = read_truths(recording, scene)
+        run = read_run(recording, scene)
+    truths = run.truths
     midnight_ns = truths.start_utc_ns // DAY_NS * DAY_NS
     tracks = read_tracks(file, scene, options.topics, date_utc_ns=midnight_ns)
     score = score_run(truths, tracks, settings)
     verdicts = [] if profile is None else verdicts_of(score, profile)
-    plots = ([], 0) if options.truth else recorded_plots(recording, scene)
     told = ScoreReport(
         score=score,
         title="" if profile is None else profile.profile.title,
         note="" if profile is None else profile.profile.note,
         verdicts=verdicts,
         diagnosis=diagnosed(truths, tracks, settings),
-        possible=possible(truths, *plots, score),
+        possible=possible(run, score),
     )
     publish(told, options)
     return KEPT if told.is_kept else BROKEN

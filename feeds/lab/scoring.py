@@ -174,33 +174,29 @@ class ReportErrors(Columns):
     from_sensors_m: Floats
 
 
-class Located(NamedTuple):
-    """Flights and reports, with the grid and the level that both are on."""
-
-    truths: Truths
-    tracks: UsableTracks
-    grid: Grid
-    level: Level
-
-    def beside(self, of: Assigned | GridRows, values: Ints) -> Ints:
-        """What stands beside each report's track at the first step not before it, (n,)."""
-        reports, count = self.tracks.reports, max(len(self.tracks.names), 1)
-        keys, step = of.step * count + of.track, self.grid.at_or_after(reports.t_utc_ns)
-        wanted = step * count + reports.track
-        found = np.full(len(wanted), NOBODY)
-        if len(keys):
-            at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-            good = (keys[at] == wanted) & (step >= 0) & (step < self.grid.steps)
-            found[good] = values[at[good]]
-        return found
+def _beside_reports(
+    grid: Grid, tracks: UsableTracks, of: Assigned | GridRows, values: Ints
+) -> Ints:
+    """What stands beside each report's track at the first step not before it, (n,)."""
+    reports, count = tracks.reports, max(len(tracks.names), 1)
+    keys, step = of.step * count + of.track, grid.at_or_after(reports.t_utc_ns)
+    wanted = step * count + reports.track
+    found = np.full(len(wanted), NOBODY)
+    if len(keys):
+        at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+        good = (keys[at] == wanted) & (step >= 0) & (step < grid.steps)
+        found[good] = values[at[good]]
+    return found
 
 
-def report_errors(located: Located, assigned: Assigned, dimensions: int) -> ReportErrors:
+def report_errors(
+    truths: Truths, field: _Field, tracks: UsableTracks, assigned: Assigned, dimensions: int
+) -> ReportErrors:
     """Errors of the reports of assigned tracks; a number in two places at once counts for none."""
-    truths, tracks, _, level = located
     reports = tracks.reports
-    drone = np.where(tracks.leaps, NOBODY, located.beside(assigned, assigned.drone))
-    true = truth_beside(truths, drone, reports.t_utc_ns, level)
+    own = _beside_reports(field.grid, tracks, assigned, assigned.drone)
+    drone = np.where(tracks.leaps, NOBODY, own)
+    true = truth_beside(truths, drone, reports.t_utc_ns, field.level)
     there = np.flatnonzero((drone != NOBODY) & np.isfinite(true.point[:, 0]))
     error_m = along_enu(
         reports.point[there] - true.point[there],
@@ -228,17 +224,6 @@ def report_errors(located: Located, assigned: Assigned, dimensions: int) -> Repo
     )
 
 
-def distances_to_nearest_m(located: Located, rows: GridRows, nearest: Ints) -> Floats:
-    """How far over the ground each usable report is from the drone nearest to its track, (n,).
-
-    `nearest` says which that is, for each of the grid's rows. NaN where no drone was there.
-    """
-    reports = located.tracks.reports
-    drone = located.beside(rows, nearest)
-    true = truth_beside(located.truths, drone, reports.t_utc_ns, located.level)
-    return distance_m(reports.point[:, :3] - true.point[:, :3])
-
-
 def truth_beside(truths: Truths, drone: Ints, t_utc_ns: Ints, level: Level) -> TrueStates:
     """Where each row's drone was at each row's time, (n,)."""
     place_m, velocity_m_s = np.full((len(drone), 3), np.nan), np.full((len(drone), 3), np.nan)
@@ -251,6 +236,22 @@ def truth_beside(truths: Truths, drone: Ints, t_utc_ns: Ints, level: Level) -> T
     if not truths.has_height:
         found.point[:, GROUND] = np.nan
     return found
+
+
+def nearest_drones(
+    truths: Truths, t_utc_ns: Ints, point: Floats, level: Level
+) -> tuple[Floats, Ints]:
+    """How far over the ground points (n, 4) are from the nearest drone then, and which it is, (n,).
+
+    Infinite, and nobody, where no drone was there.
+    """
+    least, drone = np.full(len(point), np.inf), np.full(len(point), NOBODY)
+    for number in range(len(truths.paths)):
+        true = truth_beside(truths, np.full(len(point), number), t_utc_ns, level)
+        apart_m = distance_m(point[:, :3] - true.point[:, :3])
+        nearer = apart_m < least
+        least[nearer], drone[nearer] = apart_m[nearer], number
+    return least, drone
 
 
 class Figures(dict[str, float]):
@@ -394,7 +395,8 @@ class Score:
     over_time: OverTime
     # From each usable report to the drone that was nearest, over the ground; NaN for none.
     nearest_m: Floats
-    # East and north of the middle, (n, 2), of drones, those without a track, and false tracks.
+    # East and north of the site, or else of the middle, (n, 2): of drones with a track and without,
+    # and of false tracks.
     places: Mapping[str, Floats]
 
     @property
@@ -619,6 +621,8 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
     nearness_m = -np.where(seen, [d.alert_m for d in drones], [d.closest_m for d in drones])
     is_false = np.ones(len(rows), np.bool_)
     is_false[walked.assigned.row] = False
+    nearest = _beside_reports(field.grid, usable, rows, walked.nearest)
+    near = truth_beside(truths, nearest, usable.reports.t_utc_ns, field.level)
     return Score(
         scene=truths.scene,
         source=tracks.source,
@@ -635,7 +639,7 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
         tracks=len(usable.names),
         false_tracks=len(usable.names) - len(np.unique(segments.track)),
         initiation_median_s=survival_quantile(waited_s, seen),
-        alert_median_m=_nearer(survival_quantile(nearness_m, seen)),
+        alert_median_m=max(-survival_quantile(nearness_m, seen), 0.0),
         never_tracked=int(np.count_nonzero(~seen)),
         silent_s=silent_s,
         left_out=usable.counts,
@@ -649,17 +653,15 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
             tracked=tracked,
             stays_utc_ns=[stays_of(p.t_utc_ns, p.gap_ns) for p in truths.paths],
         ),
-        nearest_m=distances_to_nearest_m(
-            Located(truths, usable, field.grid, field.level), rows, walked.nearest
-        ),
-        places=_places(
-            {
-                "drones with a track": field.states.point[tracked][:, :3],
-                "drones without a track": field.states.point[field.there & ~tracked][:, :3],
-                "tracks of no drone": rows.point[is_false][:, :3],
-            },
-            truths,
-        ),
+        nearest_m=distance_m(usable.reports.point[:, :3] - near.point[:, :3]),
+        places={
+            name: (truths.site or truths.middle).from_ecef(points[:, :3])[:, :2]
+            for name, points in (
+                ("drones with a track", field.states.point[tracked]),
+                ("drones without a track", field.states.point[field.there & ~tracked]),
+                ("tracks of no drone", rows.point[is_false]),
+            )
+        },
     )
 
 
@@ -684,22 +686,14 @@ def _are_scored(
 ) -> Bools:
     """Which reports count: of drones that do, or of none, where and when that would count."""
     reports = usable.reports
-    nearest = np.full((2, len(reports)), np.inf)
-    for side, truths in enumerate((scored, whole)):
-        for drone in range(len(truths.paths)):
-            true = truth_beside(truths, np.full(len(reports), drone), reports.t_utc_ns, level)
-            apart_m = distance_m(reports.point[:, :3] - true.point[:, :3])
-            nearest[side] = np.fmin(nearest[side], apart_m)
+    of_scored, of_any = (
+        nearest_drones(truths, reports.t_utc_ns, reports.point, level)[0]
+        for truths in (scored, whole)
+    )
     within = how.counts(whole, reports.t_utc_ns, reports.point[:, :3])
-    of_others = nearest[1] < np.minimum(nearest[0], how.cutoff_m)
-    found: Bools = ~of_others & (within | (nearest[0] < how.cutoff_m))
+    of_others = of_any < np.minimum(of_scored, how.cutoff_m)
+    found: Bools = ~of_others & (within | (of_scored < how.cutoff_m))
     return found
-
-
-def _places(ecef_m: Mapping[str, Floats], truths: Truths) -> dict[str, Floats]:
-    """Places as east and north of the site, or else of their middle."""
-    site = truths.site or truths.middle
-    return {name: site.from_ecef(places)[:, :2] for name, places in ecef_m.items()}
 
 
 class _Beside(NamedTuple):
@@ -719,8 +713,7 @@ def _beside(
 ) -> _Beside:
     rows, walked = _walked(field, usable, how, dimensions, as_known=False)
     sets, of_sets = _set_figures(field, usable, rows, walked, how)
-    located = Located(truths, usable, field.grid, field.level)
-    errors = report_errors(located, walked.assigned, dimensions)
+    errors = report_errors(truths, field, usable, walked.assigned, dimensions)
     reports, of_reports = report_figures(errors, dimensions)
     return _Beside(
         rows, walked, _segments(walked, how), errors, sets, reports, of_sets | of_reports
@@ -930,11 +923,6 @@ def _lag_parts(errors: ReportErrors, dimensions: int) -> tuple[Floats, Floats]:
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt((values**2).mean())) if len(values) else float("nan")
-
-
-def _nearer(value: float) -> float:
-    """A distance of what was counted backwards; never is at no distance."""
-    return max(-value, 0.0) if np.isfinite(value) else 0.0 if value > 0 else float("nan")
 
 
 def _silent_s(field: _Field, usable: UsableTracks) -> float:

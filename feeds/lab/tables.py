@@ -179,7 +179,22 @@ def level_columns(
 def write_table(path: Path, columns: TableColumns, kinds: Mapping[str, type]) -> None:
     """Write a table, whole or not at all; raises `PlotfeedError` and `OSError`."""
     check_suffix(path)
-    octets = _parquet(columns, kinds) if path.suffix == PARQUET else _csv(columns)
+    if path.suffix == PARQUET:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+        schema = pa.schema([(name, types[kind]) for name, kind in kinds.items()])
+        file = io.BytesIO()
+        pq.write_table(pa.table(columns, schema=schema), file, compression="zstd")
+        octets = file.getvalue()
+    else:
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        for row in zip(*columns.values(), strict=True):
+            writer.writerow([as_text(cell) if isinstance(cell, str) else cell for cell in row])
+        octets = text.getvalue().encode()
     part = path.with_name(f".{path.name}.part")
     with naming(str(path)):
         part.write_bytes(octets)
@@ -197,23 +212,3 @@ def _cell(value: Any, kind: type) -> Any:
     if kind is str:
         return value if isinstance(value, str) else json.dumps(value)
     return kind(value)
-
-
-def _parquet(columns: TableColumns, kinds: Mapping[str, type]) -> bytes:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
-    schema = pa.schema([(name, types[kind]) for name, kind in kinds.items()])
-    file = io.BytesIO()
-    pq.write_table(pa.table(columns, schema=schema), file, compression="zstd")
-    return file.getvalue()
-
-
-def _csv(columns: TableColumns) -> bytes:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in zip(*columns.values(), strict=True):
-        writer.writerow([as_text(cell) if isinstance(cell, str) else cell for cell in row])
-    return text.getvalue().encode()

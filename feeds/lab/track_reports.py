@@ -546,13 +546,8 @@ def take_message(
         for told in tracks_in(message.payload, message.content_type, message.log_time_ns, site):
             table.add(told, message.log_time_ns if has_received else None)
     except DecodeError as error:
-        table.refuse(_reason(error))
-
-
-def _reason(error: DecodeError) -> str:
-    """An error without what differs from message to message."""
-    text = str(error)
-    return text.partition(": ")[2] if text.startswith("octet ") else text
+        text = str(error)  # less what differs from message to message
+        table.refuse(text.partition(": ")[2] if text.startswith("octet ") else text)
 
 
 def _topic_in(path: Path, scene: Scene | None) -> Sequence[str]:
@@ -753,7 +748,10 @@ def usable_tracks(
         kept &= ~wrong
     came = np.flatnonzero(kept)
     came = came[np.argsort(told.received_utc_ns[came], kind="stable")]
-    _count(counts, "out of order", _out_of_order(told.track[came], told.t_utc_ns[came]))
+    came_by_track = came[np.argsort(told.track[came], kind="stable")]
+    late = np.diff(told.t_utc_ns[came_by_track]) < 0  # than a later one of their track
+    late &= np.diff(told.track[came_by_track]) == 0
+    _count(counts, "out of order", int(np.count_nonzero(late)))
     order = came[np.lexsort((np.arange(len(came)), told.t_utc_ns[came], told.track[came]))]
     same = (np.diff(told.track[order]) == 0) & (np.diff(told.t_utc_ns[order]) == 0)
     _count(counts, "repeated, of which the last counts", int(np.count_nonzero(same)))
@@ -771,14 +769,6 @@ def is_place(told: ReportedTracks) -> Bools:
     with np.errstate(invalid="ignore"):
         on_earth = (np.abs(told.latitude_deg) <= 90.0) & (np.abs(told.longitude_deg) <= 180.0)
         return on_earth & (np.isnan(told.height_m) | (np.abs(told.height_m) <= HIGHEST_M))
-
-
-def _out_of_order(track: Ints, t_utc_ns: Ints) -> int:
-    """How many came after a later one of their track."""
-    by_track = np.argsort(track, kind="stable")
-    number, times = track[by_track], t_utc_ns[by_track]
-    late = (np.diff(number) == 0) & (np.diff(times) < 0)
-    return int(np.count_nonzero(late))
 
 
 def _placed(

@@ -18,7 +18,7 @@ import numpy as np
 
 from plotfeed.feeds.console.posix import end_group
 from plotfeed.feeds.lab.flights import FlightsTally
-from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, plots_of, possible
+from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, RecordedRun, plots_of, possible
 from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
 from plotfeed.feeds.lab.score import ScoreLimit, limit_value
 from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
@@ -139,7 +139,7 @@ async def _run(job: RunJob) -> dict[str, Any]:
         tally.add(told)
     truths = tally.truths(site=site_frame(site), scene=scene.scene.name)
     score = score_run(truths, heard.table.read(topic, failure), plan.settings)
-    found = possible(truths, followed.plots, followed.placeless, score)
+    found = possible(RecordedRun(truths, followed.plots, followed.placeless), score)
     figures = score.figures() | dict.fromkeys(POSSIBLE, math.nan)
     figures |= {} if found is None else found.figures()
     late_s = [(row.sent_utc_ns - row.link_due_utc_ns)[row.delivered] / NS

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from support.recordings import START_NS
 
-from plotfeed.feeds.lab.flights import FlightsTally, Truths, read_truths
+from plotfeed.feeds.lab.flights import FlightsTally, Truths
+from plotfeed.feeds.lab.possible import read_run
 from plotfeed.feeds.lab.track_reports import ToldTrack, TracksRead, TrackTable
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, enu_to_aer
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -129,7 +130,7 @@ def read_of(given: Given, unreadable: Sequence[str] = ()) -> TracksRead:
 
 def csv_of(path: Path, recording: Path, *, until_s: float = 60.0, off_deg: float = 0.0) -> Path:
     """A tracker that knows the truth of a recording, in a table."""
-    truths = read_truths(recording)
+    truths = read_run(recording).truths
     rows = ["track,time_utc_ns,latitude_deg,longitude_deg,height_m"]
     for number, flight in enumerate(truths.paths):
         places = zip(*ecef_to_geodetic(flight.position_ecef_m), strict=True)

@@ -10,8 +10,8 @@ from support.ledgers import record_session
 from support.scene_files import radar, scene_file, scene_text
 from support.scored_flights import followed_well, read_of
 
-from plotfeed.feeds.lab.flights import read_truths, scene_of
-from plotfeed.feeds.lab.possible import Possible, possible, recorded_plots, told_of
+from plotfeed.feeds.lab.flights import scene_of
+from plotfeed.feeds.lab.possible import Possible, RecordedRun, possible, read_run, told_of
 from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
 from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
 
@@ -23,11 +23,9 @@ def split(folder: Path, more: str = "", *, tracks: TracksRead | None = None) -> 
     folder.mkdir(exist_ok=True)
     text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(more=MORE + more))
     path = record_session(scene_file(folder, text), folder / "x.mcap", 40.0)
-    scene = scene_of(path)
-    truths = read_truths(path, scene)
-    score = score_run(truths, tracks or read_tracks(path, scene), ScoreSettings())
-    plots, placeless = recorded_plots(path, scene)
-    found = possible(truths, plots, placeless, score)
+    run = read_run(path)
+    score = score_run(run.truths, tracks or read_tracks(path, scene_of(path)), ScoreSettings())
+    found = possible(run, score)
     assert found is not None
     return found
 
@@ -58,6 +56,6 @@ def test_a_tracker_that_says_nothing_is_to_blame(tmp_path: Path) -> None:
 def test_without_plots_nothing_is_said_of_what_was_possible(tmp_path: Path) -> None:
     text = scene_text(sensors=radar(more=MORE))
     path = record_session(scene_file(tmp_path, text), tmp_path / "x.mcap", 5.0)
-    truths = read_truths(path)
-    score = score_run(truths, read_of(followed_well()[:0]), ScoreSettings())
-    assert possible(truths, [], 0, score) is None
+    run = read_run(path)
+    score = score_run(run.truths, read_of(followed_well()[:0]), ScoreSettings())
+    assert possible(RecordedRun(run.truths), score) is None
