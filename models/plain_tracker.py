@@ -39,12 +39,9 @@ class LocatedPlots(Columns):
 class PlainMotion:
     """What the filter takes for granted of targets, and how far off a plot of theirs may lie."""
 
-    density_m2_s3: float
-    """Of white acceleration."""
-    initial_speed_m_s: float
-    """Standard deviation of a new track's velocity along each axis."""
-    gate_probability: float
-    """That the right plot lies within the gate."""
+    density_m2_s3: float  # Of white acceleration
+    initial_speed_m_s: float  # Standard deviation of a new track's velocity along each axis
+    gate_probability: float  # That the right plot lies within the gate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +56,8 @@ class _Tracks(Columns):
     looks: Ints
     hits: Ints
     misses: Ints
-    is_hit: Bools
-    """In the sector at hand."""
-    channel: Ints
-    """By which it was hit last."""
+    is_hit: Bools  # In the sector at hand
+    channel: Ints  # By which it was hit last
     has_height: Bools
 
 
@@ -148,7 +143,8 @@ class PlainTracker:
             among, around_ns + round(off_s * NS) - self._tracks.t_ns[among]
         )
         errors_m2 = np.trace(plots.covariance_m2, axis1=1, axis2=2).max()
-        widest_m2 = np.maximum(*(_trace(each) for each in (spread, later_spread))) + errors_m2
+        own_m2 = (np.trace(m2[:, :AXES, :AXES], axis1=1, axis2=2) for m2 in (spread, later_spread))
+        widest_m2 = np.maximum(*own_m2) + errors_m2
         moved_m = np.linalg.norm(later[:, :AXES] - states[:, :AXES], axis=1)
         reach_m = np.sqrt(self._gates[3] * widest_m2) + moved_m
         at_m = states[:, :AXES]
@@ -316,11 +312,6 @@ def _chi_square_quantile(freedoms: int, probability: float) -> float:
         0.0,
         1000.0,
     )
-
-
-def _trace(covariances: Floats) -> Floats:
-    found: Floats = np.trace(covariances[:, :AXES, :AXES], axis1=1, axis2=2)
-    return found
 
 
 # Tracks times plots up to which all pairs are looked at.

@@ -457,14 +457,10 @@ class Candidates(Columns):
 class PlotPairs(NamedTuple):
     """Which candidates are pairs, and the gate by which they were found."""
 
-    chosen: Ints
-    """Rows of candidates; no plot and no look twice."""
-    centre: Floats
-    """Of the gate, (k,), in units of the quantities."""
-    gate: Floats
-    """Half its width in claimed standard deviations, (k,)."""
-    false_per_look: float
-    """Mean number of plots of nobody in a gate."""
+    chosen: Ints  # Rows of candidates; no plot and no look twice
+    centre: Floats  # Of the gate, (k,), in units of the quantities
+    gate: Floats  # Half its width in claimed standard deviations, (k,)
+    false_per_look: float  # Mean number of plots of nobody in a gate
 
 
 def plot_pairs(found: Candidates, reach: Floats, looks: int) -> PlotPairs:

@@ -172,16 +172,12 @@ class TrackReports(Columns):
     Points and rates (n, 4) are those of `ground`; a rate is NaN where no velocity was told.
     """
 
-    t_utc_ns: Ints
-    """For which it holds."""
-    known_utc_ns: Ints
-    """When it was received; the time for which it holds where that is not known."""
-    track: Ints
-    """From 0."""
+    t_utc_ns: Ints  # For which it holds
+    known_utc_ns: Ints  # When it was received; the time for which it holds where that is not known
+    track: Ints  # From 0
     point: Floats
     rate: Floats
-    ended: Bools
-    """The track ends with it."""
+    ended: Bools  # The track ends with it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -388,13 +384,10 @@ def swaps_of(segments: Segments) -> int:
 class Followed:
     """How tracks follow one drone: the fewest of them that tell as much of it as all do."""
 
-    number_changes: int
-    """How often the next of these tracks has another number."""
-    breaks: int
-    """How often no track was of the drone between two that were, while it was there."""
+    number_changes: int  # How often the next of these tracks has another number
+    breaks: int  # How often no track was of the drone between two that were, while it was there
     longest_steps: int
-    first_step: int
-    """-1 if it never had any."""
+    first_step: int  # -1 if it never had any
     tracks: int
 
 
@@ -608,12 +601,10 @@ class WalkSettings:
     cutoff_m: float
     order: float
     switch_m: float
-    columns: int
-    """Of points: `GROUND` or `SPACE`."""
+    columns: int  # Of points: `GROUND` or `SPACE`
     confirm_steps: int
     end_steps: int
-    window_steps: int
-    """Of OSPA(2) and T-GOSPA; 0 for neither."""
+    window_steps: int  # Of OSPA(2) and T-GOSPA; 0 for neither
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -622,10 +613,8 @@ class StepScores(Columns):
 
     drones: Ints
     tracks: Ints
-    tracked: Ints
-    """Drones that have a track."""
-    assigned: Ints
-    """Tracks that are of a drone."""
+    tracked: Ints  # Drones that have a track
+    assigned: Ints  # Tracks that are of a drone
     localisation: Floats
     missed: Floats
     false: Floats
@@ -651,8 +640,7 @@ class Walked:
     assigned: Assigned
     nearest: Ints
     """Of each of the grid's rows: the drone that was nearest then, -1 where none was there."""
-    ospa2_m: Floats
-    """Of each window."""
+    ospa2_m: Floats  # Of each window
     window_parts: Floats
     """Localisation, missed, false and switching of T-GOSPA in each window, (windows, 4)."""
 

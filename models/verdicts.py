@@ -69,7 +69,8 @@ class FigureSamples(NamedTuple):
 
         ratio = float(self.parts.sum() / self.wholes.sum())
         if self.is_share:
-            low, high = _share_bounds(ratio, self.wholes, self.parts, self.series, risk)
+            left = _trials_left(self.wholes, self.parts, self.series, risk)
+            low, high = _of_trials(ratio, left, risk)
         else:
             se, freedom = deviation(self.parts - ratio * self.wholes, self.series)
             reach = se / float(self.wholes.sum()) * len(self.parts) * -float(stdtrit(freedom, risk))
@@ -77,11 +78,18 @@ class FigureSamples(NamedTuple):
         least = low if self.power == 1.0 else max(low, 0.0)
         return Interval(self.value, float(least**self.power), float(high**self.power))
 
+    @property
+    def trials(self) -> float:
+        """Of how many independent trials a share is; NaN of what is none."""
+        if not self.is_share or not self.wholes.sum() > 0:
+            return np.nan
+        return _trials_left(self.wholes, self.parts, self.series, RISK / 2)
+
     def _of_quantile(self, share: float, risk: float) -> Interval:
         value, n = self.value, len(self.parts)
         ones = np.ones(n)
         below = (self.parts <= value).astype(np.float64)
-        low, high = _share_bounds(share, ones, below, self.series, risk)
+        low, high = _of_trials(share, _trials_left(ones, below, self.series, risk), risk)
         least = float(np.quantile(self.parts, low)) if low * n >= 1 else -np.inf
         most = float(np.quantile(self.parts, high)) if (1 - high) * n >= 1 else np.inf
         return Interval(value, least, most)
@@ -111,34 +119,45 @@ def deviation(rows: Floats, series: Ints) -> tuple[float, float]:
     return float(np.sqrt((lowest**2).mean() / n)), float(cosines)
 
 
-def _share_bounds(
-    share: float, wholes: Floats, parts: Floats, series: Ints, risk: float
-) -> tuple[float, float]:
-    """Bounds of a share by Clopper and Pearson, of as many trials as correlation leaves."""
-    from scipy.special import betaincinv, ndtri, stdtrit
+def _trials_left(wholes: Floats, parts: Floats, series: Ints, risk: float) -> float:
+    """As many independent trials as say as much of a share."""
+    from scipy.special import ndtri, stdtrit
 
     trials = float(wholes.sum())
     found = float(parts.sum()) / trials
     se, freedom = deviation(parts - found * wholes, series)
     se *= len(parts) / trials
     if not 0 < se < np.inf:
-        left = trials / NEIGHBOURS if se == 0 else 0.0
-    else:
-        narrower = float(ndtri(risk) / stdtrit(freedom, risk)) ** 2
-        left = min(found * (1 - found) / se**2 * narrower, trials)
+        return trials / NEIGHBOURS if se == 0 else 0.0
+    narrower = float(ndtri(risk) / stdtrit(freedom, risk)) ** 2
+    return min(found * (1 - found) / se**2 * narrower, trials)
+
+
+def _of_trials(share: float, left: float, risk: float) -> tuple[float, float]:
+    """Bounds of a share of independent trials, by Clopper and Pearson."""
+    from scipy.special import betaincinv
+
     hits = share * left
     low = float(betaincinv(hits, left - hits + 1, risk)) if hits > 0 else 0.0
     high = float(betaincinv(hits + 1, left - hits, 1 - risk)) if hits < left else 1.0
     return low, high
 
 
-def seeds_interval(values: Floats, risk: float = RISK / 2) -> Interval:
+def seeds_interval(
+    values: Floats,
+    risk: float = RISK / 2,
+    trials: Floats | None = None,
+    *,
+    are_counts: bool = False,
+) -> Interval:
     """The mean of a figure over runs (n,), which are independent, by Student's t.
 
-    Two runs may be alike by chance, and tell no spread. The mean is infinite where that of any run
-    is, such as the time to see most drones where most were never seen.
+    Runs may be alike by chance, and tell no spread: bounds of a share, of `trials` in each run
+    (n,), NaN where the figure is none, are no narrower than those of all these trials, and bounds
+    of counts than those of Poisson's law. The mean is infinite where that of any run is, such as
+    the time to see most drones where most were never seen.
     """
-    from scipy.special import stdtrit
+    from scipy.special import gammaincinv, stdtrit
 
     if np.isinf(values).any():
         return Interval(np.inf, np.inf, np.inf)
@@ -148,7 +167,15 @@ def seeds_interval(values: Floats, risk: float = RISK / 2) -> Interval:
         return Interval(float(values.mean()), -np.inf, np.inf) if n else NOTHING
     mean, spread = float(values.mean()), float(values.std(ddof=1)) / np.sqrt(n)
     reach = spread * -float(stdtrit(n - 1, risk))
-    return Interval(mean, mean - reach, mean + reach)
+    low, high = mean - reach, mean + reach
+    if trials is not None and np.isfinite(trials).any():
+        least, most = _of_trials(mean, float(np.nansum(trials)), risk)
+        low, high = min(low, least), max(high, most)
+    if are_counts:
+        least, most = (float(gammaincinv(k, p)) / n if k > 0 else 0.0
+                       for k, p in ((mean * n, risk), (mean * n + 1, 1 - risk)))  # fmt: skip
+        low, high = min(low, least), max(high, most)
+    return Interval(mean, low, high)
 
 
 def look_risk(looks: int, risk: float = RISK) -> float:

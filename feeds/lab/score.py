@@ -171,7 +171,7 @@ class LimitVerdict:
     @property
     def told(self) -> str:
         """The figure beside what is asked."""
-        value = f"{self.value:.6g}" if math.isfinite(self.value) else "not known"
+        value = "not known" if math.isnan(self.value) else f"{self.value:.6g}"
         between = "" if math.isnan(self.low) else f" ({self.low:.6g} to {self.high:.6g})"
         many = f" (of {self.of})" if self.of else ""
         noted = f": {self.note}" if self.note else ""
@@ -212,7 +212,7 @@ def verdicts_of(score: Score, profile: ScoreProfile) -> list[LimitVerdict]:
     """
     risk, found = RISK / len(profile.limit), []
     for limit in profile.limit:
-        value, samples = _samples_of(score, limit)
+        value, samples = samples_of(score, limit)
         figure = judged_figure(limit, is_known=score.as_known is not None)
         bounds = Interval(value, math.nan, math.nan) if samples is None else samples.interval(risk)
         of = len(samples.parts) if samples is not None and limit.figure in PARAMETERS else 0
@@ -226,19 +226,14 @@ def judged_figure(limit: ScoreLimit, *, is_known: bool) -> str:
     return f"known_{limit.figure}" if is_known and limit.figure in SETS else limit.figure
 
 
-def _samples_of(score: Score, limit: ScoreLimit) -> tuple[float, FigureSamples | None]:
-    """The figure that a limit is of, and what it is of, where it is not of this run alone."""
+def samples_of(score: Score, limit: ScoreLimit) -> tuple[float, FigureSamples | None]:
+    """The figure that a limit is of, NaN if not known, and what it is of; None: this run alone."""
     worked_out = _WORKED_OUT.get(limit.figure)
     if worked_out is None:
         figure = judged_figure(limit, is_known=score.as_known is not None)
         return score.figures()[figure], score.samples.get(figure)
     samples = worked_out(score, getattr(limit, PARAMETERS[limit.figure]))
     return samples.value, samples
-
-
-def limit_value(score: Score, limit: ScoreLimit) -> float:
-    """The figure that a limit is of; NaN where it is not known."""
-    return _samples_of(score, limit)[0]
 
 
 def update_share(score: Score, period_s: float) -> FigureSamples:

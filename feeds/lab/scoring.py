@@ -317,6 +317,8 @@ REPORTS: Mapping[str, tuple[str, str]] = {
     "update_p95_s": ("between reports, 95 %, s", ".3f"),
 }
 FIGURES = {**SETS, **REPORTS}
+# Figures that are counts of what seldom happens in a run.
+COUNTS = frozenset({"breaks", "swaps", "false_tracks", "never_tracked"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -54,7 +54,7 @@ from plotfeed.feeds.lab.score import (
     page,
     write_new,
 )
-from plotfeed.feeds.lab.scoring import FIGURE_NAMES, ScoreSettings
+from plotfeed.feeds.lab.scoring import COUNTS, FIGURE_NAMES, ScoreSettings
 from plotfeed.feeds.lab.sweep import (
     ERRORS,
     TOGETHER,
@@ -326,13 +326,12 @@ class CurvePoint(NamedTuple):
 
         limits = np.array([column("limits", n) for n in range(len(asked))]).reshape(-1, len(runs))
         risk = look_risk(looks, RISK / max(len(asked), 1))
-        verdicts = [
-            LimitVerdict.of_interval(
-                limit, judged_figure(limit, is_known=True), seeds_interval(values, risk),
-                len(runs), "many runs",
-            )
-            for limit, values in zip(asked, limits, strict=True)
-        ]  # fmt: skip
+        verdicts = []
+        for n, (limit, values) in enumerate(zip(asked, limits, strict=True)):
+            figure = judged_figure(limit, is_known=True)
+            is_count = figure.removeprefix("known_").removeprefix("space_") in COUNTS
+            found = seeds_interval(values, risk, column("trials", n), are_counts=is_count)
+            verdicts.append(LimitVerdict.of_interval(limit, figure, found, len(runs), "many runs"))
         return cls(
             level,
             tracker,

@@ -20,7 +20,7 @@ from plotfeed.feeds.console.posix import end_group
 from plotfeed.feeds.lab.flights import FlightsTally
 from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, RecordedRun, plots_of, possible
 from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
-from plotfeed.feeds.lab.score import ScoreLimit, limit_value
+from plotfeed.feeds.lab.score import ScoreLimit, samples_of
 from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
 from plotfeed.feeds.lab.sweep import span_of
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable, take_message
@@ -140,6 +140,7 @@ async def _run(job: RunJob) -> dict[str, Any]:
     truths = tally.truths(site=site_frame(site), scene=scene.scene.name)
     score = score_run(truths, heard.table.read(topic, failure), plan.settings)
     found = possible(RecordedRun(truths, followed.plots, followed.placeless), score)
+    limits = [samples_of(score, limit) for limit in plan.limits]
     figures = score.figures() | dict.fromkeys(POSSIBLE, math.nan)
     figures |= {} if found is None else found.figures()
     late_s = [(row.sent_utc_ns - row.link_due_utc_ns)[row.delivered] / NS
@@ -152,7 +153,8 @@ async def _run(job: RunJob) -> dict[str, Any]:
         "failure": score.failure,
         "late_s": float(np.quantile(all_late_s, 0.95)),
         "figures": figures,
-        "limits": [limit_value(score, limit) for limit in plan.limits],
+        "limits": [value for value, _ in limits],
+        "trials": [np.nan if of is None else of.trials for _, of in limits],
     }
 
 

@@ -96,6 +96,22 @@ def test_five_looks_at_seeds_are_wrong_as_seldom_as_one() -> None:
     assert seeds_interval(values[:1]).low == -np.inf
 
 
+def test_runs_that_are_alike_by_chance_do_not_decide() -> None:
+    """Two reports of 10,000 too far off where one is asked, 890 a run; a swap in one run of ten."""
+    rng, far, swaps = np.random.default_rng(8), 0, 0
+    for _ in range(RUNS):
+        shares = rng.binomial(890, 2e-4, 8) / 890
+        found = seeds_interval(shares, RISK / 2, np.full(8, 890.0))
+        far += decided(found, 1e-4, None) == "passed"
+        found = seeds_interval(rng.poisson(0.1, 12) * 1.0, RISK / 2, are_counts=True)
+        swaps += decided(found, 0.05, None) == "passed"
+    assert max(far, swaps) <= MOST
+    none = np.zeros(890), np.ones(890), np.zeros(890, np.int64)
+    assert FigureSamples(*none, is_share=True).trials == 89.0
+    assert np.isnan(FigureSamples(*none).trials)
+    assert decided(seeds_interval(np.zeros(60), are_counts=True), 0.1, None) == "passed"
+
+
 def test_what_is_infinite_in_some_runs_is_so_on_average() -> None:
     """The time to see most drones, where most were never seen in one run of ten."""
     values = np.array([[2.0] * 10, [2.0] * 9 + [np.inf]])
