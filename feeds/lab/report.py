@@ -20,7 +20,7 @@ from plotfeed.feeds.lab.judge import NAMES, Against, Verdicts
 from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, link_text
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, finish, save_picture
-from plotfeed.feeds.lab.tables import NOTHING, Table, TextColumn, number, percent, table
+from plotfeed.feeds.lab.tables import NOTHING, Table, TextColumn, number, of_cells, percent
 from plotfeed.models.residuals import Check
 from plotfeed.proto.utc import NS, iso_utc
 
@@ -150,7 +150,8 @@ def _delays(told: FeedReport) -> Iterator[str]:
         rows.append(("", "", "engine late", "", *_times(link.lateness), *fits, by_link))
     header = ("sensor", "link", "", "messages", "mean", "p50", "p90", "p99", "max", "KS", "p", "")
     title = "Delay from being handed over to sending, ms"
-    yield from table(title, header, rows, "<><>>>>>>>><", {9: "distance from the law"})
+    columns = of_cells(header, "<><>>>>>>>><")
+    yield from Table(title, columns, rows, {9: "distance from the law"}).lines()
 
 
 def _times(times: LatencyFigures | None) -> Iterator[str]:
@@ -176,9 +177,8 @@ def _bursts(told: FeedReport) -> Iterator[str]:
             rows.append((*named, what, *shares))
     if rows:
         header = ("sensor", "link", "", *map(str, range(1, BURSTS_SHOWN + 1)))
-        yield from table(
-            "Bursts of so many losses or more, %", header, rows, "<><" + ">" * BURSTS_SHOWN
-        )
+        columns = of_cells(header, "<><" + ">" * BURSTS_SHOWN)
+        yield from Table("Bursts of so many losses or more, %", columns, rows).lines()
 
 
 # Of each way to judge: what is expected, and what differs from it.

@@ -590,7 +590,7 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
     known, in_space = None, Figures()
     if usable.has_received:
         later = _walked(field, usable, how, how.dimensions, as_known=True)
-        known, of_known = _set_figures(field, usable, *later, how)
+        known, of_known, _ = _set_figures(field, usable, *later, how)
         samples |= {f"known_{name}": each for name, each in of_known.items()}
     notes = [*truths.notes]
     if usable.has_height.any() and truths.has_height:
@@ -616,7 +616,9 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
         errors=errors,
         how=how,
     )
-    silent_s = _silent_s(field, usable)
+    end_ns = field.span_utc_ns[1]
+    last_ns = int(usable.reports.t_utc_ns.max(initial=field.span_utc_ns[0]))
+    silent_s = max((end_ns - last_ns) / NS, 0.0)
     seen = np.array([np.isfinite(each.initiation_s) for each in drones], np.bool_)
     waited_s = np.where(seen, [d.initiation_s for d in drones], [d.cover_s for d in drones])
     # Those that were never seen would have been nearer than they ever came.
@@ -714,12 +716,10 @@ def _beside(
     truths: Truths, field: _Field, usable: UsableTracks, how: ScoreSettings, dimensions: int
 ) -> _Beside:
     rows, walked = _walked(field, usable, how, dimensions, as_known=False)
-    sets, of_sets = _set_figures(field, usable, rows, walked, how)
+    sets, of_sets, segments = _set_figures(field, usable, rows, walked, how)
     errors = report_errors(truths, field, usable, walked.assigned, dimensions)
     reports, of_reports = report_figures(errors, dimensions)
-    return _Beside(
-        rows, walked, _segments(walked, how), errors, sets, reports, of_sets | of_reports
-    )
+    return _Beside(rows, walked, segments, errors, sets, reports, of_sets | of_reports)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -779,16 +779,15 @@ def _walked(
     return rows, walk(field.states.point, field.there, rows, len(usable.names), settings)
 
 
-def _segments(walked: Walked, how: ScoreSettings) -> Segments:
-    assigned = walked.assigned
-    return segments_of(assigned.track, assigned.drone, assigned.step, how.end_steps)
-
-
 def _set_figures(
     field: _Field, usable: UsableTracks, rows: GridRows, walked: Walked, how: ScoreSettings
-) -> tuple[Figures, dict[str, FigureSamples]]:
-    """Figures of sets over steps at which there was any drone or track, and what they are of."""
-    steps, assigned, segments = walked.steps, walked.assigned, _segments(walked, how)
+) -> tuple[Figures, dict[str, FigureSamples], Segments]:
+    """Figures of sets over steps at which there was any drone or track, and what they are of.
+
+    With them the stretches of steps over which tracks are of drones.
+    """
+    steps, assigned = walked.steps, walked.assigned
+    segments = segments_of(assigned.track, assigned.drone, assigned.step, how.end_steps)
     some = np.flatnonzero((steps.drones > 0) | (steps.tracks > 0))
     count, order, power = len(some), len(field.there), 1.0 / how.order
     windows = walked.window_parts
@@ -841,7 +840,7 @@ def _set_figures(
     found["number_changes_per_h"] = changes / tracked_h if tracked_h else math.nan
     found["breaks"] = float(sum(each.breaks for each in followings))
     found["swaps"] = float(swaps_of(segments))
-    return found, samples
+    return found, samples, segments
 
 
 def report_figures(
@@ -925,13 +924,6 @@ def _lag_parts(errors: ReportErrors, dimensions: int) -> tuple[Floats, Floats]:
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt((values**2).mean())) if len(values) else float("nan")
-
-
-def _silent_s(field: _Field, usable: UsableTracks) -> float:
-    """Seconds from the last report to the end of the flights."""
-    if not len(usable.reports):
-        return (field.span_utc_ns[1] - field.span_utc_ns[0]) / NS
-    return max((field.span_utc_ns[1] - int(usable.reports.t_utc_ns.max())) / NS, 0.0)
 
 
 def _failure(tracks: TracksRead, usable: UsableTracks, silent_s: float) -> str:

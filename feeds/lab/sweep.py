@@ -410,19 +410,16 @@ def lines_of(figures: Sequence[LevelFigures]) -> Iterator[str]:
     rows = [head]
     for each in figures:
         values = [value for _, value in each.level.changes]
-        row = [*([each.level.scene] if several else []), *values, each.sensor or TOGETHER]
-        row += [
-            str(each.runs),
+        named = [*([each.level.scene] if several else []), *values, each.sensor or TOGETHER]
+        told = [
             interval_text(each.pd, ".3f"),
             interval_text(each.alerted, ".1f", 100.0),
-        ]
-        row += [
             interval_text(each.alert_distance_m, ".0f"),
             interval_text(each.alert_change_m, "+.0f"),
+            interval_text(each.false_alarms, ".2f"),
+            *(interval_text(error, ".3g") for error in each.errors.values()),
         ]
-        row += [interval_text(each.false_alarms, ".2f")]
-        row += [interval_text(error, ".3g") for error in each.errors.values()]
-        rows.append(row)
+        rows.append([*named, str(each.runs), *told])
     names = len(head) - 10
     yield from (line.rstrip() for line in aligned(rows, "<" * names + ">" * 10))
 

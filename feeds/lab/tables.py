@@ -82,7 +82,16 @@ class Table(NamedTuple):
 
     def lines(self, most: int | None = None) -> Iterator[str]:
         """Aligned lines, with so many rows at most."""
-        yield from table(self.title, self.header, self.cells()[:most], self.sides, self.groups)
+        yield ""
+        yield self.title
+        rows = [self.header, *self.cells()[:most]]
+        over, wide = "", widths(rows)
+        for column, text in self.groups.items():
+            over = f"{over:{2 + sum(wide[:column]) + 2 * column}}{text}"
+        if over:
+            yield over
+        for line in aligned(rows, self.sides):
+            yield f"  {line}".rstrip()
         if most is not None and len(self.rows) > most:
             yield f"  and {len(self.rows) - most} more; --json has all"
 
@@ -98,29 +107,6 @@ class Table(NamedTuple):
         body = "".join(line(row, "td") for row in self.cells())
         table = f'<div class="wide"><table>\n{head}{body}</table></div>\n'
         return f"<h2>{escape(self.title)}</h2>\n{table}"
-
-
-def table(
-    title: str,
-    header: Row,
-    rows: Sequence[Row],
-    sides: str,
-    groups: Mapping[int, str] = MappingProxyType({}),
-) -> Iterator[str]:
-    """Columns aligned to the left or to the right, as `sides` says of each.
-
-    `groups` has the text that stands over a column and those after it.
-    """
-    yield ""
-    yield title
-    rows = [header, *rows]
-    if groups:
-        over, wide = "", widths(rows)
-        for column, text in groups.items():
-            over = f"{over:{2 + sum(wide[:column]) + 2 * column}}{text}"
-        yield over
-    for line in aligned(rows, sides):
-        yield f"  {line}".rstrip()
 
 
 # By name: where a run's result has its rows, and the columns of them.
