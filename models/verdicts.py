@@ -80,7 +80,7 @@ class FigureSamples(NamedTuple):
 
     @property
     def trials(self) -> float:
-        """Of how many independent trials a share is; NaN of what is none."""
+        """How many independent trials a share is worth; NaN where it is none."""
         if not self.is_share or not self.wholes.sum() > 0:
             return np.nan
         return _trials_left(self.wholes, self.parts, self.series, RISK / 2)
@@ -120,7 +120,7 @@ def deviation(rows: Floats, series: Ints) -> tuple[float, float]:
 
 
 def _trials_left(wholes: Floats, parts: Floats, series: Ints, risk: float) -> float:
-    """As many independent trials as say as much of a share."""
+    """How many independent trials say as much of a share."""
     from scipy.special import ndtri, stdtrit
 
     trials = float(wholes.sum())

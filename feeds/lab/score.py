@@ -314,7 +314,7 @@ class ScoreReport:
         lasted_s = (score.end_utc_ns - score.start_utc_ns) / NS
         of_scene = f"scene {score.scene}, " if score.scene else ""
         return [
-            f"{score.source}: {of_scene}{len(score.drones)} drone(s), {score.tracks} track(s), "
+            f"{score.source}: {of_scene}{score.counted} drone(s), {score.tracks} track(s), "
             f"{lasted_s:.1f} s from {iso_utc(score.start_utc_ns)}",
             f"distances {score.distances}; beyond {score.settings.cutoff_m:g} m a track is of no "
             f"drone, older than {score.settings.stale_s:g} s it is not there",
@@ -409,9 +409,9 @@ def tables_of(score: Score) -> Iterator[Table]:
     told = [(text, *(_told(e[n], form) for e in of)) for n, (text, form) in REPORTS.items() if text]
     title = f"Reports, {score.reports.reports:.0f}, each at its own time"
     yield Table(title, of_cells(("error", score.distances, "in space"), "<>>"), told)
-    many = len(score.drones) - score.never_tracked
+    many = score.counted - score.never_tracked
     beginnings = [
-        ("drones that had a track", f"{many} of {len(score.drones)}"),
+        ("drones that had a track", f"{many} of {score.counted}"),
         ("from cover to the first report, median, s", number(score.initiation_median_s, ".2f")),
         ("distance at the first report, median, m", number(score.alert_median_m, ".0f")),
         ("tracks of no drone ever", f"{score.false_tracks} of {score.tracks}"),

@@ -382,6 +382,7 @@ class Score:
     # What figures are of, by the names that `figures` has; none of those of this run alone.
     samples: Mapping[str, FigureSamples]
     drones: Sequence[DroneScore]
+    counted: int  # Of the drones: those that count, and were anywhere
     sensors: Sequence[SensorScore]
     tracks: int
     false_tracks: int  # That were of no drone ever
@@ -424,7 +425,7 @@ class Score:
             **{f"space_{name}": self.in_space[name] for name in FIGURES},
             "initiation_median_s": self.initiation_median_s,
             "alert_median_m": self.alert_median_m,
-            "drones": float(len(self.drones)),
+            "drones": float(self.counted),
             "never_tracked": float(self.never_tracked),
             "tracks": float(self.tracks),
             "false_tracks": float(self.false_tracks),
@@ -619,10 +620,12 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
     end_ns = field.span_utc_ns[1]
     last_ns = int(usable.reports.t_utc_ns.max(initial=field.span_utc_ns[0]))
     silent_s = max((end_ns - last_ns) / NS, 0.0)
-    seen = np.array([np.isfinite(each.initiation_s) for each in drones], np.bool_)
-    waited_s = np.where(seen, [d.initiation_s for d in drones], [d.cover_s for d in drones])
+    # Those that do not count were nowhere.
+    told = [each for each, p in zip(drones, truths.paths, strict=True) if len(p.t_utc_ns)]
+    seen = np.array([np.isfinite(each.initiation_s) for each in told], np.bool_)
+    waited_s = np.where(seen, [d.initiation_s for d in told], [d.cover_s for d in told])
     # Those that were never seen would have been nearer than they ever came.
-    nearness_m = -np.where(seen, [d.alert_m for d in drones], [d.closest_m for d in drones])
+    nearness_m = -np.where(seen, [d.alert_m for d in told], [d.closest_m for d in told])
     is_false = np.ones(len(rows), np.bool_)
     is_false[walked.assigned.row] = False
     nearest = _beside_reports(field.grid, usable, rows, walked.nearest)
@@ -639,6 +642,7 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
         in_space=in_space,
         samples=samples,
         drones=drones,
+        counted=len(told),
         sensors=sensor_scores(truths, field.grid, field.there, tracked, errors),
         tracks=len(usable.names),
         false_tracks=len(usable.names) - len(np.unique(segments.track)),

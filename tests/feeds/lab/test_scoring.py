@@ -262,6 +262,8 @@ def test_what_does_not_count_is_left_out_with_its_tracks() -> None:
     assert one.left_out == {"not scored": 61}
     assert one.as_stamped.spuriousness == pytest.approx(1 / 2, abs=0.01)
     assert one.figures()["completeness"] == 1.0
+    assert (one.never_tracked, one.figures()["drones"]) == (0, 1.0)
+    assert one.alert_median_m == pytest.approx(1118.0, abs=5.0)
     early = scored(given, from_s=10.0, until_s=30.0)
     assert {each.cover_s for each in early.drones} == {21.0}
     assert early.reports.position_max_m < 1e-3
