@@ -101,9 +101,10 @@ fuzz: .venv/.ready-test
 	$(INSTALL)/fuzz.txt
 	$(BIN)/python tools/fuzz/run_fuzz.py --minutes $(or $(MINUTES),60)
 
-# docs/soak.md, in an hour and a quarter on a machine that does nothing else.
+# docs/soak.md, in an hour and a half on a machine that does nothing else.
 soak: .venv/.ready-test
 	$(BIN)/python tools/soak/promises.py
+	$(BIN)/python tools/soak/chaos.py
 	$(BIN)/python tools/soak/soak.py --minutes 30
 	$(BIN)/python tools/soak/soak.py --minutes 30 --radars 200
 

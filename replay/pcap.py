@@ -434,6 +434,9 @@ class PcapReader(PacketReader):
             if captured > MAX_PACKET_OCTETS:
                 self.damage.add(at, f"a packet of {captured} octets; at most {MAX_PACKET_OCTETS}")
                 return
+            if not any(record):  # as in what is left of a file that was to grow
+                self.damage.add(at, "zeros in place of a packet")
+                return
             packet = octets.take(captured)
             if len(packet) < captured:
                 self.damage.add(at, f"a packet of {captured} octets, {len(packet)} are there")

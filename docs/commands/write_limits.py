@@ -10,6 +10,9 @@ from pages import between, table
 from plotfeed.feeds.telemetry.fair_queue import MAX_OF_TOPIC
 from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, MIB
 from plotfeed.feeds.transport.peers import AT_ONCE_S, PAUSES, PEER_LIMITS, SLICE_OCTETS
+from plotfeed.replay.files import MAX_LINE_OCTETS
+from plotfeed.replay.mcap.mcap_reader import MAX_HELD_OCTETS, MAX_MESSAGES, MAX_RECORD_OCTETS
+from plotfeed.replay.pcap import MAX_PACKET_OCTETS
 
 PAGE = Path(__file__).parents[2] / "SECURITY.md"
 
@@ -21,13 +24,23 @@ def text() -> str:
         apart = f"{limits.memory_mib} MiB, {limits.seconds} s" if limits.seconds else ""
         octets = f"{limits.octets / MIB:.0f} MiB"
         files.append((kind, octets, f"{limits.count:,}", limits.depth or "", apart))
+    for part, most, count in (
+        ("recording, MCAP: a record", MAX_RECORD_OCTETS, ""),
+        ("recording, MCAP: held to put them in order", MAX_HELD_OCTETS, f"{MAX_MESSAGES:,}"),
+        ("recording, capture: a packet", MAX_PACKET_OCTETS, ""),
+        ("recording, JSON lines: a line", MAX_LINE_OCTETS, ""),
+    ):
+        files.append((part, f"{most / MIB:g} MiB", count, "", ""))
     for door, granted in PEER_LIMITS.items():
         patience = f"{granted.patience_s:g} s" if granted.patience_s < math.inf else ""
         peers.append((door, granted.peers, f"{granted.octets:,}", patience))
     share = 1 / (1 + PAUSES)
     return "\n".join(
         [
-            *table(("file", ">octets", ">samples, points or records", ">depth", "apart"), files),
+            *table(
+                ("file", ">octets", ">samples, points, records or messages", ">depth", "apart"),
+                files,
+            ),
             "",
             *table(("door", ">peers at a time", ">octets at once", "patience"), peers),
             "",

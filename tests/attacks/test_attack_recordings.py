@@ -55,6 +55,42 @@ def bomb(chunks: int, messages: int) -> bytes:
     return b"\x89MCAP0\r\n" + chunk(1, told) + chunk(messages) * chunks
 
 
+PCAP = struct.Struct("<IHHiIII")
+PCAP_NG = struct.pack("<IIIHHqI", 0x0A0D0D0A, 28, 0x1A2B3C4D, 1, 0, -1, 28)
+# What files of many octets begin with, of which a disk has nothing else; and what is in them.
+SPARSE = {
+    "zeros.ast": (b"", "no header"),
+    "zeros.ff": (b"", "no frames"),
+    "zeros.mcap": (b"\x89MCAP0\r\n", "the end: cut"),
+    "zeros.pcap": (PCAP.pack(0xA1B2C3D4, 2, 4, 0, 0, 65535, 1), "zeros in place of a packet"),
+    "zeros.pcapng": (PCAP_NG, "a block of 0 octets"),
+    "zeros.jsonl": (b'{"a": "', "a line of more than"),
+}
+SPARSE_OCTETS = 1 << 28
+
+
+def fragments(number: int) -> bytes:
+    """First pieces of datagrams whose others never come, each of another host."""
+    packets = [PCAP.pack(0xA1B2C3D4, 2, 4, 0, 0, 65535, 101)]
+    for i in range(number):
+        ip = struct.pack(">BBHHHBBHII", 0x45, 0, 28, i & 0xFFFF, 0x2000, 64, 17, 0, i, 1) + bytes(8)
+        packets.append(struct.pack("<IIII", i // 1000, 0, len(ip), len(ip)) + ip)
+    return b"".join(packets)
+
+
+@pytest.mark.parametrize("name", [*SPARSE, "fragments.pcap"])
+def test_files_that_hold_nothing_are_damage_in_bounded_memory(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    head, says = SPARSE.get(name, (fragments(300_000), "more"))
+    with path.open("wb") as file:
+        file.write(head)
+        if name in SPARSE:
+            file.truncate(SPARSE_OCTETS)
+    done = bounded("show", "--list", path, cpu_s=CPU_S, memory_mib=MEMORY_MIB)
+    assert done.returncode == 2
+    assert says in done.stderr
+
+
 @pytest.fixture(scope="module")
 def bombs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("bombs")

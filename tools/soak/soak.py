@@ -54,12 +54,12 @@ FAULTS = (("killed", 5.0), ("stopped", 20.0), ("paused", 10.0))
 
 
 class Broker:
-    """Mosquitto where it is installed, else the embedded one; it can be brought down and up."""
+    """Mosquitto where it is installed and wanted, else our own; it can be brought down and up."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, name: str) -> None:
         self.port = free_port()
         self.is_up = False
-        self.name = "mosquitto" if place_of("mosquitto") else "embedded"
+        self.name = name if place_of("mosquitto") else "embedded"
         self._folder = folder
         self._running: Any = None
         self._process: subprocess.Popen[bytes]
@@ -75,6 +75,12 @@ class Broker:
     def stop(self) -> None:
         self.is_up = False
         self._running.__exit__(None, None, None)
+
+    def own_mb(self) -> float:
+        """Its own memory; NaN while it is down."""
+        with suppress(OSError):
+            return of_process(self._process.pid)["own_mb"]
+        return math.nan
 
     def suffer(self, what: str, for_s: float, wait: Callable[[float], object]) -> None:
         """One of the faults."""
@@ -100,13 +106,14 @@ class Soak:
     folder: Path
     minutes: float
     load: Load
+    broker_name: str
     faults: list[dict[str, Any]] = field(default_factory=list)
     over: threading.Event = field(default_factory=threading.Event)
     published: int = 0
     commands: int = 0
 
     def __post_init__(self) -> None:
-        self.broker = Broker(self.folder)
+        self.broker = Broker(self.folder, self.broker_name)
 
     def run(self) -> None:
         """All of it."""
@@ -227,6 +234,7 @@ class Soak:
                 if process.poll() is not None:
                     raise SystemExit(f"the session ended: {(self.folder / 'err').read_text()}")
                 seen = {"t_s": time.monotonic() - begin_s, **of_process(process.pid)}
+                seen["broker_mb"] = self.broker.own_mb()
                 file.write(json.dumps(seen | of_machine() | of_session(port)) + "\n")
                 file.flush()
 
@@ -295,6 +303,7 @@ def main() -> None:
     options.add_argument("--minutes", type=float, default=30.0)
     options.add_argument("--radars", type=int, metavar="N", help="instead of everything at once")
     options.add_argument("--fault-every", type=float, metavar="SECONDS")
+    options.add_argument("--broker", choices=("mosquitto", "embedded"), default="mosquitto")
     options.add_argument("--nice", type=int, default=0, help="of all that the run consists of")
     options.add_argument("--page", type=Path, metavar="FOLDER", help="of a run that is over")
     options.add_argument("--to", type=Path, default=DOCS)
@@ -307,7 +316,7 @@ def main() -> None:
         load = everything() if asked.radars is None else many_radars(asked.radars)
         if asked.fault_every is not None:
             load = replace(load, fault_every_s=asked.fault_every)
-        Soak(folder, asked.minutes, load).run()
+        Soak(folder, asked.minutes, load, asked.broker).run()
     write_page(folder, asked.to)
 
 

@@ -1,0 +1,25 @@
+"""At every door of a session at once somebody misbehaves: its octets are as without them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fuzz.targets import LIVE
+from support.chaos import DOORS, OVER_TCP, WAYS, beside
+
+SECONDS = 1.5  # tools/soak/chaos.py has ten, for each door alone
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.asyncio
+async def test_whoever_misbehaves_at_all_doors_changes_no_octet(way: str, tmp_path: Path) -> None:
+    found = await beside(DOORS, way, SECONDS, tmp_path)
+    assert found.differing == 0
+    assert found.sectors > 5
+    assert (found.refused > 0) == (way not in {"silence", "disconnect"})
+
+
+def test_every_kind_of_live_source_is_a_door() -> None:
+    assert {door.partition(" ")[0] for door in DOORS if " " in door} == LIVE.keys()
+    assert {*OVER_TCP} == LIVE.keys() - {"remote-id"}

@@ -1,0 +1,211 @@
+"""Bad peers at one door of a session, or at all: what its sensors report is as without them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from fuzz.first_seeds import seeds_of
+from support.brokers import free_port, own_broker
+from support.scene_files import radar, scene_text
+from support.sessions import AtWork, at_work
+
+from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.link.counters import lateness_us
+from plotfeed.feeds.scene.scene import Scene, parsed
+from plotfeed.testing import MqttReceiver
+
+WAYS = ("garbage", "flood", "silence", "drip", "cut", "disconnect")
+TOPICS = {
+    "telemetry": "plotfeed/telemetry/bad",
+    "control": "plotfeed/control",
+    "mapped": "fleet/bad/state",
+}
+OVER_TCP = ("mavlink", "sbs1", "beast", "asterix-021")
+LIVE = (
+    *(f"{kind} udp" for kind in (*OVER_TCP, "remote-id")),
+    *(f"{kind} tcp" for kind in OVER_TCP),
+)
+SERVED = "remote-id http"
+DOORS = ("mqtt", *TOPICS, *LIVE, SERVED)
+MAPPING = """[[telemetry.mapping]]
+topic = "fleet/{drone}/state"
+latitude = "lat"
+longitude = "lon"
+altitude = "alt"
+altitude_reference = "ellipsoid"
+"""
+ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 400\r\n\r\n" + b'{"flights": []}'.ljust(400)
+# A socket that is closed with this set resets its connection.
+RESETS = struct.pack("ii", 1, 0)
+TURN_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a session said of itself, and how its octets compare with those of one alone."""
+
+    refused: int
+    sectors: int
+    differing: int
+    lateness_p99_ms: float
+    end_s: float  # From when it was told to end
+
+
+class Attack:
+    """One who misbehaves in that way at that door, until told to stop."""
+
+    def __init__(self, door: str, way: str, port: int, over: threading.Event) -> None:
+        self._door, self._way, self._port, self._over = door, way, port, over
+        self._chance = random.Random(f"{door} {way}")  # noqa: S311 - no secret
+        kind = "network-remote-id" if door == SERVED else f"live-{door.partition(' ')[0]}"
+        kind = {"mqtt": "mqtt-broker", **{t: t for t in TOPICS}}.get(door, kind)
+        self._whole = next(seed for seed in seeds_of(kind) if seed)
+
+    def run(self) -> None:
+        """Do it again and again."""
+        work = {SERVED: self._serve} | dict.fromkeys(TOPICS, self._publish)
+        while not self._over.is_set():
+            with contextlib.suppress(OSError, AssertionError):
+                work.get(self._door, self._connect)()
+
+    def octets(self) -> Iterator[bytes]:
+        """What is said in turn, a piece each time; for ever, but where it is cut."""
+        part = self._whole[: len(self._whole) // 3]
+        if self._way in {"garbage", "flood"}:
+            size = 200 if self._way == "garbage" else 60
+            while True:
+                yield self._chance.randbytes(size)
+        if self._way == "drip":
+            for at in range(10**6):
+                yield (part * 2)[at % len(part) :][:1]
+        if self._way == "cut":
+            yield part
+        elif self._way == "silence":
+            while True:
+                yield b""
+
+    def _wait(self) -> None:
+        self._over.wait(0.0 if self._way == "flood" else TURN_S)
+
+    def _say(self, send: Callable[[bytes], object]) -> None:
+        for piece in self.octets():
+            if self._over.is_set():
+                return
+            if piece:
+                send(piece)
+            self._wait()
+
+    def _connect(self) -> None:
+        """At a socket: of a live source, or of the broker."""
+        kind = socket.SOCK_DGRAM if self._door.endswith("udp") else socket.SOCK_STREAM
+        with socket.socket(socket.AF_INET, kind) as ours:
+            ours.settimeout(1.0)
+            ours.connect(("127.0.0.1", self._port))
+            self._say(ours.sendall)
+            if self._way == "cut" and kind == socket.SOCK_STREAM:
+                ours.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESETS)
+        self._over.wait(TURN_S)
+
+    def _publish(self) -> None:
+        """On a topic of the broker, whose clients come, say nothing, or go without a word."""
+        client, topic = MqttReceiver(self._port, 5, "plotfeed/errors/#"), TOPICS[self._door]
+        try:
+            if self._way == "flood":
+                while not self._over.is_set():
+                    client.publish_all((topic, each) for each in islice(self.octets(), 200))
+            else:
+                self._say(lambda piece: client.publish(topic, piece))
+        finally:
+            client.close()
+        self._over.wait(TURN_S)
+
+    def _serve(self) -> None:
+        """As a service that is asked for flights."""
+        with socket.create_server(("127.0.0.1", self._port)) as server:
+            server.settimeout(0.1)
+            while not self._over.is_set():
+                with contextlib.suppress(OSError):
+                    theirs, _ = server.accept()
+                    with theirs:
+                        theirs.settimeout(0.1)
+                        if self._way in {"drip", "cut"}:
+                            self._whole = ANSWER
+                        elif self._way in {"garbage", "flood"}:
+                            theirs.sendall(ANSWER[:17])
+                        self._say(theirs.sendall)
+
+
+def scene_of(ports: dict[str, int], port: int) -> Scene:
+    """A radar that turns slower than a machine stalls, a drone that is known, and all the doors."""
+    sources = ""
+    for door, at in ports.items():
+        kind, _, over = door.partition(" ")
+        if over == "http":
+            more = "view = [40.43, -3.76, 40.47, -3.70]\npoll_s = 0.2"
+            sources += f'[[telemetry.source]]\nurl = "{kind}:http://127.0.0.1:{at}/rid"\n{more}\n'
+        elif over:
+            scheme = "udp" if over == "udp" else "tcpin"
+            sources += f'[[telemetry.source]]\nurl = "{kind}:{scheme}://127.0.0.1:{at}"\n'
+    general = "max_speed_m_s = 350.0\ntakeoff_height_m = 650.0\ngeoid_undulation_m = 51.0\n"
+    text = scene_text(
+        port=port, sensors=radar(period_s=6.0, sectors=60), telemetry=general + MAPPING + sources
+    )
+    return parsed(text.encode(), Path("scene.toml"))
+
+
+async def beside(doors: Sequence[str], way: str, seconds: float, folder: Path) -> Outcome:
+    """A session with bad peers at those doors for so long, and the same engine without."""
+    broker, over = free_port(), threading.Event()
+    ports = {door: free_port() for door in (*LIVE, SERVED)}
+    scene = scene_of(ports, broker)
+    attacks = [Attack(door, way, ports.get(door, broker), over) for door in doors]
+    threads = [threading.Thread(target=each.run) for each in attacks]
+    with own_broker(folder, broker):
+        async with at_work(scene, broker) as session:
+            for thread in threads:
+                thread.start()
+            try:
+                await asyncio.sleep(seconds)
+                await session.sectors_more(1)
+            finally:
+                ended_s = time.monotonic()
+        end_s = time.monotonic() - ended_s
+        over.set()
+        for thread in threads:
+            await asyncio.to_thread(thread.join)
+    said, alone = octets_of(session), octets_alone(scene, session)
+    differing = sum(alone.get(key) != payload for key, payload in said.items())
+    (p99_us,) = lateness_us(session.totals.lateness_ns, 99)
+    return Outcome(session.totals.refused, len(session.sectors), differing, p99_us / 1e3, end_s)
+
+
+def octets_of(session: AtWork) -> dict[tuple[int, str], bytes]:
+    """What sensors said, by the end of the sector and the topic."""
+    return {
+        (sector.sector.end_ns, one.topic): one.payload
+        for sector in session.sectors
+        for messages in sector.messages
+        for one in messages
+    }
+
+
+def octets_alone(scene: Scene, session: AtWork) -> dict[tuple[int, str], bytes]:
+    """What the engine alone says of the same time."""
+    engine = Engine(scene, session.session.start_ns)
+    until_ns = session.sectors[-1].sector.end_ns
+    return {
+        (end_ns, one.topic): one.payload
+        for batch in engine.until(until_ns)
+        for end_ns, messages in zip(batch.sectors.end_ns.tolist(), batch.messages, strict=True)
+        for one in messages
+    }
