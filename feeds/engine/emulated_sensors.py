@@ -27,15 +27,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.models.beam import (
-    CULLED_FROM,
-    Borders,
-    Sector,
-    Sectors,
-    Timetable,
-    Timetables,
-    meetings,
-)
+from plotfeed.models.beam import Borders, Sector, Sectors, Timetable, Timetables, meetings
 from plotfeed.models.chance import NO_SCAN, Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
 from plotfeed.models.effects.classification import ClaimDraws
 from plotfeed.models.frames import (
@@ -260,14 +252,6 @@ class SensorSite:
             return None
         return np.asarray(self.axes.rotation_from_ecef @ self.frame.rotation_from_ecef.T)
 
-    def states_at(
-        self, velocities: bool, t_utc_ns: Ints | int, drones: Ints | None = None
-    ) -> PlaceState:
-        """What there is at a time, or of `drones` (m,) at times (m,), with velocities if asked."""
-        if velocities:
-            return self.trajectories.state_at(t_utc_ns, drones)
-        return self.trajectories.places_at(t_utc_ns, drones)
-
     def as_they_truly_were(self, looks: Looks) -> Looks:
         """Looks along the sensor's own axes, by true east, north and up."""
         own_enu_m = aer_to_enu(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
@@ -354,10 +338,13 @@ class SensorGroup:
         self.models = dict(zip(sensors, models, strict=True))
         self.site = sites[0]
         self._at_work = at_work
-        self._is_alone = len(sensors) == 1
-        self._frames = self.site.frame if self._is_alone else at_work.frames
-        self._axes: Axes = self.site.axes if self._is_alone else at_work.frames
+        # Of one sensor, its own, which stand for all rows; else by the index of the sensor.
+        is_one = len(sensors) == 1
+        self._frames: Axes = self.site.frame if is_one else at_work.frames
+        self._axes: Axes = self.site.axes if is_one else at_work.frames
         self._model = stacked(models)
+        # A kind of which each sensor is alone knows of no columns that say whose a row is.
+        self._shares = self._model.alike is not None
         self._measures_rates = self._model.measures_range_rate
         self._travels = self._model.signal_speed_m_s is not None
         self._held_ns = self._model.claims_held_ns
@@ -414,7 +401,7 @@ class SensorGroup:
         targets, row = self._targets(truth, row, sectors.sensor)
         if aims is not None:
             targets = aims.by_mount(targets, row)
-        rng: Any = generators[0] if self._is_alone else DrawsBySensor(generators, row)
+        rng: Any = generators[0]
         if isinstance(self._model, DwellingSensor):
             looks, detections, self._agenda = self._model.observe_period(
                 self._agenda, targets, sectors.one(0), rng
@@ -424,7 +411,9 @@ class SensorGroup:
             looks, detections = self._model.observe_scan(targets, sectors.one(0), rng)
             looks = self._as_they_were(looks)
         else:
-            looks, detections = self._observed(targets, rng, aims)
+            if self._shares:  # else it may draw as it likes
+                rng = DrawsBySensor(generators, row)
+            looks, detections = self._observed(targets, sectors.sensor[row], rng, aims)
         alarms = self._at_work.false_alarms.of_scans(sectors, self.models)
         alarms += self._by_sidelobes(sectors)
         if aims is not None:
@@ -452,7 +441,7 @@ class SensorGroup:
         """What the model makes of drones, each met within a sector, by its row."""
         targets, row = self._targets(truth, row, sectors.sensor)
         draws = self._at_work.draws.of(sectors.sensor[row], sectors.scan[row], targets.drone)
-        return self._observed(targets, draws)
+        return self._observed(targets, sectors.sensor[row], draws)
 
     def _by_sidelobes(self, sectors: Sectors) -> list[OfSensor]:
         return self._sidelobes.plots(sectors, self._all_at_the_end) if self._sidelobes else []
@@ -496,12 +485,6 @@ class SensorGroup:
     def _there_at_the_end(self, sectors: Sectors) -> tuple[Ints, PlaceState]:
         """Drones within reach at the ends of scans: the row of each, and its state."""
         trajectories = self._at_work.trajectories
-        if self._is_alone:
-            truth = self.site.states_at(self._needs_velocities, int(sectors.end_ns[0]))
-            if len(truth) >= CULLED_FROM:
-                reach_m = self._reach(sectors.sensor[0])
-                truth = truth.rows(self.site.frame.has_within(truth.position_ecef_m, reach_m))
-            return np.zeros(len(truth), np.int64), truth
         ends_ns, at = np.unique(sectors.end_ns, return_inverse=True)
         positions_ecef_m = trajectories.positions_at(ends_ns)
         frames = frames_at(self._frames, sectors.sensor[:, None])
@@ -543,9 +526,9 @@ class SensorGroup:
             velocity_enu_m_s=velocity_enu_m_s,
             readings=self.site.readings,
             strengths=self.site.strengths,
-            own_axes=self.site.own_axes if self._is_alone else None,
+            own_axes=self.site.own_axes,
             emitted_utc_ns=None if sensed is truth else sensed.t_utc_ns,
-            sensor=None if self._is_alone else sensors[row],
+            sensor=sensors[row] if self._shares else None,
         )
         if self._held_ns:
             from plotfeed.models.effects.classification import HeldClaims
@@ -585,13 +568,12 @@ class SensorGroup:
         return sensed, position_enu_m, there
 
     def _model_of(self, sensor: Ints) -> SensorModel:
-        return self._model if self._is_alone else self._model.rows(self._place[sensor])
+        return self._model.rows(self._place[sensor])
 
     def _observed(
-        self, targets: Targets, rng: Any, aims: Aims | None = None
+        self, targets: Targets, sensor: Ints, rng: Any, aims: Aims | None = None
     ) -> tuple[Looks, Plots]:
-        model = self._model if targets.sensor is None else self._model_of(targets.sensor)
-        looks, plots = model.observe(targets, rng)
+        looks, plots = self._model_of(sensor).observe(targets, rng)
         if aims is not None:
             looks, plots = aims.back(looks), aims.back(plots)
         return self._as_they_were(looks), plots
@@ -605,7 +587,7 @@ class SensorGroup:
     ) -> Batch:
         """Looks and plots by sector, plots with heights if any format tells them."""
         if alarms:
-            if not self._is_alone:  # each says whose it is
+            if self._shares:
                 alarms = [
                     (sensor, found.but(sensor=np.full(len(found), sensor)))
                     for sensor, found in alarms
@@ -620,10 +602,6 @@ class SensorGroup:
         return Batch(
             sectors, plots, plots_by, looks, looks_by, sensors=self._at_work.names, names=names
         )
-
-    def _told(self, sensor: int, plots: Plots) -> Plots:
-        """Plots of a sensor that say whose they are, where that is not known without."""
-        return plots if self._is_alone else plots.but(sensor=np.full(len(plots), sensor))
 
     def _by_sector(self, sectors: Sectors, columns: C) -> tuple[C, Ints]:
         """Rows by sensor and in the order of time, and where those of each sector begin."""
