@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import groupby
 from operator import itemgetter
+from typing import TYPE_CHECKING
 
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.link.counters import SessionCounters
@@ -13,8 +14,13 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import ChangeError, Command, ControlError
 from plotfeed.feeds.scene.report_formats import CUE_TOPIC
 from plotfeed.feeds.scene.sensors.mount_keys import CueError
+from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
+from plotfeed.proto.content_types import PROTOBUF
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 
 Input = tuple[str, bytes, str | None]  # Topic, payload and content type of what came in
 # Told of an input, and as of when it was taken in.
@@ -39,14 +45,16 @@ class Intake:
         *,
         received: Sequence[Received] = (),
         obeyed: Callable[[Command, int], object] = lambda *_: None,
+        mapped: MappedReports | None = None,
         others: frozenset[str] = frozenset(),
         leads: bool = True,
     ) -> None:
         """Refusals are published by `publish`.
 
         `received` are told of all that is taken in, `obeyed` of each command that was done, from
-        when on. `others` are sensors of which other engines hear the same, and answer what is asked
-        of them; of what is refused the one that `leads` tells.
+        when on. `mapped` makes reports of what other systems publish. `others` are sensors of which
+        other engines hear the same, and answer what is asked of them; of what is refused the one
+        that `leads` tells.
         """
         self._others, self._leads = others, leads
         self._reports = FairQueue()
@@ -56,7 +64,8 @@ class Intake:
         self._telemetry.welcome = self._reports.know
         self._telemetry.part_with = self._reports.forget
         self._totals, self._publish = totals, publish
-        self._received, self._obeyed = received, obeyed
+        self._received, self._obeyed, self._mapped = received, obeyed, mapped
+        self._root = engine.telemetry.topic.removesuffix("+")
         self._refused_before: dict[tuple[str, str], tuple[Refused, int]] = {}
 
     def __len__(self) -> int:
@@ -71,7 +80,10 @@ class Intake:
         )
 
     def queue(self, topic: str, payload: bytes, content_type: str | None) -> None:
-        """Let wait what has come in, or drop it if too much of its topic waits already."""
+        """Let wait what has come in, or drop it if too much of its topic waits already.
+
+        Of mapped topics the content type is the UTC nanosecond at which it came.
+        """
         queue = self._commands if self._engine.is_command(topic) else self._reports
         queue.put(topic, payload, content_type)
 
@@ -96,7 +108,10 @@ class Intake:
                 is_enough = until()
             # Telemetry when all commands are done, or when there are more than there is time for.
             if self._reports and bool(self._commands) == is_enough:
-                self._take_telemetry(self._reports.take(AT_ONCE), as_of_ns)
+                turns = self._reports.take(AT_ONCE)
+                if self._mapped is not None:
+                    turns = self._as_drones(self._mapped, turns, as_of_ns)
+                self._take_telemetry(turns, as_of_ns)
                 is_enough = is_enough or until()
             if is_enough:
                 break
@@ -128,6 +143,24 @@ class Intake:
             for topic, waited in turns:
                 for payload, content_type in waited:
                     received(topic, payload, content_type, as_of_ns)
+
+    def _as_drones(self, mapped: MappedReports, turns: Sequence[Turn], as_of_ns: int) -> list[Turn]:
+        """What has come as drones would have published it, of mapped topics by their mappings."""
+        found = []
+        for topic, waited in turns:
+            for payload, content_type in waited:
+                came_ns = int(content_type or 0) if mapped.maps(topic) else as_of_ns
+                heard = mapped.hear(topic, payload, came_ns)
+                if heard is None:
+                    found.append((topic, [(payload, content_type)]))
+                    continue
+                self._reports.know(topic)
+                of_drone = self._root + heard.drone if heard.drone else topic
+                if isinstance(heard.said, Refused):
+                    self.refuse_later(of_drone, heard.said)
+                else:
+                    found.append((of_drone, [(encode_protobuf(heard.said), PROTOBUF)]))
+        return found
 
     def _take_telemetry(self, turns: Sequence[Turn], as_of_ns: int) -> None:
         self._tell(turns, as_of_ns)

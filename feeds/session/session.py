@@ -169,21 +169,22 @@ class Session:
 
         # What comes in.
         self._received = who_care(observers, "received")
+        self._mapped: MappedReports | None = None
+        if scene.telemetry.mapping:
+            from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
+
+            self._mapped = MappedReports(scene.telemetry.mapping)
         self._intake = Intake(
             engine,
             totals,
             self._publish,
             received=self._received,
             obeyed=self._obeyed,
+            mapped=self._mapped,
             others=self._others,
             leads=leads,
         )
         self._root = f"{scene.mqtt.prefix}/telemetry/"
-        self._mapped: MappedReports | None = None
-        if scene.telemetry.mapping:
-            from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
-
-            self._mapped = MappedReports(scene.telemetry.mapping)
         self._sources = self._live_sources()
         self._tracker_topics = tracker_topics(own, observers)
 
@@ -435,20 +436,14 @@ class Session:
         if topic == self._presence.topic:
             self._presence.hear(payload)
             return
-        now_ns = self.clock.now_ns()
         if topic in self._tracker_topics:
+            now_ns = self.clock.now_ns()
             for each in self._observers:
                 each.tracked(topic, payload, content_type, now_ns)
             return
-        heard = None if self._mapped is None else self._mapped.hear(topic, payload, now_ns)
-        if heard is None:
-            self._loop.queue_input(topic, payload, content_type)
-        elif isinstance(heard.said, Refused):
-            self._intake.refuse_later(
-                self._root + heard.drone if heard.drone else topic, heard.said
-            )
-        else:
-            self._take_report(heard.drone, heard.said)
+        if self._mapped is not None and self._mapped.maps(topic):
+            content_type = f"{self.clock.now_ns()}"  # a mapping asks for no type
+        self._loop.queue_input(topic, payload, content_type)
 
     @property
     def input_queue(self) -> QueueStatistics:

@@ -38,15 +38,23 @@ class MappedReports:
         """What there is to subscribe to."""
         return list(dict.fromkeys(mapping.filter for mapping, _ in self._mappings))
 
+    def maps(self, topic: str) -> bool:
+        """Whether that topic is mapped."""
+        return self._found(topic) is not None
+
     def hear(self, topic: str, payload: bytes, now_utc_ns: int) -> HeardReport | None:
         """The report, or why there is none; None for a topic that is not mapped."""
+        found = self._found(topic)
+        return None if found is None else _heard(*found, payload, now_utc_ns)
+
+    def _found(self, topic: str) -> tuple[TelemetryMapping, str] | None:
+        """The mapping of a topic, and the drone that the topic names, if any."""
         levels = topic.split("/")
         for mapping, pattern in self._mappings:
             if len(levels) == len(pattern) and all(
                 theirs in ("+", PLACE, ours) for ours, theirs in zip(levels, pattern, strict=True)
             ):
-                drone = levels[pattern.index(PLACE)] if PLACE in pattern else ""
-                return _heard(mapping, drone, payload, now_utc_ns)
+                return mapping, levels[pattern.index(PLACE)] if PLACE in pattern else ""
         return None
 
 
