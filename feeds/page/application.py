@@ -203,7 +203,7 @@ class Application:
 
     async def _feed(self, websocket: WebSocket, role: Role) -> None:
         """Serve one viewer for as long as it stays."""
-        if len(self._viewers) >= MAX_VIEWERS:
+        if sum(viewer.role is role for viewer in self._viewers) >= MAX_VIEWERS:
             await websocket.close(1013)
             return
         await websocket.accept()

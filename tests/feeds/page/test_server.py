@@ -250,10 +250,13 @@ def test_viewers_are_as_many_as_there_is_room_for(
     page: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(application, "MAX_VIEWERS", 2)
-    with page.feed() as one, page.feed() as other:
+    audience = {"path": "/audience/feed"}
+    with page.feed(**audience) as one, page.feed(**audience) as other:
         assert next_frame(one)
         assert next_frame(other)
-        assert status_of(page) == 403
+        assert status_of(page, **audience) == 403
+        with page.feed() as presenter:  # whose places are others
+            assert next_frame(presenter)
     wait_until(lambda: not page.server.viewers)
     with page.feed() as feed:
         assert next_frame(feed).is_snapshot
