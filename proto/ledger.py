@@ -6,11 +6,10 @@ versions have a `Ledger` a sector instead, a row for each look, plot and message
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from itertools import chain
-from operator import attrgetter
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
@@ -31,7 +30,7 @@ from plotfeed.models.state import (
 )
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.ledger_pb2 import LedgerBatch
+from plotfeed.proto.ledger_pb2 import LedgerBatch, PlotColumns
 from plotfeed.proto.units import decibels
 from plotfeed.proto.varint import varint
 
@@ -60,6 +59,7 @@ _PARTS: Mapping[str, tuple[bytes, Mapping[str, tuple[bytes, np.dtype[Any]]]]] = 
     if part.message_type is not None and not part.is_repeated
 }
 
+C = TypeVar("C", bound=Columns)
 # Columns by the names of their fields; None for one that is left out.
 Written = Mapping[str, NDArray[Any] | Sequence[int] | None]
 
@@ -274,103 +274,116 @@ def entries_in(payload: bytes) -> list[pb.Ledger]:
         of_claims = _of_sectors(batch.sectors.claims_end, n, len(batch.claims)).tolist()
     except UNREADABLE as error:
         raise DecodeError(f"no ledger: {error}") from None
-    names = ("sensor", "scan", "sector", "link")
-    columns = (getattr(told.entries, name).tolist() for name in names)
-    entries = [
-        pb.Ledger(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True)
-    ]
-    for part in ("looks", "plots", "messages"):
-        table = getattr(told, part)
-        held = {name: column.tolist() for name, column in vars(table).items() if name != "entry"}
-        held = {"time_utc_ns" if n == "t_utc_ns" else n: c for n, c in held.items()}
-        for entry, *row in zip(table.entry.tolist(), *held.values(), strict=True):
-            told_of = dict(zip(held, row, strict=True))
-            if part == "looks":
-                told_of["emitted_utc_ns"] = told_of["emitted_utc_ns"] or None
-            elif part == "plots":
-                nothing = [n for n, v in told_of.items() if isinstance(v, float) and np.isnan(v)]
-                told_of = {n: v for n, v in told_of.items() if n not in nothing}
-            elif told_of["flipped_bit"] < 0:
-                del told_of["flipped_bit"]
-            getattr(entries[entry], part).add(**told_of)
+    entries = [pb.Ledger(**row) for row in _rows(told.entries, "payload", pb.Ledger)]
+    for table, kind, name in (
+        (told.looks, pb.Look, "looks"),
+        (told.plots, pb.PlotTruth, "plots"),
+        (told.messages, pb.Sent, "messages"),
+    ):
+        for entry, row in zip(table.entry.tolist(), _rows(table, "entry", kind), strict=True):
+            getattr(entries[entry], name).add(**row)
     for entry, claim in zip(of_claims, batch.claims, strict=True):
         entries[entry].claims.append(claim)
     return entries
+
+
+def _rows(table: Columns, without: str, kind: Any) -> Iterator[dict[str, Any]]:
+    """What each row tells in a message of that kind, by the names of its fields."""
+    names = [name for name in vars(table) if name != without]
+    absent = [ABSENT.get((kind.DESCRIPTOR.name, name)) for name in names]
+    for row in zip(*(vars(table)[name].tolist() for name in names), strict=True):
+        yield {
+            FIELDS.get(name, name): value
+            for name, value, nothing in zip(names, row, absent, strict=True)
+            if nothing is None or value == value != nothing  # noqa: PLR0124 - NaN is not
+        }
 
 
 def _tables_in(batch: LedgerBatch, number: int) -> LedgerTables:
     """The tables of a message with that number; raises `ValueError` where it contradicts itself."""
     of, looks, plots, sent = batch.sectors, batch.looks, batch.plots, batch.messages
     n, n_looks, n_plots = len(of.sensor), len(looks.target), len(plots.target)
-    n_sent = len(sent.topic)
+    n_sent, n_missed = len(sent.topic), len(sent.missed_message)
     names = np.array([*batch.targets, ""], np.object_)
     is_other = np.array([OTHER in name for name in names.tolist()], np.bool_)
     drones, others = np.where(is_other, "", names), np.where(is_other, names, "")
     looked_at, caused_by = _places(looks.target, names), _places(plots.target, names)
-    merged = _places(plots.merged_target, names)
-    due_utc_ns, fate = _column(sent, "due_utc_ns", n_sent), _column(sent, "fate", n_sent)
-    link_due_utc_ns = due_utc_ns
-    if sent.link_due_utc_ns:
-        link_due_utc_ns = _column(sent, "link_due_utc_ns", n_sent)
+    merged = names[_places(plots.merged_target, names)]
+    missed = _texts(sent.missed_destination, batch.destinations, n_missed)
+    due = "link_due_utc_ns" if sent.link_due_utc_ns else "due_utc_ns"
     return LedgerTables(
-        ToldEntries(
+        _table(
+            ToldEntries,
+            of,
+            n,
             payload=endless(number, np.int64)[:n],
             sensor=_texts(of.sensor, batch.sensors, n),
-            scan=_column(of, "scan", n),
-            sector=_column(of, "sector", n),
             link=_texts(of.link, batch.links, n),
         ),
-        ToldLooks(
+        _table(
+            ToldLooks,
+            looks,
+            n_looks,
             entry=_of_sectors(of.looks_end, n, n_looks),
             drone=drones[looked_at],
             other=others[looked_at],
-            t_utc_ns=_column(looks, "time_utc_ns", n_looks),
-            emitted_utc_ns=_column(looks, "emitted_utc_ns", n_looks),
-            detected=_column(looks, "detected", n_looks),
-            channel=_column(looks, "channel", n_looks),
-            **{name: _column(looks, name, n_looks) for name in (*GEOMETRY, "snr_db", "pd")},
         ),
-        ToldPlots(
+        _table(
+            ToldPlots,
+            plots,
+            n_plots,
             entry=_of_sectors(of.plots_end, n, n_plots),
             drone=drones[caused_by],
             other=others[caused_by],
-            t_utc_ns=_column(plots, "time_utc_ns", n_plots),
-            range_rate_m_s=_column(plots, "range_rate_m_s", n_plots, np.nan),
-            merged_drones=_tuples(n_plots, plots.merged_plot, names[merged]),
-            **{name: _column(plots, name, n_plots, np.nan) for name in GEOMETRY},
+            merged_drones=_tuples(n_plots, plots.merged_plot, merged),
         ),
-        ToldMessages(
+        _table(
+            ToldMessages,
+            sent,
+            n_sent,
             entry=_of_sectors(of.messages_end, n, n_sent),
             topic=_texts(sent.topic, batch.topics, n_sent),
-            due_utc_ns=due_utc_ns,
-            link_due_utc_ns=link_due_utc_ns,
-            fate=fate,
-            delivered=fate == pb.SENT,
-            flipped_bit=_column(sent, "flipped_bit", n_sent, -1),
-            not_to=_tuples(
-                n_sent,
-                sent.missed_message,
-                _texts(sent.missed_destination, batch.destinations, len(sent.missed_message)),
-            ),
-            **{name: _column(sent, name, n_sent) for name in OF_SENT},
+            link_due_utc_ns=_column(sent, due, n_sent),
+            delivered=_column(sent, "fate", n_sent) == pb.SENT,
+            not_to=_tuples(n_sent, sent.missed_message, missed),
         ),
     )
 
 
-GEOMETRY = ("range_m", "azimuth_deg", "elevation_deg")
-OF_SENT = ("sent_utc_ns", "octets", "number", "copy")
+_DTYPES_OF = {"Ints": np.int64, "Bools": np.bool_, "Floats": np.float64, "Texts": np.object_}
+FIELDS = {
+    "t_utc_ns": "time_utc_ns"
+}  # Fields of messages that columns of tables have another name of
+# What stands for a field that is left out; else it is 0.
+ABSENT: Mapping[tuple[str, str], float] = {
+    **{
+        (message.DESCRIPTOR.name, name): np.nan
+        for message in (PlotColumns, pb.PlotTruth)
+        for name in ("range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s")
+    },
+    ("MessageColumns", "flipped_bit"): -1,
+    ("Sent", "flipped_bit"): -1,
+    ("Look", "emitted_utc_ns"): 0,
+}
 
 
-def _column(part: Any, name: str, length: int, absent: float = 0) -> NDArray[Any]:
-    """A column as tables have it, `absent` in each of its rows if it is empty."""
-    values = getattr(part, name)
-    kind = part.DESCRIPTOR.fields_by_name[name].type
-    dtype = {FieldDescriptor.TYPE_DOUBLE: np.float64, FieldDescriptor.TYPE_BOOL: np.bool_}
+def _table(kind: type[C], part: Any, length: int, **known: NDArray[Any]) -> C:
+    """A table of the columns of a part, so long, beside those that are known."""
+    names = (each.name for each in fields(kind) if each.name not in known)
+    return kind(**known, **{name: _column(part, name, length) for name in names})
+
+
+def _column(part: Any, name: str, length: int) -> NDArray[Any]:
+    """A column as tables have it; where it is left out, all of its rows are alike."""
+    field = part.DESCRIPTOR.fields_by_name[FIELDS.get(name, name)]
+    values = getattr(part, field.name)
+    kinds = {FieldDescriptor.TYPE_DOUBLE: np.float64, FieldDescriptor.TYPE_BOOL: np.bool_}
+    dtype = kinds.get(field.type, np.int64)
     if not values:
-        return endless(absent, dtype.get(kind, np.int64))[:length]
+        return endless(ABSENT.get((part.DESCRIPTOR.name, name), 0), dtype)[:length]
     if len(values) != length:
-        raise ValueError(f"{len(values)} of {name}, expected {length}")
-    return np.asarray(values, dtype.get(kind, np.int64))
+        raise ValueError(f"{len(values)} of {field.name}, expected {length}")
+    return np.asarray(values, dtype)
 
 
 def _places(values: Sequence[int], texts: Texts) -> Ints:
@@ -407,78 +420,40 @@ def _tuples(length: int, rows: Sequence[int], values: Texts) -> Texts:
     of_row: dict[int, list[str]] = {}
     for row, value in zip(rows, values.tolist(), strict=True):
         of_row.setdefault(row, []).append(value)
-    return _objects(tuple(of_row.get(row, ())) for row in range(length))
+    column = np.empty(length, np.object_)
+    column[:] = [tuple(of_row.get(row, ())) for row in range(length)]
+    return column
 
 
 def _tables_of_rows(numbered: Sequence[tuple[int, pb.Ledger]]) -> LedgerTables:
     """The tables of messages of earlier versions, by the numbers of these."""
+
+    def table(kind: type[C], part: str) -> C:
+        rows = [(i, row) for i, (_, entry) in enumerate(numbered) for row in getattr(entry, part)]
+        return _table_of_rows(kind, [row for _, row in rows], entry=[i for i, _ in rows])
+
     entries = [entry for _, entry in numbered]
-    looks, of_looks = _rows([entry.looks for entry in entries])
-    plots, of_plots = _rows([entry.plots for entry in entries])
-    sent, of_sent = _rows([entry.messages for entry in entries])
     return LedgerTables(
-        ToldEntries(
-            payload=np.array([number for number, _ in numbered], np.int64),
-            sensor=_objects(entry.sensor for entry in entries),
-            scan=_ints(entries, "scan"),
-            sector=_ints(entries, "sector"),
-            link=_objects(entry.link for entry in entries),
-        ),
-        ToldLooks(
-            entry=of_looks,
-            drone=_objects(look.drone for look in looks),
-            other=_objects(look.other for look in looks),
-            t_utc_ns=_ints(looks, "time_utc_ns"),
-            emitted_utc_ns=_ints(looks, "emitted_utc_ns"),
-            detected=np.fromiter(map(attrgetter("detected"), looks), np.bool_, len(looks)),
-            channel=_ints(looks, "channel"),
-            **{name: _reals(looks, name) for name in (*GEOMETRY, "snr_db", "pd")},
-        ),
-        ToldPlots(
-            entry=of_plots,
-            drone=_objects(plot.drone for plot in plots),
-            other=_objects(plot.other for plot in plots),
-            t_utc_ns=_ints(plots, "time_utc_ns"),
-            merged_drones=_objects(tuple(plot.merged_drones) for plot in plots),
-            **{name: _if_told(plots, name) for name in (*GEOMETRY, "range_rate_m_s")},
-        ),
-        ToldMessages(
-            entry=of_sent,
-            topic=_objects(one.topic for one in sent),
-            delivered=np.fromiter(map(attrgetter("delivered"), sent), np.bool_, len(sent)),
-            flipped_bit=np.array(
-                [one.flipped_bit if one.HasField("flipped_bit") else -1 for one in sent], np.int64
-            ),
-            not_to=_objects(tuple(one.not_to) for one in sent),
-            **{
-                name: _ints(sent, name)
-                for name in ("due_utc_ns", "link_due_utc_ns", "fate", *OF_SENT)
-            },
-        ),
+        _table_of_rows(ToldEntries, entries, payload=[number for number, _ in numbered]),
+        table(ToldLooks, "looks"),
+        table(ToldPlots, "plots"),
+        table(ToldMessages, "messages"),
     )
 
 
-def _rows(parts: Sequence[Any]) -> tuple[list[Any], Ints]:
-    """All rows, and the number of the entry that each is of."""
-    lengths = np.fromiter(map(len, parts), np.int64, len(parts))
-    return list(chain.from_iterable(parts)), np.repeat(np.arange(len(parts)), lengths)
+def _table_of_rows(kind: type[C], rows: Sequence[Any], **known: Sequence[int]) -> C:
+    """A table of what rows hold, beside the columns that are known."""
+    columns = {}
+    for each in fields(kind):
+        column = columns[each.name] = np.empty(len(rows), _DTYPES_OF[str(each.type)])
+        column[:] = known.get(each.name) or [_told(row, each.name) for row in rows]
+    return kind(**columns)
 
 
-def _ints(rows: Sequence[Any], name: str) -> Ints:
-    return np.fromiter(map(attrgetter(name), rows), np.int64, len(rows))
-
-
-def _reals(rows: Sequence[Any], name: str) -> Floats:
-    return np.fromiter(map(attrgetter(name), rows), np.float64, len(rows))
-
-
-def _if_told(rows: Sequence[Any], name: str) -> Floats:
-    told = [getattr(row, name) if row.HasField(name) else np.nan for row in rows]
-    return np.array(told, np.float64)
-
-
-def _objects(values: Iterable[Any]) -> Texts:
-    held = list(values)
-    column = np.empty(len(held), np.object_)
-    column[:] = held
-    return column
+def _told(row: Any, name: str) -> Any:
+    """What a row holds as a column's value."""
+    field = row.DESCRIPTOR.fields_by_name[FIELDS.get(name, name)]
+    if field.has_presence and not row.HasField(field.name):
+        return ABSENT.get((row.DESCRIPTOR.name, name), 0)
+    value = getattr(row, field.name)
+    return tuple(value) if field.is_repeated else value

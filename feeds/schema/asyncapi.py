@@ -61,7 +61,7 @@ def flows() -> list[Flow]:
             before = found.get(flow.name, flow)
             sensors = sorted({*flow.sensors, *before.sensors})
             found[flow.name] = replace(flow, sensors=tuple(sensors))
-    return [*found.values(), *_of_session(), *_telemetry(), _control(), _cue()]
+    return [*found.values(), *_of_session(), *_coming_in()]
 
 
 def types_that_report(name: str) -> tuple[str, ...]:
@@ -123,75 +123,53 @@ def _of_format(name: str) -> Iterator[Flow]:
         )
 
 
-def _asterix(category: int, summary: str, *, address: str, **more: object) -> Flow:
+def _asterix(category: int, summary: str, **more: Any) -> Flow:
     return Flow(
         name=f"asterix{category:03d}",
-        address=address,
         content_type=asterix_content_type(category),
         summary=f"An ASTERIX data block of category {category:03d}: {summary}.",
         kind=f"plotfeed.asterix.{category:03d}",
-        **more,  # type: ignore[arg-type]
+        **more,
     )
+
+
+def _json(name: str, summary: str, *, of: str = "{prefix}", **more: Any) -> Flow:
+    """A flow of JSON on the topic of its name below those levels."""
+    how = {"kind": f"plotfeed.{name}", "content_type": JSON, "address": f"{of}/{name}", **more}
+    return Flow(name=name, summary=summary, **how)
 
 
 def _of_session() -> Iterator[Flow]:
-    yield Flow(
-        name="status",
-        address="{prefix}/{sensor}/status",
-        content_type=JSON,
-        summary="A sensor's state, every 5 s, at the end, and as a last will.",
+    retained: dict[str, Any] = {"qos": 1, "retain": True}
+    of_sensor = {"of": "{prefix}/{sensor}", "attributes": OF_SENSOR, **retained}
+    yield _json(
+        "status",
+        "A sensor's state, every 5 s, at the end, and as a last will.",
         message=f"{OURS}.SensorStatus",
-        attributes=OF_SENSOR,
-        kind="plotfeed.status",
-        qos=1,
-        retain=True,
+        **of_sensor,
     )
-    yield Flow(
-        name="settings",
-        address="{prefix}/{sensor}/settings",
-        content_type=JSON,
-        summary="What the keys of a sensor are at the moment, and which control has changed.",
-        attributes=OF_SENSOR,
-        kind="plotfeed.settings",
-        qos=1,
-        retain=True,
-        schema=_object(sensor="string", time_utc="string", controlled="object", in_force="object"),
+    yield _json(
+        "settings",
+        "What the keys of a sensor are at the moment, and which control has changed.",
+        schema=_object("sensor time_utc: string, controlled in_force: object"),
+        **of_sensor,
     )
-    yield Flow(
-        name="description",
-        address="{prefix}/{sensor}/description",
-        content_type=JSON,
-        summary="What a sensor is, where it stands, what it covers, how well and where it reports.",
+    yield _json(
+        "description",
+        "What a sensor is, where it stands, what it covers, how well and where it reports.",
         message=f"{OURS}.SensorDescription",
-        attributes=OF_SENSOR,
-        kind="plotfeed.description",
-        qos=1,
-        retain=True,
+        **of_sensor,
     )
-    yield Flow(
-        name="session",
-        address="{prefix}/session",
-        content_type=JSON,
-        summary="Which scene runs, or has run: at the start, at the end, as a last will, when "
+    yield _json(
+        "session",
+        "Which scene runs, or has run: at the start, at the end, as a last will, when "
         "another session is heard, and when a clock faster than the world's reaches another speed.",
-        kind="plotfeed.session",
-        qos=1,
-        retain=True,
         schema=_object(
-            session="string",
-            state="string",
-            heard="array",
-            scene="string",
-            seed="integer",
-            start_utc="string",
-            start_utc_ns="integer",
-            tick_ms="integer",
-            sensors="array",
-            site="object",
-            plotfeed="string",
-            speed="number?",
-            speed_reached="number?",
+            "session state: string, heard: array, scene: string, seed: integer, start_utc: string, "
+            "start_utc_ns tick_ms: integer, sensors: array, site: object, plotfeed: string, "
+            "speed speed_reached: number?"
         ),
+        **retained,
     )
     yield Flow(
         name="truth",
@@ -203,38 +181,21 @@ def _of_session() -> Iterator[Flow]:
         qos=0,
         needs="mqtt.truth is not false",
     )
-    yield Flow(
-        name="score",
-        address="{prefix}/score",
-        content_type=JSON,
-        summary="How the tracker under test and the feed do, once a second. Not for trackers.",
-        kind="plotfeed.score",
+    yield _json(
+        "score",
+        "How the tracker under test and the feed do, once a second. Not for trackers.",
         qos=0,
         needs="page.tracks_topic says where a tracker publishes, and mqtt.truth is not false",
         schema=_object(
-            time_utc="string",
-            tracks_topic="string",
-            cutoff_m="number",
-            dimensions="integer",
-            drones="integer",
-            tracks="integer",
-            reports="integer",
-            unreadable="integer",
-            problem="string",
-            now="object",
-            window_s="integer",
-            window="object",
-            feed_false_rate="number",
-            feed="array",
+            "time_utc tracks_topic: string, cutoff_m: number, dimensions drones tracks reports "
+            "unreadable: integer, problem: string, now: object, window_s: integer, window: object, "
+            "feed_false_rate: number, feed: array"
         ),
     )
-    yield Flow(
-        name="errors",
-        address="{prefix}/errors",
-        content_type=JSON,
-        summary="Telemetry or a command that was refused, and why.",
+    yield _json(
+        "errors",
+        "Telemetry or a command that was refused, and why.",
         message=f"{OURS}.Refusal",
-        kind="plotfeed.errors",
         qos=0,
         needs="something was refused",
     )
@@ -246,26 +207,64 @@ def _of_session() -> Iterator[Flow]:
         needs="[cooperative] has asterix-129 in its report",
     )
     for name, content_type in (
-        ("claimedJson", JSON),
-        ("claimedProtobuf", f"{PROTOBUF}; messageType={OURS}.Telemetry"),
+        ("Json", JSON),
+        ("Protobuf", f"{PROTOBUF}; messageType={OURS}.Telemetry"),
     ):
         yield Flow(
-            name=name,
+            name=f"claimed{name}",
             address=f"{{prefix}}/{CLAIMED}/{{drone}}",
             content_type=content_type,
             summary="What a cooperative drone says of itself, as telemetry.",
             message=f"{OURS}.Telemetry",
             attributes=("drone",),
             kind="plotfeed.claimed",
-            needs=f"[cooperative] has {name.removeprefix('claimed').lower()} in its report",
+            needs=f"[cooperative] has {name.lower()} in its report",
             required=REQUIRED,
         )
 
 
-def _object(**types: str) -> dict[str, Any]:
-    """The schema of an object that has all of those keys but those whose type ends with "?"."""
-    properties = {name: {"type": kind.removesuffix("?")} for name, kind in types.items()}
-    required = [name for name, kind in types.items() if not kind.endswith("?")]
+def _coming_in() -> Iterator[Flow]:
+    for name, content_type, message in (
+        ("Protobuf", PROTOBUF, f"{OURS}.Telemetry"),
+        ("Json", JSON, f"{OURS}.Telemetry"),
+        ("Asterix129", asterix_content_type(129), ""),
+    ):
+        yield Flow(
+            name=f"telemetry{name}",
+            address="{prefix}/telemetry/{drone}",
+            content_type=content_type,
+            summary="Where a drone is.",
+            message=message,
+            inbound=True,
+            required=REQUIRED,
+        )
+    yield _json(
+        "control",
+        "What is to be otherwise from now on: keys of a sensor, or a simulated clock.",
+        inbound=True,
+        schema=_inlined(Command.model_json_schema()),
+    )
+    yield _json(
+        CUE_TOPIC,
+        "Where the mount of a sensor is to look, for a while.",
+        of="{prefix}/{sensor}",
+        sensors=tuple(kind for kind, keys in SENSORS.items() if "mount" in keys.model_fields),
+        inbound=True,
+        schema=_inlined(Cue.model_json_schema()),
+    )
+
+
+def _object(types: str) -> dict[str, Any]:
+    """The schema of an object with the keys in "KEY KEY: TYPE, KEY: TYPE".
+
+    It has all of them but those whose type ends with "?".
+    """
+    properties: dict[str, Any] = {}
+    required = []
+    for names, _, kind in (alike.partition(": ") for alike in types.split(", ")):
+        for name in names.split():
+            properties[name] = {"type": kind.removesuffix("?")}
+            required += [] if kind.endswith("?") else [name]
     return {"type": "object", "properties": properties, "required": required}
 
 
@@ -285,46 +284,6 @@ def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
 
     inside: dict[str, Any] = inlined(schema)
     return inside
-
-
-def _control() -> Flow:
-    return Flow(
-        name="control",
-        address="{prefix}/control",
-        content_type=JSON,
-        summary="What is to be otherwise from now on: keys of a sensor, or a simulated clock.",
-        inbound=True,
-        schema=_inlined(Command.model_json_schema()),
-    )
-
-
-def _cue() -> Flow:
-    return Flow(
-        name="cue",
-        address=f"{{prefix}}/{{sensor}}/{CUE_TOPIC}",
-        content_type=JSON,
-        summary="Where the mount of a sensor is to look, for a while.",
-        sensors=tuple(kind for kind, keys in SENSORS.items() if "mount" in keys.model_fields),
-        inbound=True,
-        schema=_inlined(Cue.model_json_schema()),
-    )
-
-
-def _telemetry() -> Iterator[Flow]:
-    for name, content_type, message in (
-        ("telemetryProtobuf", PROTOBUF, f"{OURS}.Telemetry"),
-        ("telemetryJson", JSON, f"{OURS}.Telemetry"),
-        ("telemetryAsterix129", asterix_content_type(129), ""),
-    ):
-        yield Flow(
-            name=name,
-            address="{prefix}/telemetry/{drone}",
-            content_type=content_type,
-            summary="Where a drone is.",
-            message=message,
-            inbound=True,
-            required=REQUIRED,
-        )
 
 
 BINDING = "0.2.0"

@@ -16,13 +16,22 @@ from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat016 import CAT016
 from plotfeed.proto.asterix.cat025 import CAT025, STATUS
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Parts, Reports, looked_up, measured
+from plotfeed.proto.asterix.codec.encode import (
+    UDP_OCTETS,
+    Parts,
+    ReportEncoder,
+    Reports,
+    looked_up,
+    measured,
+)
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import TIME_LSB_NS, decibels
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from plotfeed.models.state import Floats, Ints, Plots
 
 CAT015 = category(
@@ -160,7 +169,7 @@ FORMAT = asterix(
 )
 
 
-class PlotEncoder015:
+class PlotEncoder015(ReportEncoder):
     """Measurement plots, as I015/010, 000, 020, 145, and of the others what is measured.
 
     Those are 300 (class), 625 (R, SDR), 626 (DV, SDDV), 627 (AZ, SDASZ), 628 (EL, SDEL), 630 (RPP
@@ -171,7 +180,8 @@ class PlotEncoder015:
     A pair is the channel of a plot. `classes` has the class of each kind of plot, by agreement with
     the receiver; without it no class is sent. Plots that do not say how probable theirs is are sure
     of it. Several sensors have a SAC, SIC, manner of scanning and limit of octets each, in
-    sequences.
+    sequences. Further, `blocks` takes the number of a multistatic sensor's first plot, `blocks_by`
+    that of the first of each part, (m,).
     """
 
     def __init__(
@@ -207,29 +217,17 @@ class PlotEncoder015:
             max_octets=max_octets,
         )
 
-    def blocks(self, plots: Plots, *, first_observation: int = 0) -> list[bytes]:
-        """Data blocks of all plots of one sensor, in their order, none longer than `max_octets`.
-
-        A column of nothing but NaN, or of no kinds, is not measured; one with some is an
-        EncodeError. `first_observation` is the number of the first plot of a multistatic sensor.
-        """
-        first = np.array([first_observation], np.int64)
-        return self.blocks_by(plots, Parts.whole(len(plots)), first)[0]
-
-    def blocks_by(self, plots: Plots, parts: Parts, first_observation: Ints) -> list[list[bytes]]:
-        """Data blocks of each part of the plots; all of them measure the same.
-
-        `first_observation` is the number of the first plot of each part, (m,).
-        """
-        if not len(plots):
-            return [[] for _ in range(len(parts))]
+    def _columns(
+        self, plots: Plots, parts: Parts, first_observation: ArrayLike = 0
+    ) -> Mapping[str, ArrayLike]:
         columns: dict[str, Floats | Ints] = {"I015/145": plots.t_utc_ns}
         columns |= measured(plots, self._optional)
         snr = measured(plots, {"I015/630/RPS": "snr"})
         columns |= {path: decibels(ratio) for path, ratio in snr.items()}
         if self._multistatic:
             columns["I015/400/PID"] = plots.channel
-            columns["I015/400/ON"] = parts.numbered_from(first_observation) % OBSERVATIONS
+            first = np.atleast_1d(first_observation)
+            columns["I015/400/ON"] = parts.numbered_from(first) % OBSERVATIONS
         if self._classes is not None and any(plots.kind):
             path = "I015/300/0/CLS"
             columns[path] = looked_up(self._classes, plots.kind, "class for kind", path)
@@ -239,4 +237,4 @@ class PlotEncoder015:
                 if stated is None
                 else np.rint(SURE_PCT * np.nan_to_num(stated)).astype(np.int64)
             )
-        return self._reports.blocks_by(columns, parts)
+        return columns

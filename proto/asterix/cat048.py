@@ -10,7 +10,7 @@ editions 1.27 to 1.29. The clause of an item is 5.2.<item>; `codec.layout` expla
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.codec.encode import (
@@ -18,6 +18,7 @@ from plotfeed.proto.asterix.codec.encode import (
     Constant,
     Encoder,
     Parts,
+    ReportEncoder,
     Reports,
     blocks_of_one,
     checked_position,
@@ -148,10 +149,10 @@ FORMAT = asterix(
 )
 
 
-class PlotEncoder048:
+class PlotEncoder048(ReportEncoder):
     """Plots of a primary radar, as I048/010, 140, 020, 040, and of 130, 110, 120 what is measured.
 
-    `geoid_undulation_m` is the height of mean sea level above the WGS-84 ellipsoid where the plots
+    Further, `blocks` takes the height of mean sea level above the WGS-84 ellipsoid where the plots
     are, one for all or (n,): they have heights above the latter, I048/110 above the former. The
     Doppler speed of 120 is the range rate in whole m/s; the standard leaves its sign open: here a
     positive one recedes. Several radars have a SAC, SIC and limit of octets each, in sequences.
@@ -182,29 +183,18 @@ class PlotEncoder048:
             max_octets=max_octets,
         )
 
-    def blocks(self, plots: Plots, geoid_undulation_m: ArrayLike = 0.0) -> list[bytes]:
-        """Data blocks of all plots of one radar, in their order, none longer than `max_octets`.
-
-        A column of nothing but NaN is not measured; one with some NaN is an EncodeError.
-        """
-        return self.blocks_by(plots, Parts.whole(len(plots)), geoid_undulation_m)[0]
-
-    def blocks_by(
-        self, plots: Plots, parts: Parts, geoid_undulation_m: ArrayLike = 0.0
-    ) -> list[list[bytes]]:
-        """Data blocks of each part of the plots; all of them measure the same."""
-        if not len(plots):
-            return [[] for _ in range(len(parts))]
+    def _columns(
+        self, plots: Plots, _parts: Parts, geoid_undulation_m: ArrayLike = 0.0
+    ) -> Mapping[str, ArrayLike]:
         optional = measured(plots, OPTIONAL)
         if "I048/110" in optional:
             optional["I048/110"] = plots.height_m - np.asarray(geoid_undulation_m)
-        columns = {
+        return {
             "I048/140": plots.t_utc_ns,
             "I048/040/RHO": plots.range_m,
             "I048/040/THETA": plots.azimuth_deg,
             **optional,
         }
-        return self._reports.blocks_by(columns, parts)
 
 
 class ServiceEncoder034:

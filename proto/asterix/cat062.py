@@ -8,22 +8,26 @@ I062/390 is the flight plan. LMC is a flight level. Earlier editions have fewer 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.codec.encode import (
     UDP_OCTETS,
     Constant,
     Parts,
+    ReportEncoder,
     Reports,
     checked_position,
     measured,
+    one_block_each,
 )
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import FOOT_M, TIME_LSB_NS
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from plotfeed.models.state import Ints
     from plotfeed.proto.tracks.encode_tracks import Tracks
 
@@ -172,12 +176,11 @@ FORMAT = asterix(
 )
 
 
-class TrackEncoder062:
+class TrackEncoder062(ReportEncoder):
     """Tracks of sensors, as I062/010, 070, 105, 100, 185, 040, 080, and what else they have.
 
     That is 130 (height), 220 (climb), 290 (PSR) and 500 (APC), which holds the rounding of 100 and
-    is rounded up. Several sensors have a SAC, SIC and
-    limit of octets each, in sequences.
+    is rounded up. Several sensors have a SAC, SIC and limit of octets each, in sequences.
     """
 
     def __init__(
@@ -214,39 +217,26 @@ class TrackEncoder062:
             max_octets=max_octets,
         )
 
-    def blocks(self, tracks: Tracks) -> list[bytes]:
-        """Data blocks of all tracks of one sensor, in their order, within `max_octets`.
-
-        A column of nothing but NaN is not estimated; one with some NaN is an EncodeError.
-        """
-        return self.blocks_by(tracks, Parts.whole(len(tracks)))[0]
-
-    def blocks_by(self, tracks: Tracks, parts: Parts) -> list[list[bytes]]:
-        """Data blocks of each part of the tracks, all of which have estimates of the same."""
-        if not len(tracks):
-            return [[] for _ in range(len(parts))]
+    def _columns(self, tracks: Tracks, _parts: Parts) -> Mapping[str, ArrayLike]:
         checked_position(tracks.latitude_deg, tracks.longitude_deg, field="I062/105")
         optional = measured(tracks, OPTIONAL)
-        return self._reports.blocks_by(
-            {
-                "I062/070": tracks.t_utc_ns,
-                "I062/105/LAT": tracks.latitude_deg,
-                "I062/105/LON": tracks.longitude_deg,
-                "I062/100/X": tracks.east_m,
-                "I062/100/Y": tracks.north_m,
-                "I062/185/VX": tracks.velocity_east_m_s,
-                "I062/185/VY": tracks.velocity_north_m_s,
-                "I062/040": tracks.track,
-                "I062/080/SRC": RADAR_3D if "I062/130" in optional else 0,
-                "I062/080/CNF": tracks.tentative,
-                "I062/080/TSE": tracks.last,
-                "I062/080/TSB": tracks.first,
-                "I062/080/CST": tracks.coasted,
-                "I062/080/PSR": tracks.coasted,
-                **optional,
-            },
-            parts,
-        )
+        return {
+            "I062/070": tracks.t_utc_ns,
+            "I062/105/LAT": tracks.latitude_deg,
+            "I062/105/LON": tracks.longitude_deg,
+            "I062/100/X": tracks.east_m,
+            "I062/100/Y": tracks.north_m,
+            "I062/185/VX": tracks.velocity_east_m_s,
+            "I062/185/VY": tracks.velocity_north_m_s,
+            "I062/040": tracks.track,
+            "I062/080/SRC": RADAR_3D if "I062/130" in optional else 0,
+            "I062/080/CNF": tracks.tentative,
+            "I062/080/TSE": tracks.last,
+            "I062/080/TSB": tracks.first,
+            "I062/080/CST": tracks.coasted,
+            "I062/080/PSR": tracks.coasted,
+            **optional,
+        }
 
 
 class StatusEncoder063:
@@ -273,5 +263,4 @@ class StatusEncoder063:
 
     def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
         """A data block for each of these times, (m,), of sensors by their numbers, (m,)."""
-        found = self._reports.blocks_by({"I063/030": t_utc_ns}, Parts.one_each(sources))
-        return [block for (block,) in found]
+        return one_block_each(self._reports, "I063/030", t_utc_ns, sources)

@@ -9,12 +9,18 @@ for the error of a bearing, the time of its measurement or what the emission say
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat025 import CAT025, STATUS
-from plotfeed.proto.asterix.codec.encode import Parts, Reports, checked_position, measured
+from plotfeed.proto.asterix.codec.encode import (
+    Parts,
+    ReportEncoder,
+    Reports,
+    checked_position,
+    measured,
+)
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
@@ -22,6 +28,8 @@ from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import TIME_LSB_NS, decibels
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from plotfeed.models.state import Floats, Ints, Plots
 
 CAT205 = category(
@@ -78,11 +86,12 @@ FORMAT = asterix(
 )
 
 
-class BearingEncoder205:
+class BearingEncoder205(ReportEncoder):
     """Bearings, as I205/010, 000, 030, 040, 050, 070, and of 180, 190, 200 what is measured.
 
     Latitude and longitude are the sensor's. The quality of a signal is 0 at 0 dB. Several sensors
-    have a SAC, SIC, latitude and longitude each, in sequences.
+    have a SAC, SIC, latitude and longitude each, in sequences. Further, `blocks` takes the time at
+    which all are sent and the number of the first, `blocks_by` both of each part, (m,).
     """
 
     def __init__(
@@ -109,26 +118,12 @@ class BearingEncoder205:
             one_a_block=True,
         )
 
-    def blocks(self, plots: Plots, sent_utc_ns: int, *, first_report: int = 0) -> list[bytes]:
-        """A data block a plot of one sensor, sent at that time and numbered from there on.
-
-        A column of nothing but NaN is not measured; one with some NaN is an EncodeError.
-        """
-        sent, first = (np.array([number], np.int64) for number in (sent_utc_ns, first_report))
-        return self.blocks_by(plots, Parts.whole(len(plots)), sent, first)[0]
-
-    def blocks_by(
-        self, plots: Plots, parts: Parts, sent_utc_ns: Ints, first_report: Ints
-    ) -> list[list[bytes]]:
-        """A data block a plot, by the parts of the plots; all of them measure the same.
-
-        Each part has a time at which it is sent, and a number of its first plot, (m,).
-        """
-        if not len(plots):
-            return [[] for _ in range(len(parts))]
+    def _columns(
+        self, plots: Plots, parts: Parts, sent_utc_ns: ArrayLike, first_report: ArrayLike = 0
+    ) -> Mapping[str, ArrayLike]:
         columns: dict[str, Floats | Ints] = {
-            "I205/030": np.repeat(sent_utc_ns, parts.lengths()),
-            "I205/040": parts.numbered_from(first_report) % REPORTS,
+            "I205/030": np.repeat(np.atleast_1d(sent_utc_ns), parts.lengths()),
+            "I205/040": parts.numbered_from(np.atleast_1d(first_report)) % REPORTS,
             "I205/070": plots.azimuth_deg,
         }
         level = measured(plots, {"I205/180": "amplitude_dbm"})
@@ -136,7 +131,7 @@ class BearingEncoder205:
         snr = measured(plots, {"I205/190": "snr"})
         columns |= {path: _quality(path, ratio) for path, ratio in snr.items()}
         columns |= measured(plots, {"I205/200": "elevation_deg"})
-        return self._reports.blocks_by(columns, parts)
+        return columns
 
 
 def _quality(path: str, snr: Floats) -> Ints:

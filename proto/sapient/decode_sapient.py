@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Literal
 
 from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
-from sapient_msg.bsi_flex_335_v2_0.error_pb2 import Error
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
-from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
 
 from plotfeed.proto.errors import DecodeError
@@ -26,7 +24,7 @@ from plotfeed.proto.sapient.encode_sapient import (
     LAT_LNG,
     TRUE_NORTH,
 )
-from plotfeed.proto.sapient.envelope import envelope, set_stamp, stamp_ns
+from plotfeed.proto.sapient.envelope import serialised, set_stamp, stamp_ns
 from plotfeed.proto.utc import NS
 
 MAX_REASONS = 3  # That are read of an answer, however many it has
@@ -44,13 +42,10 @@ def decode(data: bytes) -> dict[str, Any]:
     """A SapientMessage as a JSON mapping with the names of the standard; raises `DecodeError`."""
     message = _parsed(data)
     try:
-        mapping: dict[str, Any] = json_format.MessageToDict(
-            message, preserving_proto_field_name=True
-        )
+        return json_format.MessageToDict(message, preserving_proto_field_name=True)
     except (json_format.Error, ValueError, RecursionError, OverflowError) as error:
         # Such as a timestamp of the year 10,000.
         raise DecodeError(f"not a SAPIENT message: {error}") from None
-    return mapping
 
 
 def decode_heard(data: bytes) -> Heard:
@@ -59,14 +54,11 @@ def decode_heard(data: bytes) -> Heard:
     what = message.WhichOneof("content")
     if what == "registration_ack":
         ack = message.registration_ack
-        return Heard("accepted" if ack.acceptance else "refused", _first(ack.ack_response_reason))
+        reasons = tuple(islice(ack.ack_response_reason, MAX_REASONS))
+        return Heard("accepted" if ack.acceptance else "refused", reasons)
     if what == "error":
-        return Heard("error", _first(message.error.error_message))
+        return Heard("error", tuple(islice(message.error.error_message, MAX_REASONS)))
     return Heard("task" if what == "task" else "other")
-
-
-def _first(reasons: Iterable[str]) -> tuple[str, ...]:
-    return tuple(islice(reasons, MAX_REASONS))
 
 
 def plots_in_sapient(data: bytes) -> MeasuredPlots:
@@ -218,19 +210,15 @@ def task_ack(
     node_id: str, t_utc_ns: int, task_id: str, status: TaskStatus, reason: str = ""
 ) -> bytes:
     """A serialised SapientMessage with a TaskAck; raises `EncodeError`."""
-    message = envelope(node_id, t_utc_ns)
-    message.task_ack.CopyFrom(
-        TaskAck(
-            task_id=task_id,
-            task_status=f"TASK_STATUS_{status}",
-            reason=[reason[:MAX_REASON]] if reason else [],
-        )
-    )
-    return message.SerializeToString()
+    ack = {
+        "task_id": task_id,
+        "task_status": f"TASK_STATUS_{status}",
+        "reason": [reason[:MAX_REASON]] if reason else [],
+    }
+    return serialised(node_id, t_utc_ns, task_ack=ack)
 
 
 def error(node_id: str, t_utc_ns: int, packet: bytes, reason: str) -> bytes:
     """A serialised SapientMessage with an Error about what came; raises `EncodeError`."""
-    message = envelope(node_id, t_utc_ns)
-    message.error.CopyFrom(Error(packet=packet, error_message=[reason[:MAX_REASON]]))
-    return message.SerializeToString()
+    told = {"packet": packet, "error_message": [reason[:MAX_REASON]]}
+    return serialised(node_id, t_utc_ns, error=told)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from sapient_msg.bsi_flex_335_v2_0.detection_report_pb2 import DetectionReport
 from sapient_msg.bsi_flex_335_v2_0.location_pb2 import (
@@ -14,14 +14,10 @@ from sapient_msg.bsi_flex_335_v2_0.location_pb2 import (
     LocationDatum,
 )
 from sapient_msg.bsi_flex_335_v2_0.range_bearing_pb2 import (
-    LocationOrRangeBearing,
     RangeBearing,
-    RangeBearingCone,
     RangeBearingCoordinateSystem,
     RangeBearingDatum,
 )
-from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
-from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 
 from plotfeed.models.state import Columns, Floats, Plots
 from plotfeed.proto.errors import EncodeError
@@ -33,6 +29,7 @@ from plotfeed.proto.sapient.envelope import (
     check_text,
     envelope,
     measured,
+    serialised,
     set_stamp,
     stamp_ns,
 )
@@ -111,46 +108,125 @@ class Node:
     software_version: str
 
 
+# Of what a node tells, and where it looks: places on the Earth, or ranges and bearings.
+_GEODETIC = {"location_units": LAT_LNG, "location_datum": ELLIPSOID}
+_POLAR = {"range_bearing_units": DEG_M, "range_bearing_datum": TRUE_NORTH}
+
+
 def registration(node: Node, t_utc_ns: int) -> bytes:
     """A serialised SapientMessage with a Registration; raises `EncodeError`."""
     check_text("name", node.sensor)
     check_text("model", node.model)
     if not node.capabilities:
         raise EncodeError("at least one is needed", field="capabilities")
-    message = envelope(node.node_id, t_utc_ns)
-    message.registration.CopyFrom(
-        Registration(
-            node_definition=[
-                Registration.NodeDefinition(
-                    node_type=f"NODE_TYPE_{node.node_type}", node_sub_type=[node.sub_type]
-                )
-            ],
-            icd_version=ICD_VERSION,
-            name=node.sensor,
-            short_name=node.sensor,
-            capabilities=[
-                Registration.Capability(
-                    category="sensor", type=each.name, value=each.value, units=each.units
-                )
-                for each in node.capabilities
-            ],
-            status_definition=Registration.StatusDefinition(
-                status_interval=_seconds("status_interval", node.status_interval_s),
-                location_definition=_geodetic(),
-                field_of_view_definition=_polar(),
-            ),
-            mode_definition=[_mode(node), _standby(node)],
-            config_data=[
-                Registration.ConfigurationData(
-                    manufacturer="plotfeed",
-                    model=node.model,
-                    serial_number=node.sensor,
-                    software_version=node.software_version,
-                )
-            ],
-        )
-    )
-    return message.SerializeToString()
+    content = {
+        "node_definition": [
+            {"node_type": f"NODE_TYPE_{node.node_type}", "node_sub_type": [node.sub_type]}
+        ],
+        "icd_version": ICD_VERSION,
+        "name": node.sensor,
+        "short_name": node.sensor,
+        "capabilities": [
+            {"category": "sensor", "type": each.name, "value": each.value, "units": each.units}
+            for each in node.capabilities
+        ],
+        "status_definition": {
+            "status_interval": _seconds("status_interval", node.status_interval_s),
+            "location_definition": _GEODETIC,
+            "field_of_view_definition": _POLAR,
+        },
+        "mode_definition": [
+            {
+                "mode_name": MODE,
+                "mode_type": "MODE_TYPE_PERMANENT",
+                "settle_time": _seconds("settle_time", node.settle_s),
+                "maximum_latency": _seconds("maximum_latency", node.latency_s),
+                "scan_type": f"SCAN_TYPE_{'SCANNING' if node.scanning else 'FIXED'}",
+                "tracking_type": "TRACKING_TYPE_NONE",
+                "detection_definition": [_detections(node)],
+                "task": _task(node),
+            },
+            {
+                "mode_name": STANDBY,
+                "mode_type": "MODE_TYPE_PERMANENT",
+                "mode_description": "looks at nothing",
+                "settle_time": _seconds("settle_time", 0.0),
+                "task": _task(node),
+            },
+        ],
+        "config_data": [
+            {
+                "manufacturer": "plotfeed",
+                "model": node.model,
+                "serial_number": node.sensor,
+                "software_version": node.software_version,
+            }
+        ],
+    }
+    return serialised(node.node_id, t_utc_ns, registration=content)
+
+
+def _detections(node: Node) -> dict[str, Any]:
+    """What detections tell: where, how well, of what, and of which class."""
+    told = {"OBJECT": node.objects, "SIGNAL": node.signals}
+    classes: list[dict[str, Any]] = [
+        {"type": name, "units": CONFIDENCE} for name in node.classes if node.above is None
+    ]
+    if node.above is not None:
+        subs = [{"type": name, "units": CONFIDENCE, "level": 1} for name in node.classes]
+        classes = [{"type": node.above, "units": CONFIDENCE, "sub_class": subs}]
+    of_one = {"confidence_definition": "CONFIDENCE_DEFINITION_SINGLE_CLASS"}
+    return {
+        "location_type": _GEODETIC if node.tells_location else _POLAR,
+        "detection_performance": [
+            {"type": each.name, "units": each.units, "unit_value": each.value}
+            for each in node.performance
+        ],
+        "detection_report": [
+            {
+                "category": f"DETECTION_REPORT_CATEGORY_{category}",
+                "type": each.name,
+                "units": each.units,
+            }
+            for category, quantities in told.items()
+            for each in quantities
+        ],
+        "detection_class_definition": [of_one | {"class_definition": classes}] if classes else [],
+        "geometric_error": {
+            "type": "standard deviation",
+            "units": "degrees and metres",
+            "variation_type": "told with each detection",
+        },
+    }
+
+
+def _task(node: Node) -> dict[str, Any]:
+    """What may be asked of a node; each command is done when all of its cover was looked at."""
+    commands: dict[str, Iterable[str]] = {"REQUEST": REQUESTS, "MODE_CHANGE": (MODE, STANDBY)}
+    if node.has_threshold:
+        commands["DETECTION_THRESHOLD"] = THRESHOLDS
+    if node.steers:
+        commands["LOOK_AT"] = ("degrees from true north", "latitude, longitude and height")
+    return {
+        "concurrent_tasks": 1,
+        "region_definition": {
+            "region_type": ["REGION_TYPE_AREA_OF_INTEREST"],
+            "region_area": [_POLAR],
+        },
+        "command": [
+            {
+                "type": f"COMMAND_TYPE_{name}",
+                "units": ", ".join(values),
+                "completion_time": _seconds("completion_time", node.settle_s),
+            }
+            for name, values in commands.items()
+        ],
+    }
+
+
+def _seconds(field: str, value_s: float) -> dict[str, Any]:
+    check_number(field, value_s, 0, 1e9)
+    return {"units": "TIME_UNITS_SECONDS", "value": value_s}
 
 
 def status(
@@ -163,163 +239,50 @@ def status(
     active_task_id: str = "",
 ) -> bytes:
     """A serialised SapientMessage with a StatusReport; raises `EncodeError`."""
-    check_number("latitude", node.latitude_deg, -90, 90)
-    check_number("longitude", node.longitude_deg, -180, 180)
-    check_number("height", node.height_m, -20e3, 1e6)
-    message = envelope(node.node_id, t_utc_ns)
-    message.status_report.CopyFrom(
-        StatusReport(
-            report_id=Ulids(node.seed, node.sensor, f"status {system} {new}", t_utc_ns)[0],
-            system=f"SYSTEM_{system}",
-            info=StatusReport.Info.INFO_NEW if new else StatusReport.Info.INFO_UNCHANGED,
-            active_task_id=active_task_id or None,
-            mode=mode,
-            node_location=Location(
-                x=node.longitude_deg,
-                y=node.latitude_deg,
-                z=node.height_m,
-                coordinate_system=LAT_LNG,
-                datum=ELLIPSOID,
-            ),
-            field_of_view=LocationOrRangeBearing(range_bearing=_cone(node.field)),
-            status=[_NOT_DETECTING] if mode == STANDBY else [],
-        )
-    )
-    return message.SerializeToString()
-
-
-_NOT_DETECTING = StatusReport.Status(
-    status_level=StatusReport.StatusLevel.STATUS_LEVEL_INFORMATION_STATUS,
-    status_type=StatusReport.StatusType.STATUS_TYPE_NOT_DETECTING,
-    status_value="standby",
-)
-
-
-def _mode(node: Node) -> Registration.ModeDefinition:
-    scan = Registration.ScanType
-    location = _geodetic() if node.tells_location else _polar()
-    return Registration.ModeDefinition(
-        mode_name=MODE,
-        mode_type=Registration.ModeType.MODE_TYPE_PERMANENT,
-        settle_time=_seconds("settle_time", node.settle_s),
-        maximum_latency=_seconds("maximum_latency", node.latency_s),
-        scan_type=scan.SCAN_TYPE_SCANNING if node.scanning else scan.SCAN_TYPE_FIXED,
-        tracking_type=Registration.TrackingType.TRACKING_TYPE_NONE,
-        detection_definition=[
-            Registration.DetectionDefinition(
-                location_type=location,
-                detection_performance=[
-                    Registration.PerformanceValue(
-                        type=each.name, units=each.units, unit_value=each.value
-                    )
-                    for each in node.performance
-                ],
-                detection_report=[
-                    *_reported("OBJECT", node.objects),
-                    *_reported("SIGNAL", node.signals),
-                ],
-                detection_class_definition=_class_definitions(node),
-                geometric_error=Registration.GeometricError(
-                    type="standard deviation",
-                    units="degrees and metres",
-                    variation_type="told with each detection",
-                ),
-            )
-        ],
-        task=_task(node),
-    )
-
-
-def _standby(node: Node) -> Registration.ModeDefinition:
-    return Registration.ModeDefinition(
-        mode_name=STANDBY,
-        mode_type=Registration.ModeType.MODE_TYPE_PERMANENT,
-        mode_description="looks at nothing",
-        settle_time=_seconds("settle_time", 0.0),
-        task=_task(node),
-    )
-
-
-def _task(node: Node) -> Registration.TaskDefinition:
-    """What may be asked of a node; each command is done when all of its cover was looked at."""
-    commands: dict[str, Iterable[str]] = {"REQUEST": REQUESTS, "MODE_CHANGE": (MODE, STANDBY)}
-    if node.has_threshold:
-        commands["DETECTION_THRESHOLD"] = THRESHOLDS
-    if node.steers:
-        commands["LOOK_AT"] = ("degrees from true north", "latitude, longitude and height")
-    return Registration.TaskDefinition(
-        concurrent_tasks=1,
-        region_definition=Registration.RegionDefinition(
-            region_type=[Registration.RegionType.REGION_TYPE_AREA_OF_INTEREST],
-            region_area=[_polar()],
-        ),
-        command=[
-            Registration.Command(
-                type=f"COMMAND_TYPE_{name}",
-                units=", ".join(values),
-                completion_time=_seconds("completion_time", node.settle_s),
-            )
-            for name, values in commands.items()
-        ],
-    )
-
-
-def _reported(
-    category: Literal["OBJECT", "SIGNAL"], quantities: tuple[SapientQuantity, ...]
-) -> list[Registration.DetectionReport]:
-    return [
-        Registration.DetectionReport(
-            category=f"DETECTION_REPORT_CATEGORY_{category}", type=each.name, units=each.units
-        )
-        for each in quantities
-    ]
-
-
-def _class_definitions(node: Node) -> list[Registration.DetectionClassDefinition]:
-    kind = Registration.ClassDefinition
-    if node.above is not None:
-        subs = [Registration.SubClass(type=n, units=CONFIDENCE, level=1) for n in node.classes]
-        classes = [kind(type=node.above, units=CONFIDENCE, sub_class=subs)]
-    else:
-        classes = [kind(type=name, units=CONFIDENCE) for name in node.classes]
-    if not classes:
-        return []
-    single = Registration.ConfidenceDefinition.CONFIDENCE_DEFINITION_SINGLE_CLASS
-    return [
-        Registration.DetectionClassDefinition(
-            confidence_definition=single, class_definition=classes
-        )
-    ]
-
-
-def _geodetic() -> Registration.LocationType:
-    return Registration.LocationType(location_units=LAT_LNG, location_datum=ELLIPSOID)
-
-
-def _polar() -> Registration.LocationType:
-    return Registration.LocationType(range_bearing_units=DEG_M, range_bearing_datum=TRUE_NORTH)
-
-
-def _seconds(field: str, value_s: float) -> Registration.Duration:
-    check_number(field, value_s, 0, 1e9)
-    return Registration.Duration(units=Registration.TimeUnits.TIME_UNITS_SECONDS, value=value_s)
-
-
-def _cone(field: FieldOfView) -> RangeBearingCone:
-    check_number("azimuth", field.azimuth_deg, 0, 360)
-    check_number("horizontal_extent", field.horizontal_extent_deg, 0, 360)
-    check_number("elevation", field.elevation_deg, -90, 90)
-    check_number("vertical_extent", field.vertical_extent_deg, 0, 180)
-    check_number("range", field.range_max_m, 0, 1e9)
-    return RangeBearingCone(
-        azimuth=field.azimuth_deg,
-        horizontal_extent=field.horizontal_extent_deg,
-        elevation=field.elevation_deg,
-        vertical_extent=field.vertical_extent_deg,
-        range=field.range_max_m,
-        coordinate_system=DEG_M,
-        datum=TRUE_NORTH,
-    )
+    field = node.field
+    for name, value, low, high in (
+        ("latitude", node.latitude_deg, -90, 90),
+        ("longitude", node.longitude_deg, -180, 180),
+        ("height", node.height_m, -20e3, 1e6),
+        ("azimuth", field.azimuth_deg, 0, 360),
+        ("horizontal_extent", field.horizontal_extent_deg, 0, 360),
+        ("elevation", field.elevation_deg, -90, 90),
+        ("vertical_extent", field.vertical_extent_deg, 0, 180),
+        ("range", field.range_max_m, 0, 1e9),
+    ):
+        check_number(name, value, low, high)
+    not_detecting = {
+        "status_level": "STATUS_LEVEL_INFORMATION_STATUS",
+        "status_type": "STATUS_TYPE_NOT_DETECTING",
+        "status_value": "standby",
+    }
+    content = {
+        "report_id": Ulids(node.seed, node.sensor, f"status {system} {new}", t_utc_ns)[0],
+        "system": f"SYSTEM_{system}",
+        "info": f"INFO_{'NEW' if new else 'UNCHANGED'}",
+        "active_task_id": active_task_id or None,
+        "mode": mode,
+        "node_location": {
+            "x": node.longitude_deg,
+            "y": node.latitude_deg,
+            "z": node.height_m,
+            "coordinate_system": LAT_LNG,
+            "datum": ELLIPSOID,
+        },
+        "field_of_view": {
+            "range_bearing": {
+                "azimuth": field.azimuth_deg,
+                "horizontal_extent": field.horizontal_extent_deg,
+                "elevation": field.elevation_deg,
+                "vertical_extent": field.vertical_extent_deg,
+                "range": field.range_max_m,
+                "coordinate_system": DEG_M,
+                "datum": TRUE_NORTH,
+            }
+        },
+        "status": [not_detecting] if mode == STANDBY else [],
+    }
+    return serialised(node.node_id, t_utc_ns, status_report=content)
 
 
 MAX_RANGE_M = 1e9

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from hashlib import blake2b
+from typing import Any
 from uuid import UUID
 
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
@@ -97,11 +98,16 @@ def stamp_ns(t_utc_ns: int) -> int:
     return t_utc_ns // STAMP_NS * STAMP_NS
 
 
-def envelope(node_id: str, t_utc_ns: int) -> SapientMessage:
-    """A message without content; raises `EncodeError`."""
-    message = SapientMessage(node_id=node_id)
+def envelope(node_id: str, t_utc_ns: int, **content: Any) -> SapientMessage:
+    """A message with that content by the standard's names, if any; raises `EncodeError`."""
+    message = SapientMessage(node_id=node_id, **content)
     set_stamp(message, t_utc_ns)
     return message
+
+
+def serialised(node_id: str, t_utc_ns: int, **content: Any) -> bytes:
+    """The octets of a message with that content; raises `EncodeError`."""
+    return envelope(node_id, t_utc_ns, **content).SerializeToString()
 
 
 def set_stamp(message: SapientMessage, t_utc_ns: int) -> None:

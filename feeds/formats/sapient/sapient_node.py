@@ -9,7 +9,7 @@ from importlib.metadata import version
 import numpy as np
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.fields import Site, frame_at
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.models.beam import Sector
 from plotfeed.models.confidence import Confidence, TargetPrior, confidence_of
 from plotfeed.models.frames import aer_to_enu, wrap_360
-from plotfeed.models.sensors.sensor_model import JointSensor, Prediction, Targets
+from plotfeed.models.sensors.sensor_model import JointSensor, Targets
 from plotfeed.models.state import Emitter, Signature
 from plotfeed.proto.errors import DecodeError, EncodeError
 from plotfeed.proto.sapient.decode_sapient import restamped_later
@@ -41,6 +41,14 @@ CONTENT_TYPE = REPORT_FORMATS["sapient"].content_type
 MAX_LATE_NS = 800_000_000
 MIN_GAP_NS = 80_000_000
 ROUNDING_NS = 2000  # By which rounding to nanoseconds and microseconds may shorten a gap
+
+SIGNALS = (
+    SapientQuantity(name="amplitude", units="dBm"),
+    *(
+        SapientQuantity(name=f"{part} frequency", units="Hz")
+        for part in ("start", "centre", "stop")
+    ),
+)
 
 
 class Groups:
@@ -125,7 +133,7 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
         ),
         performance=(SapientQuantity(name="FAR", units="per second", value=f"{rate_per_s:.6g}"),),
         objects=_objects(manner, measures),
-        signals=_signals(manner),
+        signals=SIGNALS if manner.band_hz else (),
         classes=_classes(scene, sensor),
         above=manner.default_class,
         model=sensor.preset or sensor.type,
@@ -144,7 +152,11 @@ def tells_location(scene: Scene, measures: Measures) -> bool:
 
 def measures_of(scene: Scene, sensor: Sensor) -> Measures:
     """What plots hold, by what the model predicts of a target amidst its cover."""
-    predicted = _predicted(scene.scene.site, sensor)
+    field, band_hz = _field(sensor), sensor.band_hz or (0.0, 0.0)
+    enu_m = aer_to_enu([field.azimuth_deg], [field.elevation_deg], [field.range_max_m / 2])
+    emitter = Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0)
+    target = Signature(rcs_m2=1.0, sound_power_db=100.0, size_m=1.0, emitters=(emitter,))
+    predicted = sensor.model(scene.scene.site).predict(Targets.of_one(target, enu_m))
     azimuth, elevation, distance, snr = (
         bool(np.isfinite(column[0]))
         for column in (
@@ -160,19 +172,6 @@ def measures_of(scene: Scene, sensor: Sensor) -> Measures:
         place=azimuth and elevation and distance,
         range_rate=predicted.sigma_range_rate_m_s is not None,
     )
-
-
-def _predicted(site: Site, sensor: Sensor) -> Prediction:
-    field = _field(sensor)
-    band_hz = sensor.band_hz or (0.0, 0.0)
-    enu_m = aer_to_enu([field.azimuth_deg], [field.elevation_deg], [field.range_max_m / 2])
-    signature = Signature(
-        rcs_m2=1.0,
-        sound_power_db=100.0,
-        size_m=1.0,
-        emitters=(Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0),),
-    )
-    return sensor.model(site).predict(Targets.of_one(signature, enu_m))
 
 
 def detection_confidence_of(scene: Scene, sensor: Sensor) -> Confidence | None:
@@ -207,12 +206,10 @@ def detection_confidence_of(scene: Scene, sensor: Sensor) -> Confidence | None:
 
 def _field(sensor: Sensor) -> FieldOfView:
     """The cover; all directions where the sensor has no limits."""
-    azimuths = [
-        getattr(sensor, f"azimuth_{end}_deg", d) for end, d in (("min", -180), ("max", 180))
-    ]
-    elevations = [
-        getattr(sensor, f"elevation_{end}_deg", d) for end, d in (("min", -90), ("max", 90))
-    ]
+    azimuths, elevations = (
+        [getattr(sensor, f"{angle}_{end}_deg", d) for end, d in (("min", -most), ("max", most))]
+        for angle, most in (("azimuth", 180), ("elevation", 90))
+    )
     return FieldOfView(
         azimuth_deg=float(wrap_360(sum(azimuths) / 2)),
         horizontal_extent_deg=float(azimuths[1] - azimuths[0]),
@@ -232,18 +229,6 @@ def _objects(manner: Manner, measures: Measures) -> tuple[SapientQuantity, ...]:
         SapientQuantity(name=AGE, units="s"): manner.tells_age,
     }
     return tuple(quantity for quantity, is_told in told.items() if is_told)
-
-
-def _signals(manner: Manner) -> tuple[SapientQuantity, ...]:
-    if manner.band_hz is None:
-        return ()
-    return (
-        SapientQuantity(name="amplitude", units="dBm"),
-        *(
-            SapientQuantity(name=f"{part} frequency", units="Hz")
-            for part in ("start", "centre", "stop")
-        ),
-    )
 
 
 def _classes(scene: Scene, sensor: Sensor) -> tuple[str, ...]:

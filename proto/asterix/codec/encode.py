@@ -7,6 +7,7 @@ for all records at once, and put into a record of zeros as big-endian words.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate, chain, groupby, pairwise
@@ -647,6 +648,38 @@ class Reports:
 def _belongs(slot: str, path: str) -> bool:
     """Whether a slot is of the item or subfield at a path."""
     return is_at(slot, path.partition("*")[0])
+
+
+class ReportEncoder(ABC):
+    """Encodes what sources measure, part by part, as `columns` says for its category."""
+
+    _reports: Reports
+
+    @abstractmethod
+    def _columns(self, *told: Any) -> Mapping[str, ArrayLike]:
+        """Columns by path of rows, at least one, of the parts that they are in, and of the rest."""
+
+    def blocks(self, rows: Columns, *more: Any) -> list[bytes]:
+        """Data blocks of all rows of one source, in their order, none longer than `max_octets`.
+
+        `more` is as for `blocks_by`, of one part.
+        """
+        return self.blocks_by(rows, Parts.whole(len(rows)), *more)[0]
+
+    def blocks_by(self, rows: Columns, parts: Parts, *more: Any) -> list[list[bytes]]:
+        """Data blocks of each part of the rows, all of which measure the same.
+
+        A column of nothing but NaN, or of no kinds, is not measured; one with some is an
+        EncodeError. What `more` there is to say, the class says.
+        """
+        if not len(rows):
+            return [[] for _ in range(len(parts))]
+        return self._reports.blocks_by(self._columns(rows, parts, *more), parts)
+
+
+def one_block_each(reports: Reports, path: str, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
+    """A data block for each of these times at a path, (m,), of sources by their numbers, (m,)."""
+    return [block for (block,) in reports.blocks_by({path: t_utc_ns}, Parts.one_each(sources))]
 
 
 def measured(columns: Columns, names: Mapping[str, str]) -> dict[str, Floats]:

@@ -26,7 +26,7 @@ def one(encoder: BearingEncoder205 = ENCODER, **columns: Any) -> Record:
 
 
 def test_each_bearing_has_a_block_of_its_own_and_a_number() -> None:
-    blocks = ENCODER.blocks(plots(azimuth_deg=np.arange(300.0)), 0, first_report=250)
+    blocks = ENCODER.blocks(plots(azimuth_deg=np.arange(300.0)), 0, 250)
     records = [record for block in blocks for record in decode(block)]
     assert len(blocks) == len(records) == 300
     assert [r.get("I205/040") for r in records] == [(250 + row) % 256 for row in range(300)]

@@ -61,7 +61,7 @@ def test_a_passive_radar_sends_bistatic_ranges_with_pairs_and_numbers() -> None:
     measured = plots(
         bistatic_range_m=[-1.5, 2.5], range_m=9.0, sigma_bistatic_range_m=4.0, channel=[4, 5]
     )
-    (block,) = MULTISTATIC.blocks(measured, first_observation=2**24 - 1)
+    (block,) = MULTISTATIC.blocks(measured, 2**24 - 1)
     first, second = decode(block)
     assert first.get("I015/625") == {"R": -1.5, "SDR": 4.1}
     assert first.get("I015/400") == {"PID": 4, "ON": 2**24 - 1}

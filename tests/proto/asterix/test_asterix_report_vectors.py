@@ -41,7 +41,7 @@ def test_plots_in_015(vector: dict[str, Any], n: int) -> None:
     geometry = Geometry(vector["geometry"])
     encoder = PlotEncoder015(*SOURCE, geometry=geometry, classes={"multirotor": 300})
     many = plots(**repeated({"range_m": np.nan} | vector["plot"], n))
-    sent = encoder.blocks(many, first_observation=41)
+    sent = encoder.blocks(many, 41)
     if n == 1:
         assert sent == [expected]
     elif geometry is Geometry.MULTISTATIC:  # observations count on
@@ -56,9 +56,7 @@ def test_plots_in_015(vector: dict[str, Any], n: int) -> None:
 def test_bearings_in_205(vector: dict[str, Any], n: int) -> None:
     expected = bytes.fromhex(vector["block"])
     encoder = BearingEncoder205(*SOURCE, **SITE)
-    sent = encoder.blocks(
-        plots(**repeated(vector["plot"], n)), vector["sent_utc_ns"], first_report=255
-    )
+    sent = encoder.blocks(plots(**repeated(vector["plot"], n)), vector["sent_utc_ns"], 255)
     assert sent[0] == expected
     number = expected.index(b"\xff\x00\x73")
     assert {block[:number] + block[number + 1 :] for block in sent} == {
