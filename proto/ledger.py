@@ -443,7 +443,7 @@ def _tables_of_rows(numbered: Sequence[tuple[int, pb.Ledger]]) -> LedgerTables:
 
 def _table_of_rows(kind: type[C], rows: Sequence[Any], **known: Sequence[int]) -> C:
     """A table of what rows hold, beside the columns that are known."""
-    columns = {}
+    columns: dict[str, NDArray[Any]] = {}
     for each in fields(kind):
         column = columns[each.name] = np.empty(len(rows), _DTYPES_OF[str(each.type)])
         column[:] = known.get(each.name) or [_told(row, each.name) for row in rows]

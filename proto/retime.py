@@ -34,19 +34,17 @@ _Move = Callable[[Any, int], None]
 
 
 def retime_protobuf(data: bytes, kind: type[OneMessage], shift_ns: int) -> bytes:
-    """A serialised message with all its times later by that; raises `DecodeError`."""
+    """A serialised message with all its times later by that, absent ones excepted.
+
+    Raises `DecodeError`, also where a time would be beyond what a Timestamp can tell.
+    """
     try:
         message = kind.FromString(data)
-        retime_message(message, shift_ns)
+        for move in _moves(message.DESCRIPTOR):
+            move(message, shift_ns)
     except (ProtobufDecodeError, ValueError, OverflowError) as error:
         raise DecodeError(f"not a message {kind.DESCRIPTOR.name}: {error}") from None
     return message.SerializeToString()
-
-
-def retime_message(message: Message, shift_ns: int) -> None:
-    """Move all times in it, absent ones excepted; raises `ValueError` beyond what they can tell."""
-    for move in _moves(message.DESCRIPTOR):
-        move(message, shift_ns)
 
 
 def retime_json(data: bytes, shift_ns: int) -> bytes:
@@ -82,24 +80,18 @@ def retime_text(text: str, shift_ns: int) -> str:
     time.FromJsonString(text)
     _move_timestamp(time, shift_ns)
     fraction = re.search(r"\.(\d+)", text)
-    digits = max(len(fraction[1]) if fraction else 0, _digits(time.nanos))
+    needed = next(n for n in (0, 3, 6, 9) if time.nanos % 10 ** (9 - n) == 0)
+    digits = max(len(fraction[1]) if fraction else 0, needed)
     whole = Timestamp(seconds=time.seconds).ToJsonString().removesuffix("Z")
     return f"{whole}.{time.nanos:09d}"[: len(whole) + 1 + digits].removesuffix(".") + "Z"
 
 
-def _digits(nanos: int) -> int:
-    """How many a fraction of a second needs, in threes."""
-    return next(n for n in (0, 3, 6, 9) if nanos % 10 ** (9 - n) == 0)
-
-
 @cache
-def _moves(descriptor: Descriptor) -> tuple[_Move, ...]:
-    """What to do with a message of that kind; nothing where it has no times."""
-    return tuple(_found_moves(descriptor, ()))
+def _moves(descriptor: Descriptor, above: tuple[str, ...] = ()) -> list[_Move]:
+    """What to do with a message of that kind; nothing where it has no times.
 
-
-def _found_moves(descriptor: Descriptor, above: tuple[str, ...]) -> list[_Move]:
-    """`above` names the kinds around it, which it may hold again."""
+    `above` names the kinds around it, which it may hold again.
+    """
     moves: list[_Move] = []
     around = (*above, descriptor.full_name)
     for field in descriptor.fields:
@@ -109,7 +101,7 @@ def _found_moves(descriptor: Descriptor, above: tuple[str, ...]) -> list[_Move]:
         elif field.message_type.full_name == TIMESTAMP:
             moves.append(_mover(field, [_move_timestamp]))
         elif field.message_type.full_name not in around:
-            inner = _found_moves(field.message_type, around)
+            inner = _moves(field.message_type, around)
             if inner:
                 moves.append(_mover(field, inner))
     return moves

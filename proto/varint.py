@@ -18,8 +18,3 @@ def varint(number: int) -> bytes:
         number >>= 7
     octets.append(number)
     return bytes(octets)
-
-
-def varint_octets(number: int) -> int:
-    """How many octets `varint` gives a number that is not negative."""
-    return max(1, (number.bit_length() + 6) // 7)

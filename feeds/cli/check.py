@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any
 
@@ -88,13 +88,10 @@ def print_check(
         f"the site is {above_m['height_m']:.1f} m above the ellipsoid, "
         f"{above_m['height_msl_m']:.1f} m above mean sea level"
     )
-    for line in [f"  warning: {text}" for text in found["warnings"]]:
+    lines = [f"  warning: {text}" for text in found["warnings"]]
+    lines += visibility_lines(found["visibility"])
+    for line in chain(lines, *map(table_lines, found["sensors"])):
         say(line)
-    for line in visibility_lines(found["visibility"]):
-        say(line)
-    for sensor in found["sensors"]:
-        for line in table_lines(sensor):
-            say(line)
 
 
 def _problems(error: PlotfeedError) -> list[dict[str, Any]]:
@@ -163,6 +160,9 @@ def sensor_report(
     ranges_m, predicted = _predicted(sensor, model, target, ROWS)
     fine_m, fine = _predicted(sensor, model, target, RANGES_SEARCHED)
     reached = np.flatnonzero(fine.pd >= 0.8)
+    lacking = not_emitted(sensor, Signatures.of_one(target.signature))
+    hint = ": give drones [[drone.emitters]]; those of telemetry bring theirs"
+    hint *= lacking == EMITS_NOTHING
     return {
         "id": sensor.id,
         "type": sensor.type,
@@ -176,19 +176,10 @@ def sensor_report(
         "table": _rows(ranges_m, predicted),
         "warnings": [
             *sensor.warnings(site),
-            *_nothing_sensed(sensor, target.signature),
+            *([f"the target {lacking}, so it sees nothing{hint}"] if lacking else []),
             *_loud(ranges_m, predicted),
         ],
     }
-
-
-def _nothing_sensed(sensor: Sensor, signature: Signature) -> list[str]:
-    """A warning of a target that has nothing of what such a sensor senses."""
-    lacking = not_emitted(sensor, Signatures.of_one(signature))
-    if not lacking:
-        return []
-    hint = ": give drones [[drone.emitters]]; those of telemetry bring theirs"
-    return [f"the target {lacking}, so it sees nothing{hint * (lacking == EMITS_NOTHING)}"]
 
 
 def _loud(ranges_m: Floats, predicted: Prediction) -> list[str]:

@@ -62,10 +62,8 @@ class PageGuard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request pass, or answer it."""
-        headers = {
-            name.decode("latin-1").lower(): value.decode("latin-1")
-            for name, value in scope["headers"]
-        }
+        texts = ((n.decode("latin-1"), v.decode("latin-1")) for n, v in scope["headers"])
+        headers = {name.lower(): value for name, value in texts}
         answer = self._answer(scope, headers)
         if answer is None:
             await self._app(scope, receive, _with_headers(send, headers.get("host", "")))
@@ -126,6 +124,8 @@ MEDIA_TYPES = {
     "svg": "image/svg+xml",
 }
 FIRST_FILE = "page.html"
+# Errors where a viewer only went or stalled.
+WENT = (WebSocketDisconnect, TimeoutError, RuntimeError, OSError)
 log = logging.getLogger("plotfeed")
 
 
@@ -228,7 +228,8 @@ class Application:
             for task in (sending, receiving):
                 task.cancel()
             for result in await asyncio.gather(sending, receiving, return_exceptions=True):
-                _log_unexpected(result)
+                if isinstance(result, Exception) and not isinstance(result, WENT):
+                    log.warning("a viewer of the page was lost: %r", result)
 
     async def _receive(self, websocket: WebSocket, viewer: Viewer) -> None:
         """Take what a viewer says, one thing after the other."""
@@ -255,7 +256,7 @@ class Application:
             return {"number": number, **refused(str(error))}
         if answer.get("ok"):
             self._audience.log(self._now_utc_ns(), viewer.who, request.command)
-            self._view.audience(self._audience.news, self._audience.actions)
+            self._view.tell(audience=self._audience.news, actions=self._audience.actions)
         return {"number": number, **answer}
 
     def _look(self, viewer: Viewer, request: ViewRequest) -> None:
@@ -325,14 +326,6 @@ async def _send(websocket: WebSocket, viewer: Viewer) -> None:
         update = await viewer.next()
         async with asyncio.timeout(STALLED_S):
             await websocket.send_bytes(update)
-
-
-def _log_unexpected(result: object) -> None:
-    """Warn of an error, unless a viewer only went or stalled."""
-    if isinstance(result, Exception) and not isinstance(
-        result, WebSocketDisconnect | TimeoutError | RuntimeError | OSError
-    ):
-        log.warning("a viewer of the page was lost: %r", result)
 
 
 def _static_files() -> dict[str, bytes]:

@@ -46,7 +46,7 @@ async def shown_on_page(
             tell_settings(view, sensor, watch.now_utc_ns, new_model=True)
         clock = {"kind": "wall", "paused": False, "speed": 1.0}
         view.session({"clock": clock, "refuses": REFUSES})
-        view.connections(connections(scene, {"MQTT": str(watch.link.address)}))
+        view.tell(connect=connections(scene, {"MQTT": str(watch.link.address)}))
         async with (
             serving(server),
             alongside(_tell(view, watch), "page-fleet"),
@@ -86,12 +86,6 @@ async def _tell(view: View, watch: FleetWatch) -> None:
     while True:
         news = watch.news()
         gaps = news["gaps"]
-        view.fleet(
-            {
-                "takeovers": news["takeovers"],
-                "parts": news["parts"],
-                "gaps": len(gaps),
-                "last_gaps": [gap_words(gap) for gap in gaps[-LAST_GAPS:]][::-1],
-            }
-        )
+        lasting = {"gaps": len(gaps), "last_gaps": [*map(gap_words, gaps[-LAST_GAPS:])][::-1]}
+        view.tell(fleet={"takeovers": news["takeovers"], "parts": news["parts"], **lasting})
         await asyncio.sleep(EVERY_S)

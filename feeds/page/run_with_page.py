@@ -19,7 +19,7 @@ from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.session_switch import SessionSwitch
 from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.page.updates import Controls, NoControls
-from plotfeed.feeds.page.view import View, model_differs, tell_settings
+from plotfeed.feeds.page.view import MAX_REASON, View, model_differs, tell_settings
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -78,7 +78,7 @@ class TimeMarks:
 
     def _mark(self, kind: str, words: str, at_utc_ns: int) -> None:
         self._marks.append({"t_utc_ms": at_utc_ns / 1e6, "kind": kind, "words": words})
-        self._view.marks(list(self._marks))
+        self._view.tell(marks=list(self._marks))
 
     def _words(self, session: RunningSession, command: Command) -> str:
         if command.undo:
@@ -104,7 +104,7 @@ class TimeMarks:
             }
             for story, since_ns in session.changes.stories
         ]
-        self._view.stories(stories, self._would_undo)
+        self._view.tell(stories=stories, undoes=self._would_undo)
 
 
 TRUTH_EVERY_S = 0.1
@@ -209,7 +209,7 @@ class PageObserver(Observer):
         )
         if session.totals.last_refusal != self._refusal:
             self._refusal = session.totals.last_refusal
-            self._view.refusal(self._refusal)
+            self._view.tell(refusal=self._refusal[:MAX_REASON])
         self._tell_clock()
 
     def _tell_clock(self) -> None:
@@ -294,7 +294,8 @@ async def run_with_page(
             while True:
                 recording = switch.begin()
                 shown = switch.scene if recording is None else recording.scene
-                view.connections(connections(shown, brokers[1], sends_udp=recording is None))
+                told = connections(shown, brokers[1], sends_udp=recording is None)
+                view.tell(connect=told)
                 if stop.is_set():
                     switch.ending.set()
                 if recording is not None:
@@ -398,7 +399,7 @@ async def receiving_tracks(
         try:
             view.tracks(tracks_to_show(payload, content_type, now_utc_ns(), site, shown_ns))
         except PlotfeedError as error:
-            view.track_problem(str(error))
+            view.tell(track_problem=str(error)[:MAX_REASON])
 
     link = MqttTransport(address, "plotfeed-page", subscribe=[topic], on_message=take)
     async with alongside(link.run(), "page-tracks"):

@@ -64,11 +64,7 @@ def outline(scene: Scene, placements: Placements, basemap: Basemap | None) -> di
     return {
         "name": scene.scene.name,
         "about": _about(scene),
-        "site": {
-            "latitude_deg": site.latitude_deg,
-            "longitude_deg": site.longitude_deg,
-            "height_m": site.height_m,
-        },
+        "site": {n: getattr(site, n) for n in ("latitude_deg", "longitude_deg", "height_m")},
         "prefix": scene.mqtt.prefix,
         "stale_after_s": scene.telemetry.stale_after_s,
         "sensors": [
@@ -101,7 +97,8 @@ def _sensor(scene: Scene, sensor: Sensor, position_m: list[float]) -> dict[str, 
         "period_s": sensor.scan.period_s,
         "rotates": sensor.scan.rotates,
         "false_alarms_per_scan": sensor.model(scene.scene.site).false_alarms_per_scan,
-        "transmitters": _transmitters(scene, sensor),
+        # Transmitters of opportunity, which stand elsewhere.
+        "transmitters": _placed_at(scene.scene.site, {t.id: t.place for t in sensor.illuminators}),
         "pfa": sensor.false_alarm_probability,
         "loss_db": getattr(sensor, "loss_db", None),
     }
@@ -113,8 +110,6 @@ def cover_of(sensor: Sensor, site: Site) -> dict[str, Any]:
     What a mount turns has its cover from where the mount points: `pointing_of`.
     """
     low_deg, high_deg = _azimuths_deg(sensor)
-    frame = site_frame(site)
-    places = [(name, enu_from(frame, site, jammer)) for name, jammer in sensor.jamming.items()]
     return {
         "enabled": sensor.enabled,
         "range_min_m": getattr(sensor, "range_min_m", 0.0),
@@ -122,10 +117,7 @@ def cover_of(sensor: Sensor, site: Site) -> dict[str, Any]:
         "azimuth_min_deg": low_deg,
         "azimuth_span_deg": high_deg - low_deg,
         "turns": mount_of(sensor) is not None,
-        "jammers": [
-            {"id": name, "east_m": round(float(enu_m[0]), 1), "north_m": round(float(enu_m[1]), 1)}
-            for name, enu_m in places
-        ],
+        "jammers": _placed_at(site, sensor.jamming),
     }
 
 
@@ -157,14 +149,13 @@ def _azimuths_deg(sensor: Sensor) -> tuple[float, float]:
     return low_deg, getattr(sensor, "azimuth_max_deg", 180.0)
 
 
-def _transmitters(scene: Scene, sensor: Sensor) -> list[dict[str, Any]]:
-    """Transmitters of opportunity, which stand elsewhere."""
-    site = scene.scene.site
-    here = Placements(site, [])
-    places = [(t.id, enu_from(here.site, site, t.place)) for t in sensor.illuminators]
+def _placed_at(site: Site, places: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What stands at places, by name, east and north of the site."""
+    frame = site_frame(site)
+    placed = ((name, enu_from(frame, site, place)) for name, place in places.items())
     return [
         {"id": name, "east_m": round(float(enu_m[0]), 1), "north_m": round(float(enu_m[1]), 1)}
-        for name, enu_m in places
+        for name, enu_m in placed
     ]
 
 
@@ -292,6 +283,9 @@ def _list(tree: dict[str, Any], key: str) -> list[Any]:
     return found
 
 
+TOLD_OF_UDP = ("destination", "is_multicast", "interface", "carries")
+
+
 def connections(scene: Scene, urls: Mapping[str, str], *, sends_udp: bool = True) -> dict[str, Any]:
     """Brokers, and of each sensor its topics and what of it goes by UDP, as JSON.
 
@@ -310,9 +304,11 @@ def connections(scene: Scene, urls: Mapping[str, str], *, sends_udp: bool = True
                     {"topic": o.topic, "format": o.format, "content_type": o.content_type}
                     for o in outputs_of(scene.mqtt.prefix, sensor)
                 ],
-                "udp": [_udp(to) for to in scene.outgoing.udp if _goes(to, sensor)]
-                if sends_udp
-                else [],
+                "udp": [
+                    {name: getattr(to, name) for name in TOLD_OF_UDP}
+                    for to in scene.outgoing.udp
+                    if sends_udp and _goes(to, sensor)
+                ],
             }
             for sensor in scene.sensor
         },
@@ -326,12 +322,3 @@ def _goes(to: UdpDestination, sensor: Sensor) -> bool:
         for name in sensor.report
     )
     return to.takes(sensor.id) and has
-
-
-def _udp(to: UdpDestination) -> dict[str, Any]:
-    return {
-        "destination": to.destination,
-        "is_multicast": to.is_multicast,
-        "interface": to.interface,
-        "carries": to.carries,
-    }

@@ -72,14 +72,15 @@ class View:
         placements = Placements(scene.scene.site, scene.sensor)
         self._begin(placements, [sensor.id for sensor in scene.sensor])
         seconds = scene.page.afterglow_s if hasattr(scene, "page") else 10.0
-        self._tell("scene", outline(scene, placements, basemap) | {"afterglow_s": seconds})
-        self._tell("generation", self.generation)
         self._site = scene.scene.site
-        for key in ("settings", "covers", "pointing"):
-            self._tell(key, {})
-        self.marks([])
-        self.stories([], "")
-        self._tell("refusal", None)
+        self.tell(
+            scene=outline(scene, placements, basemap) | {"afterglow_s": seconds},
+            generation=self.generation,
+            **{key: {} for key in ("settings", "covers", "pointing")},
+            **{key: [] for key in ("marks", "stories")},
+            undoes="",
+            refusal=None,
+        )
 
     def clear(self) -> None:
         """Begin at another time of the scene, as after a leap within a recording."""
@@ -87,8 +88,7 @@ class View:
 
     def report(self, report: Batch) -> None:
         """A sector was worked out: what its sensor looked at."""
-        number = self._sensors.get(report.sensor)
-        if number is not None:
+        if (number := self._sensors.get(report.sensor)) is not None:
             looks = report.looks
             if len(looks) > 1 and self._merges[number]:  # what merged has one outcome, and odds
                 both = np.stack([looks.pd, looks.channel.astype(np.float64)])
@@ -97,22 +97,19 @@ class View:
 
     def recall(self, report: Batch, sent: Sequence[pb.Sent]) -> None:
         """Plots of before a leap, which fade; nothing of them is counted."""
-        number = self._sensors.get(report.sensor)
-        if number is not None:
+        if (number := self._sensors.get(report.sensor)) is not None:
             carried = (m.sent_utc_ns for m in sent if m.delivered and carries_plots(m.topic))
             self._plots.take(number, report.plots, min(carried, default=None))
 
     def delivered(self, sensor: str, plots: Plots, at_utc_ns: int) -> None:
         """Plots that a broker delivered then; what their link did is not known."""
-        number = self._sensors.get(sensor)
-        if number is not None:
+        if (number := self._sensors.get(sensor)) is not None:
             self._plots.take(number, plots, at_utc_ns)
             self._rates.plots(number, len(plots))
 
     def settled(self, report: Batch, sent: Sequence[pb.Sent]) -> None:
         """Take what became of a sector's messages: if one that brings plots left, so did they."""
-        number = self._sensors.get(report.sensor)
-        if number is None:
+        if (number := self._sensors.get(report.sensor)) is None:
             return
         link, first_utc_ns = self._links[number], None
         for message in sent:
@@ -165,10 +162,9 @@ class View:
         to decide on losses: messages that it was given before are not judged by that. With
         `new_model`, detections are counted anew.
         """
-        number = self._sensors.get(sensor)
-        if number is None:
+        if (number := self._sensors.get(sensor)) is None:
             return
-        self._tell("settings", {**self._news["settings"], sensor: dict(in_force)})
+        self.tell(settings={**self._news["settings"], sensor: dict(in_force)})
         asked_ms = () if asked_latency_ms is None else asked_latency_ms
         self._links[number].begin(asked_ms, since_utc_ns, loss=asked_loss)
         self._merges[number] = in_force.get("merging") is not None
@@ -179,12 +175,12 @@ class View:
         """Where a sensor can see, as its keys are now."""
         covers = {**self._news["covers"], sensor.id: cover_of(sensor, self._site)}
         if covers != self._news["covers"]:
-            self._tell("covers", covers)
+            self.tell(covers=covers)
 
     def pointing(self, pointing: Mapping[str, Mapping[str, Any]]) -> None:
         """Where mounts and steered beams pointed in their last scans, by sensor."""
         if pointing != self._news["pointing"]:
-            self._tell("pointing", dict(pointing))
+            self.tell(pointing=dict(pointing))
 
     def session(self, state: Mapping[str, Any]) -> None:
         """Clock, recording, replay, and what there is to choose from; keys replace earlier ones.
@@ -196,16 +192,20 @@ class View:
         """
         before = self._news["session"]
         if any(before.get(key) != value for key, value in state.items()):
-            self._tell("session", {**before, **state})
+            self.tell(session={**before, **state})
 
-    def marks(self, marks: Sequence[Mapping[str, Any]]) -> None:
-        """What has changed lately: `t_utc_ms`, `kind` (story, change or script) and `words`."""
-        self._tell("marks", marks)
+    def tell(self, **news: Any) -> None:
+        """News by their keys, each in place of what was told by it before.
 
-    def stories(self, stories: Sequence[Mapping[str, Any]], undoes: str) -> None:
-        """What can happen at a word, since when those are on that are, and what undo would undo."""
-        self._tell("stories", stories)
-        self._tell("undoes", undoes)
+        `marks`: what has changed lately, `t_utc_ms`, `kind` (story, change or script) and `words`.
+        `stories`: what can happen at a word, and since when; `undoes`: what undo would undo.
+        `refusal`: why telemetry was refused. `track_problem`: why what the tracker published
+        could not be read. `connect`: where and how to receive what the session sends. `fleet`: how
+        the parts do whose page this is. `audience`, `actions`: what the audience may see and do,
+        and who did what.
+        """
+        self._news |= news
+        self._changed |= news.keys()
 
     def totals(self, totals: SessionCounters) -> None:
         """Counts of the whole session; told on once a second."""
@@ -215,30 +215,9 @@ class View:
             if isinstance(getattr(totals, name), int | float)
         }
 
-    def refusal(self, text: str) -> None:
-        """Telemetry was refused, for that reason."""
-        self._tell("refusal", text[:MAX_REASON])
-
     def tracks(self, tracks: Sequence[ToldTrack]) -> None:
         """News of the tracker under test."""
         self._tracks.take(tracks)
-
-    def connections(self, told: Mapping[str, Any]) -> None:
-        """Where and how to receive what the session sends."""
-        self._tell("connect", told)
-
-    def fleet(self, told: Mapping[str, Any]) -> None:
-        """How the parts of a fleet do, whose page this is."""
-        self._tell("fleet", told)
-
-    def audience(self, given: Mapping[str, bool], actions: Sequence[Mapping[str, Any]]) -> None:
-        """What the audience may see and do, and who did what."""
-        self._tell("audience", dict(given))
-        self._tell("actions", list(actions))
-
-    def track_problem(self, text: str) -> None:
-        """What the tracker published could not be read."""
-        self._tell("track_problem", text[:MAX_REASON])
 
     def score(self, score: dict[str, Any]) -> None:
         """How the tracker and the feed do, for who sees the truth."""
@@ -263,14 +242,22 @@ class View:
             self._links[loss.sensor].lost(loss.number, loss.due_utc_ns, by_chain=loss.by_chain)
         seconds = self._rates.over(monotonic_s, now_utc_ns)
         if seconds:
-            self._tell("totals", self._totals)
+            self.tell(totals=self._totals)
         if seconds or self._details_are_due:
             self._details_are_due = False
-            self._tell_details()
+            watched = {name: self._sensors[name] for name in self._watched & self._sensors.keys()}
+            details = {
+                sensor: {
+                    "link": self._links[number].summary(),
+                    "detections": looks_summary(self._looks[number]),
+                }
+                for sensor, number in watched.items()
+            }
+            self.tell(details=details)
         public_plots, true_plots = self._plots.sections(now_utc_ns)
         public_tracks = self._tracks.news(now_utc_ns)
         if (names := self._tracks.names()) != self._news.get("track_names", {}):
-            self._tell("track_names", names)
+            self.tell(track_names=names)
         if self._is_new:
             self._is_new = False
             self._changed.clear()
@@ -309,23 +296,6 @@ class View:
         self._totals = {}
         self._score = self._new_score = {}
         self._is_new = True
-
-    def _tell(self, key: str, value: Any) -> None:
-        self._news[key] = value
-        self._changed.add(key)
-
-    def _tell_details(self) -> None:
-        numbers = {sensor: self._sensors[sensor] for sensor in self._watched & self._sensors.keys()}
-        self._tell(
-            "details",
-            {
-                sensor: {
-                    "link": self._links[number].summary(),
-                    "detections": looks_summary(self._looks[number]),
-                }
-                for sensor, number in numbers.items()
-            },
-        )
 
 
 def _audience(head: bytes, told: Mapping[str, Any], marks: bytes) -> bytes | None:

@@ -63,21 +63,20 @@ def plots_and_tracks_in(payload: bytes, near_utc_ns: int) -> MeasuredPlots | Non
 
 
 def _plots_of(records: list[Record], near_utc_ns: int) -> MeasuredPlots:
-    return MeasuredPlots.of(_told(record, near_utc_ns) for record in records if _is_plot(record))
+    told = (_told(record, near_utc_ns) for record in records)
+    return MeasuredPlots.of(plot for plot in told if plot is not None)
 
 
 def _items_of(record: Record) -> PlotItems | None:
     return PLOT_ITEMS.get(record.category) or TRACK_ITEMS.get(record.category)
 
 
-def _is_plot(record: Record) -> bool:
-    items = _items_of(record)
-    part, values = items.plots_alone if items else ("", ())
-    return not part or record.get(part) in values
-
-
-def _told(record: Record, near_utc_ns: int) -> dict[str, Any]:
+def _told(record: Record, near_utc_ns: int) -> dict[str, Any] | None:
+    """What a record tells of a plot, by column; None if it says that it is none."""
     items = _items_of(record) or PLOT_ITEMS[record.category]
+    part, values = items.plots_alone
+    if part and record.get(part) not in values:
+        return None
     place = f"I{record.category:03d}/010"
     told: dict[str, Any] = {"category": record.category}
     time_s = record.get(items.time)

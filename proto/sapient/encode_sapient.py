@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -422,8 +422,14 @@ class DetectionEncoder:
         ids = Ulids(self._node.seed, self._node.sensor, "detections", stamp_ns(t_utc_ns))
         locations = Locations(plots, positions)
         infos = self._infos(t_utc_ns, plots)
-        amplitudes_dbm = self._amplitudes_dbm(plots)
-        probabilities = self._class_confidences(plots)
+        amplitudes_dbm: Sequence[float | None] = [None] * len(plots)
+        if self._manner.band_hz is not None:
+            amplitudes_dbm = measured("amplitude", plots.amplitude_dbm, -1000, 1000)
+        # Confidences that the sensor states, and the scene's for what it states none of.
+        usual, probabilities = self._manner.class_confidence, plots.kind_probability
+        stated: Sequence[float | None] = [None] * len(plots)
+        if probabilities is not None:
+            stated = measured("class confidence", probabilities, 0, 1)
         report = self._report
         encoded = []
         for i, (kind, identity) in enumerate(zip(plots.kind, plots.identity, strict=True)):
@@ -432,7 +438,7 @@ class DetectionEncoder:
             if confidences is not None and (found := confidences[i]) is not None:
                 report.detection_confidence = found
             locations.write(i, report)
-            self._classify(kind, probabilities[i])
+            self._classify(kind, usual if (sure := stated[i]) is None else sure)
             self._fill_infos(infos, i)
             if identity:
                 report.id = identity
@@ -441,19 +447,6 @@ class DetectionEncoder:
             self._fill_signal(amplitudes_dbm[i])
             encoded.append(self._message.SerializeToString())
         return encoded
-
-    def _amplitudes_dbm(self, plots: Plots) -> list[float | None]:
-        if self._manner.band_hz is None:
-            return [None] * len(plots)
-        return measured("amplitude", plots.amplitude_dbm, -1000, 1000)
-
-    def _class_confidences(self, plots: Plots) -> list[float]:
-        """Confidences that the sensor states, and the scene's for what it states none of."""
-        stated = plots.kind_probability
-        if stated is None:
-            return [self._manner.class_confidence] * len(plots)
-        found = measured("class confidence", stated, 0, 1)
-        return [self._manner.class_confidence if p is None else p for p in found]
 
     def _classify(self, kind: str, confidence: float) -> None:
         """The sensor's own class below the scene's, or either alone; only what is registered."""

@@ -22,32 +22,25 @@ def measured(field: str, values: Floats, low: float, high: float) -> list[float 
 
     Value by value: most columns have a few rows, and NumPy takes longer to begin than these do.
     """
-    return [
-        value if low <= value <= high else _none_for_nan(field, value, low, high)
-        for value in values.tolist()
-    ]
-
-
-def _none_for_nan(field: str, value: float, low: float, high: float) -> float | None:
-    if math.isnan(value):
-        return None
-    raise EncodeError(_not_within(value, low, high), field=field)
+    found: list[float | None] = values.tolist()
+    for i, value in enumerate(values.tolist()):
+        if not low <= value <= high:
+            if not math.isnan(value):
+                check_number(field, value, low, high)
+            found[i] = None
+    return found
 
 
 def check_number(field: str, value: float, low: float, high: float) -> None:
     """Check that a number is finite and within [low, high]; raises `EncodeError`."""
     if not (low <= value <= high and math.isfinite(value)):
-        raise EncodeError(_not_within(value, low, high), field=field)
+        raise EncodeError(f"{value:g} is not a number from {low:g} to {high:g}", field=field)
 
 
 def check_text(field: str, value: str) -> None:
     """Check that a text is neither empty nor endless; raises `EncodeError`."""
     if not 0 < len(value) <= MAX_TEXT:
         raise EncodeError(f"expected 1 to {MAX_TEXT} characters, not {len(value)}", field=field)
-
-
-def _not_within(value: float, low: float, high: float) -> str:
-    return f"{value:g} is not a number from {low:g} to {high:g}"
 
 
 _BASE32 = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"  # Crockford's: neither I, L, O nor U

@@ -260,8 +260,8 @@ class MadeUpSession:
             }
             for story in self.scene.stories.values()
         ]
-        self.view.stories(told, undoes)
-        self.view.marks(list(self._marks))
+        self.view.tell(stories=told, undoes=undoes)
+        self.view.tell(marks=list(self._marks))
 
     def _change_session(self, key: str, change: dict[str, Any]) -> None:
         state = dict(self.session[key])

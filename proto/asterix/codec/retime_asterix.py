@@ -118,8 +118,12 @@ class Retimer:
             yield f"category {number:03d} in an edition that is not known, or broken"
             return
         for times in found:
-            for place in times.of_day:
-                _move_time_of_day(moved, origin + place, shift_lsb)
+            for at in (origin + place for place in times.of_day):
+                time_lsb = int.from_bytes(moved[at : at + TIME_OCTETS], "big")
+                # Some senders write 86400.0 instead of 0; what is beyond that is no time of day.
+                if shift_lsb % DAY_LSB and time_lsb <= DAY_LSB:
+                    time_lsb = (time_lsb + shift_lsb) % DAY_LSB
+                    moved[at : at + TIME_OCTETS] = time_lsb.to_bytes(TIME_OCTETS, "big")
             for place in times.planned:
                 if not _move_planned(moved, origin + place, _within_day(body, times, shift_lsb)):
                     yield f"I{number:03d}/390/{PLANNED}, which is not of these days"
@@ -129,14 +133,6 @@ def _rounded(dividend: int, divisor: int) -> int:
     """The quotient, half to even."""
     whole, rest = divmod(dividend, divisor)
     return whole + (2 * rest > divisor or (2 * rest == divisor and whole & 1))
-
-
-def _move_time_of_day(moved: bytearray, at: int, shift_lsb: int) -> None:
-    time_lsb = int.from_bytes(moved[at : at + TIME_OCTETS], "big")
-    # Some senders write 86400.0 instead of 0; what is beyond that is no time of day.
-    if shift_lsb % DAY_LSB and time_lsb <= DAY_LSB:
-        time_lsb = (time_lsb + shift_lsb) % DAY_LSB
-        moved[at : at + TIME_OCTETS] = time_lsb.to_bytes(TIME_OCTETS, "big")
 
 
 def _within_day(block: bytes, times: TimeItems, shift_lsb: int) -> int | None:

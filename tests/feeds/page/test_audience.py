@@ -85,7 +85,7 @@ def knows_the_truth(frame: Frame) -> bool:
 def test_the_audience_never_gets_the_truth_that_it_was_not_given(
     page: Served, stage: MadeUpSession
 ) -> None:
-    page.call(lambda: page.server._view.refusal("plotfeed/telemetry/secret: no telemetry"))
+    page.call(lambda: page.server._view.tell(refusal="plotfeed/telemetry/secret: no telemetry"))
     with page.feed(path=AUDIENCE) as feed, page.feed() as presenter:
         refused = said(feed, {"look": {"truth": True, "watch": ["radar"]}})
         assert refused["ok"] is False

@@ -163,7 +163,7 @@ def test_no_rule_of_accessibility_is_broken(browser: Browser, served: Served) ->
         page.get_by_role("button", name="Truth").click()
         page.get_by_role("application").press("n")
         page.get_by_text("Plot of").wait_for()
-        served.call(lambda: served.server._view.refusal("telemetry/x: it was no telemetry"))
+        served.call(lambda: served.server._view.tell(refusal="telemetry/x: it was no telemetry"))
         page.get_by_text("Last refused").wait_for()
         assert not broken_rules(page)
 
@@ -173,7 +173,7 @@ def test_totals_rates_and_refusals_are_told(
 ) -> None:
     until(page, "document.getElementById('total-plots').textContent !== '0'")
     assert page.locator("#total-drones").inner_text() == "16"
-    served.call(lambda: served.server._view.refusal("plotfeed/telemetry/x: missing: time_utc"))
+    served.call(lambda: served.server._view.tell(refusal="plotfeed/telemetry/x: missing: time_utc"))
     page.get_by_text("Last refused: plotfeed/telemetry/x: missing: time_utc").wait_for()
     words = "document.getElementById('latency-text').textContent"
     until(page, rf"/^asked 120, is 1[12]\d ± \d+ ms$/.test({words})")

@@ -290,7 +290,7 @@ def test_the_card_of_a_fleet_opens_where_a_fleet_is_told_of(
     told = {"part": "0-0", "age_s": 0.34, "lateness_p99_us": 1200.0} | row
     gaps = ["nothing of part 0-0: 0.50 s, since host:6 died"]
     news = {"parts": [told], "takeovers": 1, "gaps": 1, "last_gaps": gaps}
-    served.call(lambda: stage.view.fleet(news))
+    served.call(lambda: stage.view.tell(fleet=news))
     until(page, "document.getElementById('fleet-rows').checkVisibility()")
     line = "0-0.2 RUNNING host:7: a, b and 2 more; heard 0.3 s ago, late by 1.20 ms (p99)"
     for said in ("Parts 1, take-overs 1", line, *gaps):

@@ -203,7 +203,7 @@ def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
 
 def test_news_are_told_once_and_again_in_every_snapshot() -> None:
     view = view_of_radar()
-    view.refusal("it was no telemetry")
+    view.tell(refusal="it was no telemetry")
     view.session({"clock": {"paused": True}})
     view.session({"clock": {"paused": True}, "record": {"on": False}})
     told = read_frame(view.update(testing.START_NS, 0.0).public).news
