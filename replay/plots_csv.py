@@ -183,8 +183,9 @@ class PlotsOnce:
             return found if takes.all() else found.rows(takes)
         category = keys[0][0]
         if category not in FORMATS:
-            return f"tracks, which --table asterix-{category:03d} has"
-        return f"plots that are there in another format; --table asterix-{category:03d} has them"
+            return f"tracks, which are in a file whose name ends in asterix-{category:03d}"
+        where = f"a file whose name ends in asterix-{category:03d} has them"
+        return f"plots that are there in another format; {where}"
 
     def _takes(self, sensor: str, topic: str, category: int, sac: int, sic: int) -> bool:
         if not sensor and (sac, sic) in self._sensors:

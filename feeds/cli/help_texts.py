@@ -111,6 +111,7 @@ GONE = {
     "--fastest": "--speed max",
     "--no-page": "--page none",
     "--date": "plotfeed convert --date before the replay",
+    "--table": "the end of OUT's name, as in site-looks.parquet,",
     "--column": "--set columns.OURS=THEIRS",
     "--view": "--set view=[LAT,LON,LAT,LON]",
     **{

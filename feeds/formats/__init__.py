@@ -225,11 +225,7 @@ def sources_of(sensors: Sensors) -> tuple[list[int], list[int]]:
 
 def limits_of(scene: Scene, sensors: Sensors) -> list[int]:
     """What a data block of each sensor may hold so that it fits wherever its messages go."""
-    datagrams = [udp for udp in scene.udp if udp.format is None]
-    return [
-        min((u.max_octets for u in datagrams if u.takes(sensor.id)), default=MAX_BLOCK_OCTETS)
-        for sensor in sensors.values()
-    ]
+    return [max_block_octets(scene, sensor) for sensor in sensors.values()]
 
 
 class Topics:
@@ -261,6 +257,12 @@ class Topics:
     def address(self, kind: str, content_type: str) -> Address:
         """Where its messages of a kind go."""
         return Address(self._root, self._sensor, kind, content_type, self._qos)
+
+
+def max_block_octets(scene: Scene, sensor: Sensor) -> int:
+    """What a data block may hold so that it fits wherever the sensor's messages go."""
+    to = (udp for udp in scene.udp if udp.takes(sensor.id) and udp.format is None)
+    return min((udp.max_octets for udp in to), default=MAX_BLOCK_OCTETS)
 
 
 Times = TypeVar("Times", int, Ints)

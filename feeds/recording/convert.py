@@ -104,7 +104,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     """
     from_format = FileFormat(settings.from_format) if settings.from_format else None
     form = FileFormat(settings.to_format) if settings.to_format else format_of_suffix(target)
-    table = _table_of(settings.table, target, form)
+    table = _table_of(target, form)
     for topic_filter in settings.topics:
         checked_topic_filter(topic_filter)
     date = settings.date and int(settings.date.replace(tzinfo=UTC).timestamp()) * NS
@@ -143,20 +143,14 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     return 0
 
 
-def _table_of(named: str | None, target: Path, form: FileFormat) -> TableName:
-    """The table that is named, else that in which the file's name ends, as in site-looks.parquet.
+def _table_of(target: Path, form: FileFormat) -> TableName:
+    """The table in which the file's name ends, as in site-looks.parquet, if such a file holds it.
 
-    Raises `PlotfeedError` if no such file holds it.
+    Otherwise it is that of plots.
     """
-    if named is None:
-        ends = (t for t in TableName if re.search(rf"(^|[-_. ]){t}$", target.stem.lower()))
-        table = next(ends, TableName.PLOTS)
-        return table if form is FileFormat.PARQUET or table in PLOT_TABLES else TableName.PLOTS
-    if form not in TABLES:
-        raise PlotfeedError(f"--table: only of Parquet and CSV, and {target} is to be {form}")
-    if form is FileFormat.CSV and named not in PLOT_TABLES:
-        raise PlotfeedError(f"--table: CSV holds plots; for {named} write Parquet")
-    return TableName(named)
+    ends = (t for t in TableName if re.search(rf"(^|[-_. ]){t}$", target.stem.lower()))
+    table = next(ends, TableName.PLOTS)
+    return table if form is FileFormat.PARQUET or table in PLOT_TABLES else TableName.PLOTS
 
 
 def _asked_of(

@@ -79,28 +79,11 @@ class ConvertSettings:
         name="--from",
     )
     to_format: FileKind | None = option(
-        None, "Write OUT in this format; without it its suffix says which.", name="--to"
-    )
-    table: (
-        Literal[
-            "plots",
-            "truths",
-            "looks",
-            "tracks",
-            "messages",
-            "fates",
-            "asterix-015",
-            "asterix-048",
-            "asterix-062",
-            "asterix-205",
-        ]
-        | None
-    ) = option(
         None,
-        "Write this table of Parquet or CSV: plots, truths, looks, tracks, messages, fates, "
-        "asterix-015, asterix-048, asterix-062, asterix-205. Without it the end of OUT's name "
-        "says which, else it is plots, which has each plot once.",
-        metavar="TABLE",
+        "Write OUT in this format; without it its suffix says which. The table of Parquet or CSV "
+        "is that in which its name ends, as site-looks.parquet: plots (each once; without it too), "
+        "truths, looks, tracks, messages, fates, asterix-015, -048, -062 or -205.",
+        name="--to",
     )
     topics: tuple[str, ...] = option(
         (),

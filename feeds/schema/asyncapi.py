@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
@@ -12,6 +13,7 @@ from importlib.resources import files
 from typing import Any
 
 from google.protobuf.descriptor import Descriptor
+from google.protobuf.json_format import MessageToDict
 
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.messages.message import MESSAGE_EXPIRY_S, type_of
@@ -287,6 +289,7 @@ def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 BINDING = "0.2.0"
+MOST_OCTETS = 1200  # Of an example, unless no message is so short
 # Where a definition of our protobuf schema begins, with what is said before it.
 DEFINITION = re.compile(r"\n\n(?=(?://.*\n)*(?:message|enum) \w+ \{)")
 NAME = re.compile(r"(?m)^(?:message|enum) (\w+) \{")
@@ -449,27 +452,39 @@ def _message(flow: Flow) -> dict[str, Any]:
             "additionalProperties": False,
         }
     message["payload"] = _payload(flow)
-    if flow.name in _examples():  # formats that others add have none
-        message["examples"] = [_example(flow)]
+    if (example := _example(flow)) is not None:
+        message["examples"] = [example]
     if flow.message:
         message["x-protobuf-message"] = flow.message
     return message
 
 
-def _example(flow: Flow) -> dict[str, Any]:
-    payload = _examples()[flow.name]
-    if isinstance(payload, str):
-        return {"summary": "The octets in base64.", "payload": payload}
-    if flow.content_type != JSON and flow.schema is None:
-        return {"summary": "The fields, as in JSON.", "payload": payload}
-    return {"payload": payload}
+def _example(flow: Flow) -> dict[str, Any] | None:
+    """The longest of short messages, or the first; None of a format that others add."""
+    # Telemetry that comes in is as what cooperative drones say.
+    kind = "plotfeed.claimed" if flow.message.endswith(".Telemetry") else flow.kind
+    kind = "plotfeed.asterix.129" if flow.name == "telemetryAsterix129" else kind
+    found = _payloads().get(flow.name) or _payloads().get(kind) or []
+    if not found:
+        return None
+    payload = max([each for each in found if len(each) <= MOST_OCTETS] or found[:1], key=len)
+    if "json" in flow.content_type or kind == "plotfeed.claimed":
+        fields = json.loads(payload)
+    elif flow.message in OUR_MESSAGES:
+        message = OUR_MESSAGES[flow.message].FromString(payload)
+        fields = MessageToDict(message, preserving_proto_field_name=True)
+    else:
+        octets = base64.b64encode(payload).decode()
+        return {"summary": "The octets in base64.", "payload": octets}
+    as_json = {"summary": "The fields, as in JSON."} if "json" not in flow.content_type else {}
+    return {**as_json, "payload": fields}
 
 
 @lru_cache
-def _examples() -> dict[str, Any]:
-    text = files("plotfeed.feeds.schema").joinpath("message_examples.json").read_text("utf-8")
-    found: dict[str, Any] = json.loads(text)
-    return found
+def _payloads() -> Mapping[str, Sequence[bytes]]:
+    from plotfeed.feeds.schema.examples import payloads  # which other schemas do without
+
+    return payloads()
 
 
 def _payload(flow: Flow) -> dict[str, Any]:

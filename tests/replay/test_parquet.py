@@ -129,29 +129,26 @@ def test_messages_are_whole() -> None:
     assert row["content_type"] is None
 
 
-def test_a_name_says_which_table_and_table_says_otherwise(tmp_path: Path) -> None:
+def test_a_name_says_which_table(tmp_path: Path) -> None:
     source = tmp_path / "in.mcap"
     with source.open("wb") as file:
         writer = writer_to(file, FileFormat.MCAP)
         for each in plots(40):
             writer.write(each)
         writer.close()
-    for name, options, expected in (
-        ("any.parquet", (), TableName.PLOTS),
-        ("here-messages.parquet", (), TableName.MESSAGES),
-        ("other.parquet", ("--table", "asterix-048"), TableName.ASTERIX_048),
+    for name, expected in (
+        ("any.parquet", TableName.PLOTS),
+        ("here-messages.parquet", TableName.MESSAGES),
+        ("other.asterix-048.parquet", TableName.ASTERIX_048),
     ):
-        done = plotfeed_here("convert", source, tmp_path / name, *options)
+        done = plotfeed_here("convert", source, tmp_path / name)
         assert done.returncode == 0, done.stderr
         assert pq.read_schema(tmp_path / name).names == list(FIELDS[expected])
-    for name, option, why in (
-        ("x.pcap", "plots", "only of Parquet and CSV"),
-        ("x.csv", "looks", "write Parquet"),
-        ("x.parquet", "fates", "40 left out: no fates"),
-    ):
-        wrong = plotfeed_here("convert", source, tmp_path / name, "--table", option)
-        assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
-        assert why in wrong.stderr
+    wrong = plotfeed_here("convert", source, tmp_path / "x-fates.parquet")
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    assert "40 left out: no fates" in wrong.stderr
+    gone = plotfeed_here("convert", source, tmp_path / "x.parquet", "--table", "fates")
+    assert "the end of OUT's name" in gone.stderr
     read = plotfeed_here("convert", tmp_path / "any.parquet", tmp_path / "back.mcap")
     assert read.returncode == 2
     assert "parquet" in read.stderr

@@ -227,11 +227,9 @@ def test_a_table_of_plots_has_each_plot_once_and_others_have_one_format(
         ("udp/127.0.0.1/8601", "048"): 2,
     }
     told = capsys.readouterr().out
-    assert (
-        "left out 6 messages: plots that are there in another format; --table asterix-048" in told
-    )
+    assert "left out 6 messages: plots that are there in another format; a file whose" in told
     assert rows_of("site-asterix-015") == {("plotfeed/radar/asterix/015", "015"): 2}
-    assert sum(rows_of("any", table="asterix-048").values()) == 10
+    assert sum(rows_of("any-asterix-048").values()) == 10
     assert rows_of("chosen", topics=["plotfeed/radar/asterix/048"]) == {
         ("plotfeed/radar/asterix/048", "048"): 2
     }
@@ -254,7 +252,7 @@ def test_tracks_are_no_plots(tmp_path: Path) -> None:
         ("mcap", {"topics": ["no/such"]}, "none is of the topics, stages and times asked for"),
         ("mcap", {"start": "3600"}, "none is of the topics, stages and times asked for"),
         ("pcap", {"topics": ["plotfeed/session"]}, "1 left out: neither UDP nor ASTERIX"),
-        ("parquet", {"table": "fates"}, "3 left out: no fates"),
+        ("fates.parquet", {}, "3 left out: no fates"),
         ("csv", {"stages": ["telemetry"]}, "1 left out: no plots"),
     ],
 )
