@@ -274,22 +274,22 @@ def entries_in(payload: bytes) -> list[pb.Ledger]:
         of_claims = _of_sectors(batch.sectors.claims_end, n, len(batch.claims)).tolist()
     except UNREADABLE as error:
         raise DecodeError(f"no ledger: {error}") from None
-    entries = [pb.Ledger(**row) for row in _rows(told.entries, "payload", pb.Ledger)]
+    entries = [pb.Ledger(**row) for row in rows_told(told.entries, pb.Ledger)]
     for table, kind, name in (
         (told.looks, pb.Look, "looks"),
         (told.plots, pb.PlotTruth, "plots"),
         (told.messages, pb.Sent, "messages"),
     ):
-        for entry, row in zip(table.entry.tolist(), _rows(table, "entry", kind), strict=True):
+        for entry, row in zip(table.entry.tolist(), rows_told(table, kind), strict=True):
             getattr(entries[entry], name).add(**row)
     for entry, claim in zip(of_claims, batch.claims, strict=True):
         entries[entry].claims.append(claim)
     return entries
 
 
-def _rows(table: Columns, without: str, kind: Any) -> Iterator[dict[str, Any]]:
-    """What each row tells in a message of that kind, by the names of its fields."""
-    names = [name for name in vars(table) if name != without]
+def rows_told(table: Columns, kind: Any) -> Iterator[dict[str, Any]]:
+    """What each row of a table tells in a message of that kind, by the names of its fields."""
+    names = [name for name in vars(table) if name not in ("entry", "payload")]
     absent = [ABSENT.get((kind.DESCRIPTOR.name, name)) for name in names]
     for row in zip(*(vars(table)[name].tolist() for name in names), strict=True):
         yield {

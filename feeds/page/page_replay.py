@@ -236,13 +236,9 @@ class PageReplay:
             self._seek(self.recording.start_ns + round(wanted["position_s"] * NS))
         if "skip_s" in wanted:
             self._seek(self._reached_ns + round(wanted["skip_s"] * NS))
-        if "paused" in wanted:
-            self._pause(wanted["paused"])
-
-    def _pause(self, paused: bool) -> None:
-        if paused:
+        if wanted.get("paused"):
             self._control.pause()
-        elif self._control.is_paused:
+        elif "paused" in wanted and self._control.is_paused:
             if self._reached_ns >= self.recording.end_ns:
                 self._seek(self.recording.start_ns)
             self._control.resume()

@@ -34,7 +34,7 @@ from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots
 from plotfeed.models.truth import fit_velocity
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.ledger import LedgerTables, ToldLooks, ToldMessages, ToldPlots, tables_of
+from plotfeed.proto.ledger import LedgerTables, ToldLooks, ToldPlots, rows_told, tables_of
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import DAY_NS, NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -264,7 +264,7 @@ class RecordedSectors:
             sensors=ids.tolist(),
             links=of.link.tolist(),
         )
-        sent = sent_of(told.messages)
+        sent = [pb.Sent(**row) for row in rows_told(told.messages, pb.Sent)]
         for i, (first, end) in enumerate(pairwise(sent_ends.tolist())):
             yield batch.one(i), sent[first:end]
 
@@ -306,14 +306,6 @@ class RecordedSectors:
 def _sector(scan: int, index: int, known_ns: int) -> Sector:
     """A sector of which a recording says no more than when what came of it was known."""
     return Sector(scan, index, known_ns, known_ns, np.nan, np.nan)
-
-
-def sent_of(told: ToldMessages) -> list[pb.Sent]:
-    """What became of messages, as a session tells it."""
-    names = [name for name in vars(told) if name not in ("entry", "flipped_bit", "not_to")]
-    columns = (getattr(told, name).tolist() for name in names)
-    rows = zip(*columns, strict=True)
-    return [pb.Sent(**dict(zip(names, row, strict=True))) for row in rows]
 
 
 KEPT = 12  # Places of a drone, the latest ones

@@ -28,7 +28,6 @@ from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import Clock, WallClock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
-from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
@@ -214,27 +213,18 @@ class PageObserver(Observer):
 
     def _tell_clock(self) -> None:
         """The clock's state, which control may have changed from elsewhere, for what is news."""
-        if self._session is not None:
-            self._view.session(clock_state(self._session))
+        if self._session is None:
+            return
+        clock, state = self._session.clock, {"kind": "instant", "paused": False, "speed": 1.0}
+        refusals = dict.fromkeys(CLOCK_CONTROLS, NO_PACE)
+        if isinstance(clock, WallClock):
+            kind = "wall" if clock.is_real else "simulated"
+            state = {"kind": kind, "paused": clock.is_paused, "speed": clock.speed}
+            refusals = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) if clock.is_real else {}
+        self._view.session({"clock": state, "refuses": refusals})
 
     def _tell_settings(self, sensor: Sensor, *, new_model: bool) -> None:
         tell_settings(self._view, sensor, self.now_utc_ns(), new_model=new_model)
-
-
-def clock_state(session: RunningSession) -> dict[str, Any]:
-    """What of the clock a page shows, and which of its controls work."""
-    clock = session.clock
-    if isinstance(clock, WallClock):
-        state = {
-            "kind": "wall" if clock.is_real else "simulated",
-            "paused": clock.is_paused,
-            "speed": clock.speed,
-        }
-        refusals = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) if clock.is_real else {}
-    else:
-        state = {"kind": "instant", "paused": False, "speed": 1.0}
-        refusals = dict.fromkeys(CLOCK_CONTROLS, NO_PACE)
-    return {"clock": state, "refuses": refusals}
 
 
 @contextlib.asynccontextmanager
@@ -368,32 +358,12 @@ async def tracks_of(
     now_utc_ns: Callable[[], int],
     shown_ns: Callable[[int], int] = int,
 ) -> AsyncIterator[None]:
-    """Show tracks of the tracker under test, from every broker of the session."""
-    async with contextlib.AsyncExitStack() as receiving:
-        topic, (addresses, _) = scene.page.tracks_topic, brokers
-        if topic is not None:
-            for address in addresses:
-                await receiving.enter_async_context(
-                    receiving_tracks(view, scene, address, topic, now_utc_ns, shown_ns=shown_ns)
-                )
-        yield
+    """Show tracks of the tracker under test, from every broker of the session.
 
-
-@contextlib.asynccontextmanager
-async def receiving_tracks(
-    view: View,
-    scene: Scene,
-    address: BrokerAddress,
-    topic: str,
-    now_utc_ns: Callable[[], int],
-    *,
-    shown_ns: Callable[[int], int] = int,
-) -> AsyncIterator[None]:
-    """Show the tracks that come on a topic; what cannot be read is said on the page.
-
-    `now_utc_ns` is the tracker's time; `shown_ns` of it the time that the page shows.
+    What cannot be read is said on the page. `now_utc_ns` is the tracker's time; `shown_ns` of it
+    the time that the page shows.
     """
-    site = site_frame(scene.scene.site)
+    site, topic = site_frame(scene.scene.site), scene.page.tracks_topic
 
     def take(_topic: str, payload: bytes, content_type: str | None) -> None:
         try:
@@ -401,6 +371,8 @@ async def receiving_tracks(
         except PlotfeedError as error:
             view.tell(track_problem=str(error)[:MAX_REASON])
 
-    link = MqttTransport(address, "plotfeed-page", subscribe=[topic], on_message=take)
-    async with alongside(link.run(), "page-tracks"):
+    async with contextlib.AsyncExitStack() as receiving:
+        for address in brokers[0] if topic is not None else ():
+            link = MqttTransport(address, "plotfeed-page", subscribe=[str(topic)], on_message=take)
+            await receiving.enter_async_context(alongside(link.run(), "page-tracks"))
         yield

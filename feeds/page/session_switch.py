@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -10,7 +11,6 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View
@@ -29,6 +29,16 @@ if TYPE_CHECKING:
 # Recordings and replays are loaded once there is one.
 
 TELL_EVERY_S = 0.5
+
+
+def _recorded(method: str) -> Callable[..., None]:
+    """A method of an observer that hands on what it is told to a recording, if one runs."""
+
+    def tell(self: SessionSwitch, *told: Any) -> None:
+        if self._recorder is not None:
+            getattr(self._recorder, method)(*told)
+
+    return tell
 
 
 class SessionSwitch(Observer):
@@ -106,25 +116,9 @@ class SessionSwitch(Observer):
             self._recorder.recorder.close()
             self._recorder = None
 
-    def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
-        """Recorded, if a recording runs; as all that follows."""
-        if self._recorder is not None:
-            self._recorder.received(topic, payload, content_type, t_utc_ns)
-
-    def before_link(self, message: Message) -> None:
-        """A message goes into a link."""
-        if self._recorder is not None:
-            self._recorder.before_link(message)
-
-    def after_link(self, message: Message, sent_utc_ns: int) -> None:
-        """A message has left."""
-        if self._recorder is not None:
-            self._recorder.after_link(message, sent_utc_ns)
-
-    def ledger(self, message: Message) -> None:
-        """An entry is complete."""
-        if self._recorder is not None:
-            self._recorder.ledger(message)
+    received, before_link, after_link, ledger = map(
+        _recorded, ("received", "before_link", "after_link", "ledger")
+    )
 
     def _another(self, asked: object) -> Mapping[str, Any]:
         """End the session that runs, for the same scene again or for another one."""
@@ -278,10 +272,19 @@ MAX_LOOKED_AT = 500  # Files, the newest first, of which it is found out whose t
 
 def recordings_in(folder: Path) -> dict[str, Path]:
     """Files by name, the newest first, at most `MAX_LISTED`; none if the folder cannot be read."""
+    from plotfeed.replay.mcap.mcap_reader import library_of
+
+    times: dict[Path, int] = {}
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.endswith(SUFFIX) and entry.name.isprintable() and entry.is_file():
+                times[Path(entry.path)] = entry.stat().st_mtime_ns
+    newest_first = sorted(times, key=lambda path: (-times[path], path.name))
     found: dict[str, Path] = {}
-    for path in _newest_first(folder)[:MAX_LOOKED_AT]:
-        if len(found) < MAX_LISTED and _is_ours(path):
-            found[path.name] = path
+    for path in newest_first[:MAX_LOOKED_AT]:
+        with contextlib.suppress(DecodeError, OSError):
+            if len(found) < MAX_LISTED and library_of(path).startswith(LIBRARY):
+                found[path.name] = path
     return found
 
 
@@ -290,24 +293,3 @@ def new_path(folder: Path, scene: str, at: datetime) -> Path:
     stem = f"{scene}-{at:%Y%m%dT%H%M%SZ}"
     names = (f"{stem}-{number}" if number > 1 else stem for number in count(1))
     return next(path for name in names if not (path := folder / f"{name}{SUFFIX}").exists())
-
-
-def _newest_first(folder: Path) -> list[Path]:
-    times: dict[Path, int] = {}
-    try:
-        with os.scandir(folder) as entries:
-            for entry in entries:
-                if entry.name.endswith(SUFFIX) and entry.name.isprintable() and entry.is_file():
-                    times[Path(entry.path)] = entry.stat().st_mtime_ns
-    except OSError:
-        pass
-    return sorted(times, key=lambda path: (-times[path], path.name))
-
-
-def _is_ours(path: Path) -> bool:
-    from plotfeed.replay.mcap.mcap_reader import library_of
-
-    try:
-        return library_of(path).startswith(LIBRARY)
-    except (DecodeError, OSError):
-        return False

@@ -15,7 +15,7 @@ from support.waiting import until
 
 from plotfeed import testing
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.run_with_page import PageObserver, alongside, receiving_tracks
+from plotfeed.feeds.page.run_with_page import PageObserver, alongside, tracks_of
 from plotfeed.feeds.page.scene_outline import cover_of
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
@@ -273,9 +273,9 @@ async def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) 
 
     with mosquitto(tmp_path, port):
         address = BrokerAddress.parse(f"mqtt://127.0.0.1:{port}")
-        async with receiving_tracks(
-            view, SCENE, address, "tracker/tracks", lambda: testing.START_NS
-        ):
+        page = SCENE.page.model_copy(update={"tracks_topic": "tracker/tracks"})
+        scene, brokers = SCENE.model_copy(update={"page": page}), ([address], {})
+        async with tracks_of(scene, view, brokers, lambda: testing.START_NS):
             tracker = await asyncio.to_thread(MqttReceiver, port, 5)
             place = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
             seen: dict[str, Any] = {}
