@@ -121,9 +121,7 @@ class ParquetWriter(RecordingWriter):
     def notes(self) -> list[str]:
         """What such a table is not."""
         others = ", ".join(name for name in TableName if name is not self._table)
-        return [
-            f"it holds the table {self._table}, and is not read back; names of others: {others}"
-        ]
+        return [f"it holds the table {self._table}, and is not read back; others: {others}"]
 
     def close(self) -> None:
         """Write the last rows and the index."""

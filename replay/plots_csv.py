@@ -183,9 +183,8 @@ class PlotsOnce:
             return found if takes.all() else found.rows(takes)
         category = keys[0][0]
         if category not in FORMATS:
-            return f"tracks, which are in a file whose name ends in asterix-{category:03d}"
-        where = f"a file whose name ends in asterix-{category:03d} has them"
-        return f"plots that are there in another format; {where}"
+            return f"tracks, which a file whose name ends in asterix-{category:03d} has"
+        return f"plots that are there in another format; x-asterix-{category:03d} would have them"
 
     def _takes(self, sensor: str, topic: str, category: int, sac: int, sic: int) -> bool:
         if not sensor and (sac, sic) in self._sensors:
