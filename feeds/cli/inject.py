@@ -355,7 +355,12 @@ class _Injection(_ToSession):
             f"{self._sent} reports sent to {self._broker} as {topic}, "
             f"{self._undelivered} undelivered, {answers.refused} refused"
         )
-        return 0 if self._is_taken_in() and is_seen else FAILED
+        if answers.scene is None:
+            say("plotfeed: no session was there to take them in", err=True)
+            return FAILED
+        all_refused = self._tell_meanwhile() >= self._sent > 0
+        is_taken_in = not (self._undelivered or answers.refused or all_refused)
+        return 0 if is_taken_in and is_seen else FAILED
 
     def _tell_distance(self) -> bool:
         """Say how near the flight comes to a sensor; whether any can see it, as far as is known."""
@@ -377,14 +382,6 @@ class _Injection(_ToSession):
         why = f"by {sensor} at best: {hindrance.kind}: {hindrance.text}"
         say(f"plotfeed: no sensor can see the flight, {why}", err=True)
         return False
-
-    def _is_taken_in(self) -> bool:
-        """Whether the session took the reports in, by what it says; if not, say why."""
-        if self._answers.scene is None:
-            say("plotfeed: no session was there to take them in", err=True)
-            return False
-        all_refused = self._tell_meanwhile() >= self._sent > 0
-        return not (self._undelivered or self._answers.refused or all_refused)
 
     async def _send_all(self) -> None:
         settings, clock = self._settings, None

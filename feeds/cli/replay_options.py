@@ -14,7 +14,6 @@ from plotfeed.proto.errors import PlotfeedError
 if TYPE_CHECKING:
     from plotfeed.feeds.replaying.destinations import Destinations
     from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplaySettings
-    from plotfeed.feeds.scene.link_keys import LinkSettings
     from plotfeed.feeds.scene.output_keys import UdpDestination
 
 MAX_OCTETS = 1 << 20  # Of a file with the keys of a link
@@ -147,7 +146,11 @@ class ReplayOptions:
 
 def _link_rule(text: str) -> LinkRule:
     """The link in FILE, for all topics, or TOPIC=FILE: the keys of a scene's [sensor.link]."""
+    from pydantic import ValidationError
+
     from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplayError
+    from plotfeed.feeds.scene.link_keys import LinkSettings
+    from plotfeed.feeds.scene.problems import problems_of
 
     topic, equals, name = text.rpartition("=")
     if equals and not topic:
@@ -160,19 +163,9 @@ def _link_rule(text: str) -> LinkRule:
         raise ReplayError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
         raise ReplayError(f"{path}: not TOML: {error}") from None
-    return LinkRule(topic, _link(tree, f"{path}: "))
-
-
-def _link(tree: dict[str, Any], where: str) -> LinkSettings:
-    from pydantic import ValidationError
-
-    from plotfeed.feeds.replaying.replay_settings import ReplayError
-    from plotfeed.feeds.scene.link_keys import LinkSettings
-    from plotfeed.feeds.scene.problems import problems_of
-
     try:
-        return LinkSettings.model_validate(tree)
+        return LinkRule(topic, LinkSettings.model_validate(tree))
     except ValidationError as error:
-        problems = problems_of(error, tree)
-        lines = [f"{where}{key}: {text}" if key else f"{where}{text}" for key, text in problems]
+        problems = ((f"{key}: " if key else "", text) for key, text in problems_of(error, tree))
+        lines = [f"{path}: {key}{text}" for key, text in problems]
         raise ReplayError("\n".join(lines)) from None

@@ -139,42 +139,38 @@ def _test_target(target: PresetTarget) -> TestTarget:
     )
 
 
+def _left_out(found: dict[str, Any]) -> list[str]:
+    """What a product's source states and its model leaves out, if anything."""
+    told = [f"  {text}" for text in found["left_out"]]
+    return ["", "Stated and not modelled:", *told] if told else []
+
+
 def _system_lines(found: dict[str, Any]) -> list[str]:
     rows = [(f"id-{name}", of["preset"], of["note"]) for name, of in found["sensors"].items()]
-    lines = [
+    return [
         f"{found['name']}: {found['maker']} {found['title']}, a [[system]], {found['source']}",
         DISCLAIMER,
         "",
         *aligned([("sensor", "preset", "why"), *rows], "<<<"),
+        *_left_out(found),
     ]
-    if found["left_out"]:
-        lines += ["", "Stated and not modelled:", *(f"  {text}" for text in found["left_out"])]
-    return lines
 
 
 def _list_lines(found: list[dict[str, Any]], systems: list[dict[str, Any]]) -> list[str]:
-    rows = [
-        (
-            each["name"],
-            each["type"],
-            shown_reach(each["range_at_pd_80_percent_m"]),
-            each["target"],
-            f"{each['maker']} {each['title']} ({each['source']})",
-        )
-        for each in found
-    ]
-    brought = [
-        (
-            each["name"],
-            ", ".join(of["preset"] for of in each["sensors"].values()),
-            f"{each['maker']} {each['title']} ({each['source']})",
-        )
-        for each in systems
-    ]
+    rows: list[tuple[str, ...]] = [("name", "type", "Pd 0.8 to", "for", "product")]
+    brought: list[tuple[str, ...]] = [("system", "sensors", "product")]
+    for each in (*found, *systems):
+        product = f"{each['maker']} {each['title']} ({each['source']})"
+        if "sensors" in each:
+            members = ", ".join(of["preset"] for of in each["sensors"].values())
+            brought.append((each["name"], members, product))
+        else:
+            reach = shown_reach(each["range_at_pd_80_percent_m"])
+            rows.append((each["name"], each["type"], reach, each["target"], product))
     return [
-        *aligned([("name", "type", "Pd 0.8 to", "for", "product"), *rows], "<<<<"),
+        *aligned(rows, "<<<<"),
         "",
-        *aligned([("system", "sensors", "product"), *brought], "<<<"),
+        *aligned(brought, "<<<"),
         "",
         DISCLAIMER,
         "",
@@ -198,8 +194,7 @@ def detail_lines(found: dict[str, Any]) -> list[str]:
             f"For {other['target']}: Pd 0.8 to {shown_reach(other['range_at_pd_80_percent_m'])}, "
             f"quoted {shown_reach(other['quoted_range_m'])}. {other['note']}",
         ]
-    if found["left_out"]:
-        lines += ["", "Stated and not modelled:", *(f"  {text}" for text in found["left_out"])]
+    lines += _left_out(found)
     reach = shown_reach(found["range_at_pd_80_percent_m"])
     alarms = f"{found['false_alarms_per_scan']:.3g} false alarms a scan"
     return [*lines, "", f"Pd 0.8 to {reach}, {alarms}", *row_lines(found, found["name"])]
