@@ -73,12 +73,13 @@ class Encoder:
     ) -> None:
         constants, lsb = constants or {}, lsb or {}
         drawn = profile(category, paths)
-        if unknown := {*constants, *lsb} - {slot.path for slot in drawn.slots}:
+        slots = drawn.slots
+        if unknown := {*constants, *lsb} - {slot.path for slot in slots}:
             raise EncodeError("the profile has no such part", field=min(unknown))
         self.category = category.number
         self.record_length = drawn.octets
-        stamped = [slot for slot in drawn.slots if slot.path in constants]
-        varying = [slot for slot in drawn.slots if slot.path not in constants]
+        stamped = [slot for slot in slots if slot.path in constants]
+        varying = [slot for slot in slots if slot.path not in constants]
         self.columns = tuple(slot.path for slot in varying)
         fixed = [_array(constants[slot.path], slot.path) for slot in stamped]
         # How many sources there are.
@@ -340,15 +341,6 @@ class Slot:
         return -(-(self.right % 8 + self.part.bits) // 8)
 
 
-@dataclass(frozen=True, slots=True)
-class Profile:
-    """Records of `octets` octets; `template` is one of them as an integer, with every slot zero."""
-
-    octets: int
-    template: int
-    slots: tuple[Slot, ...]
-
-
 def profile(category: Category, paths: Iterable[str]) -> Profile:
     """The profile with those items.
 
@@ -358,20 +350,20 @@ def profile(category: Category, paths: Iterable[str]) -> Profile:
     "I016/410/1".
     """
     chosen = dict(map(_split, paths))
-    drawing = _Drawing(chosen)
+    drawn = Profile(chosen)
     places = [
         place
         for place, item in enumerate(category.uap)
         if item and any(is_at(path, item.name) for path in chosen)
     ]
-    drawing.flags(places)
+    drawn.flags(places)
     for place in places:
         item = category.uap[place]
         if item is not None:
-            drawing.item(item)
-    if unknown := chosen.keys() - drawing.used:
+            drawn.item(item)
+    if unknown := chosen.keys() - drawn.used:
         raise EncodeError(f"category {category.number} has no such item", field=min(unknown))
-    return drawing.profile()
+    return drawn
 
 
 def _split(path: str) -> tuple[str, int | None]:
@@ -385,39 +377,39 @@ def _split(path: str) -> tuple[str, int | None]:
 
 
 @dataclass(slots=True)
-class _Drawing:
-    """A record as it is put together from left to right."""
+class Profile:
+    """Records of `octets` octets, drawn from left to right; `template` has every slot zero."""
 
     chosen: Mapping[str, int | None]
     used: set[str] = field(default_factory=set)
     octets: int = 0
-    bits: int = 0
+    template: int = 0  # A record as an integer
     # Path, part, and where the part ends, in bits from the start.
-    slots: list[tuple[str, Named, int]] = field(default_factory=list)
+    drawn: list[tuple[str, Named, int]] = field(default_factory=list)
 
-    def profile(self) -> Profile:
-        end = self.octets * 8
-        slots = tuple(Slot(path, part, end - stop) for path, part, stop in self.slots)
-        return Profile(self.octets, self.bits, slots)
+    @property
+    def slots(self) -> tuple[Slot, ...]:
+        """Where named parts lie, in the order of the record."""
+        return tuple(Slot(path, part, self.octets * 8 - stop) for path, part, stop in self.drawn)
 
-    def append(self, octets: int, bits: int) -> None:
+    def _append(self, octets: int, bits: int) -> None:
         self.octets += octets
-        self.bits = self.bits << octets * 8 | bits
+        self.template = self.template << octets * 8 | bits
 
     def flags(self, places: Sequence[int]) -> None:
         """The octets of seven flags and FX that announce those places, counted from 0."""
         last = max(places, default=0) // 7
         for octet in range(last + 1):
             bits = sum(1 << 7 - place % 7 for place in places if place // 7 == octet)
-            self.append(1, bits | (octet < last))
+            self._append(1, bits | (octet < last))
 
     def group(self, prefix: str, group: Group, *, more: bool = False, named: bool = False) -> None:
         """A group; its only part needs no name unless `named`. `more` is its extension bit."""
-        self.append(group.octets, int(more))
+        self._append(group.octets, int(more))
         end = self.octets * 8
         for part, right in group.fields:
             path = f"{prefix}/{part.name}" if named or len(group.fields) > 1 else prefix
-            self.slots.append((path, part, end - right))
+            self.drawn.append((path, part, end - right))
 
     def item(self, item: Item, path: str = "") -> None:
         """An item, or a subfield at `path`."""
@@ -427,15 +419,15 @@ class _Drawing:
             case Fixed(_, group):
                 self.group(path, group)
             case Extended(_, groups):
-                self.extended(path, groups)
+                self._extended(path, groups)
             case Repetitive(_, group):
-                self.repetitive(path, group)
+                self._repetitive(path, group)
             case Compound():
-                self.compound(item)
+                self._compound(item)
             case _:
                 raise EncodeError("an item of no fixed length fits no profile", field=path)
 
-    def extended(self, path: str, groups: Sequence[Group]) -> None:
+    def _extended(self, path: str, groups: Sequence[Group]) -> None:
         last = 0
         for index, group in enumerate(groups):
             paths = {f"{path}/{part.name}" for part, _ in group.fields}
@@ -445,16 +437,16 @@ class _Drawing:
         for index, group in enumerate(groups[: last + 1]):
             self.group(path, group, more=index < last, named=True)
 
-    def repetitive(self, path: str, group: Group) -> None:
+    def _repetitive(self, path: str, group: Group) -> None:
         times = self.chosen.get(path)
         if times is None or (group.fx and not times):
             raise EncodeError("say how often it is repeated, such as *1", field=path)
         if not group.fx:
-            self.append(1, times)
+            self._append(1, times)
         for index in range(times):
             self.group(f"{path}/{index}", group, more=group.fx and index < times - 1)
 
-    def compound(self, item: Compound) -> None:
+    def _compound(self, item: Compound) -> None:
         subfields = {
             place: sub
             for place, sub in enumerate(item.subfields)
