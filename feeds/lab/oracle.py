@@ -117,6 +117,7 @@ class Asked:
     why_not: str = ""
 
 
+TURNED = "how fast a target was while it turned, or when it was seen once"
 SIGMAS = ("sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg", "sigma_range_rate_m_s")
 
 
@@ -128,9 +129,10 @@ def asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     ways = (before, after, (before + after) / 2)
     first, last, middle = (_asked(scene, sensor, replace(looks, velocity_enu_m_s=v)) for v in ways)
     steady = np.abs(first.pd - last.pd) <= 0.01 * np.maximum(middle.pd, 0.1)
+    steady &= np.isfinite(ways[2]).all(axis=1)  # else it was seen once
     if (steady | ~middle.known).all():
         return middle
-    why = [middle.why_not] * bool(middle.why_not) + ["how fast a target was while it turned"]
+    why = [middle.why_not] * bool(middle.why_not) + [TURNED]
     return replace(middle, known=middle.known & steady, why_not="; ".join(why))
 
 

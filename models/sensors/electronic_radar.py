@@ -193,7 +193,11 @@ class ElectronicRadar(DwellingSensor):
         """Looks by dwells that point somewhere, and their ratios without fluctuation."""
         geometry = azimuth_deg, elevation_deg, _ = enu_to_aer(there.position_enu_m)
         snr = self.among_all.look_snrs(there)[:, 0]
-        snr = snr * self.grid.gain((azimuth_deg, elevation_deg), pointed)
+        # At what was read beams are pointed by the axes by which it was: both drift alike.
+        at_deg = azimuth_deg
+        if channel != SEARCH:
+            at_deg = there.read_azimuth_deg(azimuth_deg, there.t_utc_ns)
+        snr = snr * self.grid.gain((at_deg, elevation_deg), pointed)
         pd = self.radar.pd((snr * strength)[:, None], np.full(len(snr), STEADY))
         pd = np.nan_to_num(pd) * self.radar.pd_factor
         looks = there.looks(
@@ -229,8 +233,9 @@ class ElectronicRadar(DwellingSensor):
         row, track = (a.ravel() for a in np.indices((len(period.targets), len(due))))
         there = period.at(row, t_utc_ns[track])
         aim = enu_to_aer(aimed_m)
-        geometry = enu_to_aer(there.position_enu_m)
-        gain = self.grid.gain(geometry[:2], (aim[0][track], aim[1][track]))
+        geometry = azimuth_deg, elevation_deg, _ = enu_to_aer(there.position_enu_m)
+        read_deg = there.read_azimuth_deg(azimuth_deg, there.t_utc_ns)
+        gain = self.grid.gain((read_deg, elevation_deg), (aim[0][track], aim[1][track]))
         near = np.flatnonzero((gain > UNSEEN) & self._reports(geometry))
         track, row = track[near], row[near]
         there = period.at(row, t_utc_ns[track])
@@ -259,12 +264,15 @@ class ElectronicRadar(DwellingSensor):
         """Looks of search and confirmation, what was confirmed, and the number of beams."""
         left, rng, strength = period.dwells - first, period.rng, period.strength
         most = min(left, self.beams)
-        geometry = enu_to_aer(period.targets.position_enu_m)
-        place = (self.grid.beam_of(*geometry[:2]) - next_beam) % self.beams
-        rows = np.flatnonzero((place < most) & self._reports(geometry))
-        rows = rows[np.argsort(place[rows], kind="stable")]
-        place = place[rows]
-        there = period.at(rows, period.ends_ns(first + place))
+        # Who is at a beam when it points there: first by where all are when the period ends.
+        there, rows = period.targets, np.arange(len(period.targets))
+        for _ in range(2):
+            geometry = enu_to_aer(there.position_enu_m)
+            place = (self.grid.beam_of(*geometry[:2]) - next_beam) % self.beams
+            met = np.flatnonzero((place < most) & self._reports(geometry))
+            met = met[np.argsort(place[met], kind="stable")]
+            rows, place = rows[met], place[met]
+            there = period.at(rows, period.ends_ns(first + place))
         pointed = self.grid.middle_of((next_beam + place) % self.beams)
         looks, powers = self._looked(there, pointed, strength[rows], SEARCH, rng)
         hit = np.zeros(most, np.bool_)

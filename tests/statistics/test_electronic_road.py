@@ -25,7 +25,7 @@ from plotfeed.models.sensors.electronic_radar import CONFIRMATION, REVISIT, SEAR
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Signatures
 from plotfeed.proto.utc import NS
-from plotfeed.testing import START_NS, fly, held, radar, scene
+from plotfeed.testing import START_NS, flown, fly, held, radar, scene, waypoint
 
 SCAN = {"kind": "electronic", "period_s": 0.1, "dwell_s": 0.001, "revisit_s": 0.1}
 
@@ -51,6 +51,36 @@ def made(drones: int, scan: dict[str, Any] | None = None, seed: int = 111, **cha
 @cache
 def twenty() -> SimulatedSensor:
     return simulate(made(20), 25, start_utc_ns=START_NS)["radar"]
+
+
+def test_beams_point_by_the_axes_by_which_azimuths_are_read() -> None:
+    """What drifts by more than a beamwidth, slowly, misses nobody."""
+    drift = {"time_constant_s": 600.0, "sigma_azimuth_deg": 4.0}
+    right, drifting = (
+        simulate(made(20, **more), 5, start_utc_ns=START_NS)["radar"].looks
+        for more in ({}, {"drift": drift})
+    )
+    for channel in (CONFIRMATION, REVISIT):
+        odds = [looks.pd[looks.channel == channel] for looks in (right, drifting)]
+        assert min(map(len, odds)) > 20
+        assert odds[1].mean() == pytest.approx(odds[0].mean(), abs=0.02)
+
+
+def test_who_flies_past_close_by_is_met_where_he_is_when_a_beam_comes() -> None:
+    """He crosses three beams in a period; no beam that meets him is off by more than its half."""
+    past = [
+        flown(f"d{i}", waypoint(-50, 5, 280 + i), waypoint(50, 5, 280 + i), speed_m_s=40.0 + i,
+              swerling=0)
+        for i in range(8)
+    ]  # fmt: skip
+    slow = {"period_s": 0.5, "dwell_s": 0.01, "max_tracks": 0}
+    low = {"elevation_min_deg": 0.0, "elevation_max_deg": 10.0, "azimuth_beamwidth_deg": 3.0}
+    of = scene([steered(slow, integration_s=0.01, **low)], past, seed=3)
+    looks = simulate(of, 8, start_utc_ns=START_NS)["radar"].looks
+    searched = looks.rows(looks.channel == SEARCH)
+    strength = searched.snr * searched.range_m**4
+    assert len(searched) > 40
+    assert strength.min() > strength.max() / 20
 
 
 @pytest.mark.parametrize("channel", [SEARCH, CONFIRMATION, REVISIT])

@@ -22,7 +22,7 @@ from plotfeed.proto.utc import NS
 START_NS = 1_800_000_000 * NS
 # What the oracle may leave open of scenes: what sensors draw or do by themselves.
 NOT_KNOWN = {
-    "how fast a target was while it turned",
+    "how fast a target was while it turned, or when it was seen once",
     "merging with another target",
     "where a steered beam pointed",
     "whether houses hide a drone",

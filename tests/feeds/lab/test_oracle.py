@@ -22,7 +22,7 @@ from support.random_sensors import SENSOR_MAKERS, tables_of
 from plotfeed.feeds.lab import oracle
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example, from_tree, load
-from plotfeed.feeds.scene.sensors.effect_keys import ClassifierKeys
+from plotfeed.feeds.scene.sensors.effect_keys import ClassifierKeys, DopplerKeys
 from plotfeed.feeds.scene.sensors.scan_keys import ElectronicScan
 from plotfeed.feeds.scene.world_keys import HORIZONS
 from plotfeed.models import detection
@@ -91,6 +91,20 @@ def test_looks_at_a_strength_that_was_drawn_are_asked_for_on_average(changes: An
         off = (looks.pd - asked.pd)[search]
         assert abs(off.mean()) < 4 * off.std() / len(off) ** 0.5
         assert off.std() > 0.05
+
+
+def test_who_was_seen_once_has_no_speed_that_a_notch_could_be_asked_of() -> None:
+    scene = example("section-4")
+    (sensor,) = (s for s in scene.sensor if s.type == "mimo_radar")
+    sensor = sensor.model_copy(update={"doppler": DopplerKeys(notch_m_s=0.5)})
+    for each, _, _, given in sensors_of(scene, 5):
+        if each.id == sensor.id:
+            once = {n: v[:1] for n, v in vars(given).items() if isinstance(v, np.ndarray)}
+            asked = oracle.asked(
+                scene, sensor, oracle.LooksGiven(**once | {"velocity_enu_m_s": None})
+            )
+            assert not asked.known.any()
+            assert "seen once" in asked.why_not
 
 
 def test_a_zoomed_camera_is_judged_where_its_field_of_view_is_told() -> None:
