@@ -421,12 +421,11 @@ def summary_lines(flight: Flight) -> Iterator[str]:
     for stated in flight.stated:
         yield f"read as    {stated}"
     yield f"rate       {_rate(reports)}"
-    dropped = sum(flight.dropped.values())
-    if dropped:
-        most = sorted(flight.dropped.items(), key=lambda pair: -pair[1])
-        told = ", ".join(f"{why} {n}" for why, n in most[:MOST_REASONS])
-        more = "" if len(most) <= MOST_REASONS else ", and others"
-        yield f"dropped    {dropped} of {dropped + len(reports)} records: {told}{more}"
+    if dropped := sum(flight.dropped.values()):
+        most = Counter(flight.dropped).most_common(MOST_REASONS)
+        told = ", ".join(f"{why} {n}" for why, n in most)
+        told += ", and others" if len(flight.dropped) > len(most) else ""
+        yield f"dropped    {dropped} of {dropped + len(reports)} records: {told}"
 
 
 def _rate(reports: Sequence[PositionReport]) -> str:
@@ -484,6 +483,7 @@ class _Relay(_ToSession):
                 say(f"plotfeed: no session says on {prefix}/session that it runs", err=True)
             say(f"listens to {self._source.name}, drones are {self._template}; stop: Ctrl-C")
             await self._listen(duration_s, stop)
+            self._source.close()  # what came from now on would find the link at its end
             await self._link.drain()
             await self._answers.end()
         self._conclude()

@@ -17,7 +17,7 @@ from support.significance import (
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.utc import NS
-from plotfeed.testing import SITE, START_NS, FeedTable, fly, held, radar, rotating, scene
+from plotfeed.testing import SITE, START_NS, Feed, FeedTable, fly, held, radar, rotating, scene
 
 # Mean signal-to-noise ratios from 74 dB to 20 dB.
 RANGES_M = (500.0, 2000.0, 5000.0, 8000.0, 11_000.0)
@@ -82,21 +82,21 @@ UNDULATION_M = 51.0
 
 
 @cache
-def scattered(sensor: str) -> FeedTable:
-    """One detection of each of many drones that are anywhere between 2 and 4 km."""
+def scattered() -> Feed:
+    """One look of both at each of many drones that are anywhere between 2 and 4 km."""
     rng = np.random.default_rng(2)
     drones = [
         held(f"d{i}", rng.uniform(0, 360), rng.uniform(5, 40), rng.uniform(2000, 4000), rcs_m2=1.0)
         for i in range(3000)
     ]
     datum = {"telemetry": {"geoid_undulation_m": UNDULATION_M}}
-    return detections(fly(scene([FINE, COARSE], drones, seed=22, **datum), 1).plots(sensor))
+    return fly(scene([FINE, COARSE], drones, seed=22, **datum), 1)
 
 
 @pytest.mark.parametrize("sensor", ["fine", "coarse"])
 def test_rms_of_category_048_is_that_of_the_sensor_and_of_half_an_lsb(sensor: str) -> None:
     """Variances add: sigma squared and LSB squared over 12."""
-    plots = scattered(sensor)
+    plots = detections(scattered().plots(sensor))
     assert len(plots) > 2700
     for of, error, sigma, lsb in (
         ("RHO", plots.rho_nm * 1852 - plots.true_range_m, plots.sigma_range_m, RHO_LSB_M),
@@ -140,7 +140,7 @@ def test_category_015_states_errors_with_their_rounding_and_none_as_zero() -> No
 
 @pytest.mark.parametrize("sensor", ["fine", "coarse"])
 def test_category_048_is_the_protobuf_to_half_an_lsb(sensor: str) -> None:
-    plots = scattered(sensor)
+    plots = detections(scattered().plots(sensor))
     for difference, lsb in (
         (plots.rho_nm * 1852 - plots.range_m, RHO_LSB_M),
         (wrap_180(plots.theta_deg - plots.azimuth_deg), THETA_LSB_DEG),
@@ -152,7 +152,7 @@ def test_category_048_is_the_protobuf_to_half_an_lsb(sensor: str) -> None:
 
 @pytest.mark.parametrize("sensor", ["fine", "coarse"])
 def test_altitude_has_the_error_of_range_elevation_and_quantisation(sensor: str) -> None:
-    plots = scattered(sensor)
+    plots = detections(scattered().plots(sensor))
     elevation = np.radians(plots.true_elevation_deg)
     true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
     true_height_m = SITE.to_geodetic(true)[2]
@@ -166,7 +166,7 @@ def test_altitude_has_the_error_of_range_elevation_and_quantisation(sensor: str)
 
 
 def test_height_is_that_of_the_measured_place() -> None:
-    plots = scattered("coarse")
+    plots = detections(scattered().plots("coarse"))
     place = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
     np.testing.assert_allclose(plots.height_m, SITE.to_geodetic(place)[2], rtol=0, atol=1e-6)
 

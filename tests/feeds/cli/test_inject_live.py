@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, mosquitto
 from support.command import plotfeed, plotfeed_here, running
 from support.scene_files import radar, scene_file, scene_text
 from support.vehicles import sending_vehicle
+
+from plotfeed.feeds.transport.mqtt.connection import MqttConnection
 
 pytest.importorskip("pymavlink")
 # Of now, whenever that is.
@@ -60,6 +63,24 @@ def test_wrong_words_are_told_before_anything_is_sent(words: tuple[str, ...], sa
     done = plotfeed_here("inject", *words, "--broker", "mqtt://127.0.0.1:1")
     assert done.returncode == 2
     assert says in done.stderr
+
+
+def test_what_comes_after_the_end_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a vehicle that goes on while the broker is slow to let go."""
+    close, port, broker_port = MqttConnection.close, free_port(), free_port()
+
+    async def close_slowly(connection: MqttConnection) -> None:
+        await asyncio.sleep(0.5)
+        await close(connection)
+
+    monkeypatch.setattr(MqttConnection, "close", close_slowly)
+    broker = ("--broker", f"mqtt://127.0.0.1:{broker_port}")
+    with mosquitto(tmp_path, broker_port), sending_vehicle(port):
+        done = plotfeed_here("inject", f"mavlink:udp://:{port}", *broker, "--duration", "2")
+    assert done.returncode == 0, done.stdout
+    assert "drones: mav-1" in done.stdout
 
 
 def test_a_taken_port_is_one_line() -> None:
