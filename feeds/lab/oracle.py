@@ -472,6 +472,20 @@ def signature_of(scene: Scene, name: str) -> TargetSignature | None:
     return found[0] if found and kind in {"", "bird", "vehicle", "turbine"} else None
 
 
+# Of the scenes that were asked for last, by identity: those are compared in no time.
+_SIGNATURES: dict[int, tuple[Scene, dict[str, TargetSignature | None]]] = {}
+_SCENES_KEPT = 16
+
+
+def _signatures_of(scene: Scene) -> dict[str, TargetSignature | None]:
+    """Signatures of a scene's targets that are known already, by name."""
+    if _SIGNATURES.get(id(scene), (None,))[0] is not scene:
+        if len(_SIGNATURES) >= _SCENES_KEPT:
+            _SIGNATURES.clear()
+        _SIGNATURES[id(scene)] = scene, {}
+    return _SIGNATURES[id(scene)][1]
+
+
 def usual_signature(scene: Scene, **said: Any) -> TargetSignature:
     """The signature of a drone of telemetry, which says so much of itself and no more."""
     usual = scene.telemetry
@@ -545,7 +559,10 @@ class _Look:
         unknown = np.full((len(looks), 3), np.nan)
         self.velocity = unknown if looks.velocity_enu_m_s is None else looks.velocity_enu_m_s
         self.names, self.of = np.unique(looks.drone.astype(str), return_inverse=True)
-        found = [looks.signatures.get(n) or signature_of(scene, n) for n in self.names.tolist()]
+        known = _signatures_of(scene)
+        for name in {*self.names.tolist()} - known.keys():
+            known[name] = signature_of(scene, name)
+        found = [looks.signatures.get(n) or known[n] for n in self.names.tolist()]
         strange = np.array([each is None for each in found])
         self.doubt("drones that the scene does not name", strange[self.of])
         self.signatures = [TargetSignature() if each is None else each for each in found]

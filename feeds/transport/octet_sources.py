@@ -223,7 +223,9 @@ class TcpOctets(OctetSource):
         return list(self._writers)
 
     async def _accepted(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await self._read(reader, writer)
+        # asyncio asks its task what it raised, which a cancelled one answers by raising.
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._read(reader, writer)
 
     async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
         """Take what comes until the connection ends; whether anything came."""

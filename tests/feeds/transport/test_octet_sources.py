@@ -70,6 +70,31 @@ async def listening(url: str) -> AsyncIterator[tuple[Taker, UdpOctets]]:
 
 
 @pytest.mark.asyncio
+async def test_a_peer_that_is_held_up_when_all_ends_is_no_error() -> None:
+    class Full(Taker):
+        async def hear(self, peer: str, data: bytes) -> None:
+            self.put(peer, data)
+            await asyncio.Event().wait()
+
+    told: list[object] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context))
+    taker = Full()
+    source = octets_of(SourceAddress.parse(f"mavlink:tcpin:127.0.0.1:{free_port()}"), taker)
+    await source.open()
+    _, writer = await asyncio.open_connection("127.0.0.1", source.bound_port)
+    writer.write(b"more")
+    await until(lambda: taker.came)
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:  # as asyncio.run does
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
+    await asyncio.sleep(0)
+    assert not told
+    source.close()
+    writer.close()
+
+
+@pytest.mark.asyncio
 async def test_datagrams_come_with_their_senders_who_can_be_answered() -> None:
     port = free_port()
     async with listening(f"mavlink:udpin:127.0.0.1:{port}") as (taker, source):
