@@ -32,7 +32,7 @@ from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.state import Floats, Looks, Plots
+from plotfeed.models.state import OTHER, Floats, Looks, Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
@@ -192,8 +192,11 @@ class LiveScore(Observer):
 
     def _figures(self, session: RunningSession, now_ns: int) -> tuple[dict[str, float], int, int]:
         settings = self._settings
-        state = session.trajectories.state_at(now_ns)
-        recent = [now_ns - self._looked_ns.get(d, 0) <= SEEN_NS for d in state.drone.tolist()]
+        state, names = session.trajectories.state_at(now_ns), session.trajectories.names
+        recent = [
+            OTHER not in names[d] and now_ns - self._looked_ns.get(d, 0) <= SEEN_NS
+            for d in state.drone.tolist()
+        ]
         truth_m = self._site.from_ecef(state.position_ecef_m[np.array(recent, np.bool_)])[:, :2]
         oldest_ns = now_ns - round(settings.stale_s * NS)
         self._tracks = {n: t for n, t in self._tracks.items() if t.t_utc_ns >= oldest_ns}

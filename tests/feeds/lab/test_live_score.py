@@ -93,6 +93,18 @@ def test_figures_are_those_worked_out_by_hand() -> None:
     assert last["window"]["completeness"] == pytest.approx(0.5, abs=0.15)
 
 
+def test_birds_are_no_drones() -> None:
+    """Ten of them, which the radar sees and no track is of."""
+    way = [{"east_m": 500.0, "north_m": 1000.0 + n, "above_site_m": 100.0} for n in (0.0, 900.0)]
+    birds = [{"id": "gulls", "count": 10, "rcs_m2": 0.1, "path": way}]
+    made = scene([radar()], [held("north", 0.0, 5.0, 2000.0)], seed=5, birds=birds)
+    far_m = 2000.0 * np.cos(np.radians(5.0))
+    last = scored(made, 10.0, lambda now_ns: [track(1, 0.0, far_m, now_ns)])[-1]
+    assert (last["drones"], last["tracks"], last["dimensions"]) == (1, 1, 2)
+    assert last["now"]["completeness"] == 1.0
+    assert last["now"]["gospa_m"] < 1.0
+
+
 def test_a_track_goes_on_by_its_velocity_and_is_stale_after_a_while() -> None:
     far_m = 2000.0 * np.cos(np.radians(5.0))
 
