@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
-from itertools import pairwise
+from itertools import count, pairwise
 
 import pytest
 from support.deliveries import Deliveries, number_of
@@ -133,9 +133,10 @@ async def test_whoever_waits_for_room_loses_nothing(messages: int) -> None:
     deliveries = Deliveries()
     broker = ScriptedBroker(properties=b"\x21\x00\x05", acknowledges=True)
     async with linked(broker, policy="wait", messages=messages) as link:
+        is_over = asyncio.Event()
 
         async def publish_all() -> None:
-            for i in range(300):
+            for i in takewhile(lambda i: i < 300 or not is_over.is_set(), count()):
                 await link.room()
                 deliveries.publish(link, 1, qos=i % 3 > 0)
                 # What was on its way when a connection ended waits again, too: five at most.
@@ -150,6 +151,7 @@ async def test_whoever_waits_for_room_loses_nothing(messages: int) -> None:
             assert len(deliveries.made) <= published + messages + 2
             assert not publishing.done()
             broker.code = 0
+        is_over.set()
         await publishing
         await link.drain(PATIENCE_S)
     sure = [p.number for p in deliveries.made if p.qos]
