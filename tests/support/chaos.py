@@ -45,8 +45,7 @@ altitude = "alt"
 altitude_reference = "ellipsoid"
 """
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 400\r\n\r\n" + b'{"flights": []}'.ljust(400)
-# A socket that is closed with this set resets its connection.
-RESETS = struct.pack("ii", 1, 0)
+RESETS = struct.pack("ii", 1, 0)  # Of SO_LINGER: who closes then resets the connection
 TURN_S = 0.02
 
 
@@ -67,9 +66,9 @@ class Attack:
     def __init__(self, door: str, way: str, port: int, over: threading.Event) -> None:
         self._door, self._way, self._port, self._over = door, way, port, over
         self._chance = random.Random(f"{door} {way}")  # noqa: S311 - no secret
-        kind = "network-remote-id" if door == SERVED else f"live-{door.partition(' ')[0]}"
-        kind = {"mqtt": "mqtt-broker", **{t: t for t in TOPICS}}.get(door, kind)
-        self._whole = next(seed for seed in seeds_of(kind) if seed)
+        live = f"live-{door.partition(' ')[0]}"
+        kind = {"mqtt": "mqtt-broker", SERVED: "network-remote-id"} | {t: t for t in TOPICS}
+        self._whole = next(seed for seed in seeds_of(kind.get(door, live)) if seed)
 
     def run(self) -> None:
         """Do it again and again."""
@@ -185,8 +184,8 @@ async def beside(doors: Sequence[str], way: str, seconds: float, folder: Path) -
             await asyncio.to_thread(thread.join)
     said, alone = octets_of(session), octets_alone(scene, session)
     differing = sum(alone.get(key) != payload for key, payload in said.items())
-    (p99_us,) = lateness_us(session.totals.lateness_ns, 99)
-    return Outcome(session.totals.refused, len(session.sectors), differing, p99_us / 1e3, end_s)
+    p99_ms = lateness_us(session.totals.lateness_ns, 99)[0] / 1e3
+    return Outcome(session.totals.refused, len(session.sectors), differing, p99_ms, end_s)
 
 
 def octets_of(session: AtWork) -> dict[tuple[int, str], bytes]:

@@ -81,7 +81,8 @@ async def test_a_peer_that_is_held_up_when_all_ends_is_no_error() -> None:
     taker = Full()
     source = octets_of(SourceAddress.parse(f"mavlink:tcpin:127.0.0.1:{free_port()}"), taker)
     await source.open()
-    (await asyncio.open_connection("127.0.0.1", source.bound_port))[1].write(b"more")
+    _, writer = await asyncio.open_connection("127.0.0.1", source.bound_port)
+    writer.write(b"more")
     await until(lambda: taker.came)
     others = asyncio.all_tasks() - {asyncio.current_task()}
     for task in others:  # as asyncio.run does
@@ -90,6 +91,7 @@ async def test_a_peer_that_is_held_up_when_all_ends_is_no_error() -> None:
     await asyncio.sleep(0)
     assert not told
     source.close()
+    writer.close()
 
 
 @pytest.mark.asyncio

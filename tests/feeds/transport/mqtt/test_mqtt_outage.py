@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
-from itertools import count, pairwise
+from itertools import count, pairwise, takewhile
 
 import pytest
 from support.deliveries import Deliveries, number_of
