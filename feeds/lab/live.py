@@ -123,13 +123,16 @@ class LiveScore(Observer):
         if self._session is None:
             return
         try:
-            told = tracks_in(payload, content_type or "", t_utc_ns, self._site)
+            told = tracks_in(payload, content_type or "", t_utc_ns, self._site, self._refuse)
         except PlotfeedError as error:
-            self._unreadable += 1
-            self._problem = str(error)
+            self._refuse(str(error))
             return
         for each in told[:MOST_TRACKS]:
             self._hear(each, t_utc_ns)
+
+    def _refuse(self, reason: str) -> None:
+        self._unreadable += 1
+        self._problem = reason
 
     def _hear(self, told: ToldTrack, received_utc_ns: int) -> None:
         t_utc_ns = received_utc_ns if told.t_utc_ns is None else told.t_utc_ns
@@ -137,10 +140,8 @@ class LiveScore(Observer):
         height_m = self._site.height_m if np.isnan(told.height_m) else told.height_m
         is_place = abs(told.latitude_deg) <= 90 and abs(told.longitude_deg) <= 360
         if not is_place or not np.isfinite(height_m) or late_s < -self._settings.future_s:
-            self._unreadable += 1
-            self._problem = (
-                "a track of the future" if is_place and np.isfinite(height_m) else "a track nowhere"
-            )
+            is_place = is_place and bool(np.isfinite(height_m))
+            self._refuse("a track of the future" if is_place else "a track nowhere")
             return
         self._reports += 1
         self._latencies_s.append((received_utc_ns, late_s))

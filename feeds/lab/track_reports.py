@@ -8,7 +8,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import unescape
 from pathlib import Path
@@ -176,10 +176,15 @@ TRUE_WORDS = frozenset({"1", "true", "yes"})
 
 
 def tracks_in(
-    payload: bytes, content_type: str, received_utc_ns: int, site: LocalFrame | None
+    payload: bytes,
+    content_type: str,
+    received_utc_ns: int,
+    site: LocalFrame | None,
+    refuse: Callable[[str], None] | None = None,
 ) -> list[ToldTrack]:
     """The tracks in a message, by its content type and its first octets; raises `DecodeError`.
 
+    Of JSON and XML `refuse` is told of each entry that cannot be read, which spoils no other.
     ASTERIX has times of day: of the day that brings them nearest to `received_utc_ns`. A record
     that has only X and Y counts from the site.
     """
@@ -198,9 +203,9 @@ def tracks_in(
         return [told for told in found if told is not None]
     head = payload.lstrip()[:5]
     if head[:1] in (b"{", b"["):
-        return [track_of_mapping(entry) for entry in entries_in(payload)]
+        return list(_tracks_of(entries_in(payload), refuse))
     if head in (b"<?xml", b"<even"):
-        return [track_of_mapping(entry) for entry in events_in(payload)]
+        return list(_tracks_of(events_in(payload), refuse))
     for read in (_of_batch, _of_sapient):
         try:
             if told := list(read(payload)):
@@ -543,8 +548,9 @@ def take_message(
 ) -> None:
     """Take the tracks in a message; what cannot be read is counted."""
     try:
-        for told in tracks_in(message.payload, message.content_type, message.log_time_ns, site):
-            table.add(told, message.log_time_ns if has_received else None)
+        came_ns = message.log_time_ns
+        for told in tracks_in(message.payload, message.content_type, came_ns, site, table.refuse):
+            table.add(told, came_ns if has_received else None)
     except DecodeError as error:
         text = str(error)  # less what differs from message to message
         table.refuse(text.partition(": ")[2] if text.startswith("octet ") else text)
@@ -590,12 +596,15 @@ def _is_heard(message: Recorded) -> bool:
 def _holds_tracks(message: Recorded, own: str) -> bool:
     """Whether messages of a topic are of tracks, as its content type or its first octets say.
 
-    Those of SAPIENT below the topics of the scene are of its sensors.
+    Those of SAPIENT below the topics of the scene are of its sensors; elsewhere JSON need not name
+    a `track` to be of tracks.
     """
-    kind = message.content_type
-    if message_type(kind) == SAPIENT_MESSAGE and not (own and message.topic.startswith(own)):
+    kind, is_own = message.content_type, bool(own) and message.topic.startswith(own)
+    is_json = bool(own) and message.payload[:1] in (b"{", b"[")
+    if not is_own and (is_json or message_type(kind) == SAPIENT_MESSAGE):
         with contextlib.suppress(PlotfeedError):
-            return bool(list(_of_sapient(message.payload)))
+            told = tracks_in(message.payload, kind, message.log_time_ns, None)
+            return any(math.isfinite(each.latitude_deg) for each in told)
     if kind.startswith(COT) or message.payload[:7] == b"<event ":
         return True
     if kind.startswith(OF_ASTERIX) or message_type(kind) == TRACK_BATCH:
@@ -654,13 +663,20 @@ def _features(path: Path) -> Iterator[Mapping[str, Any]]:
         raise PlotfeedError(f"{path}: {error}") from None
 
 
-def _take(table: TrackTable, entries: Iterator[Mapping[str, Any]], path: Path) -> None:
+def _tracks_of(
+    entries: Iterable[Mapping[str, Any]], refuse: Callable[[str], None] | None
+) -> Iterator[ToldTrack]:
     for entry in entries:
         try:
-            told = track_of_mapping(entry)
+            yield track_of_mapping(entry)
         except DecodeError as error:
-            table.refuse(str(error).partition(", not ")[0])
-            continue
+            if refuse is None:
+                raise
+            refuse(str(error).partition(", not ")[0])
+
+
+def _take(table: TrackTable, entries: Iterator[Mapping[str, Any]], path: Path) -> None:
+    for told in _tracks_of(entries, table.refuse):
         table.add(told)
     if not len(table) and not table.unreadable:
         table.refuse(f"{path.name} holds no tracks")

@@ -24,6 +24,7 @@ from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.content_types import (
     GEOJSON,
+    JSON,
     asterix_content_type,
     json_content_type,
     protobuf_content_type,
@@ -366,6 +367,27 @@ def test_sapient_of_others_is_found_without_a_topic(tmp_path: Path) -> None:
     scene = load(scene_file(tmp_path, scene_text(sensors=radar())))
     read = read_tracks(written(tmp_path / "x.mcap", [others, own]), scene)
     assert (read.source, list(read.names)) == ("x.mcap: other/sapient", ["one"])
+
+
+ONE = b'{"id": 7, "time": 1767268800, "latitude_deg": 40.45, "longitude_deg": -3.73}'
+
+
+@pytest.mark.parametrize("octets", [ONE, LINE])
+def test_json_of_others_is_found_without_a_topic(tmp_path: Path, octets: bytes) -> None:
+    """It need not name a `track`; what has no place is none."""
+    others = message(octets, "other/json", JSON)
+    beat = message(b'{"id": "tracker", "state": "well"}', "other/status", JSON)
+    own = message(octets, "plotfeed/radar/json", JSON)
+    scene = load(scene_file(tmp_path, scene_text(sensors=radar())))
+    read = read_tracks(written(tmp_path / "x.mcap", [beat, others, own]), scene)
+    assert (read.source, list(read.names)) == ("x.mcap: other/json", ["7"])
+
+
+def test_an_entry_that_cannot_be_read_spoils_no_other(tmp_path: Path) -> None:
+    both = message(b"[" + ONE + b', {"latitude_deg": 40.45}]', "tracker/out", JSON)
+    read = read_tracks(written(tmp_path / "x.mcap", [both, both]), topics=["tracker/out"])
+    assert len(read.reports) == 2
+    assert read.unreadable == {"track: expected a number or a name": 2}
 
 
 @pytest.mark.parametrize(
