@@ -429,7 +429,11 @@ class SweepLevel:
     @property
     def values(self) -> list[Any]:
         """The values, in the order of the keys."""
-        return [json.loads(value) for _, value in self.changes]
+        return list(self.by_path().values())
+
+    def by_path(self) -> dict[str, Any]:
+        """The values by the paths of keys."""
+        return {path: json.loads(value) for path, value in self.changes}
 
     def __str__(self) -> str:
         return ", ".join([self.scene, *(f"{path}={value}" for path, value in self.changes)])

@@ -7,7 +7,7 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from importlib.metadata import version
@@ -76,12 +76,12 @@ class ScoreLimit(SceneTable):
     def _is_whole(self) -> Self:
         if (self.at_most is None) == (self.at_least is None):
             raise ValueError("expected at_most or at_least")
-        needed = PARAMETERS.get(self.figure)
+        needed, _ = WORKED_OUT.get(self.figure, (None, None))
         if needed is None and self.figure not in FIGURE_NAMES:
             raise ValueError(
-                f"figure: expected one of {', '.join(PARAMETERS)}, or of the figures of a score"
+                f"figure: expected one of {', '.join(WORKED_OUT)}, or of the figures of a score"
             )
-        for parameter in PARAMETERS.values():
+        for parameter, _ in WORKED_OUT.values():
             is_there = getattr(self, parameter) is not None
             if is_there != (parameter == needed):
                 verb = "is not of" if is_there else "is needed by"
@@ -114,14 +114,6 @@ class ScoreProfile(SceneTable):
     profile: ProfileHead
     settings: ScoreSettings = Field(default_factory=ScoreSettings)
     limit: Annotated[list[ScoreLimit], Field(min_length=1, max_length=1000)]
-
-
-# Figures that need one more number.
-PARAMETERS = {
-    "update_share": "period_s",
-    "long_gap_share": "longer_than_s",
-    "far_share": "beyond_m",
-}
 
 
 def shipped_profiles() -> list[str]:
@@ -215,7 +207,7 @@ def verdicts_of(score: Score, profile: ScoreProfile) -> list[LimitVerdict]:
         value, samples = samples_of(score, limit)
         figure = judged_figure(limit, is_known=score.as_known is not None)
         bounds = Interval(value, math.nan, math.nan) if samples is None else samples.interval(risk)
-        of = len(samples.parts) if samples is not None and limit.figure in PARAMETERS else 0
+        of = len(samples.parts) if samples is not None and limit.figure in WORKED_OUT else 0
         unit = "" if samples is None else "long a run"
         found.append(LimitVerdict.of_interval(limit, figure, bounds, of, unit))
     return found
@@ -228,11 +220,11 @@ def judged_figure(limit: ScoreLimit, *, is_known: bool) -> str:
 
 def samples_of(score: Score, limit: ScoreLimit) -> tuple[float, FigureSamples | None]:
     """The figure that a limit is of, NaN if not known, and what it is of; None: this run alone."""
-    worked_out = _WORKED_OUT.get(limit.figure)
-    if worked_out is None:
+    if limit.figure not in WORKED_OUT:
         figure = judged_figure(limit, is_known=score.as_known is not None)
         return score.figures()[figure], score.samples.get(figure)
-    samples = worked_out(score, getattr(limit, PARAMETERS[limit.figure]))
+    parameter, worked_out = WORKED_OUT[limit.figure]
+    samples = worked_out(score, getattr(limit, parameter))
     return samples.value, samples
 
 
@@ -285,10 +277,11 @@ def far_share(score: Score, beyond_m: float) -> FigureSamples:
     )
 
 
-_WORKED_OUT: dict[str, Callable[[Score, float], FigureSamples]] = {
-    "update_share": update_share,
-    "long_gap_share": long_gap_share,
-    "far_share": far_share,
+# Figures that need one more number: by which key it is told, and how they are worked out.
+WORKED_OUT: Mapping[str, tuple[str, Callable[[Score, float], FigureSamples]]] = {
+    "update_share": ("period_s", update_share),
+    "long_gap_share": ("longer_than_s", long_gap_share),
+    "far_share": ("beyond_m", far_share),
 }
 
 

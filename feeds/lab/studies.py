@@ -350,10 +350,9 @@ class CurvePoint(NamedTuple):
 
     def as_json(self) -> dict[str, Any]:
         """Figures by name, as value, low and high."""
-        changes = self.level.changes
         return {
             "tracker": self.tracker,
-            "values": dict(zip((path for path, _ in changes), self.level.values, strict=True)),
+            "values": self.level.by_path(),
             "runs": self.runs,
             "failures": list(self.failures),
             "late_s": self.late_s,

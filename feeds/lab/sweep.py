@@ -313,7 +313,7 @@ class LevelFigures:
         return {
             "level": self.level.number,
             "scene": self.level.scene,
-            "values": dict(zip((p for p, _ in self.level.changes), self.level.values, strict=True)),
+            "values": self.level.by_path(),
             "sensor": self.sensor,
             "runs": self.runs,
             "expected_pd": self.expected_pd,
