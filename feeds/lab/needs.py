@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -516,7 +516,10 @@ def needs_of(
         open_ = [each for each in open_ if findings[each.name].verdict == "undecided"]
         if not open_:
             break
-    covered = [[len(run.chances & seen) for seen in _unions(run)] for run in as_it_is]
+    covered = []
+    for run in as_it_is:  # What all sensors saw, and what all but each of them did
+        seen = (run.seen, *(run.seen[:i] + run.seen[i + 1 :] for i in range(len(run.seen))))
+        covered.append([len(run.chances.intersection(frozenset().union(*each))) for each in seen])
     of_all = sum(len(run.chances) for run in as_it_is) or 1
     with_all, *without = np.sum(covered, axis=0) / of_all
     figures = np.mean([run.figures for run in as_it_is], axis=0)
@@ -541,13 +544,6 @@ def needs_of(
             for i, sensor in enumerate(scene.sensor)
         },
     )
-
-
-def _unions(run: Run) -> Iterator[frozenset[tuple[int, int]]]:
-    """What all sensors saw, and what all but each of them did."""
-    yield frozenset().union(*run.seen)
-    for i in range(len(run.seen)):
-        yield frozenset().union(*(seen for k, seen in enumerate(run.seen) if k != i))
 
 
 def _finding(

@@ -449,27 +449,27 @@ def signature_of(scene: Scene, name: str) -> TargetSignature | None:
     """What there is of a target by its name in a ledger; None of one that the scene has not."""
     kind, _, own = name.rpartition("/")
     whole = own.rpartition("-")[0]
+    found: list[TargetSignature] = []
     if kind in {"bird", "vehicle"}:
         movers: Sequence[Any] = scene.birds if kind == "bird" else scene.road
         found = [TargetSignature(rcs_m2=m.rcs_m2, size_m=m.size_m) for m in movers if m.id == whole]
     elif kind == "turbine":
-        mills = scene.turbine
-        found = [
-            *(
-                TargetSignature(rcs_m2=m.tower_rcs_m2, size_m=m.radius_m)
-                for m in mills
-                if m.id == own
-            ),
-            *(TargetSignature(rcs_m2=m.blade_rcs_m2, size_m=1.0) for m in mills if m.id == whole),
-        ]
-    else:
+        for mill in scene.turbine:
+            if mill.id == own:
+                found.insert(0, TargetSignature(rcs_m2=mill.tower_rcs_m2, size_m=mill.radius_m))
+            elif mill.id == whole:
+                found.append(TargetSignature(rcs_m2=mill.blade_rcs_m2, size_m=1.0))
+    elif not kind:
         drones: Sequence[Any] = scene.fleet.kinds
-        found = [
-            _of_drone(scene, drone)
-            for drone in drones
-            if name in (getattr(drone, "names", None) or [drone.id])
-        ]
-    return found[0] if found and kind in {"", "bird", "vehicle", "turbine"} else None
+        for drone in drones:
+            if name in (getattr(drone, "names", None) or [drone.id]):
+                echoes = (t for t in scene.target if t.target_class == drone.target_class)
+                echo: Any = next(echoes, TargetSignature())
+                told = {"aspect": echo.aspect, "swerling": _or(drone.swerling, echo.swerling)}
+                for each in ("rcs_m2", "sound_power_db", "size_m"):
+                    told[each] = _or(getattr(drone, each), getattr(scene.telemetry, each))
+                found.append(TargetSignature(emitters=drone.emitters, **told))
+    return found[0] if found else None
 
 
 # Of the scenes that were asked for last, by identity: those are compared in no time.
@@ -484,27 +484,6 @@ def _signatures_of(scene: Scene) -> dict[str, TargetSignature | None]:
             _SIGNATURES.clear()
         _SIGNATURES[id(scene)] = scene, {}
     return _SIGNATURES[id(scene)][1]
-
-
-def usual_signature(scene: Scene, **said: Any) -> TargetSignature:
-    """The signature of a drone of telemetry, which says so much of itself and no more."""
-    usual = scene.telemetry
-    own = {name: getattr(usual, name) for name in ("rcs_m2", "sound_power_db", "size_m")}
-    return _with_echo(scene, said.pop("target_class", "drone"), **own | said)
-
-
-def _of_drone(scene: Scene, drone: Any) -> TargetSignature:
-    said = {name: getattr(drone, name) for name in ("rcs_m2", "sound_power_db", "size_m")}
-    said = {name: value for name, value in said.items() if value is not None}
-    found = usual_signature(scene, target_class=drone.target_class, emitters=drone.emitters, **said)
-    return found if drone.swerling is None else replace(found, swerling=drone.swerling)
-
-
-def _with_echo(scene: Scene, target_class: str, **own: Any) -> TargetSignature:
-    for target in scene.target:
-        if target.target_class == target_class:
-            return TargetSignature(swerling=target.swerling, aspect=target.aspect, **own)
-    return TargetSignature(**own)
 
 
 def aspect_db(aspect: Any, angle_deg: Floats) -> Floats:

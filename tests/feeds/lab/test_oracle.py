@@ -197,7 +197,7 @@ def test_what_it_does_not_know_is_not_judged() -> None:
         asked = oracle.asked(scene, sensor, strange)
         assert not asked.known.any()
         assert asked.why_not == "drones that the scene does not name"
-        own = {str(name): oracle.usual_signature(scene) for name in strange.drone}
+        own = {f"{n}-of-telemetry": oracle.signature_of(scene, n) for n in given.drone}
         said = oracle.LooksGiven(**{**vars(strange), "signatures": own})
         assert oracle.asked(scene, sensor, said).known.all()
 
