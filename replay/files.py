@@ -6,6 +6,7 @@ import base64
 import gzip
 import io
 import json
+import os
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -217,30 +218,37 @@ class UnpackedFile(io.RawIOBase):
 
 
 @contextmanager
-def open_unpacked(path: Path) -> Iterator[tuple[BinaryIO, UnpackedFile | None]]:
-    """A file for reading, and what unpacks it if gzip packed it; raises `OSError`.
+def unpacked(file: BinaryIO) -> Iterator[tuple[BinaryIO, UnpackedFile | None]]:
+    """A file for reading, and what unpacks it if gzip packed it.
 
     Of a pipe nothing is read here: whoever writes to it may be slow to begin.
     """
-    with path.open("rb") as file:
-        if not path.is_file() or file.peek(len(MAGIC))[: len(MAGIC)] != MAGIC:
-            yield file, None
-            return
-        unpacked = UnpackedFile(file)
-        with io.BufferedReader(unpacked, CHUNK_OCTETS) as buffered:
-            yield buffered, unpacked
+    if not file.seekable():
+        yield file, None
+        return
+    is_packed = file.read(len(MAGIC)) == MAGIC
+    file.seek(0)
+    if not is_packed:
+        yield file, None
+        return
+    content = UnpackedFile(file)
+    with io.BufferedReader(content, CHUNK_OCTETS) as buffered:
+        yield buffered, content
 
 
-def unpacked_octets(path: Path) -> int:
-    """The octets that the last member of a packed file says it has; modulo 4 GiB, or its own."""
-    with path.open("rb") as file:
-        size = file.seek(0, io.SEEK_END)
-        file.seek(max(size - _SIZE_OCTETS, 0))
-        return max(size, int.from_bytes(file.read(_SIZE_OCTETS), "little"))
+def unpacked_octets(file: BinaryIO) -> int:
+    """The octets that the last member of a packed file says it has; modulo 4 GiB, or its own.
+
+    The file is read from its start afterwards.
+    """
+    size = file.seek(0, io.SEEK_END)
+    file.seek(max(size - _SIZE_OCTETS, 0))
+    told = int.from_bytes(file.read(_SIZE_OCTETS), "little")
+    file.seek(0)
+    return max(size, told)
 
 
 MCAP_MAGIC = b"\x89MCAP"
-PACKED_MCAP = "an MCAP file is read by its index, not from gzip: gunzip it first"
 HEAD_OCTETS = 1 << 16
 BLOCKS_LOOKED_AT = 8
 
@@ -391,9 +399,9 @@ class Recording:
 
 def format_of(path: Path) -> FileFormat:
     """The format of a file. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
-    with open_unpacked(path) as (file, unpacked):
-        head = file.read(HEAD_OCTETS)
-    suffix = path.with_suffix("").suffix if unpacked else path.suffix
+    with path.open("rb") as file, unpacked(file) as (content, packed):
+        head = content.read(HEAD_OCTETS)
+    suffix = path.with_suffix("").suffix if packed else path.suffix
     found, named = format_of_content(head), SUFFIXES.get(suffix.lower())
     # Lengths may fit by chance, of categories that nobody has.
     is_guess = found is FileFormat.RAW and not KNOWN_CATEGORIES.issuperset(categories(head))
@@ -439,28 +447,26 @@ def writer_to(
 
 
 @contextmanager
-def open_recording(
-    path: Path, form: FileFormat | None = None, *, date_utc_ns: int = 0
-) -> Iterator[Recording]:
-    """A file, in the format that it is in unless another is said.
+def reading(file: BinaryIO, form: FileFormat, date_utc_ns: int = 0) -> Iterator[Recording]:
+    """What is in a file that is open, in that format, from its start.
 
     `date_utc_ns` is midnight of the day on which a file without dates begins. Raises
-    `PlotfeedError` if the format cannot be told or read, and `OSError`.
+    `PlotfeedError` if the format cannot be read, and `OSError`.
     """
-    form = form or format_of(path)
     reader = FORMATS[form].reader
     if reader is None:
-        raise PlotfeedError(f"{path}: {form} is only written")
-    with open_unpacked(path) as (file, unpacked):
-        if unpacked and form is FileFormat.MCAP:
-            raise PlotfeedError(f"{path}: {PACKED_MCAP}")
-        try:
-            opened = reader(file, date_utc_ns)
-        except DecodeError as error:
-            raise PlotfeedError(f"{path}: {error}") from None
-        if unpacked:
-            unpacked.on_damage = opened.damage.add
-        octets = unpacked_octets(path) if unpacked else path.stat().st_size
+        raise PlotfeedError(f"{form} is only written")
+    octets = os.fstat(file.fileno()).st_size
+    with unpacked(file) as (content, packed):
+        if packed:
+            if form is FileFormat.MCAP:
+                raise PlotfeedError(
+                    "an MCAP file is read by its index, not from gzip: gunzip it first"
+                )
+            octets = unpacked_octets(file)
+        opened = reader(content, date_utc_ns)
+        if packed:
+            packed.on_damage = opened.damage.add
         yield Recording(opened, form, octets)
 
 
@@ -473,37 +479,3 @@ class RepeatableRecording(Protocol):
 
     def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
         """Messages of log times from `start_ns` on and before `end_ns`."""
-
-
-class FileSource:
-    """A file that has no index; each pass reads all of it."""
-
-    def __init__(self, path: Path, form: FileFormat) -> None:
-        self._path = path
-        self._form = form
-        self.damage: Sequence[Damage] = []
-
-    def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
-        """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
-        with open_recording(self._path, self._form) as recording:
-            self.damage = recording.reader.damage
-            for message in recording.reader.messages():
-                t_ns = message.log_time_ns
-                if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
-                    yield message
-
-
-@contextmanager
-def open_repeatable(path: Path) -> Iterator[RepeatableRecording]:
-    """A file to be read more than once; as `open_recording`."""
-    form = format_of(path)
-    if form is not FileFormat.MCAP:
-        yield FileSource(path, form)
-        return
-    from plotfeed.replay.mcap.mcap_reader import McapReader
-
-    with open_unpacked(path) as (_, unpacked):
-        if unpacked:
-            raise PlotfeedError(f"{path}: {PACKED_MCAP}")
-    with McapReader(path) as reader:
-        yield reader

@@ -22,8 +22,9 @@ def text() -> str:
     files, peers = [], []
     for kind, limits in FILE_LIMITS.items():
         apart = f"{limits.memory_mib} MiB, {limits.seconds} s" if limits.seconds else ""
-        octets = f"{limits.octets / MIB:.0f} MiB"
-        files.append((kind, octets, f"{limits.count:,}", limits.depth or "", apart))
+        octets = f"{limits.octets / MIB:.0f} MiB" if limits.octets else ""
+        count = f"{limits.count:,}" if limits.count else ""
+        files.append((kind, octets, count, limits.depth or "", apart))
     for part, most, count in (
         ("recording, MCAP: a record", MAX_RECORD_OCTETS, ""),
         ("recording, MCAP: held to put them in order", MAX_HELD_OCTETS, f"{MAX_MESSAGES:,}"),

@@ -20,12 +20,13 @@ from plotfeed.feeds.console.printed import say, say_damage, show_last_status, sh
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.link.counters import lateness_us
 from plotfeed.feeds.messages.transports import Transport
+from plotfeed.feeds.recording.foreign_recordings import RecordingFile
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import ReplayControl, replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.files import RepeatableRecording, open_repeatable
+from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
 
 SKIP_S = 10.0
@@ -62,8 +63,8 @@ def replay_as_asked(
 ) -> int:
     """Replay a file until it ends or is stopped; the exit code. Raises `PlotfeedError`."""
     to, settings = options.destinations(default_broker, access), options.settings()
-    with open_repeatable(path) as source:
-        return asyncio.run(_replay(path, source, to, settings, as_json=options.as_json))
+    source = RecordingFile(path)
+    return asyncio.run(_replay(path, source, to, settings, as_json=options.as_json))
 
 
 async def _replay(

@@ -1,23 +1,27 @@
 """What POSIX systems have and Windows lacks, and what plotfeed does there instead.
 
 Nothing else in the package uses such a module, function or constant, but for what Linux alone has.
+What has no loop does without asyncio, which takes longer to load than to read a file.
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
+import ctypes
 import errno
 import os
 import signal
 import socket
+import sys
 import tempfile
 import time
-from asyncio.subprocess import Process
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    from asyncio.subprocess import Process
 
 try:
     import fcntl
@@ -29,6 +33,7 @@ except ImportError:
 else:
     HAS_POSIX = True
 
+_NEW_USER, _NEW_NETWORK = 0x10000000, 0x40000000  # Of Linux: CLONE_NEWUSER, CLONE_NEWNET
 LOOK_EVERY_S = 0.005  # From one look at a socket to the next; clocks of Windows make 16 ms of it
 _CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
 # On Windows SO_REUSEADDR would give us a port on which somebody else listens.
@@ -68,9 +73,13 @@ def allow_many_files() -> None:
 def confine_process(memory_octets: int, seconds: int) -> None:
     """Have this process end, or get no more, beyond so much memory or time of a processor.
 
-    It has few files from now on and writes none that is larger. Without POSIX nothing holds it.
+    It has few files from now on and writes none that is larger, and on Linux, where users may have
+    namespaces of their own, no network. Without POSIX nothing holds it.
     """
     if HAS_POSIX:
+        if sys.platform == "linux":
+            with contextlib.suppress(OSError, AttributeError):
+                ctypes.CDLL(None).unshare(_NEW_USER | _NEW_NETWORK)
         for name, most in (
             ("RLIMIT_AS", memory_octets),
             ("RLIMIT_FSIZE", memory_octets),
@@ -101,6 +110,8 @@ def end_group(process: Process, *, kill: bool) -> None:
 
 def on_signal(which: signal.Signals, call: Callable[[], object]) -> Callable[[], object]:
     """Have the running loop call that at a signal; gives what ends that."""
+    import asyncio
+
     loop = asyncio.get_running_loop()
     with contextlib.suppress(NotImplementedError):
         loop.add_signal_handler(which, call)
@@ -114,6 +125,8 @@ def watched(opened: socket.socket, take: Callable[[], object]) -> Callable[[], o
 
     For a loop that watches no sockets, as that of Windows, a task looks at it again and again.
     """
+    import asyncio
+
     loop = asyncio.get_running_loop()
     with contextlib.suppress(NotImplementedError):
         loop.add_reader(opened, take)
@@ -142,6 +155,8 @@ def keys_of(stdin: TextIO, press: Callable[[bytes], object]) -> Iterator[bool]:
         return
     terminal = stdin.fileno()
     before = termios.tcgetattr(terminal)
+    import asyncio
+
     loop = asyncio.get_running_loop()
     tty.setcbreak(terminal)
     loop.add_reader(terminal, lambda: press(os.read(terminal, 64)))

@@ -20,6 +20,7 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
+from plotfeed.feeds.recording.foreign_recordings import open_recording
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import LocalFrame, geoid_undulation_m
@@ -37,7 +38,7 @@ from plotfeed.proto.content_types import (
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.units import FOOT_M
 from plotfeed.proto.utc import NS, nearest_utc_ns, utc_ns
-from plotfeed.replay.files import FileFormat, open_recording
+from plotfeed.replay.files import FileFormat
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 # In place of a time that nobody told.

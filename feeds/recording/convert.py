@@ -24,18 +24,12 @@ from typing import TYPE_CHECKING, BinaryIO
 from plotfeed.feeds.console.printed import say, say_damage, with_progress
 from plotfeed.feeds.console.process import made_of
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
+from plotfeed.feeds.recording.foreign_recordings import open_recording
 from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
-from plotfeed.replay.files import (
-    FORMATS,
-    FileFormat,
-    Recording,
-    format_of_suffix,
-    open_recording,
-    writer_to,
-)
+from plotfeed.replay.files import FORMATS, FileFormat, Recording, format_of_suffix, writer_to
 from plotfeed.replay.recorded import (
     PLOT_TABLES,
     SCENE_NAME,

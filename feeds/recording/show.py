@@ -16,6 +16,7 @@ from typing import Any
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import aligned, printable, say, say_damage
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader, open_recording
 from plotfeed.feeds.recording.record_text import EXTRA, record_json, record_line, record_tree
 from plotfeed.feeds.recording.recording_settings import ShowSettings
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -26,14 +27,13 @@ from plotfeed.proto.content_types import ASTERIX, MESSAGE_TYPE, is_asterix_topic
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.replay.asterix_files import (
-    RawReader,
     categories,
     is_asterix,
     raw_topic,
     record_counts,
     trailer_octets,
 )
-from plotfeed.replay.files import Recording, open_recording
+from plotfeed.replay.files import FileFormat, Recording
 from plotfeed.replay.recorded import Recorded, Stage
 
 MAX_SERIES = 10_000
@@ -292,9 +292,10 @@ def show_file(path: Path, settings: ShowSettings) -> int:
     Raises `PlotfeedError` and `OSError`.
     """
     count = settings.count
-    with open_recording(path) as recording:
+    is_listed = settings.listed or settings.verbose or count is not None
+    with open_recording(path, blocks=is_listed) as recording:
         reader = recording.reader
-        if settings.listed or settings.verbose or count is not None:
+        if is_listed:
             lines = _lines(recording, settings)
             said = _say_all(islice(lines, count))
             if count is not None and next(lines, None) is not None:
@@ -332,7 +333,7 @@ def _say_all(lines: Iterator[str]) -> int:
 def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:
     """Lines of every message; records of raw ASTERIX stand for themselves."""
     reader = recording.reader
-    if not isinstance(reader, RawReader):
+    if recording.format is not FileFormat.RAW:
         line_of = partial(
             _message_lines,
             settings=settings,
@@ -344,10 +345,10 @@ def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:
         return (line for message in chosen for line in line_of(message))
     if settings.stages and Stage.RECEIVED not in settings.stages:
         return iter(())
-    return _raw_lines(reader, settings)
+    return _raw_lines(reader, settings)  # type: ignore[arg-type]
 
 
-def _raw_lines(reader: RawReader, settings: ShowSettings) -> Iterator[str]:
+def _raw_lines(reader: ForeignReader, settings: ShowSettings) -> Iterator[str]:
     chosen = [n for n in range(256) if is_chosen(raw_topic(n), settings.topics)]
     for octets, at in reader.blocks():
         if octets[0] not in chosen:

@@ -21,7 +21,10 @@ from plotfeed.proto.errors import PlotfeedError
 
 @dataclass(frozen=True, slots=True)
 class FileLimits:
-    """What is taken of a kind of file at most; a greater one is refused with the number."""
+    """What is taken of a kind of file at most; a greater one is refused with the number.
+
+    Both numbers are 0 where a file is read in pieces, and each of them is bounded.
+    """
 
     octets: int
     count: int  # Of what it holds: samples, points, records or corners
@@ -41,6 +44,7 @@ FILE_LIMITS: Mapping[str, FileLimits] = {
     "GPX or KML": FileLimits(64 * MIB, 4_000_000, 64, memory_mib=2048, seconds=60),
     "ULog": FileLimits(256 * MIB, 1000, 8, memory_mib=2048, seconds=60),
     "other flight": FileLimits(256 * MIB, 2_000_000),
+    "recording": FileLimits(0, 0, memory_mib=2048, seconds=24 * 3600),
 }
 # Octets of content for each of a file's, and in any case: what grows more is made to use us up.
 MOST_UNPACKED, SPARE_OCTETS = 256, 64 * MIB
@@ -58,6 +62,29 @@ _CONFINED = {
     "OPENBLAS_NUM_THREADS": "1",
 }
 _START = "from plotfeed.feeds.telemetry.foreign_readers import main; main()"
+
+
+def process_apart(start: str, *arguments: str) -> dict[str, Any]:
+    """Words and environment, as `subprocess` takes them, of a process that runs Python's `start`.
+
+    It is to confine itself, and to write what it finds; what it complains of is thrown away.
+    """
+    environment = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
+    return {
+        "args": [sys.executable, "-P", "-c", start, *arguments],
+        "stderr": subprocess.DEVNULL,
+        "env": environment | _CONFINED,
+        "start_new_session": True,  # Ctrl-C is for us: who reads for us ends with us
+    }
+
+
+def broken_or_beyond(kind: str) -> str:
+    """Why a process that read that kind has ended without a word, in a line."""
+    limits = FILE_LIMITS[kind]
+    return (
+        f"reading it takes more than {limits.memory_mib} MiB or {limits.seconds} s of a "
+        "processor, or breaks it"
+    )
 
 
 def file_octets(path: Path, kind: str) -> bytes:
@@ -82,21 +109,15 @@ def read_apart(kind: str, source: bytes | Path) -> Any:
     makes it.
     """
     limits = FILE_LIMITS[kind]
-    environment = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
     path, data = ("", source) if isinstance(source, bytes) else (str(source.absolute()), b"")
     octets = len(source) if isinstance(source, bytes) else source.stat().st_size
     if octets > limits.octets:
         raise PlotfeedError(f"larger than {limits.octets} octets, the most that is read")
     with TemporaryFile() as out:
         try:
-            done = subprocess.run(  # noqa: S603 - ourselves
-                [sys.executable, "-P", "-c", _START, kind, path],
-                input=data,
-                stdout=out,
-                stderr=subprocess.DEVNULL,
-                env=environment | _CONFINED,
-                timeout=limits.seconds,
-                check=False,
+            started = process_apart(_START, kind, path)
+            done = subprocess.run(
+                **started, input=data, stdout=out, timeout=limits.seconds, check=False
             )
         except subprocess.TimeoutExpired:
             raise PlotfeedError(f"reading it takes more than {limits.seconds} s") from None
@@ -104,8 +125,7 @@ def read_apart(kind: str, source: bytes | Path) -> Any:
         found = _found(out) if done.returncode == 0 else {}
     if "found" in found:
         return found["found"]
-    what = f"more than {limits.memory_mib} MiB or {limits.seconds} s of a processor, or breaks it"
-    raise PlotfeedError(found.get("error") or f"reading it takes {what}")
+    raise PlotfeedError(found.get("error") or broken_or_beyond(kind))
 
 
 def _found(file: BinaryIO) -> dict[str, Any]:

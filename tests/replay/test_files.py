@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from support.given_recordings import CAPTURES, FRAMES
 from support.recordings import block, block_048, message, plots, written
 
+from plotfeed.feeds.recording.foreign_recordings import RecordingFile, open_recording
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import (
     FORMATS,
@@ -18,8 +19,6 @@ from plotfeed.replay.files import (
     format_of,
     format_of_content,
     format_of_suffix,
-    open_recording,
-    open_repeatable,
     writer_to,
 )
 from plotfeed.replay.recorded import Recorded, Stage
@@ -125,15 +124,15 @@ def test_recordings_of_others_are_told_by_their_content() -> None:
 
 @pytest.mark.parametrize("form", [FileFormat.PCAP, FileFormat.MCAP])
 def test_a_recording_is_read_again_and_in_parts(tmp_path: Path, form: FileFormat) -> None:
-    with open_repeatable(stored(tmp_path, data_of(form))) as source:
-        whole = list(source.messages(None, None))
-        times_ns = [each.log_time_ns for each in whole]
-        assert len(whole) == 3
-        assert list(source.messages(None, None)) == whole
-        assert list(source.messages(times_ns[1], None)) == whole[1:]
-        assert list(source.messages(None, times_ns[1])) == whole[:1]
-        assert list(source.messages(times_ns[1], times_ns[2])) == whole[1:2]
-        assert source.damage == []
+    source = RecordingFile(stored(tmp_path, data_of(form)))
+    whole = list(source.messages(None, None))
+    times_ns = [each.log_time_ns for each in whole]
+    assert len(whole) == 3
+    assert list(source.messages(None, None)) == whole
+    assert list(source.messages(times_ns[1], None)) == whole[1:]
+    assert list(source.messages(None, times_ns[1])) == whole[:1]
+    assert list(source.messages(times_ns[1], times_ns[2])) == whole[1:2]
+    assert source.damage == []
 
 
 def test_mcap_keeps_all_that_a_message_has(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.recordings import plots, written
 
+from plotfeed.feeds.recording.foreign_recordings import RecordingFile, open_recording
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import (
     MOST_UNPACKED,
@@ -17,8 +18,6 @@ from plotfeed.replay.files import (
     FileFormat,
     UnpackedFile,
     format_of,
-    open_recording,
-    open_repeatable,
     writer_to,
 )
 from plotfeed.replay.recorded import Recorded
@@ -50,8 +49,8 @@ def test_a_packed_file_is_read_as_if_it_were_not(form: FileFormat, tmp_path: Pat
     packed.write_bytes(gzip.compress(data_of(form)))
     assert format_of(packed) is form
     assert read(packed) == read(plain)
-    with open_repeatable(packed) as source:
-        assert list(source.messages(None, None)) == list(source.messages(None, None)) != []
+    source = RecordingFile(packed)
+    assert list(source.messages(None, None)) == list(source.messages(None, None)) != []
 
 
 def test_the_suffix_before_gz_tells_what_content_does_not(tmp_path: Path) -> None:
@@ -107,5 +106,5 @@ def test_a_packed_mcap_says_what_to_do(tmp_path: Path) -> None:
     path.write_bytes(gzip.compress(data_of(FileFormat.MCAP)))
     with pytest.raises(PlotfeedError, match="gunzip it first"), open_recording(path):
         pass
-    with pytest.raises(PlotfeedError, match="gunzip it first"), open_repeatable(path):
-        pass
+    with pytest.raises(PlotfeedError, match="gunzip it first"):
+        RecordingFile(path)

@@ -21,12 +21,13 @@ from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.messages.message import checked_topic_filter, topic_matches
 from plotfeed.feeds.recording.convert import convert_recording
+from plotfeed.feeds.recording.foreign_recordings import open_recording
 from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import PlotEncoder015
 from plotfeed.proto.content_types import PLOT_BATCH, asterix_content_type, protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.files import FileFormat, open_recording, writer_to
+from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
@@ -329,10 +330,10 @@ def test_a_log_that_was_never_ended_is_recovered_with_its_attachments(
     assert found["damage"] != []
     assert read(target) == plots(50)
     with open_recording(target) as recording:
-        assert isinstance(recording.reader, McapReader)
         (entry,) = recording.reader.attachments()
         assert recording.reader.attachment(entry.name) == scene
-        assert recording.reader.summary().indexed
+    with McapReader(target) as log:
+        assert log.summary().indexed
     assert totals(capsys, target, tmp_path / "out.jsonl")["notes"] == [
         "the attachment 'scene.toml' was left out"
     ]

@@ -16,13 +16,13 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import Transport
+from plotfeed.feeds.recording.foreign_recordings import RecordingFile
 from plotfeed.feeds.replaying.destinations import RecordedUdp, ReplayUdp, is_datagram
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
 from plotfeed.feeds.replaying.replayer import replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.transport.udp import UdpError
-from plotfeed.replay.files import open_repeatable
 from plotfeed.replay.recorded import Recorded
 
 # Stands for any address, where only the other keys count.
@@ -201,7 +201,8 @@ def test_datagrams_are_known_by_type_or_topic(topic: str, content_type: str, is_
 @EVERY_CAPTURE
 @pytest.mark.asyncio
 async def test_a_file_of_others_goes_out_as_it_is(capture: RadarCapture) -> None:
-    with receiver() as ears, open_repeatable(capture.path) as source:
+    with receiver() as ears:
+        source = RecordingFile(capture.path)
         recorded = list(source.messages(None, None))
         link = opened(place(ears))
         settings = ReplaySettings(fastest=True)

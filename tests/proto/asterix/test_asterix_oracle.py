@@ -12,6 +12,7 @@ from support.asterix_input import every_path, numeric_slots, plots, text_constan
 from support.asterix_readers import items_of, read_blocks, values_of
 from support.given_recordings import EVERY_CAPTURE, EVERY_FRAME, RadarCapture
 
+from plotfeed.feeds.recording.foreign_recordings import open_recording
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat025 import CAT025
 from plotfeed.proto.asterix.cat048 import CAT034, CAT048, PlotEncoder048, ServiceEncoder034
@@ -22,7 +23,6 @@ from plotfeed.proto.asterix.codec.decode import FURTHER, Record, Value, blocks, 
 from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
 from plotfeed.proto.units import FOOT_M, NM_M
-from plotfeed.replay.files import open_recording
 
 # Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers.
 REGISTERS = "I048/250"

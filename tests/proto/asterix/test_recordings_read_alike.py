@@ -14,8 +14,8 @@ from support.given_recordings import EVERY_RECORDING
 from support.recordings import message, written
 from support.tshark import tshark_layers
 
+from plotfeed.feeds.recording.foreign_recordings import open_recording
 from plotfeed.proto.asterix.codec.decode import Record, Value, blocks, records_in
-from plotfeed.replay.files import open_recording
 from plotfeed.replay.pcap import PcapWriter
 
 # Of flight levels in 14 bits of a quarter each: tshark takes one below 0 for one above.

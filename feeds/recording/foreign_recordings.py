@@ -1,0 +1,300 @@
+"""Recordings from strangers, read by a process apart: what it finds comes here in columns.
+
+Our readers of containers, and the libraries that unpack them, see nothing of this process: neither
+its sockets nor its secrets, and they have limits of the system on memory, time and files. The
+process has the file as its standard input, and writes frames: a line of JSON with what many
+messages have in common, then their numbers, then their payloads.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from array import array
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from plotfeed.feeds.console.posix import confine_process
+from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, MIB, broken_or_beyond, process_apart
+from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.asterix_files import RawReader
+from plotfeed.replay.files import FileFormat, Recording, format_of, reading
+from plotfeed.replay.recorded import (
+    LATEST_NS,
+    Attachment,
+    AttachmentEntry,
+    Damage,
+    Recorded,
+    RecordingReader,
+    Stage,
+)
+
+KIND = "recording"
+MOST_TOGETHER = 512  # Messages of a frame
+MOST_OCTETS = 1 << 20  # Of a frame, without its last message
+# What no reader here gives, and a process that was taken over could claim.
+MOST_CLAIMED = 1 << 30
+_START = "from plotfeed.feeds.recording.foreign_recordings import main; main()"
+_STAGES = {str(stage): stage for stage in Stage}
+
+
+class Wanted(NamedTuple):
+    """What is wanted of a file."""
+
+    form: FileFormat
+    date_utc_ns: int = 0  # Midnight of the day on which a file without dates begins
+    start_ns: int | None = None  # Messages of log times from here on
+    end_ns: int | None = None  # and before here
+    blocks: bool = False  # Of raw ASTERIX the data blocks, and no messages
+    attachment: str = ""  # That one, and no messages
+
+
+class ForeignReader(RecordingReader):
+    """Reads a file by another process, from its start to its end; `close` ends that."""
+
+    def __init__(self, path: Path, form: FileFormat, **asked: Any) -> None:
+        """Begin to read, with what is asked as `Wanted` has it.
+
+        Raises `PlotfeedError` if the file is not of that format, and `OSError`.
+        """
+        super().__init__()
+        self.octets = 0  # Of the file; unpacked, where gzip packed it
+        self._path, self._form, self._at, self._skipped = path, form, 0, 0
+        self._entries: Sequence[AttachmentEntry] = ()
+        started = process_apart(_START, json.dumps(Wanted(form, **asked)))
+        with path.open("rb") as file:
+            self._process = subprocess.Popen(**started, stdin=file, stdout=subprocess.PIPE)
+        try:
+            with self._sound():
+                head = self._head()
+                self.octets = int(head["octets"])
+                self._entries = [
+                    AttachmentEntry(
+                        name=str(name), media_type=str(kind), octets=int(n), offset=int(at)
+                    )
+                    for name, kind, n, at in head["attachments"]
+                ]
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def at(self) -> int:
+        """Octets of the file that were read."""
+        return self._at
+
+    @property
+    def skipped(self) -> int:
+        """Parts that are whole and hold no message, so far."""
+        return self._skipped
+
+    def messages(self) -> Iterator[Recorded]:
+        """Messages of the file, once. Raises `PlotfeedError` where reading breaks off."""
+        with self._sound():
+            for head, columns, payloads in self._frames():
+                series = [
+                    (str(topic), str(kind), bool(retain), int(qos), _STAGES[stage])
+                    for topic, kind, retain, qos, stage in head["series"]
+                ]
+                names, values = head["names"], head["values"]
+                "".join(names + values)  # of texts and nothing else
+                at = told = 0
+                for number, log_ns, due_ns, octets, properties in zip(*columns, strict=True):
+                    topic, kind, retain, qos, stage = series[number]
+                    payload = payloads[at : (at := at + octets)]
+                    beside = ()
+                    if properties:
+                        which = slice(told, told := told + properties)
+                        beside = tuple(zip(names[which], values[which], strict=True))
+                    yield Recorded(topic, payload, log_ns, due_ns, kind, beside, retain, qos, stage)
+
+    def blocks(self) -> Iterator[tuple[bytes, int]]:
+        """Data blocks with their headers and where they begin, if `blocks` were asked for."""
+        return ((each.payload, each.log_time_ns) for each in self.messages())
+
+    def attachments(self) -> Sequence[AttachmentEntry]:
+        """Files within the file."""
+        return self._entries
+
+    def attachment(self, name: str) -> Attachment | None:
+        """The last attachment of that name that is whole; None if there is none."""
+        other = ForeignReader(self._path, self._form, attachment=name)
+        try:
+            found = list(other.messages())
+        finally:
+            other.close()
+        for damage in other.damage:
+            self.damage.add(damage.offset, damage.what)
+        if not found:
+            return None
+        kind, data, t_ns, *_ = found[0]
+        return Attachment(name=name, media_type=kind, data=data, log_time_ns=t_ns)
+
+    def close(self) -> None:
+        """End the process, if it has not ended itself."""
+        self._process.kill()
+        self._process.wait()
+        self._out.close()
+
+    def _frames(self) -> Iterator[tuple[dict[str, Any], list[array[int]], bytes]]:
+        """What messages have in common; their numbers, as `_write` has them; payloads."""
+        while number := int((head := self._head())["messages"]):
+            columns = [array("Q") for _ in range(5)]
+            for column in columns:
+                column.frombytes(self._take(number * column.itemsize))
+            yield head, columns, self._take(sum(columns[3]))
+
+    def _head(self) -> dict[str, Any]:
+        """The next line of JSON, what is told in every one taken."""
+        head: dict[str, Any] = json.loads(self._out.readline(MOST_CLAIMED))
+        if error := head.get("error"):
+            raise PlotfeedError(f"{self._path}: {str(error)[:1000]}")
+        self._at, self._skipped = int(head["at"]), int(head["skipped"])
+        for offset, what in head["damage"]:
+            self.damage.add(int(offset), str(what))
+        return head
+
+    def _take(self, octets: int) -> bytes:
+        data = self._out.read(octets) if octets <= MOST_CLAIMED else b""
+        if len(data) < octets:
+            raise ValueError
+        return data
+
+    @contextmanager
+    def _sound(self) -> Iterator[None]:
+        """Have what is no such answer be an error in a line."""
+        try:
+            yield
+        except (ValueError, TypeError, LookupError, OverflowError, AttributeError, RecursionError):
+            raise PlotfeedError(f"{self._path}: {broken_or_beyond(KIND)}") from None
+
+    @property
+    def _out(self) -> BinaryIO:
+        out: BinaryIO = self._process.stdout  # type: ignore[assignment]
+        return out
+
+
+@contextmanager
+def open_recording(
+    path: Path, form: FileFormat | None = None, *, date_utc_ns: int = 0, blocks: bool = False
+) -> Iterator[Recording]:
+    """A file, read apart, in the format that it is in unless another is said.
+
+    `date_utc_ns` is midnight of the day on which a file without dates begins; with `blocks`, raw
+    ASTERIX is read as data blocks. Raises `PlotfeedError` if the format cannot be told or read, and
+    `OSError`.
+    """
+    form = form or format_of(path)
+    blocks = blocks and form is FileFormat.RAW
+    reader = ForeignReader(path, form, date_utc_ns=date_utc_ns, blocks=blocks)
+    try:
+        yield Recording(reader, form, reader.octets)
+    finally:
+        reader.close()
+
+
+class RecordingFile:
+    """A file to be read as often as is asked for, apart each time.
+
+    Raises `PlotfeedError` if its format cannot be told or read, and `OSError`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._form = path, format_of(path)
+        self.damage: Sequence[Damage] = []
+        ForeignReader(path, self._form).close()
+
+    def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
+        """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
+        reader = ForeignReader(self._path, self._form, start_ns=start_ns, end_ns=end_ns)
+        self.damage = reader.damage
+        try:
+            yield from reader.messages()
+        finally:
+            reader.close()
+
+
+def main() -> None:
+    """Read the file that is our standard input, and write what is asked of it."""
+    limits = FILE_LIMITS[KIND]
+    confine_process(limits.memory_mib * MIB, limits.seconds)
+    out, asked = sys.stdout.buffer, Wanted(*json.loads(sys.argv[1]))
+    try:
+        file = sys.stdin.buffer
+        with reading(file, FileFormat(asked.form), asked.date_utc_ns) as recording:
+            _write(out, recording, asked, together=MOST_TOGETHER if file.seekable() else 1)
+    except BrokenPipeError:  # nobody wants more
+        return
+    except PlotfeedError as error:
+        why = str(error)
+    except MemoryError:
+        why = f"reading it takes more than {limits.memory_mib} MiB"
+    except Exception as error:  # noqa: BLE001 - of what unpacks it, which raises what it likes
+        line = " ".join(str(error).split())[:200] or type(error).__name__
+        why = f"not a recording that can be read: {line}"
+    else:
+        return
+    out.write(json.dumps({"error": why}).encode() + b"\n")
+    out.flush()
+
+
+def _write(out: BinaryIO, recording: Recording, asked: Wanted, *, together: int) -> None:
+    """Write what there is to know of the file, then frames, of which the last is empty."""
+    reader, known = recording.reader, 0
+
+    def head(**facts: Any) -> bytes:
+        nonlocal known
+        new, known = reader.damage[known:], len(reader.damage)
+        facts |= {"at": reader.at, "skipped": reader.skipped}
+        facts["damage"] = [(damage.offset, damage.what) for damage in new]
+        return json.dumps(facts).encode() + b"\n"
+
+    entries = [(e.name, e.media_type, e.octets, e.offset) for e in reader.attachments()]
+    out.write(head(octets=recording.octets, attachments=entries))
+    out.flush()
+    messages = _messages(reader, asked)
+    while some := _next(messages, together):
+        topics, payloads, log_ns, due_ns, kinds, beside, retained, qos, stages = zip(
+            *some, strict=True
+        )
+        names_of_stages = [stage._value_ for stage in stages]  # an enum's own hash takes long
+        series = list(zip(topics, kinds, retained, qos, names_of_stages, strict=True))
+        numbers = {each: n for n, each in enumerate(dict.fromkeys(series))}
+        rows = [numbers[each] for each in series]
+        octets, told = list(map(len, payloads)), list(map(len, beside))
+        pairs = list(chain.from_iterable(beside))
+        names, values = zip(*pairs, strict=True) if pairs else ((), ())
+        out.write(head(messages=len(some), series=list(numbers), names=names, values=values))
+        out.writelines(array("Q", column) for column in (rows, log_ns, due_ns, octets, told))
+        out.writelines(payloads)
+        out.flush()
+    out.write(head(messages=0))
+    out.flush()
+
+
+def _messages(reader: RecordingReader, asked: Wanted) -> Iterator[Recorded]:
+    """What is asked for, as messages: of blocks with their places in place of times."""
+    if asked.attachment:
+        found = reader.attachment(asked.attachment)
+        return iter([Recorded(found.media_type, found.data, found.log_time_ns, 0)] if found else [])
+    if asked.blocks and isinstance(reader, RawReader):
+        return (Recorded("", octets, at, 0) for octets, at in reader.blocks())
+    if asked.form == FileFormat.MCAP:
+        return reader.messages(asked.start_ns, asked.end_ns)  # type: ignore[call-arg]
+    first, end = asked.start_ns or 0, LATEST_NS + 1 if asked.end_ns is None else asked.end_ns
+    return (each for each in reader.messages() if first <= each.log_time_ns < end)
+
+
+def _next(messages: Iterator[Recorded], most: int) -> list[Recorded]:
+    """The next messages, at most so many; fewer where they are long or come to their end."""
+    some, octets = [], 0
+    for each in islice(messages, most):
+        some.append(each)
+        octets += len(each.payload)
+        if octets > MOST_OCTETS:
+            break
+    return some
