@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
@@ -39,15 +40,16 @@ from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.sensor_model import JointSensor, SensorModel
 from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Floats, Ints, Texts
+from plotfeed.proto.asterix.decode_plots import told_of_plots_and_tracks
 from plotfeed.proto.content_types import LEDGER, LEDGER_BATCH, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.ledger import LedgerTables, ToldLooks, ToldPlots, tables_of
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.plot_messages import batch_in, plots_of_batches
+from plotfeed.proto.plotfeed_pb2 import PlotBatch
 from plotfeed.proto.utc import NS, NS_IN_MS
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.plots_csv import plots_in
 from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT, Recorded, Stage
 
 NO_PLOTS = MeasuredPlots.of(())
@@ -326,19 +328,44 @@ class SectorKey(NamedTuple):
     sector: int
 
 
+@dataclass(frozen=True, slots=True)
+class PlotRows:
+    """Some rows of a table of plots, which is that of many messages."""
+
+    table: MeasuredPlots
+    first: int
+    end: int
+
+    def __len__(self) -> int:
+        return self.end - self.first
+
+
+def plots_in_rows(parts: Iterable[PlotRows]) -> MeasuredPlots:
+    """The plots of all parts, in their order."""
+    tables = [NO_PLOTS]
+    for _, together in groupby(parts, key=lambda part: id(part.table)):
+        several = list(together)
+        rows = [np.arange(part.first, part.end) for part in several]
+        tables.append(several[0].table.rows(np.concatenate(rows)))
+    return MeasuredPlots.joined(tables)
+
+
 class SectorPlots(NamedTuple):
     """The plots in a message, and which of its sector's messages it is."""
 
     key: SectorKey
     number: int
-    plots: MeasuredPlots
+    plots: PlotRows
 
 
 def sector_plots(
     messages: Iterable[Recorded], whose: Callable[[Recorded], tuple[str, str]]
 ) -> Iterator[SectorPlots]:
     """Plots in messages that hold any; what cannot be read or placed is left out."""
-    keys, batches = [], []
+    of_batches: list[tuple[SectorKey, int, int]] = []
+    of_asterix: list[tuple[SectorKey, int, int]] = []
+    batches: list[PlotBatch] = []
+    told: list[dict[str, Any]] = []
     for message in messages:
         prefix, sensor = whose(message)
         if message.topic.endswith("/plots"):
@@ -346,36 +373,39 @@ def sector_plots(
                 batch = batch_in(message.payload)
             except DecodeError:
                 continue
-            if batch.plots:
-                keys.append(SectorKey(prefix, sensor, batch.scan, batch.sector))
-                batches.append(batch)
+            key = SectorKey(prefix, sensor, batch.scan, batch.sector)
+            batches.append(batch)
+            of_batches.append((key, 0, len(batch.plots)))
             continue
-        plots, properties = plots_in(message), dict(message.properties)
+        properties = dict(message.properties)
         try:
             key = SectorKey(prefix, sensor, int(properties["scan"]), int(properties["sector"]))
             number = int(properties["id"].rpartition("-")[2])
         except (KeyError, ValueError):
             continue
-        if plots is not None:
-            yield SectorPlots(key, number, plots)
-    together, first = plots_of_batches(batches), 0
-    for key, batch in zip(keys, batches, strict=True):
-        end = first + len(batch.plots)
-        yield SectorPlots(key, 0, together.between(first, end))
-        first = end
+        plots = told_of_plots_and_tracks(message.payload, message.log_time_ns) or []
+        told += plots
+        of_asterix.append((key, number, len(plots)))
+    for table, several in (
+        (plots_of_batches(batches), of_batches),
+        (MeasuredPlots.of(told), of_asterix),
+    ):
+        end = 0
+        for key, number, count in several:
+            first, end = end, end + count
+            if count:
+                yield SectorPlots(key, number, PlotRows(table, first, end))
 
 
 class WaitingPlots:
     """Plots by sector, until the ledger's entry comes, which is the last as a rule."""
 
     def __init__(self) -> None:
-        self._sectors: OrderedDict[SectorKey, dict[int, MeasuredPlots]] = OrderedDict()
+        self._sectors: OrderedDict[SectorKey, dict[int, PlotRows]] = OrderedDict()
         self.total = 0
 
     def add(self, found: SectorPlots) -> None:
         """Keep the plots of a message; a duplicate of it is passed over."""
-        if not len(found.plots):
-            return
         messages = self._sectors.setdefault(found.key, {})
         if found.number in messages:
             return
@@ -388,22 +418,26 @@ class WaitingPlots:
         """Count the plots of a sector."""
         return sum(map(len, self._sectors.get(key, {}).values()))
 
-    def take(self, key: SectorKey, t_utc_ns: Ints | None = None) -> MeasuredPlots | None:
+    def take(self, key: SectorKey, t_utc_ns: Ints | None = None) -> list[PlotRows] | None:
         """Plots of a sector, in order, which wait no longer; None if those times are of others.
 
         The sensor's clock may be ahead, but of all its plots by as much.
         """
         messages = self._forget(key)
-        plots = MeasuredPlots.joined([NO_PLOTS, *(messages[n] for n in sorted(messages))])
+        parts = [messages[n] for n in sorted(messages)]
         if t_utc_ns is None:
-            return plots
-        if len(plots) != len(t_utc_ns):
+            return parts
+        if sum(map(len, parts)) != len(t_utc_ns):
             return None
-        is_exact = plots.category == 0
-        ahead_ns = plots.t_utc_ns[is_exact] - t_utc_ns[is_exact]
-        return plots if (ahead_ns == ahead_ns[:1]).all() else None
+        ahead_ns, at = set(), 0
+        for part in parts:
+            true_ns = t_utc_ns[at : (at := at + len(part))]
+            if not part.table.category[part.first]:  # of ASTERIX times are told in steps
+                measured_ns = part.table.t_utc_ns[part.first : part.end]
+                ahead_ns |= {*(measured_ns - true_ns).tolist()}
+        return parts if len(ahead_ns) < 2 else None
 
-    def _forget(self, key: SectorKey) -> dict[int, MeasuredPlots]:
+    def _forget(self, key: SectorKey) -> dict[int, PlotRows]:
         messages = self._sectors.pop(key, {})
         self.total -= sum(map(len, messages.values()))
         return messages
@@ -428,11 +462,19 @@ class EvidencePart(NamedTuple):
 class Evidence:
     """What a recording has of a session: its scene and settings, and parts of its ledger."""
 
-    def __init__(self, path: Path, file: BinaryIO, stages: Sequence[Stage], folder: Path) -> None:
+    def __init__(
+        self,
+        path: Path,
+        file: BinaryIO,
+        stages: Sequence[Stage],
+        folder: Path,
+        unnamed_file: BinaryIO,
+    ) -> None:
         """Plots are looked for at the first of those stages; raises `PlotfeedError`.
 
         `folder` is where files of its scene may be unpacked.
         """
+        self.unnamed_file = unnamed_file  # For what would fill the memory
         # Entries that are no ledger, and those that were there before.
         self.unreadable = self.repeated = 0
         self.first_ns: int | None = None
@@ -457,8 +499,8 @@ class Evidence:
     def of(cls, path: Path, stages: Sequence[Stage] = MOST_COMPLETE) -> Iterator[Self]:
         """The evidence in a file; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
         try:
-            with path.open("rb") as file, TemporaryDirectory() as folder:
-                yield cls(path, file, stages, Path(folder))
+            with path.open("rb") as file, TemporaryDirectory() as folder, TemporaryFile() as spare:
+                yield cls(path, file, stages, Path(folder), spare)
         except DecodeError as error:
             raise PlotfeedError(f"{path}: {error}") from None
 

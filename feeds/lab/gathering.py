@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.lab.evidence import (
     AS_DELIVERED,
     MOST_COMPLETE,
-    NO_PLOTS,
     AskedByTime,
     AskedSensor,
     Evidence,
+    PlotRows,
     SectorKey,
     WaitingPlots,
     are_targets,
     names_of,
+    plots_in_rows,
 )
 from plotfeed.feeds.lab.judge import (
     EDGES,
@@ -52,7 +55,6 @@ from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Ints, Texts
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import LedgerTables, ToldMessages, ToldPlots
-from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import WHAT_LEFT, Damage, Stage
 
@@ -67,6 +69,8 @@ FEWEST_HELD = 2000
 MOST_WAITING = 20_000
 # In a row, of which is looked which are lacking although the sensor was at work.
 MOST_RUNS = 1000
+# Of a sensor, which takes so many times 32 octets.
+WRITTEN_TOGETHER = 4096
 STAGES: Mapping[Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
 WHEN: Mapping[Against, Mapping[Stage, str]] = {
     "asked": {
@@ -84,9 +88,13 @@ OF_LOOKS = (
     *("channel", "t_utc_ns", "emitted_utc_ns", "range_m", "azimuth_deg", "elevation_deg"),
     *("pd", "detected"),
 )
-NEEDED = (
-    *("entry", "due_utc_ns", "link_due_utc_ns", "sent_utc_ns"),
-    *("fate", "number", "copy", "flipped_bit"),
+# Of messages: the number of their link's setting in place of their entry's, and what else is told.
+KEPT = np.dtype(
+    [
+        *((name, np.int64) for name in ("due_utc_ns", "link_due_utc_ns", "sent_utc_ns")),
+        ("number", np.int32),
+        *((name, np.int8) for name in ("entry", "fate", "copy", "flipped_bit")),
+    ]
 )
 
 
@@ -116,18 +124,65 @@ NOTHING_TOLD = ToldTruth(
 )
 
 
-def lacking_of(numbers: Ints) -> list[range]:
-    """Numbers of sectors between those that are there, run by run; of so many runs."""
-    there = np.unique(numbers)
-    gaps = np.flatnonzero(np.diff(there) > 1)[:MOST_RUNS]
-    return [range(int(there[i]) + 1, int(there[i + 1])) for i in gaps]
+def runs_of(ends: Ints) -> Ints:
+    """The first and the last of numbers in a row, of each such row, (2, n), ascending.
+
+    `ends` are the same of rows in any order, which may overlap, follow each other or be one number.
+    """
+    first, last = ends[:, np.argsort(ends[0], kind="stable")]
+    last = np.maximum.accumulate(last)
+    begins = np.flatnonzero(np.append(True, first[1:] - last[:-1] > 1)[: len(first)])
+    return np.stack([first[begins], last[np.append(begins, len(last))[1:] - 1]])
+
+
+def lacking_of(ends: Ints) -> list[range]:
+    """Numbers of sectors between those that are there, as `runs_of` takes them; of so many gaps."""
+    first, last = runs_of(ends)[:, : MOST_RUNS + 1].tolist()
+    return [range(end + 1, begin) for end, begin in zip(last, first[1:], strict=False)]
+
+
+class KeptMessages:
+    """What became of a sensor's messages, in a file that all share: hours of them are gigabytes."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._pieces: list[tuple[int, int]] = []  # Where in the file, and octets
+        self._last: list[NDArray[Any]] = []  # That are not in the file yet
+        self._waiting = 0
+
+    def add(self, sent: ToldMessages) -> None:
+        """Keep more; raises `OSError`."""
+        rows = np.empty(len(sent), KEPT)
+        for name in KEPT.names or ():
+            rows[name] = getattr(sent, name)
+        self._last.append(rows)
+        self._waiting += len(rows)
+        if self._waiting >= WRITTEN_TOGETHER:
+            data = np.concatenate(self._last).tobytes()
+            self._pieces.append((self._file.seek(0, io.SEEK_END), len(data)))
+            self._file.write(data)
+            self._last, self._waiting = [], 0
+
+    def all(self) -> ToldMessages:
+        """All of them, with the columns that are kept."""
+        data = bytearray()
+        for at, octets in self._pieces:
+            self._file.seek(at)
+            data += self._file.read(octets)
+        rows = np.concatenate([np.frombuffer(data, KEPT), *self._last])
+        return ToldMessages.holding({name: rows[name].copy() for name in KEPT.names or ()})
 
 
 class Gathering:
     """What came of one sensor: its sectors until they are judged, and its messages."""
 
     def __init__(
-        self, against: Against, asked: AskedByTime | None, waiting: WaitingPlots, topic: str | None
+        self,
+        against: Against,
+        asked: AskedByTime | None,
+        waiting: WaitingPlots,
+        kept: KeptMessages,
+        topic: str | None,
     ) -> None:
         """Plots of its sectors come to `waiting`, by the topic that ends so; None: none come."""
         self.tally = FeedTally(against)
@@ -138,8 +193,9 @@ class Gathering:
         # By the JSON of their keys, in the order in which they came into force.
         self.links: dict[str, Setting] = {}
         self._against, self._waiting, self._topic = against, waiting, topic
-        self._sent: list[ToldMessages] = []
-        self._numbers: list[Ints] = []
+        self._kept = kept
+        self._runs: Ints = np.zeros((2, 0), np.int64)  # Of sectors that are there, by number
+        self._joined_runs = 0
         self._names: dict[str, int] = {}
         self._expected: dict[int, tuple[int, AskedSensor | None, AskedSensor | None]] = {}
         self._parts: list[_Part] = []
@@ -178,7 +234,11 @@ class Gathering:
         )
         if self.asked is not None:
             entries = told.entries
-            self._numbers.append(entries.scan * self.asked.sectors + entries.sector)
+            numbers = entries.scan * self.asked.sectors + entries.sector
+            self._runs = np.column_stack([self._runs, runs_of(np.stack([numbers, numbers]))])
+            if self._runs.shape[1] > MOST_RUNS + 2 * self._joined_runs:
+                self._runs = runs_of(self._runs)
+                self._joined_runs = self._runs.shape[1]
         self._parts.append(part)
         self.held += len(told.looks) + len(plots)
 
@@ -218,7 +278,9 @@ class Gathering:
             self._judge(due)
 
     def _judge(self, parts: Sequence[_Part]) -> None:
-        looks, plots, sectors, told, first = [], [NO_PLOTS], [], [NOTHING_TOLD], 0
+        looks, told, first = [], [NOTHING_TOLD], 0
+        plots: list[PlotRows] = []
+        sectors: list[Ints] = [np.zeros(0, np.int64)]
         for part in parts:
             is_kept = np.zeros(len(part.t_utc_ns), np.bool_)
             ends = np.cumsum(part.counts).tolist()
@@ -231,16 +293,16 @@ class Gathering:
                     self.contradicted += int(part.told.is_target[of].sum()) if is_there else 0
                     continue
                 is_kept[of] = True
-                plots.append(found)
-                sectors.append(np.full(len(found), first + row))
+                plots += found
+                sectors.append(np.full(sum(map(len, found)), first + row))
             told.append(part.told.rows(is_kept))
             looks.append(part.looks.but(sector=first + part.looks.sector))
             first += len(part.keys)
         self.tally.take(
             SensorFeed(
                 looks=FeedLooks.joined(looks),
-                plots=MeasuredPlots.joined(plots),
-                plot_sector=np.concatenate([np.zeros(0, np.int64), *sectors]),
+                plots=plots_in_rows(plots),
+                plot_sector=np.concatenate(sectors),
                 keys_of_sector=np.array([n for part in parts for n in part.expected], np.int64),
                 expected=[expected for *_, expected in self._expected.values()],
                 scans=first / (1 if self.asked is None else self.asked.sectors),
@@ -259,15 +321,11 @@ class Gathering:
 
     def missed(self) -> int:
         """Sectors that are lacking although the sensor was at work."""
-        if self.asked is None or not self._numbers:
-            return 0
-        return sum(map(self.asked.missed, lacking_of(np.concatenate(self._numbers))))
+        return 0 if self.asked is None else sum(map(self.asked.missed, lacking_of(self._runs)))
 
     def messages(self) -> Iterator[tuple[LinkMessages, Order]]:
         """What became of messages, by link setting."""
-        if not self._sent:
-            return
-        sent = ToldMessages.joined(self._sent)
+        sent = self._kept.all()
         orders = orders_of(sent.rows(sent.copy == 0), len(self.links))
         for number, setting in enumerate(self.links.values()):
             yield LinkMessages(setting, sent.rows(sent.entry == number)), orders[number]
@@ -280,15 +338,13 @@ class Gathering:
         numbers = {text: number for number, text in enumerate(self.links)}
         number = np.array([numbers.get(text, -1) for text in links], np.int64)
         self.left_out += int((number < 0).sum())
-        fate = np.where((sent.fate == 0) & sent.delivered, int(pb.SENT), sent.fate)
         sent = sent.but(
-            entry=number[sent.entry].astype(np.int8),
-            number=sent.number.astype(np.int32),
-            fate=fate.astype(np.int8),
-            copy=np.clip(sent.copy, 0, 127).astype(np.int8),
-            flipped_bit=np.clip(sent.flipped_bit, -1, 0).astype(np.int8),
+            entry=number[sent.entry],
+            fate=np.where((sent.fate == 0) & sent.delivered, int(pb.SENT), sent.fate),
+            copy=np.clip(sent.copy, 0, 127),
+            flipped_bit=np.clip(sent.flipped_bit, -1, 0),
         )
-        self._sent.append(sent.picked(np.flatnonzero(sent.entry >= 0), NEEDED))
+        self._kept.add(sent.rows(sent.entry >= 0))
 
     def checks(self) -> list[Check]:
         """All of the sensor that is judged; without a scene nothing is known of what was asked."""
@@ -400,7 +456,8 @@ def _gathered(evidence: Evidence, against: Against) -> dict[tuple[str, str], Gat
 
     def of(whose: tuple[str, str]) -> Gathering:
         asked = evidence.asked.get(whose[1])
-        made = Gathering(against, asked, waiting, carriers.get(whose))
+        kept = KeptMessages(evidence.unnamed_file)
+        made = Gathering(against, asked, waiting, kept, carriers.get(whose))
         return found.setdefault(whose, made)
 
     for whose in carriers if against == "claimed" else ():

@@ -216,13 +216,20 @@ def compared(
     sigmas = _sigmas(asked, measured, channel, steps)
     expected = _expected(asked, place, plots, channel, sigmas)
     left_out = ~is_whole if keeps_ends else ~is_whole | _near_an_end(asked, place, channel, sigmas)
-    values = _values(measured, place, expected, asked)
+    # What is told in steps is the altitude above mean sea level.
+    level_m: Floats | float = 0.0
+    if asked is not None and np.isfinite(measured.altitude_m).any():
+        level_m = asked.undulation_m(*place)
+    values = _values(measured, expected, level_m)
     found = Comparison({}, {}, int(left_out.sum()), {})
     for name, (column, _) in QUANTITIES.items():
         if name not in expected or not np.isfinite(values[name]).any():
             continue
         step = steps.get("altitude_m" if name == "height" else column, 0.0)
-        law = rounded(expected[name], step)
+        datum = level_m if name == "height" else 0.0
+        law = expected[name]
+        law = rounded(law._replace(mean=law.mean - datum), step)
+        law = law._replace(mean=law.mean + datum)
         error = values[name] - law.mean
         if name == "azimuth":
             error = wrap_180(error)
@@ -419,17 +426,17 @@ def _near_an_end(
 
 
 def _values(
-    measured: MeasuredPlots,
-    place: Place,
-    expected: Mapping[str, Expected],
-    asked: AskedSensor | None,
+    measured: MeasuredPlots, expected: Mapping[str, Expected], level_m: Floats | float
 ) -> dict[str, Floats]:
-    """What was measured of each quantity, over the zenith again where noise has gone past it."""
+    """What was measured of each quantity, over the zenith again where noise has gone past it.
+
+    `level_m` has heights of mean sea level above the ellipsoid, (n,), where altitudes were told.
+    """
     values: dict[str, Floats] = {
         name: getattr(measured, column) for name, (column, _) in QUANTITIES.items()
     }
-    if asked is not None and np.isfinite(measured.altitude_m).any():
-        values["height"] = measured.altitude_m + asked.undulation_m(*place)
+    if isinstance(level_m, np.ndarray):
+        values["height"] = measured.altitude_m + level_m
     azimuth_deg, elevation_deg = values["azimuth"], values["elevation"]
     law = expected["elevation"]
     past = np.abs(law.mean) + EDGE * np.sqrt(law.variance) > 90

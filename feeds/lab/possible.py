@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plotfeed.feeds.lab.evidence import Evidence, SectorKey, WaitingPlots
+from plotfeed.feeds.lab.evidence import Evidence, SectorKey, WaitingPlots, plots_in_rows
 from plotfeed.feeds.lab.flights import FlightsTally, Truths, scene_of, stands_of
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run
 from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTracks, TracksRead
@@ -122,7 +122,8 @@ def read_run(path: Path, scene: Scene | None = None) -> RecordedRun:
                     continue
                 plots = waiting.take(key, truth.t_utc_ns)
                 if plots is not None and key.sensor in frames:
-                    own, without = plots_of(truth.drone, plots, frames[key.sensor], came_ns)
+                    measured = plots_in_rows(plots)
+                    own, without = plots_of(truth.drone, measured, frames[key.sensor], came_ns)
                     found.append(own)
                     placeless += without
             return left

@@ -14,12 +14,14 @@ import numpy as np
 
 from plotfeed.feeds.lab.evidence import (
     NO_PLOTS,
+    PlotRows,
     RecordedSettings,
     SectorKey,
     WaitingPlots,
     are_targets,
     names_of,
     plot_topics_of,
+    plots_in_rows,
     sector_plots,
 )
 from plotfeed.feeds.messages.batch import Batch
@@ -246,19 +248,20 @@ class RecordedSectors:
             np.searchsorted(table.entry, numbers)
             for table in (told.looks, told.plots, told.messages)
         )
-        parts, is_known = [NO_PLOTS], np.zeros(len(told.plots), np.bool_)
+        parts, by, is_known = list[PlotRows](), [0], np.zeros(len(told.plots), np.bool_)
         for i, (first, end) in enumerate(pairwise(plot_ends.tolist())):
             key = SectorKey(self._prefix, of.sensor[i], int(of.scan[i]), int(of.sector[i]))
             measured = self._waiting.take(key, told.plots.t_utc_ns[first:end])
             is_known[first:end] = measured is not None
-            parts.append(NO_PLOTS if measured is None else measured)
+            parts += measured or []
+            by.append(by[-1] + sum(map(len, measured or [])))
         ids, sensor = np.unique(of.sensor.astype(str), return_inverse=True)
         known_ns = (ledgers[n].log_time_ns for n in of.payload.tolist())
         sectors = map(_sector, of.scan.tolist(), of.sector.tolist(), known_ns)
         batch = Batch(
             sectors=Sectors.of([*sectors]).but(sensor=sensor),
-            plots=plots_of(MeasuredPlots.joined(parts), told.plots.rows(is_known), self._drones),
-            plots_by=np.cumsum([len(part) for part in parts]),
+            plots=plots_of(plots_in_rows(parts), told.plots.rows(is_known), self._drones),
+            plots_by=np.array(by),
             looks=looks_of(told.looks, self._drones),
             looks_by=look_ends,
             sensors=ids.tolist(),

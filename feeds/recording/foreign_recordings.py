@@ -106,7 +106,7 @@ class ForeignReader(RecordingReader):
                 for number, log_ns, due_ns, octets, properties in zip(*columns, strict=True):
                     topic, kind, retain, qos, stage = series[number]
                     payload = payloads[at : (at := at + octets)]
-                    beside = ()
+                    beside: tuple[tuple[str, str], ...] = ()
                     if properties:
                         which = slice(told, told := told + properties)
                         beside = tuple(zip(names[which], values[which], strict=True))

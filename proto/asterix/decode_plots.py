@@ -52,19 +52,26 @@ def plots_in_asterix(payload: bytes, near_utc_ns: int) -> MeasuredPlots:
 
     A time of day is of the day that brings it nearest to `near_utc_ns`.
     """
-    records = [record for record in decode(payload) if record.category in PLOT_ITEMS]
-    return _plots_of(records, near_utc_ns)
+    records = (record for record in decode(payload) if record.category in PLOT_ITEMS)
+    told = (_told(record, near_utc_ns) for record in records)
+    return MeasuredPlots.of(plot for plot in told if plot is not None)
+
+
+def told_of_plots_and_tracks(payload: bytes, near_utc_ns: int) -> list[dict[str, Any]] | None:
+    """What is told of each plot and track of the records that are whole, by column.
+
+    None without a record that could be any.
+    """
+    records = [record for record in decode_lenient(payload)[0] if _items_of(record)]
+    if not records:
+        return None
+    return [told for told in (_told(record, near_utc_ns) for record in records) if told is not None]
 
 
 def plots_and_tracks_in(payload: bytes, near_utc_ns: int) -> MeasuredPlots | None:
     """Plots and tracks of the records that are whole; None without one that could be any."""
-    records = [record for record in decode_lenient(payload)[0] if _items_of(record)]
-    return _plots_of(records, near_utc_ns) if records else None
-
-
-def _plots_of(records: list[Record], near_utc_ns: int) -> MeasuredPlots:
-    told = (_told(record, near_utc_ns) for record in records)
-    return MeasuredPlots.of(plot for plot in told if plot is not None)
+    told = told_of_plots_and_tracks(payload, near_utc_ns)
+    return None if told is None else MeasuredPlots.of(told)
 
 
 def _items_of(record: Record) -> PlotItems | None:

@@ -267,8 +267,11 @@ def test_errors_without_a_stated_sigma_are_not_judged() -> None:
 @given(st.permutations(range(200, 260)), st.sets(st.integers(201, 258)))
 def test_sectors_that_are_lacking_are_those_between(numbers: list[int], missing: set[int]) -> None:
     there = np.array([number for number in numbers if number not in missing])
-    assert [number for run in lacking_of(there) for number in run] == sorted(missing)
+    assert [number for run in lacking_of(np.stack([there, there])) for number in run] == sorted(
+        missing
+    )
 
 
 def test_what_is_known_of_sectors_that_are_lacking_is_bounded() -> None:
-    assert len(lacking_of(np.arange(0, 10_000, 2))) == 1000
+    there = np.arange(0, 10_000, 2)
+    assert len(lacking_of(np.stack([there, there]))) == 1000

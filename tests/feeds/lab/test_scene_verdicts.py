@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,16 @@ import pytest
 from scipy import stats
 from support.claimed_feeds import claims_of
 from support.doc_commands import doc_command
+from support.ledgers import record_session
 from support.significance import assert_chance
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
+from plotfeed.feeds.lab.gathering import judged_recording
 from plotfeed.feeds.lab.judge import FALSE_RATES, simulated_feed
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys
 from plotfeed.models.residuals import Check, wrong_at
-from plotfeed.testing import held, radar, scene
+from plotfeed.testing import flown, held, radar, scene, waypoint
 
 FALSE_RATE = FALSE_RATES["claimed"]
 SEED, SECONDS = 1, 30.0
@@ -116,3 +119,20 @@ def test_drones_whose_echoes_merge_are_not_judged_and_it_is_said_why() -> None:
 def test_sectors_without_a_plot_count_among_those_in_which_false_alarms_might_have_come() -> None:
     made, seen = with_sensor("field-day", "camera")
     assert simulated_feed(made, seen).scans == pytest.approx(600.0)
+
+
+def test_heights_finer_than_the_steps_in_which_they_are_told_are_as_asked(tmp_path: Path) -> None:
+    """Steps of 25 feet of altitude above mean sea level, which is 51 m above the ellipsoid."""
+    drones = [
+        flown(f"d{i}", *(waypoint(12.0 * i + n, 4.0 + n, 900.0 + 90.0 * i) for n in (0.0, 1.5)))
+        for i in range(30)
+    ]
+    path = tmp_path / "fine.toml"
+    path.write_text(scene([radar(report=["asterix-048"])], drones, seed=7).text)
+    verdicts = judged_recording(
+        record_session(path, tmp_path / "fine.mcap", 60.0), "asked"
+    ).verdicts
+    for name in ("height", "height spread"):
+        (check,) = (each for each in verdicts.checks if each.name == name)
+        assert check.of > 300
+        assert_chance(check.p, f"{check}")
