@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from itertools import chain
 from typing import Any
 
@@ -18,6 +19,7 @@ from plotfeed.proto.utc import NS, nearest_utc_ns
 MULTISTATIC = {"range_m": "bistatic_range_m", "sigma_range_m": "sigma_bistatic_range_m"}
 
 
+@cache
 def steps_of(category: int) -> Mapping[str, float]:
     """Steps in which a category tells columns of plots, in their units; none for other formats."""
     items = PLOT_ITEMS.get(category)
@@ -84,20 +86,32 @@ def _told(record: Record, near_utc_ns: int) -> dict[str, Any] | None:
     part, values = items.plots_alone
     if part and record.get(part) not in values:
         return None
-    place = f"I{record.category:03d}/010"
     told: dict[str, Any] = {"category": record.category}
     time_s = record.get(items.time)
     if isinstance(time_s, float):
         told["t_utc_ns"] = nearest_utc_ns(round(time_s * NS), near_utc_ns)
     is_multistatic = record.get("I015/020/MOMU") == Geometry.MULTISTATIC
-    columns = {"sac": f"{place}/SAC", "sic": f"{place}/SIC", **items.columns}
-    for name, path in columns.items():
-        value = record.get(path)
-        if value is None:
+    for item, columns in _columns_by_item(record.category).items():
+        if item not in record.items:
             continue
-        if name == "address" and isinstance(value, int):
-            value = f"{value:06X}"
-        elif isinstance(value, float):
-            value *= items.units.get(name, 1.0)
-        told[MULTISTATIC.get(name, name) if is_multistatic else name] = value
+        for name, path in columns:
+            value = record.get(path)
+            if value is None:
+                continue
+            if name == "address" and isinstance(value, int):
+                value = f"{value:06X}"
+            elif isinstance(value, float):
+                value *= items.units.get(name, 1.0)
+            told[MULTISTATIC.get(name, name) if is_multistatic else name] = value
     return told
+
+
+@cache
+def _columns_by_item(category: int) -> dict[str, list[tuple[str, str]]]:
+    """Columns and where they stand, by the items that a record may lack."""
+    items = PLOT_ITEMS.get(category) or TRACK_ITEMS[category]
+    place = f"I{category:03d}/010"
+    found: dict[str, list[tuple[str, str]]] = {}
+    for name, path in {"sac": f"{place}/SAC", "sic": f"{place}/SIC", **items.columns}.items():
+        found.setdefault("/".join(path.split("/")[:2]), []).append((name, path))
+    return found
