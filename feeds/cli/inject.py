@@ -119,7 +119,10 @@ class SessionAnswers:
             log.warning("%s: something came that no session says", topic)
 
     async def begin(self) -> None:
-        """Wait a moment for what is retained, and note what was refused before."""
+        """Wait a moment for what is retained, and note what was refused before.
+
+        What is retained may be some seconds old: where anything was refused, the next one is heard.
+        """
         await self._news_until(
             ANSWER_S,
             lambda: (
@@ -127,15 +130,20 @@ class SessionAnswers:
                 and all(self._sensors.keys() >= each["sensors"] for each in self._running.values())
             ),
         )
+        if self._refused_by:
+            await self._next_status()
         self._before = self._refused_by
 
     async def end(self) -> None:
         """Wait for what the session says of the last reports, if one runs: its next status."""
         if self.scene is None:
             return
+        await self._next_status()
+        await asyncio.sleep(0.2)  # for errors, which may come behind it
+
+    async def _next_status(self) -> None:
         known = self._statuses
         await self._news_until(STATUS_S, lambda: self._statuses > known or self.scene is None)
-        await asyncio.sleep(0.2)  # for errors, which may come behind it
 
     async def _news_until(self, most_s: float, is_so: Callable[[], bool]) -> None:
         """Wait until that is so, but not for longer."""
