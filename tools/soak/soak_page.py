@@ -25,15 +25,18 @@ COLUMNS = 104
 
 def page(run: Run) -> str:
     """In Markdown."""
+    faults = [_fault(*row) for row in fault_rows(run)]
+    minutes = f"{run.samples['t_s'][-1] / 60:.0f}"
+    fate = ", in turns killed, stopped and paused" if faults else ""
     parts = [
-        _filled(ABOUT, minutes=f"{run.samples['t_s'][-1] / 60:.0f}", broker=run.said["broker"]),
+        _filled(ABOUT, minutes=minutes, broker=f"{run.said['broker']} as the broker{fate}"),
         "![Memory, lateness, queues and processor over the run](soak.png)",
         _table(("", ""), list(_rows(run))),
         _filled(MACHINE, **_of_machine(run)),
-        "### The broker away",
-        _filled(AWAY, kept=run.said["queue_messages"]),
-        _table(FAULTS, [_fault(*row) for row in fault_rows(run)]),
     ]
+    if faults:
+        away = _filled(AWAY, kept=run.said["queue_messages"])
+        parts += ["### The broker away", away, _table(FAULTS, faults)]
     return "\n\n".join(parts)
 
 
@@ -41,8 +44,8 @@ ABOUT = """
 A session of {minutes} minutes under everything at once, written by `tools/soak/soak.py`: the four
 sensors of section 4 and three rotating radars of 16 sectors, each over an impaired link of its
 own (between them every kind of delay, loss and order); telemetry of ten drones at 5 Hz, one
-message in a hundred of it garbage; a command every 17 s, some of them wrong; {broker} as the
-broker, in turns killed, stopped and paused; QoS 1; everything recorded, metrics served.
+message in a hundred of it garbage; a command every 17 s, some of them wrong; {broker};
+QoS 1; everything recorded, metrics served.
 """
 MACHINE = """
 Begun {began} UTC, on a machine of two cores that did much else: others took {others} cores on
@@ -58,14 +61,7 @@ Each sensor keeps its {kept} newest messages while nobody takes them (`policy = 
 `killed` is SIGKILL, `stopped` SIGTERM, `paused` SIGSTOP. Due meanwhile are the messages that
 links let go from then until the first that had waited was sent.
 """
-FAULTS = (
-    "broker",
-    "away, s",
-    "due meanwhile",
-    "sent afterwards",
-    "given up",
-    "given up of the newest",
-)
+FAULTS = ("broker", "away, s", "due meanwhile", "sent afterwards", "given up", "of the newest")
 
 
 def _rows(run: Run) -> Iterator[tuple[str, str]]:
