@@ -107,11 +107,11 @@ def test_the_scene_page_tells_each_key_of_a_sensor_once_and_its_contents_lead_to
     common = rows["`[[sensor]]` of every type"]
     assert {"id", "position_enu_m", "link"} <= set(common)
     definitions = json.loads(text_of("scene"))["$defs"].values()
-    sensors = [keys for keys in (d.get("properties", {}) for d in definitions) if "scan" in keys]
+    sensors = [table for table in definitions if "scan" in table.get("properties", {})]
     assert len(sensors) >= 6
-    for keys in sensors:
-        own = rows[f"`[[sensor]]` of type `{keys['type']['const']}`"]
-        assert sorted([*common, *own, "type"]) == sorted(keys)
+    for table in sensors:
+        own = rows[f"`[[sensor]]` of type `{table['properties']['type']['const']}`"]
+        assert sorted([*common, *own, "type"]) == sorted(table["propertyNames"]["enum"])
     contents = re.findall(r"\]\(#([\w-]+)\)", parts[0])
     titles = [title for title in list(rows)[1:] if "." not in title]
     assert contents == [re.sub(r"[^\w -]", "", title).replace(" ", "-").lower() for title in titles]

@@ -74,6 +74,10 @@ class Reference:
 
     def __init__(self, schema: Schema) -> None:
         self._definitions: dict[str, Schema] = schema.get("$defs", {})
+        for table in self._definitions.values():
+            for shared in table.get("allOf", ()):
+                keys = self._definitions[_name(shared)]["properties"]
+                table["properties"] = {**keys, **table["properties"]}
         self._done: set[str] = set()
         self._first: dict[tuple[str, str, str], tuple[str, str]] = {}
         self.silent: list[str] = []  # Keys of which nobody says what they are
@@ -155,7 +159,7 @@ class Reference:
         if words := schema.get("enum", [schema["const"]] if "const" in schema else []):
             return ", ".join(f"`{json.dumps(word)}`" for word in words)
         if "$ref" in schema:
-            name = schema["$ref"].rpartition("/")[2]
+            name = _name(schema)
             inner = self._definitions[name]
             return "" if "properties" in inner else self._values(inner)
         for several in ("anyOf", "oneOf"):
@@ -170,7 +174,7 @@ class Reference:
         if "prefixItems" in schema:
             return f"{len(schema['prefixItems'])} numbers"
         inner = schema.get("items", {})
-        if "$ref" in inner and "properties" in self._definitions[inner["$ref"].rpartition("/")[2]]:
+        if "$ref" in inner and self._is_table(_name(inner)):
             return ""
         return " ".join(filter(None, ("list", self._values(inner))))
 
@@ -180,11 +184,16 @@ class Reference:
 
     def _names(self, schema: Schema) -> list[str]:
         """The definitions that a value may be of."""
-        found = [schema["$ref"].rpartition("/")[2]] if "$ref" in schema else []
+        found = [_name(schema)] if "$ref" in schema else []
         for inner in (*schema.get("anyOf", ()), *schema.get("oneOf", ()), schema.get("items")):
             if inner:
                 found += self._names(inner)
         return found
+
+
+def _name(schema: Schema) -> str:
+    """The definition that a schema refers to."""
+    return str(schema["$ref"].rpartition("/")[2])
 
 
 def _common(tables: list[Schema]) -> Schema:

@@ -11,11 +11,11 @@ from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import Azimuth, Beamwidth, Decibels, Loss, SceneTable, Site
 from plotfeed.feeds.scene.sensors.effect_keys import DopplerKeys, MergingKeys
-from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, VolumeKeys, gain_or_of_beam
+from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, VolumeKeys
 from plotfeed.feeds.scene.world_keys import JammerKeys, WeatherKeys
 from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.propagation import C_M_S
+from plotfeed.models.propagation import C_M_S, beam_gain_dbi
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.polar_radar import EchoRadar
 
@@ -356,14 +356,11 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
 
     def following(self, site: Site, /) -> dict[str, Any]:
         """The receive gain, which may be that of the beam, and what is made of cells and beams."""
-        gain_rx_dbi = gain_or_of_beam(
-            self.gain_rx_dbi,
-            self.azimuth_beamwidth_deg,
-            self.elevation_beamwidth_deg,
-            self.antenna_efficiency,
-            0.0 if self.antenna is None else self.antenna.peak_loss_db,
-        )
-        doppler = self._doppler()
+        gain_rx_dbi, doppler = self.gain_rx_dbi or 0.0, self._doppler()
+        if self.gain_rx_dbi is None and self.elevation_beamwidth_deg is not None:
+            widths_deg = self.azimuth_beamwidth_deg, self.elevation_beamwidth_deg
+            gain_rx_dbi = float(beam_gain_dbi(*widths_deg, self.antenna_efficiency))
+            gain_rx_dbi -= 0.0 if self.antenna is None else self.antenna.peak_loss_db
         made = {"gain_rx_dbi": gain_rx_dbi, "doppler": doppler, "merging": self._merging(doppler)}
         return super().following(site) | made
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_a
 from pydantic import Field, GetJsonSchemaHandler, ValidationError, field_validator, model_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails
+from pydantic_core.core_schema import definitions_schema
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
@@ -35,7 +36,6 @@ from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys, 
 from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, Event
 from plotfeed.feeds.scene.world_keys import JammerKeys, WeatherKeys
 from plotfeed.models.beam import AzimuthCover
-from plotfeed.models.propagation import beam_gain_dbi
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.track_lives import MAX_TRACKS
 from plotfeed.proto.utc import NS
@@ -133,11 +133,28 @@ class SensorKeys(SceneTable):
     def __get_pydantic_json_schema__(
         cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /
     ) -> JsonSchemaValue:
-        """JSON schema of the keys, with the formats that may be asked for."""
+        """JSON schema of the keys, with the formats that may be asked for.
+
+        The keys of every sensor stand in one definition. What names there are is said by
+        `propertyNames`, which older validators know too, unlike `unevaluatedProperties`.
+        """
         schema = super().__get_pydantic_json_schema__(core_schema, handler)
-        keys = handler.resolve_ref_schema(schema)["properties"]
+        table = handler.resolve_ref_schema(schema)
+        keys = table["properties"]
         if "report" in keys:
             keys["report"]["items"] = {"enum": list(cls.formats), "type": "string"}
+        if cls is SensorKeys:
+            del table["additionalProperties"]
+            return schema
+        SensorKeys.model_rebuild()
+        # Wrapped, because `handler` would leave out what the class itself says of its schema.
+        of_every = handler(definitions_schema(SensorKeys.__pydantic_core_schema__, []))
+        shared = handler.resolve_ref_schema(of_every)["properties"]
+        if shared.items() <= keys.items():
+            del table["additionalProperties"]
+            table["propertyNames"] = {"enum": list(keys)}
+            table["properties"] = {name: key for name, key in keys.items() if name not in shared}
+            table["allOf"] = [of_every]
         return schema
 
     @field_validator("report", check_fields=False)
@@ -328,22 +345,6 @@ class TrackingSensorKeys(SensorKeys):
 
     tracks: TracksKeys = TracksKeys()
     """For asterix-062 and the other formats of tracks."""
-
-
-def gain_or_of_beam(
-    gain_dbi: float | None,
-    azimuth_deg: float,
-    elevation_deg: float | None,
-    efficiency: float,
-    shape_loss_db: float = 0.0,
-) -> float:
-    """An antenna's gain, dBi: the one that is given, or else that of a beam of those widths.
-
-    A beam whose shape spreads it has that loss beside.
-    """
-    if gain_dbi is not None or elevation_deg is None:
-        return gain_dbi or 0.0
-    return float(beam_gain_dbi(azimuth_deg, elevation_deg, efficiency)) - shape_loss_db
 
 
 def long_integration(integration_s: float, scan: AnyScan) -> list[str]:
