@@ -26,14 +26,14 @@ def noise_share(snr: ArrayLike) -> Floats:
     return 1.0 / np.sqrt(2 * as_floats(snr))
 
 
-def sigma_range_m(snr: ArrayLike, resolution_m: ArrayLike) -> Floats:
-    """Standard deviation of the range, metres (eq 13); NaN for a negative ratio."""
-    return noise_share(snr) * (as_floats(resolution_m) / RANGE_CONSTANT)
+def sigma_range_m(snr: ArrayLike, resolution_m: ArrayLike, floor_m: ArrayLike = 0.0) -> Floats:
+    """Standard deviation of the range, metres (eq 13), and a floor; NaN for a negative ratio."""
+    return with_floor(noise_share(snr) * (as_floats(resolution_m) / RANGE_CONSTANT), floor_m)
 
 
-def sigma_angle_deg(snr: ArrayLike, beamwidth_deg: ArrayLike) -> Floats:
-    """Standard deviation of an angle, degrees, by a beam of that 3 dB width (Barton)."""
-    return noise_share(snr) * (as_floats(beamwidth_deg) / ANGLE_CONSTANT)
+def sigma_angle_deg(snr: ArrayLike, beamwidth_deg: ArrayLike, floor_deg: ArrayLike = 0.0) -> Floats:
+    """Standard deviation of an angle, degrees, by a beam of that 3 dB width (Barton), and floor."""
+    return with_floor(noise_share(snr) * (as_floats(beamwidth_deg) / ANGLE_CONSTANT), floor_deg)
 
 
 def sigma_rate_m_s(snr: ArrayLike, resolution_m_s: ArrayLike) -> Floats:

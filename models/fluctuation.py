@@ -19,12 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models import special
 from plotfeed.models.detection import (
+    draw_detected_snr_swerling1,
     inverse_detected_snr,
+    pd_cfar_swerling1,
     threshold_noncoherent,
     threshold_noncoherent_cfar,
 )
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
-from plotfeed.models.state import Floats, Ints
+from plotfeed.models.state import Bools, Floats
 
 STEADY = np.inf  # The order of a target that does not fluctuate, Swerling 0
 LONG_TAIL = 60.0  # Terms beyond the last that matters
@@ -255,38 +257,47 @@ def _inverse_beyond(total: Floats, order: float, n_looks: int, first: float) -> 
 
 
 class FluctuatingCfar(NamedTuple):
-    """A detector of targets each of which fluctuates by an order of its own: by rows, (n,)."""
+    """A detector of targets each of which fluctuates by an order of its own.
+
+    Of one look orders may be None: all are of Swerling's case 1, for which there are closed forms.
+    """
 
     pfa: float
     n_looks: int
     n_reference: int
 
-    def pd(self, snr: Floats, order: Floats) -> Floats:
-        """Probability of detection."""
-        pd = np.empty(len(snr))
+    def pd(self, snr: Floats, order: Floats | None) -> Floats:
+        """Probability of detection; (...) each."""
+        if order is None:
+            return pd_cfar_swerling1(snr, self.pfa, self.n_reference)
+        pd = np.empty(snr.shape)
         for one, rows in _by_order(order):
             pd[rows] = pd_fluctuating_cfar(snr[rows], *self, one)
         return pd
 
     @nan_without_warnings
     def draw_detected(
-        self, snr: Floats, order: Floats, rng: np.random.Generator
+        self, snr: Floats, order: Floats | None, rng: np.random.Generator
     ) -> tuple[Floats, Floats]:
-        """Sums of the looks of detections, and thresholds; no draw depends on other rows."""
+        """Sums of the looks of detections, and thresholds, (n,); no draw depends on other rows."""
+        if order is None:
+            return draw_detected_snr_swerling1(snr, self.pfa, self.n_reference, rng)
         u = rng.random((3, len(snr)))
         power, threshold = np.empty(len(snr)), np.empty(len(snr))
         for one, rows in _by_order(order):
             power[rows], threshold[rows] = _detected(self, snr[rows], one, u[:, rows])
         return power, threshold
 
-    def inverse_detected(self, snr: Floats, order: Floats) -> Floats:
-        """Mean of 1/x over detections, x the sum of all looks."""
-        inverse = np.empty(len(snr))
+    def inverse_detected(self, snr: Floats, order: Floats | None) -> Floats:
+        """Mean of 1/x over detections, x the sum of all looks; (...) each."""
+        if order is None:
+            return inverse_detected_snr(snr, self.pfa, self.n_reference)
+        inverse = np.empty(snr.shape)
         for one, rows in _by_order(order):
             inverse[rows] = inverse_detected_fluctuating(snr[rows], *self, one)
         return inverse
 
 
-def _by_order(order: Floats) -> Iterator[tuple[float, Ints]]:
+def _by_order(order: Floats) -> Iterator[tuple[float, Bools]]:
     for one in np.unique(order).tolist():
-        yield one, np.flatnonzero(order == one)
+        yield one, order == one

@@ -111,17 +111,13 @@ class MicrophoneArray(CellSensor):
 
     def sigma_azimuth_deg(self, snr: Floats) -> Floats:
         """Standard deviation of the azimuth, about the direction from which the sound comes."""
-        return accuracy.with_floor(
-            accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
-        )
+        return accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg, self.azimuth_floor_deg)
 
     def sigma_elevation_deg(self, snr: Floats) -> Floats:
         """Standard deviation of the elevation; NaN if the array measures none."""
         if self.elevation_beamwidth_deg is None:
             return np.full(len(snr), np.nan)
-        return accuracy.with_floor(
-            accuracy.sigma_angle_deg(snr, self.elevation_beamwidth_deg), self.elevation_floor_deg
-        )
+        return accuracy.sigma_angle_deg(snr, self.elevation_beamwidth_deg, self.elevation_floor_deg)
 
     def in_cover(self, range_m: Floats, azimuth_deg: Floats) -> Bools:
         """Near enough and within cover; a sound from straight above has no azimuth."""

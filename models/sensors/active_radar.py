@@ -45,6 +45,15 @@ class IntervalRadar(PolarRadar, ABC):
     def signals_each(self) -> int:
         """K, in one interval."""
 
+    @property
+    def n_reference_total(self) -> int:
+        """Reference samples of all signals together, in one interval."""
+        return self.n_reference * self.signals_each
+
+    @property
+    def _cfar(self) -> FluctuatingCfar:
+        return FluctuatingCfar(self.pfa, self.signals_each, self.n_reference_total)
+
     @abstractmethod
     def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
         """Probability of detection of one interval; (n, K) in, (n,) out."""
@@ -166,25 +175,17 @@ class ActiveRadar(IntervalRadar):
 
     def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
         """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out."""
-        if order is not None:
-            return FluctuatingCfar(self.pfa, 1, self.n_reference).pd(snrs[..., 0], order)
-        return detection.pd_cfar_swerling1(snrs[..., 0], self.pfa, self.n_reference)
+        return self._cfar.pd(snrs[..., 0], order)
 
     def draw_interval(
         self, snrs: Floats, rng: np.random.Generator, order: Floats | None
     ) -> tuple[Floats, Floats]:
         """Powers and thresholds of detections, given the mean ratios; (n, 1) in, (n,) out."""
-        if order is not None:
-            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
-            return cfar.draw_detected(snrs[..., 0], order, rng)
-        return detection.draw_detected_snr_swerling1(snrs[..., 0], self.pfa, self.n_reference, rng)
+        return self._cfar.draw_detected(snrs[..., 0], order, rng)
 
     def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
         """Mean of 1/x over detections of power x; (n, 1) in, (n,) out."""
-        if order is not None:
-            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
-            return cfar.inverse_detected(snrs[..., 0], order)
-        return detection.inverse_detected_snr(snrs[..., 0], self.pfa, self.n_reference)
+        return self._cfar.inverse_detected(snrs[..., 0], order)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,15 +217,6 @@ class MimoRadar(IntervalRadar):
     def n_looks(self) -> int:
         """A look a transmitter."""
         return self.signals_each
-
-    @property
-    def _cfar(self) -> FluctuatingCfar:
-        return FluctuatingCfar(self.pfa, self.signals_each, self.n_reference_total)
-
-    @property
-    def n_reference_total(self) -> int:
-        """Reference samples of all signals together."""
-        return self.n_reference * self.signals_each
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean ratio of each transmitter's echo (eqs 17, 21); (n, 3) and (n,) in, (n, K) out."""

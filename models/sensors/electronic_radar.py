@@ -308,12 +308,9 @@ class ElectronicRadar(DwellingSensor):
         aim = enu_to_aer(aimed_m)
         across = wrap_180(azimuth_deg[:, None] - aim[0]) / self.radar.azimuth_beamwidth_deg
         upwards = (elevation_deg[:, None] - aim[1]) / self.radar.elevation_beamwidth_deg
-        along = (range_m[:, None] - aim[2]) / (GATE_CELLS * self._gate_m)
+        gate_m = GATE_CELLS * max(self.radar.range_resolution_m, 2.0)
+        along = (range_m[:, None] - aim[2]) / gate_m
         return np.sqrt((across / GATE_BEAMS) ** 2 + (upwards / GATE_BEAMS) ** 2 + along**2)
-
-    @property
-    def _gate_m(self) -> float:
-        return max(self.radar.range_resolution_m, 2.0)
 
     def _wait_ns(self, place_m: Floats, snr: Floats) -> Ints:
         """How long tracks at places are left alone; (n,)."""

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from plotfeed.models import accuracy, detection
+from plotfeed.models import accuracy
 from plotfeed.models.beam import Sector, Volume, draw_azimuths
 from plotfeed.models.effects.pulse_intervals import at_least
 from plotfeed.models.effects.surroundings import SeenFrom, Surroundings
@@ -173,7 +173,10 @@ class MultistaticRadar(Volume, JointSensor):
     def odds(self, targets: Targets, rows: Ints | slice = EVERY_ROW) -> tuple[Floats, Floats]:
         """Mean ratios and Pd of those rows of targets by pair; (n, p) each."""
         snrs = np.concatenate([each.snrs(targets, rows) for each in self.stations], axis=1)
-        return snrs, self.odds_of(snrs, self.orders(targets, rows))
+        order = self.orders(targets, rows)
+        if order is not None:
+            order = np.broadcast_to(order[:, None], snrs.shape)
+        return snrs, self._cfar.pd(snrs, order) * self.receivers[0].signals.pd_factor
 
     @staticmethod
     def orders(targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats | None:
@@ -181,31 +184,11 @@ class MultistaticRadar(Volume, JointSensor):
         echoes = targets.signatures.echoes
         return None if echoes is None else echoes.orders(targets.drone[rows], 1.0, 1)
 
-    def odds_of(self, snrs: Floats, order: Floats | None = None) -> Floats:
-        """Pd of mean ratios; receivers are alike. (n, p) in and out."""
-        signals = self.receivers[0].signals
-        if order is None:
-            pd = detection.pd_cfar_swerling1(snrs, signals.pfa, signals.n_reference)
-        else:
-            each = np.repeat(order, snrs.shape[1])
-            pd = self._cfar.pd(snrs.ravel(), each).reshape(snrs.shape)
-        return np.asarray(pd * signals.pd_factor)
-
     @property
     def _cfar(self) -> FluctuatingCfar:
+        """The detector of each pair: receivers are alike."""
         signals = self.receivers[0].signals
         return FluctuatingCfar(signals.pfa, 1, signals.n_reference)
-
-    def drawn_snr(self, mean: Floats, order: Floats | None, rng: np.random.Generator) -> Floats:
-        """Ratios of detections of those mean ones; (n,)."""
-        if order is not None:
-            return self._cfar.draw_detected(mean, order, rng)[0]
-        cfar = self._cfar
-        return detection.draw_detected_snr_swerling1(mean, cfar.pfa, cfar.n_reference, rng)[0]
-
-    def place_pd(self, pds: Floats) -> Floats:
-        """Probability of a place: enough pairs detect, and the right set passes; (n, p) to (n,)."""
-        return at_least(pds, self.fewest_pairs) * (1 - OUTSIDE)
 
     def _detected(
         self,
@@ -235,9 +218,8 @@ class MultistaticRadar(Volume, JointSensor):
             azimuth_deg = np.append(azimuth_deg, alarms_deg)
             elevation_deg = np.append(elevation_deg, rng.uniform(low_deg, high_deg, a))
             mean = np.append(snrs[mine, p], np.zeros(a))
-            snr = self.drawn_snr(
-                mean, None if order is None else np.append(order[mine], np.ones(a)), rng
-            )
+            orders = None if order is None else np.append(order[mine], np.ones(a))
+            snr, _ = self._cfar.draw_detected(mean, orders, rng)
             found.append(
                 self._measured(p, snr, (true_m, azimuth_deg, elevation_deg), rng).but(
                     drone=np.append(drone[mine], np.full(a, FALSE_ALARM))
@@ -270,17 +252,12 @@ class MultistaticRadar(Volume, JointSensor):
         """Standard deviations of sum, azimuth and elevation, NaN where that is not measured."""
         signals = receiver.signals
         width_m, floor_m = (cells[k] for cells in receiver.cells_m)
-        sigma_m = accuracy.with_floor(accuracy.sigma_range_m(snr, width_m), floor_m)
-        azimuth_deg = accuracy.with_floor(
-            accuracy.sigma_angle_deg(snr, signals.azimuth_beamwidth_deg), signals.azimuth_floor_deg
-        )
+        sigma_m, of_angle = accuracy.sigma_range_m(snr, width_m, floor_m), accuracy.sigma_angle_deg
+        azimuth_deg = of_angle(snr, signals.azimuth_beamwidth_deg, signals.azimuth_floor_deg)
         if isinstance(signals, PassiveRadar) or not signals.measures_elevation:
             return sigma_m, azimuth_deg, np.full(len(snr), np.nan)
-        elevation_deg = accuracy.with_floor(
-            accuracy.sigma_angle_deg(snr, signals.elevation_beamwidth_deg),
-            signals.elevation_floor_deg,
-        )
-        return sigma_m, azimuth_deg, elevation_deg
+        elevation = signals.elevation_beamwidth_deg, signals.elevation_floor_deg
+        return sigma_m, azimuth_deg, of_angle(snr, *elevation)
 
     def _plots(self, joined: JoinedSets, end_ns: int) -> Plots:
         """Plots in space, with errors along range and directions to first order."""
@@ -322,11 +299,7 @@ class MultistaticRadar(Volume, JointSensor):
         found = []
         for p, (m, k) in enumerate(self.pairs):
             signals = self.receivers[m].signals
-            if order is None:
-                law = signals.pfa, signals.n_reference
-                inverse = detection.inverse_detected_snr(snrs[:, p], *law)
-            else:
-                inverse = self._cfar.inverse_detected(snrs[:, p], order)
+            inverse = self._cfar.inverse_detected(snrs[:, p], order)
             with np.errstate(divide="ignore"):
                 weight = np.sqrt(1 / np.maximum(pds[:, p], 1e-12)) * signals.error_factor
             sigmas = self._sigmas(self.receivers[m], k, 1 / inverse)
@@ -349,7 +322,8 @@ class MultistaticRadar(Volume, JointSensor):
         errors = _polar_sigmas(place_m, covariance(jacobian))
         return Prediction(
             snr=snrs.max(axis=1),
-            pd=self.place_pd(pds),
+            # Enough pairs detect, and the right set passes.
+            pd=at_least(pds, self.fewest_pairs) * (1 - OUTSIDE),
             sigma_range_m=errors[0],
             sigma_azimuth_deg=errors[1],
             sigma_elevation_deg=errors[2],

@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.models import detection, propagation
+from plotfeed.models import propagation
 from plotfeed.models.beam import Sector, beam_times_ns, draw_azimuths
 from plotfeed.models.chance import of_rows
 from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.effects.echo_effects import EchoPaths
-from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import enu_to_aer, wrap_360
 from plotfeed.models.sensors.bistatic_places import FlatSolution, HeightPrior, flat_solution
 from plotfeed.models.sensors.passive_signals import PassiveSignals
@@ -111,12 +110,7 @@ class PassiveRadar(PassiveSignals):
     def _measure(self, hits: Hits, targets: Targets) -> Plots:
         """Noise on the measured pair by the SNR of each very detection, then the inversion."""
         echoes, columns, rng = hits.echoes, hits.columns, hits.rng
-        if hits.order is None:
-            look = echoes.snr, self.pfa, self.n_reference
-            snr, _ = detection.draw_detected_snr_swerling1(*look, rng)
-        else:
-            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
-            snr, _ = cfar.draw_detected(echoes.snr, hits.order, rng)
+        snr, _ = self.cfar.draw_detected(echoes.snr, hits.order, rng)
         sigmas = self.sigmas(
             snr,
             self.of_channel("range_resolution_m", echoes.channel),
@@ -211,8 +205,7 @@ class PassiveRadar(PassiveSignals):
 
     def draw_false_snr(self, n: int, rng: np.random.Generator) -> Floats:
         """Ratios of cells of noise that were detected; (n,)."""
-        snr, _ = detection.draw_detected_snr_swerling1(np.zeros(n), self.pfa, self.n_reference, rng)
-        return snr
+        return self.cfar.draw_detected(np.zeros(n), None, rng)[0]
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector: binomial over each channel's cells, uniform in them.

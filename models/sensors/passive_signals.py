@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models import accuracy, detection, propagation
+from plotfeed.models import accuracy, propagation
 from plotfeed.models.beam import Volume
 from plotfeed.models.detection import cells_across
 from plotfeed.models.fluctuation import FluctuatingCfar
@@ -210,33 +210,30 @@ class PassiveSignals(Volume, EchoRadar, ABC):
         gains_db = propagation.DIPOLE_GAIN_DBI + as_floats(self.gain_rx_dbi) - self.loss_db
         return propagation.radiated_w(self._each("erp_w"), gains_db)
 
+    @property
+    def cfar(self) -> FluctuatingCfar:
+        """The detector of each channel."""
+        return FluctuatingCfar(self.pfa, 1, self.n_reference)
+
     def mean_snr(self, target_w: Floats) -> Floats:
         """Signal-to-noise ratio before fluctuation, linear (eq 25); (n, channels) in and out."""
         return propagation.correlated_snr(target_w, self.disturbance_w.T, self.time_bandwidth.T)
 
     def pd(self, snr: Floats, order: Floats | None = None) -> Floats:
         """Probability of detection (eqs 6, 7), by how targets fluctuate where they state it."""
-        if order is not None:
-            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
-            return cfar.pd(snr.ravel(), order.ravel()).reshape(snr.shape)
-        return detection.pd_cfar_swerling1(snr, self.pfa, self.n_reference)
+        return self.cfar.pd(snr, order)
 
     def inverse_detected(self, snr: Floats, order: Floats | None = None) -> Floats:
         """Mean of 1/x over detections of power x; (...)."""
-        if order is not None:
-            cfar = FluctuatingCfar(self.pfa, 1, self.n_reference)
-            return cfar.inverse_detected(snr.ravel(), order.ravel()).reshape(snr.shape)
-        return detection.inverse_detected_snr(snr, self.pfa, self.n_reference)
+        return self.cfar.inverse_detected(snr, order)
 
     def sigmas(
         self, snr: Floats, range_resolution_m: Floats, range_floor_m: Floats
     ) -> tuple[Floats, Floats]:
         """Standard deviations of bistatic range and azimuth at a detection's own SNR."""
         return (
-            accuracy.with_floor(accuracy.sigma_range_m(snr, range_resolution_m), range_floor_m),
-            accuracy.with_floor(
-                accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg), self.azimuth_floor_deg
-            ),
+            accuracy.sigma_range_m(snr, range_resolution_m, range_floor_m),
+            accuracy.sigma_angle_deg(snr, self.azimuth_beamwidth_deg, self.azimuth_floor_deg),
         )
 
     @sensor_property
