@@ -11,7 +11,7 @@ import numpy as np
 
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.detection import cells_between, draw_count, whole_cells
-from plotfeed.models.frames import Axes, are_all_within, frames_at, rows_about, wrap_180, wrap_360
+from plotfeed.models.frames import Axes, are_all_within, rows_about, wrap_180, wrap_360
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints, TruthState, trimmed
 from plotfeed.models.truth import Trajectories
 
@@ -434,7 +434,7 @@ def meetings(
         return Meetings(NOBODY, row)
     drones = about[of_about]
     of_each = sectors.rows(row)
-    frame_of_each = frames_at(frames, of_each.sensor)
+    frame_of_each = frames.rows(of_each.sensor)
 
     def azimuth_at(share: Floats) -> Floats:
         t_utc_ns = time_after_share_ns(of_each.start_ns, of_each.end_ns, share)
@@ -465,7 +465,7 @@ def _edges(  # noqa: PLR0917
     positions_ecef_m, at_end = _positions_at(sectors.end_ns, trajectories)
     everybody, sensor = positions_ecef_m.shape[1], sectors.sensor
     about = np.arange(everybody)
-    of_all = frames_at(frames, sensor[:, None])
+    of_all = frames.rows(sensor[:, None])
     near = None
     if everybody >= CULLED_FROM:
         between_s = (sectors.end_ns - sectors.start_ns) / NS
@@ -481,7 +481,7 @@ def _edges(  # noqa: PLR0917
     else:
         row, column = np.nonzero(near)
         end_deg = np.full(near.shape, np.nan)
-        end_deg[row, column] = frames_at(frames, sensor[row]).azimuths_deg(
+        end_deg[row, column] = frames.rows(sensor[row]).azimuths_deg(
             positions_ecef_m[at_end[row], column]
         )
     borders.make_room(everybody)
@@ -493,7 +493,7 @@ def _edges(  # noqa: PLR0917
         row, column = np.nonzero(unknown & ~np.isnan(end_deg[first]))
         if len(row):
             positions_ecef_m, at_start = _positions_at(starts_ns, trajectories)
-            taken[row, column] = frames_at(frames, of_first[row]).azimuths_deg(
+            taken[row, column] = frames.rows(of_first[row]).azimuths_deg(
                 positions_ecef_m[at_start[row], about[column]]
             )
     if len(sectors) == 1:

@@ -89,7 +89,11 @@ def confidence_of(
         odds = (len(plots) + HALF_A_DRAW) * targets_a_plot / model.false_alarms_per_scan
         return Confidence(np.zeros(0), np.log([odds]))
     true_db, false_db = (10 * np.log10(snr) for snr in (plots.snr, false_snr))
-    edges_db = _edges_db(np.sort(false_db))
+    # Borders of cells by the ratios of false alarms, rising: the last is the highest one.
+    sorted_db = np.sort(false_db)
+    sparse_db = sorted_db[-FEW]
+    ends_db = sparse_db, max(sorted_db[-1], sparse_db + 1e-9)
+    edges_db = np.concatenate([np.arange(sorted_db[FEW], sparse_db, CELL_DB), ends_db])
     of_targets, of_alarms = (
         np.bincount(np.searchsorted(edges_db, found_db), minlength=len(edges_db) + 1)
         + HALF_A_DRAW / (len(edges_db) + 1)
@@ -98,10 +102,3 @@ def confidence_of(
     of_alarms[-1] += 1.0  # beyond the highest of n draws is 1/(n + 1) of all, on average
     log_odds = np.log(of_targets * targets_a_plot) - np.log(of_alarms * alarms_a_plot)
     return Confidence(edges_db, log_odds)
-
-
-def _edges_db(false_db: Floats) -> Floats:
-    """Borders of cells of ratios, by those of false alarms, rising: the last is the highest one."""
-    sparse_db = false_db[-FEW]
-    edges_db = np.arange(false_db[FEW], sparse_db, CELL_DB)
-    return np.concatenate([edges_db, [sparse_db, max(false_db[-1], sparse_db + 1e-9)]])

@@ -359,7 +359,9 @@ def pd_noncoherent_cfar(
     Exact, CFAR loss included, for looks of equal SNR; `n_reference` counts the samples of all the
     looks together.
     """
-    test, reference = _cfar_shares(snr, pfa, n_looks, n_reference)
+    ratio = threshold_noncoherent_cfar(pfa, n_looks, n_reference) / (1 + _power(snr))
+    # What each sum has of both at the threshold, over its own mean: the smaller has its digits.
+    test, reference = 1 / (1 + 1 / ratio), 1 / (1 + ratio)
     by_test = special.betaincc(n_looks, n_reference, test)
     by_reference = special.betainc(n_reference, n_looks, reference)
     return as_floats(np.where(test < reference, by_test, by_reference))
@@ -385,7 +387,9 @@ def pd_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
     finished = np.zeros(power.shape[:-1])
     pd = np.zeros(np.broadcast_shapes(finished.shape, threshold.shape))
     miss = np.zeros_like(pd)
-    for n in range(_poisson_terms(threshold)):
+    largest = float(np.max(threshold, initial=0.0, where=np.isfinite(threshold)))
+    # Terms that leave less than 1e-20 of any of these Poisson distributions.
+    for n in range(int(largest + 9.0 * largest**0.5 + 30.0)):
         weight = np.exp(special.xlogy(n, threshold) - threshold - special.gammaln(n + 1))
         pd = pd + weight * phase.sum(axis=-1)
         miss = miss + weight * finished
@@ -531,23 +535,6 @@ def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Fl
     alpha = cfar_multiplier(pfa, n_reference)
     n = as_floats(n_reference)
     return as_floats(n * np.log1p(alpha / (1 + _power(snr))))
-
-
-def _cfar_shares(
-    snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
-) -> tuple[Floats, Floats]:
-    """What the test and the reference sum have of both at the threshold, each over its own mean.
-
-    They add to one; both, because only the smaller keeps its digits.
-    """
-    ratio = threshold_noncoherent_cfar(pfa, n_looks, n_reference) / (1 + _power(snr))
-    return 1 / (1 + 1 / ratio), 1 / (1 + ratio)
-
-
-def _poisson_terms(mean: Floats) -> int:
-    """How many terms leave less than 1e-20 of any of these Poisson distributions."""
-    largest = float(np.max(mean, initial=0.0, where=np.isfinite(mean)))
-    return int(largest + 9.0 * largest**0.5 + 30.0)
 
 
 def _power(snr: ArrayLike) -> Floats:

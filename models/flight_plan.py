@@ -97,7 +97,10 @@ class FlightPlan:
         if length_m == 0.0:
             return
         direction = way_m / length_m
-        speed = self._speed_along(direction, speed_m_s)
+        up, limits = float(direction[2]), self.limits
+        speed = limits.speed_m_s if speed_m_s is None else min(speed_m_s, limits.speed_m_s)
+        if up:
+            speed = min(speed, (limits.climb_m_s if up > 0 else limits.sink_m_s) / abs(up))
         durations_s, gone_m, speeds = self._paced(length_m, speed, MAX_STRETCH_M)
         self._add(durations_s, start_m + gone_m[:, None] * direction, speeds[:, None] * direction)
 
@@ -149,15 +152,6 @@ class FlightPlan:
         self._t_s += (self.end_s + np.cumsum(durations_s)).tolist()
         self._position_m += [*position_m]
         self._velocity_m_s += [*velocity_m_s]
-
-    def _speed_along(self, direction: Floats, speed_m_s: float | None) -> float:
-        """The greatest speed that all limits leave in a direction, at most the wanted one."""
-        up = float(direction[2])
-        limits = self.limits
-        speed = limits.speed_m_s if speed_m_s is None else min(speed_m_s, limits.speed_m_s)
-        if up:
-            speed = min(speed, (limits.climb_m_s if up > 0 else limits.sink_m_s) / abs(up))
-        return speed
 
     def _paced(
         self, length_m: float, speed_m_s: float, step_m: float, gain_m_s2: float | None = None

@@ -153,6 +153,10 @@ class Axes(ABC):
     def meridian(self) -> Meridian:
         """Distance from the Earth's axis and along it, sine and cosine of the latitude; (...)."""
 
+    def rows(self, _which: NDArray[Any], /) -> Axes:
+        """Axes at those indices, of any shape (...), which may recur; of one place, as they are."""
+        return self
+
     @nan_without_warnings
     def from_ecef(self, ecef_m: ArrayLike) -> Floats:
         """East, north, up of ECEF positions, metres; (..., 3) in, (..., 3) out.
@@ -379,18 +383,13 @@ class LocalFrames(Axes):
             tuple(np.array(part) for part in meridians),
         )
 
-    def rows(self, which: NDArray[Any]) -> LocalFrames:
+    def rows(self, which: NDArray[Any], /) -> LocalFrames:
         """Frames at those indices, of any shape (...), which may recur."""
         return LocalFrames(
             self.origin_ecef_m[which],
             self.rotation_from_ecef[which],
             tuple(part[which] for part in self.meridian),
         )
-
-
-def frames_at(frames: Axes, which: NDArray[Any]) -> Axes:
-    """The frames of those rows; of a single one, itself."""
-    return frames.rows(which) if isinstance(frames, LocalFrames) else frames
 
 
 def rows_about(frames: Axes, positions_ecef_m: Floats, within_m: Floats) -> Ints:

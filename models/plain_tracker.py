@@ -96,7 +96,12 @@ class PlainTracker:
         first = self._confirm()
         reported = (self._tracks.is_hit | missed) & (self._tracks.track > 0)
         told = self._told(np.flatnonzero(reported), first, end_ns)
-        self._end_tracks()
+        # Tracks end that have too many misses, and those that cannot begin any more.
+        tracks, rule = self._tracks, self._rule
+        left = rule.confirm_window - tracks.looks
+        may_begin = (left > 0) & (tracks.hits + left >= rule.confirm_hits)
+        goes_on = tracks.misses < rule.drop_misses
+        self._tracks = tracks.rows(np.flatnonzero(np.where(tracks.track > 0, goes_on, may_begin)))
         return told
 
     def _associate(self, plots: LocatedPlots, end_ns: int) -> None:
@@ -243,14 +248,6 @@ class PlainTracker:
             sigma_velocity_m_s=sigma[:, AXES:],
             has_height=tracks.has_height,
         )
-
-    def _end_tracks(self) -> None:
-        """Forget tracks with too many misses, and those that cannot begin any more."""
-        tracks, rule = self._tracks, self._rule
-        left = rule.confirm_window - tracks.looks
-        may_begin = (left > 0) & (tracks.hits + left >= rule.confirm_hits)
-        goes_on = tracks.misses < rule.drop_misses
-        self._tracks = tracks.rows(np.flatnonzero(np.where(tracks.track > 0, goes_on, may_begin)))
 
 
 def least_sum(row: Ints, column: Ints, cost: Floats) -> Ints:

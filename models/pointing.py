@@ -82,12 +82,14 @@ def moved(state: Pointing, aim: Aim, mount: Mount, t_utc_ns: int) -> Pointing:
     on_deg, pan_rate = _turned(to_pan_deg, state.pan_rate_deg_s, mount.pan, dt_s)
     to_tilt_deg = aim.tilt_deg - state.tilt_deg
     up_deg, tilt_rate = _turned(to_tilt_deg, state.tilt_rate_deg_s, mount.tilt, dt_s)
+    zoom, step = float(np.log(aim.field_deg / state.field_deg)), _zoom_rate(mount) * dt_s
+    zoomed_deg = state.field_deg * float(np.exp(np.copysign(step, zoom)))
     return replace(
         state,
         t_utc_ns=t_utc_ns,
         pan_deg=float(wrap_360(state.pan_deg + on_deg)),
         tilt_deg=state.tilt_deg + up_deg,
-        field_deg=_zoomed(state.field_deg, aim.field_deg, mount, dt_s),
+        field_deg=aim.field_deg if abs(zoom) <= step else zoomed_deg,
         pan_rate_deg_s=pan_rate,
         tilt_rate_deg_s=tilt_rate,
     )
@@ -141,11 +143,6 @@ def _zoom_rate(mount: Mount) -> float:
     if not mount.zoom_s or mount.field_max_deg <= mount.field_min_deg:
         return float("inf")
     return float(np.log(mount.field_max_deg / mount.field_min_deg) / mount.zoom_s)
-
-
-def _zoomed(field_deg: float, wanted_deg: float, mount: Mount, dt_s: float) -> float:
-    way, step = float(np.log(wanted_deg / field_deg)), _zoom_rate(mount) * dt_s
-    return wanted_deg if abs(way) <= step else field_deg * float(np.exp(np.copysign(step, way)))
 
 
 def to_mount(position_enu_m: Floats, pan_deg: ArrayLike, tilt_deg: ArrayLike) -> Floats:

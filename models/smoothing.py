@@ -44,7 +44,12 @@ def smooth(
     if len(t) > 2:
         for column, lambda_m2 in enumerate(smoothing):
             position[:, column], curvature[1:-1, column] = _reinsch(h, y[:, column], lambda_m2)
-    return position, _slopes(h, position, curvature)
+    # First derivative at every knot of the cubic with those values and second derivatives.
+    h = h[:, None]
+    chord, slopes = np.diff(position, axis=0) / h, np.empty_like(position)
+    slopes[:-1] = chord - h * (2 * curvature[:-1] + curvature[1:]) / 6
+    slopes[-1] = chord[-1] + h[-1] * (curvature[-2] + 2 * curvature[-1]) / 6
+    return position, slopes
 
 
 def _reinsch(h: Floats, y: Floats, smoothing: float) -> tuple[Floats, Floats]:
@@ -65,13 +70,3 @@ def _reinsch(h: Floats, y: Floats, smoothing: float) -> tuple[Floats, Floats]:
     change[1:-1] += here * c
     change[2:] += after * c
     return y - smoothing * change, c
-
-
-def _slopes(h: Floats, position: Floats, curvature: Floats) -> Floats:
-    """First derivative at every knot of the cubic with those values and second derivatives."""
-    h = h[:, None]
-    chord = np.diff(position, axis=0) / h
-    slopes = np.empty_like(position)
-    slopes[:-1] = chord - h * (2 * curvature[:-1] + curvature[1:]) / 6
-    slopes[-1] = chord[-1] + h[-1] * (curvature[-2] + 2 * curvature[-1]) / 6
-    return slopes

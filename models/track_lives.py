@@ -93,7 +93,9 @@ class TrackLives:
 
         Time between this sector and the one before it is not counted: nobody looked.
         """
-        self._make_room(int(drone[-1]) + 1 if len(drone) else 0)
+        rows = int(drone[-1]) + 1 if len(drone) else 0
+        for name in _OF_LIVES:
+            setattr(self, name, with_room(getattr(self, name), rows))
         if self._end_ns is not None and start_ns > self._end_ns:
             self._looked_ns[self.drones] += start_ns - self._end_ns
         self._end_ns = end_ns
@@ -125,10 +127,6 @@ class TrackLives:
         n = max(n, int(self.drones.max(initial=-1)) + 1)
         for name in _OF_LIVES:
             setattr(self, name, trimmed(getattr(self, name), n))
-
-    def _make_room(self, drones: int) -> None:
-        for name in _OF_LIVES:
-            setattr(self, name, with_room(getattr(self, name), drones))
 
     def _count(self, drone: Ints, hit: Bools) -> None:
         self._hits[drone] = np.concatenate([self._hits[drone, 1:], hit[:, None]], axis=1)

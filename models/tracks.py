@@ -152,7 +152,9 @@ class SmoothedTruth:
         `truth` is of that time, for the drones looked at and those in `drones`, as far as they are
         still there. A track whose drone is gone flies straight on until it ends.
         """
-        self._make_room(int(looks.drone[-1]) + 1 if len(looks) else 0)
+        rows = int(looks.drone[-1]) + 1 if len(looks) else 0
+        for name in _OF_SMOOTHED:
+            setattr(self, name, with_room(getattr(self, name), rows))
         looks = looks.rows(np.isin(looks.drone, truth.drone))
         # Of its plots of late: those before it knew the drone are another life's.
         unknown = np.setdiff1d(looks.drone, self.drones)
@@ -181,10 +183,6 @@ class SmoothedTruth:
             sigma_velocity_m_s=rate_hz * sigma_m,
             has_height=np.full(len(living), has_height, np.bool_),
         )
-
-    def _make_room(self, drones: int) -> None:
-        for name in _OF_SMOOTHED:
-            setattr(self, name, with_room(getattr(self, name), drones))
 
     def _learn_errors(self, hits: TrackerLooks) -> None:
         """A fading mean of the plots' covariances, by alpha; one without bounds teaches nothing."""

@@ -12,13 +12,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from heapq import heapify, heappop
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
-from plotfeed.models.numerics import as_floats
 from plotfeed.models.state import (
     DRONE,
     NS,
@@ -28,7 +27,6 @@ from plotfeed.models.state import (
     Emitter,
     Floats,
     Ints,
-    PlaceState,
     Signature,
     Signatures,
     Texts,
@@ -786,8 +784,6 @@ def slope(coefficients: Floats, tau_s: Floats) -> Floats:
     return velocity_m_s
 
 
-S = TypeVar("S", bound=PlaceState)
-
 NOBODY = ""  # The name in a row that is free for another drone
 
 DEFAULT_SIGMA_M = 0.5  # Taken for the position accuracy of telemetry that states none
@@ -912,19 +908,6 @@ class Trajectories:
         """How many drones are known."""
         return len(self._index) - self._no_drones
 
-    def add_path(
-        self,
-        drone: str,
-        t_utc_ns: Sequence[int],
-        position_ecef_m: ArrayLike,
-        *,
-        signature: Signature,
-        repeat: bool = False,
-    ) -> None:
-        """A scripted path: constant velocity between knots (k, 3), gone after the last one."""
-        track = KnownTrack.straight(t_utc_ns, as_floats(position_ecef_m), repeat=repeat)
-        self.add_track(drone, track, signature)
-
     def add_track(self, drone: str, track: KnownTrack, signature: Signature) -> None:
         """All of a drone that has no samples yet."""
         rows = self._rows([drone])
@@ -972,23 +955,15 @@ class Trajectories:
 
     def state_at(self, t_utc_ns: ArrayLike, drones: Ints | None = None) -> TruthState:
         """The drones that are there at a time, or of `drones` (m,) those there at times (m,)."""
-        return self._at(t_utc_ns, drones, TruthState)
-
-    def places_at(self, t_utc_ns: ArrayLike, drones: Ints | None = None) -> PlaceState:
-        """`state_at` for who needs no velocities."""
-        return self._at(t_utc_ns, drones, PlaceState)
-
-    def _at(self, t_utc_ns: ArrayLike, drones: Ints | None, kind: type[S]) -> S:
         rows = np.arange(len(self.names)) if drones is None else drones
         t = np.full(rows.shape, t_utc_ns, np.int64)
         there, tau_s, coefficients = self._at_hand.at(t, rows, everybody=drones is None)
         if not there.all():
             rows, t, tau_s = rows[there], t[there], tau_s[there]
             coefficients = coefficients[:, :, there]
-        columns = {"drone": rows, "t_utc_ns": t, "position_ecef_m": place(coefficients, tau_s).T}
-        if issubclass(kind, TruthState):
-            columns["velocity_ecef_m_s"] = slope(coefficients, tau_s).T
-        return kind.holding(columns)
+        position_ecef_m, velocity_ecef_m_s = (of(coefficients, tau_s).T for of in (place, slope))
+        columns = {"drone": rows, "t_utc_ns": t, "position_ecef_m": position_ecef_m}
+        return TruthState.holding({**columns, "velocity_ecef_m_s": velocity_ecef_m_s})
 
     def position_at(self, t_utc_ns: Ints, drones: Ints) -> Floats:
         """ECEF positions of drones (m,) at times (m,), metres; (m, 3), NaN for one not there."""

@@ -30,15 +30,7 @@ from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam import Borders, Sector, Sectors, Timetable, Timetables, meetings
 from plotfeed.models.chance import NO_SCAN, Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
 from plotfeed.models.effects.classification import ClaimDraws
-from plotfeed.models.frames import (
-    Axes,
-    LocalFrame,
-    LocalFrames,
-    aer_to_enu,
-    enu_to_aer,
-    frames_at,
-    rows_about,
-)
+from plotfeed.models.frames import Axes, LocalFrame, LocalFrames, aer_to_enu, enu_to_aer, rows_about
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import (
@@ -487,9 +479,9 @@ class SensorGroup:
         trajectories = self._at_work.trajectories
         ends_ns, at = np.unique(sectors.end_ns, return_inverse=True)
         positions_ecef_m = trajectories.positions_at(ends_ns)
-        frames = frames_at(self._frames, sectors.sensor[:, None])
+        frames = self._frames.rows(sectors.sensor[:, None])
         reach_m = self._reach(sectors.sensor)
-        about = rows_about(frames_at(self._frames, sectors.sensor), positions_ecef_m, reach_m)
+        about = rows_about(self._frames.rows(sectors.sensor), positions_ecef_m, reach_m)
         near = frames.has_within(positions_ecef_m[:, about][at], reach_m[:, None])
         row, column = np.nonzero(near)
         drone = about[column]
@@ -505,7 +497,7 @@ class SensorGroup:
 
     def _targets(self, truth: PlaceState, row: Ints, sensors: Ints) -> tuple[Targets, Ints]:
         """Drones as they are and as they are sensed, and the row of each; `sensors` are by row."""
-        frames = frames_at(self._frames, sensors[row])
+        frames = self._frames.rows(sensors[row])
         true_position_enu_m = frames.from_ecef(truth.position_ecef_m)
         sensed, t_utc_ns, position_enu_m = truth, truth.t_utc_ns, true_position_enu_m
         if self._travels:
@@ -561,7 +553,7 @@ class SensorGroup:
             if not alive.all():
                 there, departure_ns = there[alive], departure_ns[alive]
                 position_ecef_m = position_ecef_m[alive]
-            position_enu_m = frames_at(self._frames, sensor[there]).from_ecef(position_ecef_m)
+            position_enu_m = self._frames.rows(sensor[there]).from_ecef(position_ecef_m)
         sensed = PlaceState(
             drone=truth.drone[there], t_utc_ns=departure_ns, position_ecef_m=position_ecef_m
         )
@@ -597,7 +589,7 @@ class SensorGroup:
         plots, plots_by = self._by_sector(sectors, plots)
         if self.site.tells_heights and len(plots):
             sensor = np.repeat(sectors.sensor, np.diff(plots_by))
-            plots = with_heights(plots, frames_at(self._frames, sensor))
+            plots = with_heights(plots, self._frames.rows(sensor))
         names = self._at_work.trajectories.names
         return Batch(
             sectors, plots, plots_by, looks, looks_by, sensors=self._at_work.names, names=names

@@ -18,7 +18,7 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.frames import LocalFrames, aer_to_enu, frames_at
+from plotfeed.models.frames import LocalFrames, aer_to_enu
 from plotfeed.models.state import Floats, Plots
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.asterix.codec.encode import Parts
@@ -84,7 +84,7 @@ class Asterix048(AsterixFormat):
             return 0.0
         if self._sea_level.level_m is not None:
             return self._sea_level.level_m
-        frames = frames_at(self._frames, parts.of_rows())
+        frames = self._frames.rows(parts.of_rows())
         there_enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
         return self._sea_level.undulation_m(*frames.to_geodetic(there_enu_m)[:2])
 

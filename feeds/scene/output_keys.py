@@ -503,41 +503,8 @@ class DestinationTables(SceneTable):
                     )
 
 
-def outgoing_of(
-    mqtt: Mqtt,
-    sapient: SapientKeys,
-    destinations: DestinationTables,
-    sources: tuple[TelemetrySource, ...],
-    file: Callable[[str], Path],
-) -> WaysOut:
-    """What a scene's keys say; `file` finds the files that they name."""
-    names = (
-        mqtt.ca_file,
-        mqtt.client_certificate_file,
-        mqtt.client_key_file,
-        mqtt.credentials_file,
-    )
-    ca, certificate, key, credentials = (None if n is None else file(n) for n in names)
-    return WaysOut(
-        broker=mqtt.broker,
-        port=mqtt.port if "port" in mqtt.model_fields_set else None,
-        embedded=mqtt.embedded,
-        ca_file=ca,
-        certificate_file=certificate,
-        key_file=key,
-        credentials_file=credentials,
-        udp=destinations.udp,
-        tak=_found(destinations.tak, file),
-        http=_found(destinations.http, file),
-        websocket=destinations.websocket,
-        remote_id_service=destinations.remote_id_service,
-        middleware=sapient.middleware,
-        sources=sources,
-    )
-
-
-def _found(destinations: Iterable[Q], file: Callable[[str], Path]) -> tuple[Q, ...]:
-    """DestinationTables whose files are named by where they are."""
+def with_files(destinations: Iterable[Q], file: Callable[[str], Path]) -> tuple[Q, ...]:
+    """Destinations whose files are named by where they are, which `file` finds."""
     found = []
     for each in destinations:
         named = {name: getattr(each, name, None) for name in FILES}

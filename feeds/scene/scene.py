@@ -26,7 +26,7 @@ from plotfeed.feeds.scene.output_keys import (
     PageKeys,
     SapientKeys,
     WaysOut,
-    outgoing_of,
+    with_files,
 )
 from plotfeed.feeds.scene.problems import located, problems_of
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -382,8 +382,27 @@ class Scene(DestinationTables, WorldKeys):
         """DestinationTables by the scene's own keys, unless somebody has named others."""
         if self._outgoing is not None:
             return self._outgoing
-        sources = self.telemetry.source
-        return outgoing_of(self.mqtt, self.sapient, self, sources, self.file)
+        mqtt = self.mqtt
+        named = (mqtt.ca_file, mqtt.client_certificate_file, mqtt.client_key_file)
+        ca, certificate, key, credentials = (
+            None if name is None else self.file(name) for name in (*named, mqtt.credentials_file)
+        )
+        return WaysOut(
+            broker=mqtt.broker,
+            port=mqtt.port if "port" in mqtt.model_fields_set else None,
+            embedded=mqtt.embedded,
+            ca_file=ca,
+            certificate_file=certificate,
+            key_file=key,
+            credentials_file=credentials,
+            udp=self.udp,
+            tak=with_files(self.tak, self.file),
+            http=with_files(self.http, self.file),
+            websocket=self.websocket,
+            remote_id_service=self.remote_id_service,
+            middleware=self.sapient.middleware,
+            sources=self.telemetry.source,
+        )
 
     def sent_to(self, outgoing: WaysOut) -> Self:
         """Copy it with other destinations; its text and keys do not change."""
@@ -461,7 +480,9 @@ def from_tree(tree: dict[str, Any], path: Path, text: str = "") -> Scene:
     of_systems: list[tuple[str, str]] = []
     problems: list[tuple[str, str]] = []
     whose: dict[str, str] = {}
-    if _names_presets(tree):
+    sensors = tree.get("sensor")
+    of_sensors = sensors if isinstance(sensors, list) else []
+    if "system" in tree or any(isinstance(s, dict) and "preset" in s for s in of_sensors):
         from plotfeed.feeds.scene.presets.preset import with_presets
         from plotfeed.feeds.scene.presets.system import with_systems
 
@@ -474,21 +495,10 @@ def from_tree(tree: dict[str, Any], path: Path, text: str = "") -> Scene:
         # A sensor without its preset lacks keys that nobody wanted to write.
         others = (p for p in problems_of(error, tree) if p[0].partition(".")[0] not in misused)
         problems += islice(others, MAX_PROBLEMS)
-    problems = of_systems + [(_renamed(key, whose), what) for key, what in problems]
-    if problems:
+    parts = [(key.partition("."), what) for key, what in problems]
+    # A key of a system's sensor is told as the scene has it: of the system.
+    renamed = [(whose.get(of, of) + dot + rest, what) for (of, dot, rest), what in parts]
+    if problems := of_systems + renamed:
         raise SceneError(path, problems, written, text)
     scene._path, scene._text = path, text
     return scene
-
-
-def _names_presets(tree: dict[str, Any]) -> bool:
-    sensors = tree.get("sensor")
-    return "system" in tree or (
-        isinstance(sensors, list) and any(isinstance(s, dict) and "preset" in s for s in sensors)
-    )
-
-
-def _renamed(key: str, whose: Mapping[str, str]) -> str:
-    """The key of a problem as the scene has it: of a system, if it is of one of its sensors."""
-    sensor, dot, rest = key.partition(".")
-    return f"{whose[sensor]}{dot}{rest}" if sensor in whose else key

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit
 
-from plotfeed.models.state import Bools, Floats
+from plotfeed.models.state import Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,14 +28,12 @@ class City:
         """Probability that a drone at that elevation is in sight; (...)."""
         return np.asarray(expit(self.b * (elevation_deg - self.a) - np.log(self.a)))
 
-    def is_in_sight(self, elevation_deg: Floats, draws: Floats | None) -> Bools:
-        """Whether drones are in sight, by a uniform draw of each; without draws, the likelier."""
-        chance = self.sight_probability(elevation_deg)
-        return chance > (0.5 if draws is None else draws[0])
-
     def power_factor(self, elevation_deg: Floats, draws: Floats | None) -> Floats:
-        """Factor of power beyond free space; (n,), and (2, n) draws of pairs."""
-        sight = self.is_in_sight(elevation_deg, draws)
+        """Factor of power beyond free space; (n,), and (2, n) draws of pairs: uniform and normal.
+
+        Without draws, of what is likelier, in sight or not.
+        """
+        sight = self.sight_probability(elevation_deg) > (0.5 if draws is None else draws[0])
         lost_db = np.where(sight, self.in_sight_db, self.hidden_db)
         if draws is not None:
             lost_db = lost_db + self.shadowing_db * draws[1]

@@ -62,8 +62,8 @@ class Doppler:
 
     def sigma_m_s(self, snr: Floats, channel: Ints) -> Floats:
         """Standard deviation of a rate at a detection's own signal-to-noise ratio; (n,)."""
-        sigma_m_s = accuracy.sigma_rate_m_s(snr, self._cells_m_s[channel])
-        return accuracy.with_floor(sigma_m_s, self._floors_m_s[channel])
+        sigma_m_s = accuracy.sigma_rate_m_s(snr, np.array(self.cells_m_s)[channel])
+        return accuracy.with_floor(sigma_m_s, np.array(self.floors_m_s)[channel])
 
     def measured(
         self,
@@ -93,14 +93,6 @@ class Doppler:
             "range_rate_m_s": self._spans_m_s[channel] * (rng.random(len(snr)) - 0.5),
             "sigma_range_rate_m_s": self.sigma_m_s(snr, channel),
         }
-
-    @cached_property
-    def _cells_m_s(self) -> Floats:
-        return np.array(self.cells_m_s)
-
-    @cached_property
-    def _floors_m_s(self) -> Floats:
-        return np.array(self.floors_m_s)
 
     @cached_property
     def _spans_m_s(self) -> Floats:

@@ -219,7 +219,10 @@ class Obstruction:
         self, place_enu_m: Floats, wavelength_m: ArrayLike, from_enu_m: ArrayLike = (0.0, 0.0, 0.0)
     ) -> Floats:
         """Factor of power one way, of places (..., 3) from one of its ends; (...) out."""
-        which = self._nearest(as_floats(from_enu_m))
+        which, from_m = 0, as_floats(from_enu_m)
+        if len(self.horizons) > 1 and from_m.any():
+            ends_m = np.array([self.frames[0].from_ecef(f.origin_ecef_m) for f in self.frames])
+            which = int(np.argmin(((ends_m - from_m.reshape(-1, 3)[0]) ** 2).sum(axis=1)))
         if which:
             place_enu_m = self.frames[which].from_ecef(self.frames[0].to_ecef(place_enu_m))
         east, north, up = place_enu_m[..., 0], place_enu_m[..., 1], place_enu_m[..., 2]
@@ -233,14 +236,3 @@ class Obstruction:
         nu = edge_m * over * np.sqrt(2 * reciprocals / as_floats(wavelength_m))
         lost_db = knife_edge_loss_db(nu)
         return np.where(np.isnan(lost_db), 1.0, 10 ** (-lost_db / 10))
-
-    def _nearest(self, from_enu_m: Floats) -> int:
-        """Which of its ends that is."""
-        if len(self.horizons) == 1 or not from_enu_m.any():
-            return 0
-        ends = self._ends_enu_m
-        return int(np.argmin(((ends - from_enu_m.reshape(-1, 3)[0]) ** 2).sum(axis=1)))
-
-    @cached_property
-    def _ends_enu_m(self) -> Floats:
-        return np.array([self.frames[0].from_ecef(f.origin_ecef_m) for f in self.frames])

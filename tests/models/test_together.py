@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from plotfeed.models.beam import Sector, Sectors, Timetable, Timetables
 from plotfeed.models.chance import Chance, DrawsBySensor, Purpose, ScanDraws
 from plotfeed.models.effects.readings import SkewFrame
-from plotfeed.models.frames import Axes, LocalFrame, LocalFrames, frames_at
+from plotfeed.models.frames import Axes, LocalFrame, LocalFrames
 
 S = 1_000_000_000
 SPANS = st.tuples(
@@ -90,7 +90,7 @@ def test_frames_of_rows_are_those_of_each_to_the_last_bit(n: int) -> None:
     enu_m[0, :2] = 0.0
     ecef_m = np.array([every[i].to_ecef(place) for i, place in zip(which, enu_m, strict=True)])
     azimuth_deg, elevation_deg = rng.uniform(0, 360, n), rng.uniform(-5, 80, n)
-    rows = frames_at(LocalFrames.of(every), which)
+    rows = LocalFrames.of(every).rows(which)
 
     def each(method: str, *columns: Any) -> Any:
         return np.array(

@@ -11,7 +11,7 @@ from support.one_sample import add_sample
 
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import Floats, Signature, Signatures, TruthState
-from plotfeed.models.truth import Trajectories, fit_velocity
+from plotfeed.models.truth import KnownTrack, Trajectories, fit_velocity
 from plotfeed.proto.utc import NS
 
 T0 = 1_700_000_000 * NS
@@ -151,7 +151,7 @@ def test_spans_are_from_the_first_sample_to_the_last() -> None:
     for t_s in (2.0, 3.0, 5.0):
         sample(paths, t_s, (0.0, 0.0, 0.0))
     knots = np.stack([HOME.to_ecef(np.array([x, 0.0, 0.0])) for x in (0.0, 10.0)])
-    paths.add_path("b", [T0, T0 + 7 * NS], knots, signature=SIGNATURE)
+    paths.add_track("b", KnownTrack.straight([T0, T0 + 7 * NS], knots), SIGNATURE)
     assert (paths.spans_ns - T0).tolist() == [[2 * NS, 5 * NS], [0, 7 * NS]]
 
 
@@ -195,7 +195,7 @@ def scripted(*, repeat: bool) -> Trajectories:
     paths = trajectories()
     knots = HOME.to_ecef(np.array([(0.0, 0.0, 50.0), (100.0, 0.0, 50.0), (100.0, 60.0, 50.0)]))
     times = [T0, T0 + 10 * NS, T0 + 16 * NS]
-    paths.add_path("a", times, knots, signature=Signature(rcs_m2=0.02), repeat=repeat)
+    paths.add_track("a", KnownTrack.straight(times, knots, repeat=repeat), Signature(rcs_m2=0.02))
     return paths
 
 
@@ -428,7 +428,7 @@ def test_the_last_year_that_nanoseconds_hold_is_like_any_other() -> None:
 
 def test_the_latest_signature_counts() -> None:
     paths = scripted(repeat=False)
-    paths.add_path("a", [T0, T0 + NS], np.zeros((2, 3)), signature=Signature(rcs_m2=0.5))
+    paths.add_track("a", KnownTrack.straight([T0, T0 + NS], np.eye(2, 3)), Signature(rcs_m2=0.5))
     assert paths.signatures.rcs_m2[0] == 0.5
 
 

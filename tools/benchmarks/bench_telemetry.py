@@ -95,7 +95,7 @@ def cost_us(scene: Scene, by_tick: Ticks, content_type: str) -> tuple[float, flo
         marks.append(time.process_time_ns())
         inputs.take_in(now_ns, lambda: False)
         marks.append(time.process_time_ns())
-        trajectories.places_at(now_ns)
+        trajectories.state_at(now_ns)
         marks.append(time.process_time_ns())
         if tick >= len(by_tick) // 5:
             number += len(came)

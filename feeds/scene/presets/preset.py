@@ -14,7 +14,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from plotfeed.feeds.scene.fields import Frequency, NotNegative, Positive, SceneTable, Site
+from plotfeed.feeds.scene.drones import EmitterKeys
+from plotfeed.feeds.scene.fields import NotNegative, Positive, SceneTable, Site
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
 from plotfeed.models.numerics import root
@@ -48,15 +49,6 @@ class CatalogueTable(BaseModel):
     model_config = SceneTable.model_config
 
 
-class PresetEmitter(CatalogueTable):
-    """What a target radiates."""
-
-    frequency_hz: Frequency
-    bandwidth_hz: NotNegative
-    eirp_dbm: float
-    kind: str = ""
-
-
 class PresetTarget(CatalogueTable):
     """The target that a published range is for."""
 
@@ -65,7 +57,7 @@ class PresetTarget(CatalogueTable):
     above_sensor_m: NotNegative = 50.0
     rcs_m2: Positive | None = None
     sound_power_db: float | None = None
-    emitter: PresetEmitter | None = None
+    emitter: EmitterKeys | None = None
     size_m: Positive | None = None
     when: dict[str, Any] = Field(default_factory=dict)
     """Keys that the sensor has meanwhile, such as night."""

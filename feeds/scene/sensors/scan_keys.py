@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.scene.fields import ForAWhile, NotNegative, SceneTable
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.proto.utc import NS
-
-if TYPE_CHECKING:
-    pass
 
 
 class Event(ForAWhile):
@@ -26,6 +23,9 @@ class Event(ForAWhile):
 
 class _Periodic(SceneTable):
     """What all scans have in common."""
+
+    rotates: ClassVar[bool] = False
+    """Whether a beam turns."""
 
     period_s: Annotated[float, Field(ge=0.02, le=3600)]
     """Of a scan."""
@@ -51,11 +51,7 @@ class RotatingScan(_Periodic):
     """Which way of scanning."""
     sectors: Annotated[int, Field(ge=4, le=256)] = 32
     """Reports a turn; a divisor of 256 makes their edges exact in CAT034."""
-
-    @property
-    def rotates(self) -> bool:
-        """Whether a beam turns."""
-        return True
+    rotates = True
 
 
 class StaringScan(_Periodic):
@@ -63,16 +59,8 @@ class StaringScan(_Periodic):
 
     kind: Literal["staring"]
     """Which way of scanning."""
-
-    @property
-    def rotates(self) -> bool:
-        """Whether a beam turns."""
-        return False
-
-    @property
-    def sectors(self) -> int:
-        """Reports a scan."""
-        return 1
+    sectors: ClassVar[int] = 1
+    """Reports a scan."""
 
 
 class ElectronicScan(_Periodic):
@@ -80,6 +68,8 @@ class ElectronicScan(_Periodic):
 
     kind: Literal["electronic"]
     """Which way of scanning."""
+    sectors: ClassVar[int] = 1
+    """Reports a period."""
     dwell_s: Annotated[float, Field(ge=1e-5, le=10)]
     """How long the beam rests in a direction."""
     beam_spacing: Annotated[float, Field(ge=0.2, le=2)] = 1.0
@@ -104,16 +94,6 @@ class ElectronicScan(_Periodic):
         if self.period_s / self.dwell_s < FEWEST_DWELLS:
             raise ValueError(f"dwell_s: a period has at least {FEWEST_DWELLS} dwells")
         return self
-
-    @property
-    def rotates(self) -> bool:
-        """Whether a beam turns."""
-        return False
-
-    @property
-    def sectors(self) -> int:
-        """Reports a period."""
-        return 1
 
     def refuse_what_cannot_be(self, keys: Any) -> None:
         """Raise ValueError for keys of a radar that are not modelled of a steered beam."""

@@ -243,7 +243,7 @@ def test_neighbours_of_a_formation_are_so_far_apart(kind: str) -> None:
 def test_a_random_formation_is_by_the_seed_and_within_its_cylinder() -> None:
     area = {"kind": "random", "radius_m": 200.0, "height_spread_m": 60.0}
     swarm = SWARM | {"formation": area, "stagger_s": 0.0, "number": 400}
-    places = [Flown(swarm=[swarm]).trajectories.places_at(START_NS).position_ecef_m for _ in "ab"]
+    places = [Flown(swarm=[swarm]).trajectories.state_at(START_NS).position_ecef_m for _ in "ab"]
     assert np.array_equal(*places)
     enu = SITE.from_ecef(places[0]) - [-2000.0, 0.0, 59.7]
     away_m = np.hypot(enu[:, 0], enu[:, 1])
