@@ -18,9 +18,17 @@ OURSELVES := --no-deps --no-build-isolation --editable .
 has = $(shell command -v $(1))
 # Looked for at every call, so that what comes after the set-up is noticed.
 TOOLS := $(if $(call has,c++),.venv-asterix-decoder/.ready) $(if $(and $(call has,npm),$(call has,node)),.node/.ready)
-# What reads, computes, encodes and sends by means of others' packages.
-LOWEST := tests/replay tests/proto/sapient tests/feeds/telemetry/flights tests/feeds/formats \
-  tests/feeds/lab/test_needs.py tests/feeds/engine/test_sensors_together.py
+# A file or a test for what each of others' packages does here, and every number of the shipped scenes.
+LOWEST := tests/replay/mcap/test_mcap_reader.py tests/replay/test_parquet.py \
+  tests/replay/test_libasterix.py::test_the_records_of_a_capture_are_in_every_format \
+  tests/proto/sapient/test_sapient.py tests/feeds/formats/test_formats.py \
+  tests/feeds/telemetry/flights/test_golden_flights.py \
+  tests/feeds/telemetry/flights/test_dataflash.py tests/feeds/telemetry/flights/test_tlog.py \
+  tests/feeds/telemetry/test_foreign_files.py tests/feeds/engine/test_terrain_files.py \
+  tests/feeds/scene/test_sea_level.py tests/feeds/session/test_metrics.py \
+  tests/feeds/page/test_server.py \
+  tests/feeds/lab/test_oracle.py::test_every_shipped_scene_asks_what_its_sensors_do \
+  tests/feeds/lab/test_needs.py::test_the_commands_say_it_in_groups_and_draw_it
 
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
