@@ -321,9 +321,10 @@ def _read(asked: AskedSensor, place: Place, t_utc_ns: Ints) -> Place:
 def _sigmas(
     asked: AskedSensor | None, measured: MeasuredPlots, channel: Ints, steps: Mapping[str, float]
 ) -> dict[str, Floats]:
-    """Standard deviations by the columns: as they are stated, if that is fine enough.
+    """Standard deviations by the columns: within what is stated, if that is fine enough.
 
-    Those of a degraded sensor are as much larger as it was asked for.
+    In steps they are rounded up, and hold the rounding of their values. Those of a degraded sensor
+    are as much larger as it was asked for.
     """
     by_ratio: Mapping[str, Floats] = {}
     if asked is not None and steps:
@@ -336,8 +337,11 @@ def _sigmas(
         column = f"sigma_{name}"
         stated: Floats = getattr(measured, column, np.full(len(measured), np.nan))
         derived = by_ratio.get(column, np.full(len(measured), np.nan))
-        is_fine = stated >= COARSE * steps.get(column, 0.0)
-        found[name] = np.where(is_fine, stated, derived)
+        step = steps.get(column, 0.0)
+        most = np.sqrt(np.maximum(stated**2 - steps.get(name, 0.0) ** 2 / 12, 0.0))
+        usual = np.where(np.isnan(derived), most - step / 2, derived)
+        is_fine = stated >= COARSE * step
+        found[name] = np.where(is_fine, np.clip(usual, most - step, most), derived)
         if asked is not None:
             found[name] = found[name] * asked.error_factor
     return found

@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 from support.claimed_feeds import claims_of
 from support.doc_commands import doc_command
+from support.every_kind import GATE
 from support.ledgers import record_session
 from support.significance import assert_chance
 
@@ -121,18 +122,28 @@ def test_sectors_without_a_plot_count_among_those_in_which_false_alarms_might_ha
     assert simulated_feed(made, seen).scans == pytest.approx(600.0)
 
 
-def test_heights_finer_than_the_steps_in_which_they_are_told_are_as_asked(tmp_path: Path) -> None:
-    """Steps of 25 feet of altitude above mean sea level, which is 51 m above the ellipsoid."""
+@pytest.mark.parametrize(
+    ("sensor", "seconds", "names"),
+    [
+        # Steps of 25 feet of altitude above mean sea level, which is 51 m above the ellipsoid.
+        (radar(report=["asterix-048"]), 60.0, {"height", "height spread"}),
+        # 3.0001 m, the rounding of ranges in it, are told as 3.1.
+        (GATE | {"report": ["asterix-015"]}, 400.0, {"range", "range spread"}),
+    ],
+    ids=["heights", "sigmas"],
+)
+def test_what_a_format_tells_in_coarse_steps_is_expected_so(
+    tmp_path: Path, sensor: dict[str, Any], seconds: float, names: set[str]
+) -> None:
     drones = [
         flown(f"d{i}", *(waypoint(12.0 * i + n, 4.0 + n, 900.0 + 90.0 * i) for n in (0.0, 1.5)))
         for i in range(30)
     ]
-    path = tmp_path / "fine.toml"
-    path.write_text(scene([radar(report=["asterix-048"])], drones, seed=7).text)
-    verdicts = judged_recording(
-        record_session(path, tmp_path / "fine.mcap", 60.0), "asked"
-    ).verdicts
-    for name in ("height", "height spread"):
-        (check,) = (each for each in verdicts.checks if each.name == name)
-        assert check.of > 300
+    path = tmp_path / "steps.toml"
+    path.write_text(scene([sensor], drones, seed=7).text)
+    record = record_session(path, tmp_path / "steps.mcap", seconds)
+    checks = [c for c in judged_recording(record, "asked").verdicts.checks if c.name in names]
+    assert len(checks) == 2
+    for check in checks:
+        assert check.of > 800
         assert_chance(check.p, f"{check}")
