@@ -26,7 +26,7 @@ from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab import oracle
 from plotfeed.feeds.recording.recorder import SessionRecord
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
-from plotfeed.feeds.scene.fields import Site, frame_at
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor, sensor_of
@@ -50,7 +50,7 @@ from plotfeed.proto.plotfeed_pb2 import PlotBatch
 from plotfeed.proto.utc import NS, NS_IN_MS
 from plotfeed.replay.mcap.channels import ChannelKey
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT, Recorded, Stage
+from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 NO_PLOTS = MeasuredPlots.of(())
 TRUTH = "/truth"
@@ -160,20 +160,15 @@ class AskedSensor:
     # Its keys as it stands and looks, where these are others than those by which it is judged.
     standing: Sensor | None = None
 
-    @property
-    def site(self) -> Site:
-        """The site of its scene."""
-        return self.scene.scene.site
-
     @cached_property
     def model(self) -> SensorModel:
         """The model that its keys make."""
-        return self.keys.model(self.site)
+        return self.keys.model(self.scene.scene.site)
 
     @cached_property
     def frame(self) -> LocalFrame:
         """The sensor's place, with true axes."""
-        return frame_at(self.site, self.keys.position_enu_m)
+        return frame_at(self.scene.scene.site, self.keys.position_enu_m)
 
     @cached_property
     def own_axes(self) -> Floats | None:
@@ -196,15 +191,6 @@ class AskedSensor:
             return np.full(len(range_m), np.nan)
         there_enu_m = aer_to_enu(azimuth_deg, elevation_deg, range_m)
         return self.sea_level.undulation_m(*self.frame.to_geodetic(there_enu_m)[:2])
-
-    def folded_error(self, quantity: str, error: Floats, channel: Ints) -> Floats:
-        """Errors of what looks alike after a span, range rates and ranges by pulses; (n,)."""
-        doppler, intervals = (getattr(self.model, name, None) for name in ("doppler", "intervals"))
-        if quantity == "range rate" and doppler is not None:
-            return np.asarray(doppler.folded(error, channel))
-        if quantity == "range" and intervals is not None:
-            return np.asarray(intervals.nearest_m(error))
-        return error
 
     @cached_property
     def clock_ahead_ns(self) -> int:
@@ -488,8 +474,13 @@ class Evidence:
         self._path, self._file, self._folder = path, file, folder
         series = list(self.log.summary().counts)
         self._truths = truth_topics(series)
+        if not self._truths and self.log.damage:
+            raise PlotfeedError(f"{path}: holds no ledger that is whole: {self.log.damage[0]}")
         if not self._truths:
-            raise PlotfeedError(f"{path}: {self._without_ledger()}")
+            raise PlotfeedError(
+                f"{path}: holds no ledger: expected {LEDGER_BATCH} on a topic that ends in {TRUTH}"
+                ", as plotfeed run --record makes it"
+            )
         # Prefix and sensor of the topics and stages at which plots are.
         self.carriers = plot_topics_of(series, {*self._truths.values()}, stages)
         self._seen: OrderedDict[SectorKey, None] = OrderedDict()
@@ -515,18 +506,6 @@ class Evidence:
             return
         self.scene = scene
         self.asked = {s.id: AskedByTime(scene, s, settings, start_utc_ns) for s in scene.sensor}
-
-    @property
-    def has_scene(self) -> bool:
-        """Whether it has a scene with it, of use or not."""
-        return any(attachment.name == SCENE_NAME for attachment in self.log.attachments())
-
-    def carrier_of(self, when: Mapping[Stage, str]) -> dict[tuple[str, str], str]:
-        """Where plots were found, by prefix and sensor: the kind, and the word for the stage."""
-        return {
-            whose: f"{topic.removeprefix('/'.join(whose)).strip('/')}, {when[stage]}"
-            for (topic, stage), whose in self.carriers.items()
-        }
 
     def parts(self) -> Iterator[EvidencePart]:
         """All of it, in the order of the file, some messages at a time."""
@@ -564,14 +543,6 @@ class Evidence:
             which.append(row)
             keys.append(key)
         return told.of(np.array(which, np.int64)), keys
-
-    def _without_ledger(self) -> str:
-        if self.log.damage:
-            return f"holds no ledger that is whole: {self.log.damage[0]}"
-        return (
-            f"holds no ledger: expected {LEDGER_BATCH} on a topic that ends in {TRUTH}, "
-            "as plotfeed run --record makes it"
-        )
 
 
 def _some_of(messages: Iterator[Recorded]) -> list[Recorded]:

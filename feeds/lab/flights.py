@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -235,13 +235,6 @@ def stands_of(log: McapReader, scene: Scene | None) -> tuple[dict[str, LocalFram
         frames = {sensor.id: frame_at(site, sensor.position_enu_m) for sensor in scene.sensor}
         return frames, max((sensor.scan.period_s for sensor in scene.sensor), default=1.0)
     found, longest_s = {}, 1.0
-    for name, frame, period_s in _described(log):
-        found[name] = frame
-        longest_s = max(longest_s, period_s)
-    return found, longest_s
-
-
-def _described(log: McapReader) -> Iterator[tuple[str, LocalFrame, float]]:
     topics = {s.topic for s in log.summary().counts if s.topic.endswith(DESCRIPTION)}
     for message in log.messages(topics=topics, stages=WHAT_LEFT):
         try:
@@ -250,6 +243,8 @@ def _described(log: McapReader) -> Iterator[tuple[str, LocalFrame, float]]:
             period_s = float(told.get("scan_period_s", 1.0))
             frame = LocalFrame(*place)
             if np.isfinite(frame.origin_ecef_m).all() and 0 < period_s < 1e4:
-                yield str(told["sensor"]), frame, period_s
+                found[str(told["sensor"])] = frame
+                longest_s = max(longest_s, period_s)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             continue
+    return found, longest_s

@@ -56,7 +56,7 @@ from plotfeed.models.state import OTHER, Bools, Ints, Texts
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import LedgerTables, ToldMessages, ToldPlots
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.recorded import WHAT_LEFT, Damage, Stage
+from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT, Damage, Stage
 
 # Settings of one sensor's link, of which numbers have an octet; others are not told.
 MAX_LINKS = 100
@@ -65,25 +65,14 @@ MAX_SENSORS = 10_000
 MOST_HELD = 400_000
 # Of one sensor, from which on they are judged, however many sensors there are.
 FEWEST_HELD = 2000
-# Plots that wait sector by sector, each of which takes 4 KiB, until all are judged by the ledger.
+# Plots that wait, until all are judged by the ledger.
 MOST_WAITING = 20_000
 # In a row, of which is looked which are lacking although the sensor was at work.
 MOST_RUNS = 1000
 # Of a sensor, which takes so many times 32 octets.
 WRITTEN_TOGETHER = 4096
 STAGES: Mapping[Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
-WHEN: Mapping[Against, Mapping[Stage, str]] = {
-    "asked": {
-        Stage.BEFORE: "before the link",
-        Stage.AFTER: "after the link",
-        Stage.RECEIVED: "as received",
-    },
-    "claimed": {
-        Stage.BEFORE: "before the link",
-        Stage.AFTER: "as delivered",
-        Stage.RECEIVED: "as received",
-    },
-}
+NOT_CLAIMED = "clutter that the scene has beside, or side lobes bring, is not claimed"
 OF_LOOKS = (
     *("channel", "t_utc_ns", "emitted_utc_ns", "range_m", "azimuth_deg", "elevation_deg"),
     *("pd", "detected"),
@@ -298,6 +287,8 @@ class Gathering:
             told.append(part.told.rows(is_kept))
             looks.append(part.looks.but(sector=first + part.looks.sector))
             first += len(part.keys)
+        has_clutter = self.of_others[CLUTTER] or self.of_others[SIDELOBE]
+        has_clutter = bool(has_clutter) and self._against == "claimed"
         self.tally.take(
             SensorFeed(
                 looks=FeedLooks.joined(looks),
@@ -309,15 +300,9 @@ class Gathering:
                 names=list(self._names),
                 told=ToldTruth.joined(told) if self._against == "asked" else None,
                 false_alarms=sum(part.false_alarms for part in parts),
-                why_no_clutter=self._why_no_clutter,
+                why_no_clutter=NOT_CLAIMED if has_clutter else "",
             )
         )
-
-    @property
-    def _why_no_clutter(self) -> str:
-        if self._against == "claimed" and (self.of_others[CLUTTER] or self.of_others[SIDELOBE]):
-            return "clutter that the scene has beside, or side lobes bring, is not claimed"
-        return ""
 
     def missed(self) -> int:
         """Sectors that are lacking although the sensor was at work."""
@@ -411,7 +396,8 @@ def echoes_of(told: LedgerTables, plots: ToldPlots) -> TrueEchoes:
 def judged_recording(path: Path, against: Against) -> FeedReport:
     """Judge a recording; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
     with Evidence.of(path, STAGES[against]) as evidence:
-        if evidence.has_scene or against == "claimed":
+        attached = (attachment.name for attachment in evidence.log.attachments())
+        if against == "claimed" or SCENE_NAME in attached:
             evidence.ask()
         found = _gathered(evidence, against)
         scene = evidence.scene
@@ -420,7 +406,12 @@ def judged_recording(path: Path, against: Against) -> FeedReport:
         sensors = sorted(found, key=lambda key: (key[0], places.get(key[1], len(places)), key[1]))
         several = len({prefix for prefix, _ in sensors}) > 1
         names = {key: "/".join(key) if several else key[1] for key in sensors}
-        plots_from = evidence.carrier_of(WHEN[against])
+        after = "after the link" if against == "asked" else "as delivered"
+        when = {Stage.BEFORE: "before the link", Stage.AFTER: after, Stage.RECEIVED: "as received"}
+        plots_from = {
+            whose: f"{topic.removeprefix('/'.join(whose)).strip('/')}, {when[stage]}"
+            for (topic, stage), whose in evidence.carriers.items()
+        }
         links = [
             link_figures(names[key], number, link, order)
             for key in sensors

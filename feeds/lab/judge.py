@@ -204,10 +204,12 @@ class FeedTally:
         # Number, sum and sum of squares of stated variances over expected ones.
         self._sigmas = np.zeros((len(NAMES), 3))
         self._why_no_alarms = ""
+        self._bins: list[PdFigures] | None = None  # As far as they are worked out already
 
     @np.errstate(all="ignore")  # whatever numbers others have recorded
     def take(self, feed: SensorFeed) -> None:
         """Take sectors."""
+        self._bins = None
         self.scans += feed.scans
         self._plots += len(feed.plots)
         self.why_no_clutter = self.why_no_clutter or feed.why_no_clutter
@@ -321,7 +323,9 @@ class FeedTally:
 
     def by_range(self) -> list[PdFigures]:
         """Looks of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
-        return pd_by_range(self.looks.tally)
+        if self._bins is None:
+            self._bins = pd_by_range(self.looks.tally)
+        return self._bins
 
     def _by_range(self) -> Iterator[Check]:
         bins = self.by_range() if self._against == "asked" else ()
@@ -875,22 +879,13 @@ class Verdicts:
         }
 
 
+# Of a check, in the order of JSON.
+TOLD = ("sensor", "link", "name", "unit", "expected", "found", "sigma", "z", "p", "of", "wrong",
+        "why_not")  # fmt: skip
+
+
 def check_json(check: Check, against: Against) -> dict[str, Any]:
     """A check for JSON."""
-    told: dict[str, Any] = finite(
-        {
-            "sensor": check.sensor,
-            "link": check.link,
-            "check": check.name,
-            "unit": check.unit,
-            against: check.expected,
-            "found": check.found,
-            "sigma": check.sigma,
-            "z": check.z,
-            "p": check.p,
-            "of": check.of,
-            "wrong": check.wrong,
-            "why_not": check.why_not,
-        }
-    )
+    called = {"name": "check", "expected": against}
+    told: dict[str, Any] = finite({called.get(n, n): getattr(check, n) for n in TOLD})
     return told

@@ -222,6 +222,8 @@ def compared(
         level_m = asked.undulation_m(*place)
     values = _values(measured, expected, level_m)
     found = Comparison({}, {}, int(left_out.sum()), {})
+    model: Any = None if asked is None else asked.model
+    doppler, intervals = (getattr(model, name, None) for name in ("doppler", "intervals"))
     for name, (column, _) in QUANTITIES.items():
         if name not in expected or not np.isfinite(values[name]).any():
             continue
@@ -233,8 +235,10 @@ def compared(
         error = values[name] - law.mean
         if name == "azimuth":
             error = wrap_180(error)
-        if asked is not None:
-            error = asked.folded_error(name, error, channel)
+        if name == "range rate" and doppler is not None:  # what looks alike after a span
+            error = doppler.folded(error, channel)
+        if name == "range" and intervals is not None:
+            error = intervals.nearest_m(error)
         error = np.where(left_out, np.nan, error)
         found.errors[name], found.expected[name] = error, law
         if name != "height" and not (name == "range" and asked is not None and asked.is_bistatic):

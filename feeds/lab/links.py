@@ -7,7 +7,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -324,7 +323,7 @@ class LinkFigures:
 
 def link_figures(sensor: str, number: int, of: LinkMessages, order: Order) -> LinkFigures:
     """What a link asked and what it delivered, in figures."""
-    asked, first = of.setting.asked, of.first
+    text, asked, first = of.setting.text, of.setting.asked, of.first
     fates = Counter(first.fate.tolist())
     passed, lost = len(of.let_through), fates[pb.LOST]
     corrupted = int((of.let_through.flipped_bit >= 0).sum())
@@ -332,7 +331,7 @@ def link_figures(sensor: str, number: int, of: LinkMessages, order: Order) -> Li
     return LinkFigures(
         sensor=sensor,
         number=number,
-        link=_keys(of.setting),
+        link=text if text and asked is None else json.loads(text or "{}"),
         link_problem=of.setting.problem,
         first_utc_ns=int(first.due_utc_ns.min(initial=1 << 62)) if len(first) else 0,
         last_utc_ns=int(first.due_utc_ns.max(initial=-(1 << 62))) if len(first) else 0,
@@ -353,12 +352,6 @@ def link_figures(sensor: str, number: int, of: LinkMessages, order: Order) -> Li
         overtook=_overtaking(asked, order),
         other_fates={name: fates[fate] for name, fate in OTHER_FATES.items()},
     )
-
-
-def _keys(setting: Setting) -> Any:
-    if not setting.text:
-        return {}
-    return setting.text if setting.asked is None else json.loads(setting.text)
 
 
 def _times(

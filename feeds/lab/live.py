@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -168,6 +168,8 @@ class LiveScore(Observer):
             return None
         now, drones, tracks = self._figures(session, now_utc_ns)
         self._window.append(now)
+        there = {name: [s[name] for s in self._window if np.isfinite(s[name])] for name in now}
+        means = {name: float(np.mean(each)) if each else None for name, each in there.items()}
         self._seconds += 1
         if self._seconds % EVERY_SECONDS == 0:
             self._check_feeds(session, now_utc_ns)
@@ -184,7 +186,7 @@ class LiveScore(Observer):
                 "problem": self._problem or ("" if self._reports else "no tracks have come"),
                 "now": now,
                 "window_s": len(self._window),
-                "window": _means(self._window),
+                "window": means,
                 "feed_false_rate": FALSE_RATES["claimed"],
                 "feed": list(self._told_feeds()),
             }
@@ -253,12 +255,6 @@ class LiveScore(Observer):
                 yield check_json(replace(each, sensor=sensor, wrong=wrong), "claimed")
 
 
-def _means(window: Sequence[Mapping[str, float]] | deque[dict[str, float]]) -> dict[str, float]:
-    """Means of figures over the seconds at which they are there."""
-    there = {name: [s[name] for s in window if np.isfinite(s[name])] for name in window[0]}
-    return {name: float(np.mean(each)) if each else np.nan for name, each in there.items()}
-
-
 class _FeedSoFar:
     """What came of one sensor since a block began."""
 
@@ -307,12 +303,6 @@ TOPIC = "score"  # Behind the prefix; no sensor may have that name, since it is 
 OnScore = Callable[[dict[str, Any]], None]
 
 
-def load_judges() -> None:
-    """Load what scores need, which takes longer than a session may be held up."""
-    for name in ("plotfeed.feeds.lab.judge", "scipy.optimize"):
-        import_module(name)
-
-
 @contextlib.asynccontextmanager
 async def scoring(
     scene: Scene,
@@ -337,7 +327,8 @@ async def scoring(
     async def tell() -> None:
         number = 0
         await asyncio.sleep(EVERY_S)
-        await asyncio.to_thread(load_judges)
+        for name in ("plotfeed.feeds.lab.judge", "scipy.optimize"):  # longer than a tick may be
+            await asyncio.to_thread(import_module, name)
         while True:
             await asyncio.sleep(EVERY_S)
             now_ns = now_utc_ns()

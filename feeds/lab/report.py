@@ -296,15 +296,12 @@ def draw_report(told: FeedReport, path: Path) -> None:
         _error_spreads,
         _legend,
     )
-    with figure_of(INCHES, _title(told)) as figure:
+    name = printable(told.scene or Path(told.file).name)
+    title = f"{name}: asked and delivered, by {told.entries:,} entries of the ledger"
+    with figure_of(INCHES, title) as figure:
         for panel, axes in zip(panels, figure.subplots(2, 3).flat, strict=True):
             panel(axes, chosen)
         save_picture(figure, path)
-
-
-def _title(told: FeedReport) -> str:
-    name = told.scene or Path(told.file).name
-    return f"{printable(name)}: asked and delivered, by {told.entries:,} entries of the ledger"
 
 
 def _delay_curves(axes: Any, chosen: Chosen) -> None:
@@ -361,7 +358,9 @@ def _burst_lengths(axes: Any, chosen: Chosen) -> None:
         shown = asked > 0.2 / bursts.bursts
         axes.plot(lengths[shown], asked[shown], color=colour, **ASKED)
         delivered = np.array(bursts.delivered_survival)[: len(lengths)]
-        _points(axes, lengths, delivered, bursts.bursts, colour)
+        x, shares = lengths[delivered > 0], delivered[delivered > 0]
+        intervals = [share_interval(round(s * bursts.bursts), bursts.bursts) for s in shares]
+        _bars(axes, x, shares, np.array(intervals).T, colour)
     if drawn:
         axes.set_yscale("log")
         axes.xaxis.get_major_locator().set_params(integer=True)
@@ -373,14 +372,6 @@ def _burst_lengths(axes: Any, chosen: Chosen) -> None:
         drawn=drawn,
         nothing="no bursts of losses",
     )
-
-
-def _points(axes: Any, x: Any, shares: Any, of: int, colour: str) -> None:
-    """Shares of so many with their 95 % intervals."""
-    there = shares > 0
-    x, shares = x[there], shares[there]
-    intervals = [share_interval(round(share * of), of) for share in shares]
-    _bars(axes, x, shares, np.array(intervals).T, colour)
 
 
 def _bars(axes: Any, x: Any, y: Any, interval: Any, colour: str) -> None:

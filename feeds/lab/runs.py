@@ -452,7 +452,13 @@ def levels_of(files: Sequence[Path], varied: Sequence[VariedKey]) -> list[SweepL
     for file, scene in zip(files, scenes, strict=True):
         if not scene.text:
             raise PlotfeedError(f"{file}: holds nothing")
-    compared = list(zip(_scene_names(files, scenes), files, scenes, strict=True))
+    if len({path.resolve() for path in files}) < len(files):
+        raise PlotfeedError("a scene is there twice")
+    called = [scene.scene.name for scene in scenes]  # or else, where two are called so, its file
+    compared = [
+        (name if called.count(name) == 1 else str(file), file, scene)
+        for name, file, scene in zip(called, files, scenes, strict=True)
+    ]
     several = product(compared, product(*([(k.path, v) for v in k.values] for k in varied)))
     levels = [
         SweepLevel(number, name, str(file.resolve()), scene.text, changes)
@@ -463,15 +469,6 @@ def levels_of(files: Sequence[Path], varied: Sequence[VariedKey]) -> list[SweepL
     for level in levels:
         scene_of(level)
     return levels
-
-
-def _scene_names(files: Sequence[Path], scenes: Sequence[Scene]) -> Iterator[str]:
-    """What scenes call themselves, or else where two are called so, their files."""
-    called = [scene.scene.name for scene in scenes]
-    for file, name in zip(files, called, strict=True):
-        yield name if called.count(name) == 1 else str(file)
-    if len({path.resolve() for path in files}) < len(files):
-        raise PlotfeedError("a scene is there twice")
 
 
 @lru_cache(SCENES_AT_HAND)
@@ -563,7 +560,10 @@ class Journal:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = path.open("a+b", buffering=0)
         try:
-            self._hold()
+            try:
+                lock(self._file.fileno())
+            except OSError:
+                raise PlotfeedError(f"{self.path}: another process works on it") from None
             if anew:
                 self._file.truncate(0)
             self._read(json.loads(json.dumps(plan)))
@@ -591,12 +591,6 @@ class Journal:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
-    def _hold(self) -> None:
-        try:
-            lock(self._file.fileno())
-        except OSError:
-            raise PlotfeedError(f"{self.path}: another process works on it") from None
-
     def _read(self, plan: dict[str, Any]) -> None:
         self._file.seek(0)
         lines = self._file.read().splitlines(keepends=True)
@@ -607,9 +601,13 @@ class Journal:
                 found = json.loads(line) if line.endswith(b"\n") else None
             if not isinstance(found, dict):
                 break
-            if not n:
-                self._check(found, plan)
-            else:
+            keys = [] if n else sorted(found.keys() | plan.keys())
+            if other := [key for key in keys if found.get(key) != plan.get(key)]:
+                raise PlotfeedError(
+                    f"{self.path}: begun with other {', '.join(other)}; --force begins anew, "
+                    "and another folder leaves it alone"
+                )
+            if n:
                 self.done[found["level"], found["run"]] = found
             whole += len(line)
         if not whole and len(lines) > 1:
@@ -617,14 +615,6 @@ class Journal:
         self._file.truncate(whole)
         if not whole:
             self._write(plan)
-
-    def _check(self, before: dict[str, Any], plan: dict[str, Any]) -> None:
-        other = [key for key in before.keys() | plan.keys() if before.get(key) != plan.get(key)]
-        if other:
-            raise PlotfeedError(
-                f"{self.path}: begun with other {', '.join(sorted(other))}; --force begins anew, "
-                "and another folder leaves it alone"
-            )
 
     def _write(self, line: Mapping[str, Any]) -> None:
         with naming(str(self.path)):

@@ -40,7 +40,7 @@ from plotfeed.feeds.lab.scoring import (
     score_run,
     stretches,
 )
-from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells, percent
+from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells
 from plotfeed.feeds.lab.track_reports import read_tracks
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
@@ -188,9 +188,7 @@ class LimitVerdict:
             name=limit.title,
             figure=limit.figure,
             asked=limit.asked,
-            value=found.value,
-            low=found.low,
-            high=found.high,
+            **found._asdict(),
             status=status,
             of=of,
             note=note,
@@ -390,7 +388,7 @@ def set_table(score: Score) -> Table:
     """Figures of sets, as stamped and as known."""
     of = (score.as_stamped, score.as_known or Figures(), score.in_space)
     rows = [
-        (text, *(_told(each[name], form) for each in of)) for name, (text, form) in SETS.items()
+        (text, *(number(each[name], form) for each in of)) for name, (text, form) in SETS.items()
     ]
     heads = ("", "as stamped", "as known", "in space")
     return Table("Tracks beside drones, over time", of_cells(heads, "<>>>"), rows)
@@ -399,7 +397,9 @@ def set_table(score: Score) -> Table:
 def tables_of(score: Score) -> Iterator[Table]:
     """All other tables."""
     of = (score.reports, score.in_space)
-    told = [(text, *(_told(e[n], form) for e in of)) for n, (text, form) in REPORTS.items() if text]
+    told = [
+        (text, *(number(e[n], form) for e in of)) for n, (text, form) in REPORTS.items() if text
+    ]
     title = f"Reports, {score.reports.reports:.0f}, each at its own time"
     yield Table(title, of_cells(("error", score.distances, "in space"), "<>>"), told)
     many = score.counted - score.never_tracked
@@ -466,10 +466,6 @@ def closing(failure: str, verdicts: Sequence[LimitVerdict], where: str = "") -> 
     told = [f"{counts['passed']} of {len(verdicts)} limits kept"]
     told += [f"{n} {status}" for status, n in sorted(counts.items()) if status != "passed"]
     return f"{', '.join(told)}; {where}any verdict is wrong in at most {RISK:.0%} of such runs."
-
-
-def _told(value: float, form: str) -> str:
-    return percent(value) if form == "%" else number(value, form)
 
 
 INCHES = (11.0, 3.0)

@@ -171,7 +171,8 @@ class _RunFigures:
         """Count what a sensor saw, and what of it arrived when."""
         looks = seen.looks.rows(self._is_drone[seen.looks.drone])
         plots = seen.plots
-        is_hit = self._of_drones(plots.drone)
+        is_hit: Bools = plots.drone != FALSE_ALARM
+        is_hit[is_hit] = self._is_drone[plots.drone[is_hit]]
         sectors, count = seen.sectors, seen.sensor.scan.sectors
         sector = np.searchsorted(
             sectors.scan * count + sectors.index, plots.scan * count + plots.sector
@@ -233,7 +234,8 @@ class _RunFigures:
         )
         seen = drones if sensor is None else drones[by_drone[0][drones] > 0]
         for i in seen.tolist():
-            times = [_or_none(column[i]) for column in (*first, *alert)]
+            each = [float(column[i]) for column in (*first, *alert)]
+            times = [value if np.isfinite(value) else None for value in each]
             counted = [int(column[i]) for column in by_drone]
             self.drones.append([sensor, self._found.drones[i], *counted, *times])
 
@@ -254,12 +256,6 @@ class _RunFigures:
             after_s[which[is_there]] = after_ns[is_there] / NS
         return after_s, distance_m
 
-    def _of_drones(self, drone: Ints) -> Bools:
-        """Which plots are of drones, and neither false alarms nor of anything else."""
-        found: Bools = drone != FALSE_ALARM
-        found[found] = self._is_drone[drone[found]]
-        return found
-
     def _add_distances(self, sensor: str, range_m: Floats, pd: Floats, detected: Bools) -> None:
         if not len(range_m):
             return
@@ -277,10 +273,6 @@ class _RunFigures:
 def _rms(errors: Floats) -> float | None:
     errors = errors[np.isfinite(errors)]
     return float(np.sqrt(np.mean(errors**2))) if len(errors) else None
-
-
-def _or_none(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 # Of runs, by level and run.
@@ -364,7 +356,11 @@ def _figures(
     change = NOTHING
     if before is not None and before[0] == runs:
         change = mean_interval(of["alert_distance_m"] - before[1]["alert_distance_m"])
-    looks, plots = of["looks"].sum(), of["plots"].sum()
+    looks, plots, errors = of["looks"].sum(), of["plots"].sum(), {}
+    for name in ERRORS:  # of all plots of all runs, as far as they are known
+        many = np.where(np.isnan(of[name]), 0.0, of["detected"])
+        squares = ratio_interval(of[name] ** 2 * of["detected"], many)
+        errors[name] = Interval(*np.sqrt(squares).tolist())
     return LevelFigures(
         level=level,
         sensor=sensor,
@@ -376,14 +372,8 @@ def _figures(
         alerted=ratio_interval(of["alerted"], of["drones"]),
         alert_distance_m=mean_interval(of["alert_distance_m"]),
         alert_change_m=change,
-        errors={name: _pooled_rms(of[name], of["detected"]) for name in ERRORS},
+        errors=errors,
     )
-
-
-def _pooled_rms(rms: Floats, plots: Floats) -> Interval:
-    """Errors of all plots of all runs, as far as they are known."""
-    found = ratio_interval(rms**2 * plots, np.where(np.isnan(rms), 0.0, plots))
-    return Interval(*np.sqrt(found).tolist())
 
 
 def detection_by_distance(

@@ -25,13 +25,14 @@ NOTHING = "-"
 
 def percent(share: float) -> str:
     """A share from 0 to 1 in percent, without the sign."""
-    return number(100 * share, ".2f")
+    return number(share, "%")
 
 
 def number(value: Any, form: str) -> str:
-    """A number, or text, in that form; what is not there is a dash."""
+    """A number, or text, in that form, % for shares; what is not there is a dash."""
     if isinstance(value, str):
         return printable(value)
+    value, form = (100 * value, ".2f") if form == "%" else (value, form)
     return format(value, form) if math.isfinite(value) else NOTHING
 
 
@@ -47,7 +48,7 @@ class TextColumn(NamedTuple):
         value = attrgetter(self.of)(row) if isinstance(self.of, str) else self.of(row)
         if not self.form:
             return printable(str(value))
-        return percent(value) if self.form == "%" else number(value, self.form)
+        return number(value, self.form)
 
 
 def of_cells(heads: Sequence[str], sides: str) -> list[TextColumn]:
