@@ -68,15 +68,9 @@ class Sectors(Columns):
 
     def one(self, i: int) -> Sector:
         """The i-th by itself."""
-        return Sector(
-            scan=int(self.scan[i]),
-            index=int(self.index[i]),
-            start_ns=int(self.start_ns[i]),
-            end_ns=int(self.end_ns[i]),
-            start_deg=float(self.start_deg[i]),
-            end_deg=float(self.end_deg[i]),
-            stares=bool(self.stares[i]),
-        )
+        columns = {name: column[i].item() for name, column in vars(self).items()}
+        del columns["sensor"]
+        return Sector(**columns)
 
     def first_of_sensors(self) -> Bools:
         """Which are the first of their sensors; (m,)."""

@@ -212,18 +212,10 @@ class Looks(Columns):
     @classmethod
     def none(cls) -> Self:
         """Looks at nothing."""
-        no_ints, no_floats = np.zeros(0, np.int64), np.zeros(0)
-        return cls(
-            drone=no_ints,
-            channel=no_ints,
-            t_utc_ns=no_ints,
-            range_m=no_floats,
-            azimuth_deg=no_floats,
-            elevation_deg=no_floats,
-            snr=no_floats,
-            pd=no_floats,
-            detected=np.zeros(0, np.bool_),
-        )
+        ints = dict.fromkeys(("drone", "channel", "t_utc_ns"), np.zeros(0, np.int64))
+        angles = ("range_m", "azimuth_deg", "elevation_deg", "snr", "pd")
+        floats = dict.fromkeys(angles, np.zeros(0))
+        return cls.holding({**ints, **floats, "detected": np.zeros(0, np.bool_)})
 
 
 @dataclass(frozen=True, kw_only=True)

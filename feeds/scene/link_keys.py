@@ -63,10 +63,6 @@ class GilbertElliott(SceneTable):
             raise ValueError(
                 "expected mean_loss and mean_burst, or p and r, with good_loss and bad_loss or not"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _can_be(self) -> Self:
         if self.mean_loss is not None and self.mean_burst is not None:
             least = self.mean_loss / (1 - self.mean_loss)
             if self.mean_burst < least:  # p = L/(B(1-L)) is a probability
@@ -173,7 +169,7 @@ class LinkSettings(SceneTable):
     """An outage: nothing passes."""
 
     @model_validator(mode="after")
-    def _has_one_law_of_delay(self) -> Self:
+    def _can_be(self) -> Self:
         if self.distribution == "table":
             if self.delays_ms is None:
                 raise ValueError('delays_ms: needed with distribution = "table"')
@@ -181,10 +177,6 @@ class LinkSettings(SceneTable):
                 raise ValueError('jitter_ms: contradicts distribution = "table"')
         elif self.delays_ms is not None:
             raise ValueError('delays_ms: needs distribution = "table"')
-        return self
-
-    @model_validator(mode="after")
-    def _orders_or_reorders(self) -> Self:
         if self.reorder is not None and self.in_order:
             raise ValueError("reorder: contradicts in_order")
         if self.reorder is not None and self.on_loss == "stall":

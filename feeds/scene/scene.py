@@ -282,7 +282,7 @@ class Scene(DestinationTables, WorldKeys):
         return {**tree, "sensor": with_track_numbers(numbered(tree["sensor"]))}
 
     @model_validator(mode="after")
-    def _names_are_unique(self) -> Self:
+    def _holds_together(self) -> Self:
         known: set[str] = set()
         for n, sensor in enumerate(self.sensor):
             if sensor.id in known:
@@ -292,15 +292,7 @@ class Scene(DestinationTables, WorldKeys):
                 raise ValueError(f"sensor[{n}].id: the id {sensor.id!r} is a topic of the session")
         check_sources(self.sensor)
         check_cues(self.sensor)
-        return self
-
-    @model_validator(mode="after")
-    def _drones_can_fly(self) -> Self:
         self.fleet.check()
-        return self
-
-    @model_validator(mode="after")
-    def _false_alarms_can_be_sent(self) -> Self:
         for n, sensor in enumerate(self.sensor):
             _check_false_alarms(sensor, f"sensor[{n}]", self.scene.site)
         return self
@@ -315,10 +307,6 @@ class Scene(DestinationTables, WorldKeys):
                 except ChangeError as error:
                     raise ValueError(f"{key}: {error}") from None
                 _check_false_alarms(other, key, self.scene.site)
-        return self
-
-    @model_validator(mode="after")
-    def _destinations_are_of_sensors(self) -> Self:
         self.check_senders({COOPERATIVE: (), **{s.id: s.report for s in self.sensor}})
         return self
 

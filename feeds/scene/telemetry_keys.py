@@ -354,17 +354,13 @@ class Telemetry(SceneTable):
     """JSON of other systems on the session's broker, as telemetry."""
 
     @model_validator(mode="after")
-    def _aircraft_are_fast(self) -> Self:
+    def _can_be_taken(self) -> Self:
         is_traffic = any(KINDS[source.address.kind].is_traffic for source in self.source)
         if is_traffic and "max_speed_m_s" not in self.model_fields_set:
             raise ValueError(
                 "max_speed_m_s: must be stated beside ADS-B, since aircraft fly faster than 150 "
                 "m/s; 350 takes airliners"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _one_sea_level(self) -> Self:
         if self.geoid_grid is not None and self.geoid_undulation_m is not None:
             raise ValueError("geoid_grid: either it or geoid_undulation_m says where sea level is")
         return self

@@ -107,35 +107,28 @@ class Drift:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DriftingReadings:
-    """Standard deviations of a drift in range and in azimuth, and its two processes."""
-
-    sigma_range_m: float
-    sigma_azimuth_deg: float
-    drift: Drift
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
     """A range r reads r (1 + scale) + offset, and drifts; an azimuth drifts.
 
-    A fixed error of azimuth is not here: it is in the sensor's own axes.
+    A fixed error of azimuth is not here: it is in the sensor's own axes. `drift` has two processes,
+    of range and of azimuth, whose standard deviations are beside it.
     """
 
     range_scale: float = 0.0
     range_offset_m: float = 0.0
-    drifting: DriftingReadings | None = None
+    drift: Drift | None = None
+    sigma_range_m: float = 0.0
+    sigma_azimuth_deg: float = 0.0
 
     def range_m(self, range_m: Floats, t_utc_ns: Ints) -> Floats:
         """Readings of ranges, or of bistatic ranges, at times; each (n,)."""
         read_m = range_m * (1 + self.range_scale) + self.range_offset_m
-        if self.drifting is None or not self.drifting.sigma_range_m:
+        if self.drift is None or not self.sigma_range_m:
             return read_m
-        return read_m + self.drifting.sigma_range_m * self.drifting.drift.at(t_utc_ns)[:, 0]
+        return read_m + self.sigma_range_m * self.drift.at(t_utc_ns)[:, 0]
 
     def azimuth_deg(self, azimuth_deg: Floats, t_utc_ns: Ints) -> Floats:
         """Readings of azimuths at times, not folded; each (n,)."""
-        if self.drifting is None or not self.drifting.sigma_azimuth_deg:
+        if self.drift is None or not self.sigma_azimuth_deg:
             return azimuth_deg
-        off = self.drifting.drift.at(t_utc_ns)[:, 1]
-        return azimuth_deg + self.drifting.sigma_azimuth_deg * off
+        return azimuth_deg + self.sigma_azimuth_deg * self.drift.at(t_utc_ns)[:, 1]

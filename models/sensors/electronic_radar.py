@@ -24,7 +24,6 @@ from plotfeed.models.dwell_agenda import (
     BeamTracks,
     PointedBeams,
     Steering,
-    frame_s,
     revisit_interval_s,
     search_outcome,
 )
@@ -133,12 +132,6 @@ class ElectronicRadar(DwellingSensor):
     def beams(self) -> int:
         """Number of beams of search."""
         return self.grid.beams
-
-    def frame_s(self, tracks: int, revisit_s: float) -> float:
-        """How long search takes while so many tracks are looked at so often."""
-        return frame_s(
-            self.beams, self.steering.dwell_s, tracks * self.steering.dwell_s / revisit_s
-        )
 
     def sigmas(self, snr: Floats) -> Floats:
         """Standard deviations of range, azimuth and elevation, rows, of the radar."""

@@ -40,10 +40,6 @@ class Receiver:
     signals: PassiveRadar | MimoRadar
     place_enu_m: tuple[float, float, float]
 
-    def among(self, surroundings: Surroundings) -> PassiveRadar | MimoRadar:
-        """Signals of the receiver in those surroundings, as they are seen from it."""
-        return replace(self.signals, surroundings=surroundings)
-
     @cached_property
     def transmitters_m(self) -> Floats:
         """Places of transmitters as seen from the receiver; (K, 3)."""
@@ -98,10 +94,11 @@ class MultistaticRadar(Volume, JointSensor):
         met = self.surroundings
         if met is None:
             return self.receivers
-        return tuple(
-            replace(each, signals=each.among(Surroundings((SeenFrom(met, each.place_enu_m),))))
-            for each in self.receivers
-        )
+        found = []
+        for each in self.receivers:
+            seen = Surroundings((SeenFrom(met, each.place_enu_m),))
+            found.append(replace(each, signals=replace(each.signals, surroundings=seen)))
+        return tuple(found)
 
     @property
     def other_ends_enu_m(self) -> Floats:

@@ -149,10 +149,14 @@ class MicrophoneKeys(AzimuthCoverKeys):
 
     def following(self, site: Site, /) -> dict[str, Any]:
         """Gain of the array, noise with that of the wind, and the layout."""
-        gain_db, layout = self.array_gain_db, self.layout
+        gain_db, layout, noise_db = self.array_gain_db, self.layout, self.noise_db
+        if self.weather is not None and self.weather.wind_m_s:  # powers are added
+            of_wind = self.weather.wind_m_s, self.frequency_hz, self.windscreen_m
+            powers = 10 ** (noise_db / 10) + 10 ** (wind_noise_db(*of_wind) / 10)
+            noise_db = float(10 * np.log10(powers))
         return super().following(site) | {
             "array_gain_db": float(10 * np.log10(self.microphones)) if gain_db is None else gain_db,
-            "noise_db": self._noise_db(),
+            "noise_db": noise_db,
             "layout": layout
             and layout.made(
                 MicrophoneLayout,
@@ -160,13 +164,6 @@ class MicrophoneKeys(AzimuthCoverKeys):
                 wavelength_m=self.sound_speed_m_s / self.frequency_hz,
             ),
         }
-
-    def _noise_db(self) -> float:
-        """Noise with that of the wind, powers added."""
-        if self.weather is None or not self.weather.wind_m_s:
-            return self.noise_db
-        of_wind_db = wind_noise_db(self.weather.wind_m_s, self.frequency_hz, self.windscreen_m)
-        return float(10 * np.log10(10 ** (self.noise_db / 10) + 10 ** (of_wind_db / 10)))
 
     def warnings(self, _site: Site, /) -> list[str]:
         """Odd accuracies, scans too short to hear anything in, and a gain given twice."""

@@ -13,16 +13,16 @@ from plotfeed.feeds.scene.fields import Azimuth, Beamwidth, Decibels, Loss, Scen
 from plotfeed.feeds.scene.sensors.effect_keys import DopplerKeys, MergingKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, VolumeKeys
 from plotfeed.feeds.scene.world_keys import JammerKeys, WeatherKeys
-from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects
+from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects, Straddling
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S, beam_gain_dbi
 from plotfeed.models.sensors.active_radar import ActiveRadar
 from plotfeed.models.sensors.polar_radar import EchoRadar
+from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.antenna import Antenna, BeamCut, Pattern
     from plotfeed.models.effects.doppler import Doppler
-    from plotfeed.models.effects.echo_effects import Straddling
     from plotfeed.models.effects.jamming import Jammer
     from plotfeed.models.effects.merging import Merging
 
@@ -224,17 +224,6 @@ class StraddlingKeys(SceneTable):
     doppler: CellShape | None = None
     """The same of a Doppler cell; hann's noise, 1.76 dB more, belongs in loss_db."""
 
-    def model(self, range_cells_m: Sequence[float], doppler: Doppler | None) -> Straddling:
-        """What a sensor with those cells loses, by signal."""
-        from plotfeed.models.effects.echo_effects import Straddling
-
-        return Straddling(
-            range_cells_m=tuple(range_cells_m),
-            range_shape=self.range,
-            doppler_cells_m_s=() if doppler is None else doppler.cells_m_s,
-            doppler_shape=self.doppler,
-        )
-
 
 def weather_effects(
     weather: WeatherKeys, signals_hz: Sequence[tuple[float, float]], model: EchoRadar
@@ -321,13 +310,9 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
     """Without it, nothing is lost between the middles of cells."""
 
     @model_validator(mode="after")
-    def _has_doppler_cells(self) -> Self:
+    def _effects_are_of_it(self) -> Self:
         if self.straddling is not None and self.straddling.doppler and self.doppler is None:
             raise ValueError("straddling.doppler: needs doppler")
-        return self
-
-    @model_validator(mode="after")
-    def _antenna_is_of_it(self) -> Self:
         if self.antenna is None:
             return self
         if self.scan.rotates and self.antenna.has_azimuths:
@@ -371,15 +356,23 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
         return self.doppler.model(wavelengths_m, self.integration_s, self.legs)
 
     def _merging(self, doppler: Doppler | None) -> Merging | None:
-        if self.merging is None:
+        """Merging for the model, by its cells and beams where the keys state no widths."""
+        keys, rates_m_s, rate_period = self.merging, None, 0.0
+        if keys is None:
             return None
-        tells_elevations = getattr(self, "measures_elevation", False)
-        return self.merging.model(
-            range_cells_m=self.range_cells_m,
-            azimuth_deg=self.azimuth_beamwidth_deg,
-            elevation_deg=self.elevation_beamwidth_deg if tells_elevations else None,
-            doppler=doppler,
-            period_s=self.scan.period_s,
+        from plotfeed.models.effects.merging import Merging
+
+        if doppler is not None:
+            rates_m_s = tuple(keys.range_rate_m_s or cell for cell in doppler.cells_m_s)
+            rate_period = doppler.spans_m_s[0] / rates_m_s[0] if doppler.folds else 0.0
+        elevation_deg = keys.elevation_deg or self.elevation_beamwidth_deg
+        return Merging(
+            range_m=tuple(keys.range_m or cell for cell in self.range_cells_m),
+            azimuth_deg=keys.azimuth_deg or self.azimuth_beamwidth_deg,
+            elevation_deg=elevation_deg if getattr(self, "measures_elevation", False) else None,
+            range_rate_m_s=rates_m_s,
+            range_rate_period=rate_period,
+            longest_ns=round(self.scan.period_s * NS / 2),
         )
 
     def model(self, site: Site, /) -> Any:
@@ -409,10 +402,13 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
         low_deg, high_deg = self.elevation_min_deg, self.elevation_max_deg
         azimuth = BeamCover(self.azimuth_beamwidth_deg, self.azimuth_min_deg, self.azimuth_max_deg)
         elevation = BeamCover(self.elevation_beamwidth_deg or high_deg - low_deg, low_deg, high_deg)
-        straddling = self.straddling
-        return EchoEffects(
-            antenna=None if self.antenna is None else self.antenna.model(azimuth, elevation),
-            straddling=None
-            if straddling is None
-            else straddling.model(self.range_cells_m, self._doppler()),
-        )
+        straddling, doppler = None, self._doppler()
+        if self.straddling is not None:
+            straddling = Straddling(
+                range_cells_m=tuple(self.range_cells_m),
+                range_shape=self.straddling.range,
+                doppler_cells_m_s=() if doppler is None else doppler.cells_m_s,
+                doppler_shape=self.straddling.doppler,
+            )
+        antenna = None if self.antenna is None else self.antenna.model(azimuth, elevation)
+        return EchoEffects(antenna=antenna, straddling=straddling)

@@ -33,7 +33,6 @@ from plotfeed.proto.utc import NS
 if TYPE_CHECKING:
     from plotfeed.models.effects.classification import Confusion
     from plotfeed.models.effects.doppler import Doppler
-    from plotfeed.models.effects.merging import Merging
     from plotfeed.models.effects.readings import Readings
 
 RANGE_SHARE = 0.05  # Of a range cell, and of a cell of bistatic range
@@ -205,31 +204,6 @@ class MergingKeys(SceneTable):
     range_rate_m_s: Positive | None = None
     """The same in range rate, where it is measured; without it, the Doppler cell."""
 
-    def model(
-        self,
-        *,
-        range_cells_m: Sequence[float],
-        azimuth_deg: float,
-        elevation_deg: float | None,
-        doppler: Doppler | None,
-        period_s: float,
-    ) -> Merging:
-        """Merging for the model of a sensor with those cells and beams."""
-        from plotfeed.models.effects.merging import Merging
-
-        rates_m_s, rate_period = None, 0.0
-        if doppler is not None:
-            rates_m_s = tuple(self.range_rate_m_s or cell for cell in doppler.cells_m_s)
-            rate_period = doppler.spans_m_s[0] / rates_m_s[0] if doppler.folds else 0.0
-        return Merging(
-            range_m=tuple(self.range_m or cell for cell in range_cells_m),
-            azimuth_deg=self.azimuth_deg or azimuth_deg,
-            elevation_deg=None if elevation_deg is None else self.elevation_deg or elevation_deg,
-            range_rate_m_s=rates_m_s,
-            range_rate_period=rate_period,
-            longest_ns=round(period_s * NS / 2),
-        )
-
 
 def readings_of(
     bias: BiasKeys | None, drift: DriftKeys | None, chance: Chance, period_ns: int
@@ -238,13 +212,13 @@ def readings_of(
     bias = bias or BiasKeys()
     if drift is None and not bias.range_offset_m and not bias.range_scale:
         return None
-    drifting = None
-    from plotfeed.models.effects.readings import Drift, DriftingReadings, Readings
+    from plotfeed.models.effects.readings import Drift, Readings
 
-    if drift is not None:
-        process = Drift(chance, step_ns=period_ns, time_constant_ns=drift.time_constant_s * NS, n=2)
-        drifting = drift.made(DriftingReadings, drift=process)
-    return bias.made(Readings, drifting=drifting)
+    if drift is None:
+        return bias.made(Readings)
+    process = Drift(chance, step_ns=period_ns, time_constant_ns=drift.time_constant_s * NS, n=2)
+    fixed = {"range_scale": bias.range_scale, "range_offset_m": bias.range_offset_m}
+    return drift.made(Readings, drift=process, **fixed)
 
 
 # Keys of what a sensor or a scene models only if it is named.

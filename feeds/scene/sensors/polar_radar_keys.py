@@ -92,23 +92,6 @@ class PulsesKeys(SceneTable):
         """The only pulse frequency; None where several tell ranges and rates apart."""
         return self.prf_hz[0] if len(set(self.prf_hz)) == 1 else None
 
-    def model(
-        self, *, interval_s: float, frequency_hz: float, beamwidth_deg: float, turn_s: float | None
-    ) -> PulseIntervals:
-        """The intervals of a radar that turns in such a time, or of one that stares."""
-        beam = None
-        from plotfeed.models.effects.pulse_intervals import PassingBeam, PulseIntervals
-
-        if self.beam_passes and turn_s is not None:
-            beam = PassingBeam(beamwidth_deg=beamwidth_deg, step_deg=360 * interval_s / turn_s)
-        return self.made(
-            PulseIntervals,
-            prfs_hz=tuple(islice(cycle(self.prf_hz), self.count)),
-            interval_s=interval_s,
-            wavelength_m=C_M_S / frequency_hz,
-            beam=beam,
-        )
-
     def warnings(self, range_max_m: float) -> list[str]:
         """Ranges that fold within the instrumented one."""
         if self.folding_prf_hz is None:
@@ -265,13 +248,20 @@ class PolarRadarKeys(EchoRadarKeys):
         return self
 
     def _intervals(self) -> PulseIntervals | None:
-        if self.pulses is None:
+        pulses, beam = self.pulses, None
+        if pulses is None:
             return None
-        return self.pulses.model(
+        from plotfeed.models.effects.pulse_intervals import PassingBeam, PulseIntervals
+
+        if pulses.beam_passes and self.scan.rotates:
+            step_deg = 360 * self.integration_s / self.scan.period_s
+            beam = PassingBeam(beamwidth_deg=self.azimuth_beamwidth_deg, step_deg=step_deg)
+        return pulses.made(
+            PulseIntervals,
+            prfs_hz=tuple(islice(cycle(pulses.prf_hz), pulses.count)),
             interval_s=self.integration_s,
-            frequency_hz=self.frequency_hz,
-            beamwidth_deg=self.azimuth_beamwidth_deg,
-            turn_s=self.scan.period_s if self.scan.rotates else None,
+            wavelength_m=C_M_S / self.frequency_hz,
+            beam=beam,
         )
 
     def _doppler(self) -> Doppler | None:
@@ -289,8 +279,6 @@ class ActiveRadarKeys(PolarRadarKeys):
 
     type: Literal["active_radar"]
     """Which model."""
-    scan: AnyScan
-    """How it scans."""
     power_w: Positive
     """Average."""
     decorrelation_s: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
@@ -302,9 +290,11 @@ class ActiveRadarKeys(PolarRadarKeys):
     """Motors that turn a staring radar, and its cover, to cues."""
 
     @model_validator(mode="after")
-    def _is_steered(self) -> Self:
+    def _is_modelled(self) -> Self:
         if isinstance(self.scan, ElectronicScan):
             self.scan.refuse_what_cannot_be(self)
+        if self.pulses is not None and self.pulses.count > 1 and self.decorrelation_s is not None:
+            raise ValueError("decorrelation_s: echoes of several pulses.intervals fluctuate anew")
         return self
 
     def model(self, site: Site, /) -> ActiveRadar | ElectronicRadar:
@@ -317,12 +307,6 @@ class ActiveRadarKeys(PolarRadarKeys):
 
         steering = self.scan.made(Steering)
         return ElectronicRadar(range_max_m=self.range_max_m, radar=model, steering=steering)
-
-    @model_validator(mode="after")
-    def _strengths_last(self) -> Self:
-        if self.pulses is not None and self.pulses.count > 1 and self.decorrelation_s is not None:
-            raise ValueError("decorrelation_s: echoes of several pulses.intervals fluctuate anew")
-        return self
 
     def warnings(self, site: Site, /) -> list[str]:
         """A beam that is too fast for its integration, and a format coarser than the radar."""

@@ -152,7 +152,7 @@ class RfKeys(AzimuthCoverKeys):
         return ("asterix-205", "plots") if keys.get("measures_azimuth", True) else ("plots",)
 
     @model_validator(mode="after")
-    def _receives_something(self) -> Self:
+    def _receives_and_reports(self) -> Self:
         if not self.frequency_min_hz < self.frequency_max_hz:
             raise ValueError("frequency_min_hz: must be less than frequency_max_hz")
         if self._received_at_once_hz() > self.frequency_max_hz - self.frequency_min_hz:
@@ -165,10 +165,6 @@ class RfKeys(AzimuthCoverKeys):
             raise ValueError(
                 f"integration_s: times channel_bandwidth_hz, at most {MAX_SAMPLES:g} samples"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _reports_what_it_finds(self) -> Self:
         if self.classifier is not None and self.classifies:
             raise ValueError("classifier: leave it out, or leave out classifies")
         if self.elevation_baseline_m is not None and not self.measures_azimuth:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from plotfeed.models.chance import Chance
-from plotfeed.models.effects.readings import Drift, DriftingReadings, Readings
+from plotfeed.models.effects.readings import Drift, Readings
 
 S = 1_000_000_000
 TIMES_NS = np.array([5, 5, 9, 5]) * S
@@ -17,9 +17,9 @@ def drifting(sigma_range_m: float, sigma_azimuth_deg: float) -> tuple[Readings, 
         Readings(
             range_scale=1e-3,
             range_offset_m=5.0,
-            drifting=DriftingReadings(
-                sigma_range_m=sigma_range_m, sigma_azimuth_deg=sigma_azimuth_deg, drift=drift
-            ),
+            sigma_range_m=sigma_range_m,
+            sigma_azimuth_deg=sigma_azimuth_deg,
+            drift=drift,
         ),
         drift,
     )
