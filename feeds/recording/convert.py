@@ -19,7 +19,7 @@ from hashlib import blake2b
 from itertools import repeat
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from plotfeed.feeds.console.printed import say, say_damage, with_progress
 from plotfeed.feeds.console.process import made_of
@@ -37,13 +37,11 @@ from plotfeed.replay.recorded import (
     WHAT_LEFT,
     Attachment,
     Recorded,
+    RecordingReader,
     RecordingWriter,
     Stage,
     TableName,
 )
-
-if TYPE_CHECKING:
-    from plotfeed.replay.mcap.mcap_reader import McapReader
 
 TABLES = (FileFormat.CSV, FileFormat.PARQUET)
 MAX_REASONS = 100
@@ -289,15 +287,9 @@ def merge_recordings(
     if target.suffix != SUFFIX:
         raise PlotfeedError(f"{target}: expected a name that ends in {SUFFIX}")
     counts = MergeCounts()
-    from plotfeed.replay.mcap.mcap_reader import McapReader  # which other formats do not need
-
     with contextlib.ExitStack() as files:
-        logs: list[McapReader] = []
-        for path in sources:
-            try:
-                logs.append(files.enter_context(McapReader(path)))
-            except PlotfeedError as error:
-                raise PlotfeedError(f"{path}: {error}") from None
+        opened = [files.enter_context(open_recording(path, FileFormat.MCAP)) for path in sources]
+        logs = [recording.reader for recording in opened]
         attachments = _attachments(sources, logs)
         file, keep = files.enter_context(made_of(sources, target, force=force))
         writer = writer_to(file, FileFormat.MCAP)
@@ -322,15 +314,15 @@ def merge_recordings(
     return 0
 
 
-def _attachments(sources: Sequence[Path], logs: Sequence[McapReader]) -> list[Attachment]:
+def _attachments(sources: Sequence[Path], logs: Sequence[RecordingReader]) -> list[Attachment]:
     """What all have with them, the scene first, each once; raises `PlotfeedError`."""
     found: dict[str, tuple[Path, Attachment]] = {}
     for path, log in zip(sources, logs, strict=True):
-        if log.attachment(SCENE_NAME) is None:
-            raise PlotfeedError(f"{path}: holds no scene: expected the record of a session")
         for name in dict.fromkeys([SCENE_NAME, *(entry.name for entry in log.attachments())]):
             attachment = log.attachment(name)
             if attachment is None:
+                if name == SCENE_NAME:
+                    raise PlotfeedError(f"{path}: holds no scene: expected the record of a session")
                 continue
             first, known = found.setdefault(name, (path, attachment))
             if known.data != attachment.data:
@@ -340,7 +332,7 @@ def _attachments(sources: Sequence[Path], logs: Sequence[McapReader]) -> list[At
 
 
 def _merged(
-    sources: Sequence[Path], logs: Iterable[McapReader], counts: MergeCounts
+    sources: Sequence[Path], logs: Iterable[RecordingReader], counts: MergeCounts
 ) -> Iterator[Recorded]:
     """Messages of all by log time, and where times are the same by file.
 
@@ -383,7 +375,7 @@ def _say(sources: Sequence[Path], target: Path, counts: MergeCounts) -> None:
 
 
 def _say_json(
-    sources: Sequence[Path], logs: Sequence[McapReader], target: Path, counts: MergeCounts
+    sources: Sequence[Path], logs: Sequence[RecordingReader], target: Path, counts: MergeCounts
 ) -> None:
     found = {
         "target": str(target),
