@@ -214,6 +214,7 @@ def _dress(axes: Any, run: Run) -> None:
 def write_page(folder: Path, docs: Path) -> None:
     """The part of the page that is of that run, and its picture."""
     page_file = docs / "soak.md"
+    docs.mkdir(parents=True, exist_ok=True)
     if not page_file.exists():
         page_file.write_text(EMPTY)
     if (folder / "soak.mcap").exists():
