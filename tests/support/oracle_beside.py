@@ -67,31 +67,34 @@ def sensors_of(scene: Scene, seconds: int) -> Iterator[tuple[Sensor, Looks, Plot
         yield sensor, looks, Plots.joined(reported), given
 
 
-def check(scene: Scene, folder: Path, seconds: int) -> int:
+def check(scene: Scene, folder: Path, seconds: int) -> dict[str, int]:
     """Fail where a sensor's looks have other odds than the oracle has, or plots other errors.
 
-    How many looks were compared is returned.
+    How many looks of each sensor were compared is returned.
     """
-    recorded, compared = scene, 0
+    recorded, compared = scene, {sensor.id: 0 for sensor in scene.sensor}
     if scene.terrain is not None:
         (folder / HORIZONS).write_bytes(horizons_of(scene))
         recorded = scene.enclosed({HORIZONS: folder / HORIZONS})
     for sensor, looks, plots, given in sensors_of(scene, seconds):
         asked = oracle.asked(recorded, sensor, given)
-        assert set(filter(None, asked.why_not.split("; "))) <= NOT_KNOWN
+        assert set(filter(None, asked.why_not.split("; "))) <= NOT_KNOWN, sensor.id
         known = asked.known
         if getattr(sensor, "decorrelation_s", None) is not None or sensor.scan.kind == "electronic":
             known = known & False  # looks are at targets as strong as they were drawn
-        compared += int(known.sum())
-        np.testing.assert_allclose(asked.pd[known], looks.pd[known], rtol=1e-6, atol=1e-12)
+        compared[sensor.id] += int(known.sum())
+        asked_pd, pd = asked.pd[known], looks.pd[known]
+        np.testing.assert_allclose(asked_pd, pd, rtol=1e-6, atol=1e-12, err_msg=sensor.id)
         known = known & ~np.isnan(looks.snr)
         told_db = 10 * np.log10(looks.snr[known])
-        np.testing.assert_allclose(asked.snr_db[known], told_db, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(
+            asked.snr_db[known], told_db, rtol=0, atol=1e-5, err_msg=sensor.id
+        )
         stated_as_asked(sensor, plots)
         expected, why = oracle.false_alarms_per_scan(recorded, sensor)
         if not why:
             told = sensor.model(scene.scene.site).false_alarms_per_scan
-            assert expected == pytest.approx(told, rel=1e-6)
+            assert expected == pytest.approx(told, rel=1e-6), sensor.id
     return compared
 
 
@@ -107,4 +110,4 @@ def stated_as_asked(sensor: Sensor, plots: Plots) -> None:
     for name, expected in stated.items():
         told = getattr(plots, names[name] or name)
         if told is not None and not np.isnan(told).all():
-            np.testing.assert_allclose(expected, told, rtol=1e-9)
+            np.testing.assert_allclose(expected, told, rtol=1e-9, err_msg=sensor.id)

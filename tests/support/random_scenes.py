@@ -6,7 +6,7 @@ added is drawn, or whoever adds it is told that nobody draws it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -72,28 +72,37 @@ def random_tree(seed: int) -> Keys:
     return tree
 
 
-def tree_with(kind: str, table: str, seed: int) -> Keys:
-    """A scene of one sensor with one table, its own or the scene's, and of many drones."""
-    dice = Dice(seed)
-    sensor = {"id": "sensor-0", "type": kind, "position_enu_m": [0.0, 0.0, 10.0]}
-    sensor |= SENSOR_MAKERS[kind](dice)
-    if keys := TABLE_MAKERS[table](dice, sensor, ()) if table in TABLE_MAKERS else None:
-        sensor[table] = keys
-    drop_what_is_refused(sensor)
+def tree_with(kind: str, tables: Sequence[str], seed: int) -> Keys:
+    """A scene of many drones, and of a sensor for each of the tables, its own or the scene's.
+
+    Sensors are called after their tables.
+    """
+    sensors: list[Keys] = []
+    for table in tables:
+        dice = Dice(seed)
+        name = table.split(maxsplit=1)[0]
+        sensor = {"id": name, "type": kind, "position_enu_m": [0.0, 0.0, 10.0]}
+        sensor |= SENSOR_MAKERS[kind](dice) | {"sic": len(sensors) + 1}
+        if keys := TABLE_MAKERS[table](dice, sensor, ()) if table in TABLE_MAKERS else None:
+            sensor[table] = keys
+        drop_what_is_refused(sensor)
+        sensors.append(sensor)
     drones = [drone for _ in range(6) for drone in _drones(dice)]
     for n, drone in enumerate(drones):  # for every kind some within reach
         for key in ("home", "leg", "limits", "contingency"):
             drone.pop(key, None)
         far_m = (150.0, 800.0, 2500.0)[n % 3]
         drone |= {"path": [dice.place(far_m, 20, far_m / 3) for _ in "12"], "speed_m_s": 20.0}
-    tree = random_tree(seed) | {"sensor": [sensor]}
+    tree = random_tree(seed)
     for name in (*SCENE_TABLES, "system"):
         tree.pop(name, None)
-    name = table.split(maxsplit=1)[0]
-    is_refused = kind.startswith("multistatic") and name in ("weather", "jammer")
-    if table not in TABLE_MAKERS and name in SCENE_TABLES and not is_refused:
-        tree[name] = SCENE_TABLES[name](dice)
-    return tree | {"drone": [drone | {"id": f"d{n}"} for n, drone in enumerate(drones)]}
+    for table in tables:
+        name = table.split(maxsplit=1)[0]
+        is_refused = kind.startswith("multistatic") and name in ("weather", "jammer")
+        if table not in TABLE_MAKERS and name in SCENE_TABLES and not is_refused:
+            tree[name] = SCENE_TABLES[name](dice)
+    drones = [drone | {"id": f"d{n}"} for n, drone in enumerate(drones)]
+    return tree | {"sensor": sensors, "drone": drones}
 
 
 def _preset(dice: Dice, number: int) -> Keys:
