@@ -67,7 +67,7 @@ class MqttReceiver:
         self.close()
 
     def _greet(self, user: tuple[str, str] | None) -> None:
-        flags, keep_alive_s = 0x02 if user is None else 0xC2, 60
+        flags, keep_alive_s = 0x02 if user is None else 0xC2, 0  # None: who listens says nothing
         name = _text(f"test-{uuid4().hex[:12]}")
         self._send(
             0x10,
