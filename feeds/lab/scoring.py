@@ -562,8 +562,12 @@ SILENT_S, SILENT_TIMES = 10.0, 5.0
 LEAST_SPEED_M_S = 1.0
 
 
+class NoFlightError(PlotfeedError):
+    """No drone was in cover, or is scored."""
+
+
 def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None = None) -> Score:
-    """Score a tracker; raises `PlotfeedError` if no drone was looked at, or for a run too long.
+    """Score a tracker; raises `NoFlightError`, or `PlotfeedError` for a run too long.
 
     Whatever the tracker did, there is a score: what of its reports cannot be used is counted.
     """
@@ -740,7 +744,7 @@ class _Field:
 def _field(truths: Truths, how: ScoreSettings) -> _Field:
     times = [path.t_utc_ns for path in truths.paths if len(path.t_utc_ns) > 1]
     if not times:
-        raise PlotfeedError("no flight to score against: no drone was looked at, or is scored")
+        raise NoFlightError("no flight to score against: no drone was looked at, or is scored")
     span = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
     step_ns = round(how.step_s * NS)
     first = -(-span[0] // step_ns)

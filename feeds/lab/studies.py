@@ -308,6 +308,7 @@ class CurvePoint(NamedTuple):
     tracker: str
     runs: int
     failures: Sequence[str]  # How it failed in runs in which it did
+    unscored: Sequence[str]  # Why there was nothing to score, in runs without a drone in cover
     late_s: float  # By how much the machine itself was late
     figures: Mapping[str, Interval]
     limits: Floats  # Figures of limits, (limits, runs)
@@ -337,6 +338,7 @@ class CurvePoint(NamedTuple):
             tracker,
             len(runs),
             [run["failure"] for run in runs if run["failure"]],
+            [run["unscored"] for run in runs if run.get("unscored")],
             float(np.mean([run["late_s"] for run in runs])) if runs else np.nan,
             {name: mean_interval(column("figures", name)) for name in SHOWN},
             limits,
@@ -344,9 +346,15 @@ class CurvePoint(NamedTuple):
         )
 
     @property
+    def is_scored(self) -> bool:
+        """Whether there was anything to score in any run."""
+        return len(self.unscored) < self.runs
+
+    @property
     def is_decided(self) -> bool:
         """Whether more runs would change no verdict."""
-        return bool(self.verdicts) and all(v.status != "undecided" for v in self.verdicts)
+        is_known = self.is_scored and bool(self.verdicts)
+        return is_known and all(v.status != "undecided" for v in self.verdicts)
 
     def as_json(self) -> dict[str, Any]:
         """Figures by name, as value, low and high."""
@@ -355,6 +363,7 @@ class CurvePoint(NamedTuple):
             "values": self.level.by_path(),
             "runs": self.runs,
             "failures": list(self.failures),
+            "unscored": list(self.unscored),
             "late_s": self.late_s,
             "figures": {name: figure._asdict() for name, figure in self.figures.items()},
             "limits": [asdict(verdict) for verdict in self.verdicts],
@@ -390,9 +399,10 @@ class Survival:
 def survivals(points: Sequence[CurvePoint], asked: Sequence[ScoreLimit]) -> Iterator[Survival]:
     """Breaking levels of each limit and tracker, along the first key of numbers that is varied."""
     for tracker in dict.fromkeys(point.tracker for point in points):
-        of = {point.level.number: point for point in points if point.tracker == tracker}
-        axis = LevelAxis([point.level for point in of.values()])
-        if axis.key is None:
+        own = (point for point in points if point.tracker == tracker and point.is_scored)
+        of = {point.level.number: point for point in own}
+        axis = LevelAxis([point.level for point in of.values()]) if len(of) > 1 else None
+        if axis is None or axis.key is None:
             continue
         for others, levels in axis.lines.items():
             on = [of[level.number] for level in levels]
@@ -454,6 +464,9 @@ def curve_lines(points: Sequence[CurvePoint], survived: Sequence[Survival]) -> I
     for point in points:
         if point.late_s > LATE_S:
             yield f"the machine itself was late by {point.late_s:.2g} s ({point.level})"
+        if point.unscored:
+            of = f"{len(point.unscored)} of {point.runs} runs"
+            yield f"nothing was scored in {of}: {point.unscored[0]} ({point.level})"
         for failure in point.failures:
             first.setdefault(failure, str(point.level))
     yield from (f"failed: {failure} ({where})" for failure, where in first.items())
@@ -537,6 +550,8 @@ def score_tracker(
             if not open_levels:
                 break
         points = [decided_by[level.number] for level in levels]
+        if not any(point.is_scored for point in points):
+            raise PlotfeedError(points[0].unscored[0])
         done = {
             key: run for key, run in kept.of_first(settings.runs).items()
             if key[1] < decided_by[key[0]].runs

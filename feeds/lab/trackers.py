@@ -21,7 +21,7 @@ from plotfeed.feeds.lab.flights import FlightsTally
 from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, RecordedRun, plots_of, possible
 from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
 from plotfeed.feeds.lab.score import ScoreLimit, samples_of
-from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
+from plotfeed.feeds.lab.scoring import FIGURE_NAMES, NoFlightError, ScoreSettings, score_run
 from plotfeed.feeds.lab.sweep import span_of
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable, take_message
 from plotfeed.feeds.messages.batch import Batch
@@ -35,6 +35,7 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.frames import LocalFrame
+from plotfeed.models.verdicts import FigureSamples
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import LedgerTables, tables_of
@@ -107,7 +108,7 @@ class TrackerPlan:
 def run_tracker(job: RunJob) -> dict[str, Any]:
     """The figures of a run, NaN and infinite ones too, and how the tracker failed if it did.
 
-    Raises `PlotfeedError` where there is nothing to score, or no broker.
+    Where there is nothing to score, `unscored` says why. Raises `PlotfeedError` without a broker.
     """
     return asyncio.run(_run(job))
 
@@ -138,11 +139,17 @@ async def _run(job: RunJob) -> dict[str, Any]:
     for told in followed.ledgers:
         tally.add(told)
     truths = tally.truths(site=site_frame(site), scene=scene.scene.name)
-    score = score_run(truths, heard.table.read(topic, failure), plan.settings)
-    found = possible(RecordedRun(truths, followed.plots, followed.placeless), score)
-    limits = [samples_of(score, limit) for limit in plan.limits]
-    figures = score.figures() | dict.fromkeys(POSSIBLE, math.nan)
-    figures |= {} if found is None else found.figures()
+    figures, nothing = dict.fromkeys([*FIGURE_NAMES, *POSSIBLE], math.nan), ""
+    limits: list[tuple[float, FigureSamples | None]] = [(math.nan, None)] * len(plan.limits)
+    try:
+        score = score_run(truths, heard.table.read(topic, failure), plan.settings)
+    except NoFlightError as error:
+        nothing = str(error)
+    else:
+        failure = score.failure
+        limits = [samples_of(score, limit) for limit in plan.limits]
+        found = possible(RecordedRun(truths, followed.plots, followed.placeless), score)
+        figures |= score.figures() | ({} if found is None else found.figures())
     late_s = [(row.sent_utc_ns - row.link_due_utc_ns)[row.delivered] / NS
               for row in (told.messages for told in followed.ledgers)]  # fmt: skip
     all_late_s = np.concatenate([np.zeros(1), *late_s])
@@ -150,7 +157,8 @@ async def _run(job: RunJob) -> dict[str, Any]:
         "level": job.level.number,
         "run": job.run,
         "seed": job.seed,
-        "failure": score.failure,
+        "failure": failure,
+        "unscored": nothing,
         "late_s": float(np.quantile(all_late_s, 0.95)),
         "figures": figures,
         "limits": [value for value, _ in limits],

@@ -92,6 +92,25 @@ def test_a_curve_is_gone_on_with(file: Path, tmp_path: Path) -> None:
     assert "begun with other --seed" in other.stderr
 
 
+def test_a_level_without_a_drone_in_cover_is_told_and_the_others_go_on(
+    file: Path, tmp_path: Path
+) -> None:
+    vary = "sensor.*.range_max_m"
+    words = ("score", file, "--tracker", tracker("good"), "--runs", 1, *SHORT[:-1])
+    done = plotfeed_here(*words, "--vary", f"{vary}=500,5000", "--folder", tmp_path / "a", "--json")
+    assert done.returncode == 0, done.stderr
+    without, with_drone = json.loads(done.stdout)["points"]
+    assert len(without["unscored"]) == 1
+    assert without["figures"]["known_gospa_m"]["value"] is None
+    assert with_drone["unscored"] == []
+    assert with_drone["figures"]["known_gospa_m"]["value"] > 0.0
+    told = plotfeed_here(*words, "--vary", f"{vary}=500,5000", "--folder", tmp_path / "a").stdout
+    assert "nothing was scored in 1 of 1 runs: no flight to score against: no drone" in told
+    none = plotfeed_here(*words, "--vary", f"{vary}=500,600", "--folder", tmp_path / "b")
+    assert (none.returncode, none.stdout) == (2, "")
+    assert "no flight to score against" in none.stderr
+
+
 PROFILE = """
 [profile]
 title = "Ours"
@@ -132,8 +151,8 @@ def points_of(values: np.ndarray, late_s: float = 0.0) -> list[CurvePoint]:
     return [
         CurvePoint(
             level=SweepLevel(n, "scene", "", "", (("link.latency_ms", str(500 * n)),)),
-            tracker="mine", runs=values.shape[1], failures=[], late_s=late_s, figures={},
-            limits=values[n][None], verdicts=[],
+            tracker="mine", runs=values.shape[1], failures=[], unscored=[],
+            late_s=late_s, figures={}, limits=values[n][None], verdicts=[],
         )
         for n in range(len(values))
     ]  # fmt: skip
