@@ -227,11 +227,14 @@ def samples_of(score: Score, limit: ScoreLimit) -> tuple[float, FigureSamples | 
 
 
 def update_share(score: Score, period_s: float) -> FigureSamples:
-    """The share of whole periods in cover in which a drone was reported."""
+    """The share of whole periods in cover in which a report of the drone was received.
+
+    By when reports are of, a tracker that holds back minutes of them would miss no period.
+    """
     period_ns = round(period_s * NS)
     found: list[tuple[int, Ints]] = []
     for drone, stays in enumerate(score.over_time.stays_utc_ns):
-        cells = score.errors.t_utc_ns[score.errors.drone == drone] // period_ns
+        cells = score.errors.known_utc_ns[score.errors.drone == drone] // period_ns
         for begin_ns, end_ns in stays:
             periods = np.arange(-(-begin_ns // period_ns), end_ns // period_ns)
             found.append((drone, np.isin(periods, cells).astype(np.int64)))
@@ -241,12 +244,12 @@ def update_share(score: Score, period_s: float) -> FigureSamples:
 def long_gap_share(score: Score, longer_than_s: float) -> FigureSamples:
     """The share of the time of drones in cover that lies in gaps longer than that, by gaps.
 
-    A gap is from one report of the drone to the next, from when it comes to its first, and from
-    its last to when it goes.
+    A gap is from when one report of the drone is received to the next, from when it comes to its
+    first, and from its last to when it goes.
     """
     found: list[tuple[int, Floats]] = []
     for drone, stays in enumerate(score.over_time.stays_utc_ns):
-        times = np.sort(score.errors.t_utc_ns[score.errors.drone == drone])
+        times = np.sort(score.errors.known_utc_ns[score.errors.drone == drone])
         for begin_ns, end_ns in stays:
             inside = times[(times >= begin_ns) & (times <= end_ns)]
             found.append((drone, np.diff(np.concatenate([[begin_ns], inside, [end_ns]])) / NS))

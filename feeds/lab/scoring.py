@@ -173,6 +173,11 @@ class ReportErrors(Columns):
     # East and north from amid the sensors, (n, 2); NaN where nobody says where they are.
     from_sensors_m: Floats
 
+    @property
+    def known_utc_ns(self) -> Ints:
+        """When reports were received, (n,); the times that they are of, where that is not known."""
+        return self.t_utc_ns + np.nan_to_num(self.latency_s * NS).astype(np.int64)
+
 
 def _beside_reports(
     grid: Grid, tracks: UsableTracks, of: Assigned | GridRows, values: Ints
@@ -457,7 +462,7 @@ def drone_scores(
 ) -> list[DroneScore]:
     """Each drone's own score, in their order."""
     protected = how.place(truths)
-    late_ns = np.nan_to_num(errors.latency_s * NS).astype(np.int64)
+    received_ns = errors.known_utc_ns
     found = []
     step_s = grid.step_ns / NS
     for number, (name, path) in enumerate(zip(truths.drones, truths.paths, strict=True)):
@@ -469,7 +474,7 @@ def drone_scores(
         of = errors.drone == number
         apart_m, stamped_ns = errors.distance_m[of], errors.t_utc_ns[of]
         if len(stamped_ns):
-            known_ns = stamped_ns + late_ns[of]
+            known_ns = received_ns[of]
             first = int(np.argmin(known_ns))
             initiation_s = max((int(known_ns[first]) - int(path.t_utc_ns[0])) / NS, 0.0)
             alert_m = _distance_at(path, known_ns[first], stamped_ns[first], protected)

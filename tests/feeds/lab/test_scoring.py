@@ -26,6 +26,7 @@ from support.scored_flights import (
 )
 
 from plotfeed.feeds.lab.flights import FlightsTally, Truths
+from plotfeed.feeds.lab.score import long_gap_share, update_share
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score, ScoreSettings, score_run
 from plotfeed.proto.errors import PlotfeedError
 
@@ -470,3 +471,15 @@ def test_too_fine_a_grid_is_refused() -> None:
 def test_settings_have_bounds(wrong: dict[str, float]) -> None:
     with pytest.raises(ValidationError, match="should be"):
         ScoreSettings(**wrong)  # type: ignore[arg-type]
+
+
+def test_reports_that_are_held_back_are_missed_until_they_come() -> None:
+    first_ns, last_ns = START_NS + 20 * NS, START_NS + 40 * NS
+    held = [
+        (told, last_ns + NS // 5 if first_ns < (told.t_utc_ns or 0) < last_ns else received)
+        for told, received in followed_well()
+    ]
+    on_time, late = (score_run(truths_of(), read_of(given)) for given in (followed_well(), held))
+    assert (update_share(on_time, 1.0).value, long_gap_share(on_time, 5.0).value) == (1.0, 0.0)
+    assert update_share(late, 1.0).value == pytest.approx(41 / 60)
+    assert long_gap_share(late, 5.0).value == pytest.approx(20 / 60)
