@@ -52,7 +52,9 @@ class Possible(NamedTuple):
     of_tracker_m: float
     completeness: float  # Of a tracker that knows whose each plot is
     position_rms_m: float
-    # No unbiased tracker's error is smaller: posterior Cramer and Rao, of plots that came.
+    # The least that this error is in the mean of many such runs, whatever the tracker, by plots
+    # that came: posterior Cramer and Rao, of drones that turn at random as hard as these did. In
+    # one run it may be smaller by chance, as errors of one flight hang together.
     bound_m: float
     # Plots of drones that tell no place by themselves, or not how exact it is: not in it.
     placeless: int
@@ -165,9 +167,11 @@ def possible(run: RecordedRun, score: Score) -> Possible | None:
         return None
     joined = KnownPlots.joined(parts)
     how, p = score.settings.model_copy(update={"counts_tentative": True}), score.settings.order
-    all_of, _ = _followed(truths, joined.but(arrived_utc_ns=joined.t_utc_ns), how)
-    came, bound_m = _followed(truths, joined.rows(joined.arrived_utc_ns != UNKNOWN_NS), how)
+    all_of = _followed(truths, joined.but(arrived_utc_ns=joined.t_utc_ns), how)
+    came = _followed(truths, joined.rows(joined.arrived_utc_ns != UNKNOWN_NS), how)
     best, linked = (score_run(truths, tracks, how) for tracks in (all_of, came))
+    axes = slice(how.dimensions)
+    spread_m2 = np.trace(linked.errors.covariance_m2[:, axes, axes], axis1=1, axis2=2)
     of_best = best.as_stamped.gospa_m
     of_linked = max((linked.as_known or linked.as_stamped).gospa_m, of_best)
     own = max((score.as_known or score.as_stamped).gospa_m, of_linked)
@@ -177,13 +181,13 @@ def possible(run: RecordedRun, score: Score) -> Possible | None:
         of_tracker_m=(own**p - of_linked**p) ** (1 / p),
         completeness=best.as_stamped.completeness,
         position_rms_m=linked.reports.position_rms_m,
-        bound_m=bound_m,
+        bound_m=float(np.sqrt(spread_m2.mean())) if len(spread_m2) else np.nan,
         placeless=run.placeless,
     )
 
 
-def _followed(truths: Truths, plots: KnownPlots, how: ScoreSettings) -> tuple[TracksRead, float]:
-    """Tracks of each drone by its own plots, as they came, and the bound of their errors, metres.
+def _followed(truths: Truths, plots: KnownPlots, how: ScoreSettings) -> TracksRead:
+    """Tracks of each drone by its own plots, as they came.
 
     Kalman's filter, which knows how hard each drone turns. Between plots there is a report each
     step, as long as its error is less than half the cut-off.
@@ -246,9 +250,7 @@ def _followed(truths: Truths, plots: KnownPlots, how: ScoreSettings) -> tuple[Tr
         tentative=np.zeros(len(track), np.bool_),
         ended=np.zeros(len(track), np.bool_),
     )
-    level_m2 = np.trace(errors_m2[:, :2, :2], axis1=1, axis2=2)
-    bound_m = float(np.sqrt(level_m2.mean())) if len(level_m2) else np.nan
-    return TracksRead(reports=reports, names=list(truths.drones), source="possible"), bound_m
+    return TracksRead(reports=reports, names=list(truths.drones), source="possible")
 
 
 def _density_m2_s3(path: FlightPath) -> float:
@@ -266,6 +268,6 @@ def told_of(found: Possible) -> str:
     less = f"; {found.placeless} plots without a place are not in it" if found.placeless else ""
     return (
         f"GOSPA by whose fault: {told}: most is the {worst}'s. Who knows whose each plot is has "
-        f"{found.completeness:.1%} of the drones, to {found.position_rms_m:.1f} m; the bound is "
-        f"{found.bound_m:.1f} m{less}"
+        f"{found.completeness:.1%} of the drones, to {found.position_rms_m:.1f} m; in the mean of "
+        f"many such runs no tracker does better than {found.bound_m:.1f} m{less}"
     )

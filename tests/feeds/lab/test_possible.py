@@ -50,6 +50,7 @@ def test_a_tracker_that_says_nothing_is_to_blame(tmp_path: Path) -> None:
     assert "most is the tracker's" in told_of(found)
     assert found.completeness > 0.9
     assert 0.5 < found.position_rms_m / found.bound_m < 2.0
+    assert f"no tracker does better than {found.bound_m:.1f} m" in told_of(found)
     assert found.placeless == 0
 
 
