@@ -96,21 +96,8 @@ class _Part(NamedTuple):
     is_read: Bools  # Whether its plots are looked for
     looks: FeedLooks
     t_utc_ns: Ints  # Of plots, by the ledger
-    told: ToldTruth
+    told: ToldTruth | None
     false_alarms: int
-
-
-_NONE: Ints = np.zeros(0, np.int64)
-# Of no plots.
-NOTHING_TOLD = ToldTruth(
-    np.zeros(0, np.bool_),
-    TruePlots(t_utc_ns=_NONE, target=_NONE, drones=_NONE, range_rate_m_s=np.zeros(0)),
-    TrueEchoes(
-        plot=_NONE,
-        channel=_NONE,
-        **dict.fromkeys(("azimuth_deg", "elevation_deg", "range_m", "weight"), np.zeros(0)),
-    ),
-)
 
 
 def runs_of(ends: Ints) -> Ints:
@@ -208,7 +195,7 @@ class Gathering:
         self.of_others.update(name.partition(OTHER)[0] for name in plots.other if name)
         is_read = np.full(n, self._topic is not None)
         is_read[list(spoilt)] = False
-        truths = NOTHING_TOLD
+        truths = None
         if self._against == "asked":
             truths = truths_of(told, is_target, self._targets(names[is_target]))
         part = _Part(
@@ -216,7 +203,12 @@ class Gathering:
             [self._number(key) for key in keys],
             np.bincount(plots.entry, minlength=n),
             is_read,
-            self._looks(told),
+            FeedLooks(
+                sector=told.looks.entry,
+                target=self._targets(names_of(told.looks)),
+                counts=np.ones(len(told.looks), np.bool_),
+                **{name: getattr(told.looks, name) for name in OF_LOOKS},
+            ),
             plots.t_utc_ns,
             truths,
             int((names == "").sum()),
@@ -239,15 +231,6 @@ class Gathering:
             self._expected[id(asked)] = (len(self._expected), asked, expected)
         return self._expected[id(asked)][0]
 
-    def _looks(self, told: LedgerTables) -> FeedLooks:
-        looks = told.looks
-        return FeedLooks(
-            sector=looks.entry,
-            target=self._targets(names_of(looks)),
-            counts=np.ones(len(looks), np.bool_),
-            **{name: getattr(looks, name) for name in OF_LOOKS},
-        )
-
     def _targets(self, names: Texts) -> Ints:
         """Numbers of targets, (n,)."""
         known = self._names
@@ -267,7 +250,8 @@ class Gathering:
             self._judge(due)
 
     def _judge(self, parts: Sequence[_Part]) -> None:
-        looks, told, first = [], [NOTHING_TOLD], 0
+        looks, first = [], 0
+        told: list[ToldTruth] = []
         plots: list[PlotRows] = []
         sectors: list[Ints] = [np.zeros(0, np.int64)]
         for part in parts:
@@ -279,12 +263,14 @@ class Gathering:
                 is_there = self._waiting.count(key) > 0
                 found = self._waiting.take(key, times_ns)
                 if found is None:
-                    self.contradicted += int(part.told.is_target[of].sum()) if is_there else 0
+                    if part.told is not None and is_there:
+                        self.contradicted += int(part.told.is_target[of].sum())
                     continue
                 is_kept[of] = True
                 plots += found
                 sectors.append(np.full(sum(map(len, found)), first + row))
-            told.append(part.told.rows(is_kept))
+            if part.told is not None:
+                told.append(part.told.rows(is_kept))
             looks.append(part.looks.but(sector=first + part.looks.sector))
             first += len(part.keys)
         has_clutter = self.of_others[CLUTTER] or self.of_others[SIDELOBE]
@@ -298,7 +284,7 @@ class Gathering:
                 expected=[expected for *_, expected in self._expected.values()],
                 scans=first / (1 if self.asked is None else self.asked.sectors),
                 names=list(self._names),
-                told=ToldTruth.joined(told) if self._against == "asked" else None,
+                told=ToldTruth.joined(told) if told else None,
                 false_alarms=sum(part.false_alarms for part in parts),
                 why_no_clutter=NOT_CLAIMED if has_clutter else "",
             )
@@ -421,6 +407,13 @@ def judged_recording(path: Path, against: Against) -> FeedReport:
         checks = [check for link in links for check in link_checks(link)]
         for key in sensors:
             checks += [replace(each, sensor=names[key]) for each in found[key].checks()]
+        notes = [f"its scene cannot be used: {evidence.problem}"] if evidence.problem else []
+        left_out = sum(each.left_out for each in found.values())
+        counts = {
+            "entries are no ledger and are left out": evidence.unreadable,
+            "entries were recorded twice and count once": evidence.repeated,
+            "entries are under more link settings than are told": left_out,
+        }
         first_ns, last_ns = evidence.first_ns or 0, evidence.last_ns or 0
         return FeedReport(
             file=str(path),
@@ -431,7 +424,7 @@ def judged_recording(path: Path, against: Against) -> FeedReport:
             links=links,
             sensors=[_figures(names[k], found[k], plots_from.get(k, "")) for k in sensors],
             verdicts=Verdicts.of(checks, against),
-            notes=_notes(evidence, sum(each.left_out for each in found.values())),
+            notes=notes + [f"{count} {what}" for what, count in counts.items() if count],
             damage=list(evidence.log.damage),
             curve=[*CURVE.tolist(), 1.0],
             normalised_edges=EDGES.tolist(),
@@ -559,13 +552,3 @@ def _figures(name: str, of: Gathering, plots_from: str) -> SensorFigures:
         why_not_pd=of.tally.why_not_pd,
         histograms={name: counts for name, counts in histograms.items() if any(counts)},
     )
-
-
-def _notes(evidence: Evidence, left_out: int) -> list[str]:
-    counts = {
-        "entries are no ledger and are left out": evidence.unreadable,
-        "entries were recorded twice and count once": evidence.repeated,
-        "entries are under more link settings than are told": left_out,
-    }
-    notes = [f"its scene cannot be used: {evidence.problem}"] if evidence.problem else []
-    return notes + [f"{count} {what}" for what, count in counts.items() if count]

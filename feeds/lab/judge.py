@@ -51,7 +51,7 @@ from plotfeed.models.residuals import (
     wrong_at,
 )
 from plotfeed.models.sensors.electronic_radar import SEARCH, ElectronicRadar
-from plotfeed.models.state import Bools, Columns, Floats, Ints, Plots
+from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.tail_chances import p_of_normal, p_of_trials
 from plotfeed.models.track_metrics import FlightPath
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
@@ -810,10 +810,15 @@ def simulated_feed(scene: Scene, seen: SimulatedSensor, sectors: int = 0) -> Sen
     )
     looks = looks.rows(np.argsort(looks.scan * per_scan + looks.sector, kind="stable"))
     plots = plots.rows(np.argsort(plots.scan * per_scan + plots.sector, kind="stable"))
+    # Columns that plots as they are measured and as they are decoded both have.
+    told = [name for of, _ in QUANTITIES.values() for name in (of, f"sigma_{of}")]
+    held = {name for name in vars(plots) if getattr(plots, name) is not None}
+    held &= {*MeasuredPlots.__annotations__}
+    carried = ["channel", *(name for name in told if name in held)]
     measured = MeasuredPlots.of([{}] * len(plots)).but(
         t_utc_ns=(plots.t_utc_ns + asked.clock_ahead_ns).astype(np.object_),
         category=np.zeros(len(plots), np.int64),
-        **{name: np.ascontiguousarray(getattr(plots, name)) for name in _carried(plots)},
+        **{name: np.ascontiguousarray(getattr(plots, name)) for name in carried},
     )
     emitted_ns = np.zeros(len(looks), np.int64)
     if looks.emitted_utc_ns is not None:
@@ -834,13 +839,6 @@ def simulated_feed(scene: Scene, seen: SimulatedSensor, sectors: int = 0) -> Sen
         (sectors or len(seen.sectors)) / per_scan,
         seen.drones,
     )
-
-
-def _carried(plots: Plots) -> list[str]:
-    """Columns that plots as they are measured and as they are decoded both have."""
-    columns = [name for of, _ in QUANTITIES.values() for name in (of, f"sigma_{of}")]
-    held = MeasuredPlots.__annotations__
-    return ["channel", *(n for n in columns if n in held and getattr(plots, n, None) is not None)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

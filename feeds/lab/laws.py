@@ -307,19 +307,14 @@ def _places(
             mean(elevation_deg, elevation_deg - elevation_deg[first][of]),
             mean(range_m, range_m - range_m[first][of]),
         )
-    if asked is not None:
-        place = _read(asked, place, plots.t_utc_ns)
+    if asked is not None:  # means with what the sensor reads in place of them
+        azimuth_deg, elevation_deg, range_m = asked.model.mean_place(*place)
+        if asked.readings is not None:
+            longer_m = range_m - place.range_m
+            range_m = asked.readings.range_m(place.range_m, plots.t_utc_ns) + longer_m
+            azimuth_deg = asked.readings.azimuth_deg(azimuth_deg, plots.t_utc_ns)
+        place = Place(azimuth_deg, elevation_deg, range_m)
     return place, is_whole & np.isfinite(place.azimuth_deg)
-
-
-def _read(asked: AskedSensor, place: Place, t_utc_ns: Ints) -> Place:
-    """Means with what the sensor reads in place of them."""
-    azimuth_deg, elevation_deg, range_m = asked.model.mean_place(*place)
-    if asked.readings is not None:
-        longer_m = range_m - place.range_m
-        range_m = asked.readings.range_m(place.range_m, t_utc_ns) + longer_m
-        azimuth_deg = asked.readings.azimuth_deg(azimuth_deg, t_utc_ns)
-    return Place(azimuth_deg, elevation_deg, range_m)
 
 
 def _sigmas(

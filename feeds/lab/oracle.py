@@ -545,7 +545,8 @@ class _Look:
         strange = np.array([each is None for each in found])
         self.doubt("drones that the scene does not name", strange[self.of])
         self.signatures = [TargetSignature() if each is None else each for each in found]
-        self.horizons = _horizons(scene)
+        has_some = scene.terrain is not None and scene.encloses(HORIZONS)
+        self.horizons = _read_horizons(scene.file(HORIZONS)) if has_some else []
         if scene.terrain is not None and not self.horizons:
             self.doubt("ground and buildings, whose horizons are not there")
 
@@ -681,13 +682,6 @@ class _Horizon(LevelAxes):
     def _keys(self) -> Floats:
         """Azimuths and distances of steps on one axis; (n,)."""
         return np.asarray(self.steps["azimuth"] + self.steps["distance_m"].astype("f8") / FURTHER_M)
-
-
-def _horizons(scene: Scene) -> list[_Horizon]:
-    """Horizons of a recorded scene, about each place where its signals begin or end."""
-    if scene.terrain is None or not scene.encloses(HORIZONS):
-        return []
-    return _read_horizons(scene.file(HORIZONS))
 
 
 @lru_cache(maxsize=1)

@@ -79,15 +79,17 @@ class LevelAxis:
 
     def __init__(self, levels: Sequence[SweepLevel]) -> None:
         self._several = len({level.scene for level in levels}) > 1
-        self.key = next((n for n in range(len(levels[0].changes)) if _is_scale(levels, n)), None)
+        found = ({level.changes[n][1] for level in levels} for n in range(len(levels[0].changes)))
+        values = [[json.loads(text) for text in each] for each in found]
+        scales = (len(v) > 1 and all(type(x) in (int, float) for x in v) for v in values)
+        self.key = next((n for n, is_scale in enumerate(scales) if is_scale), None)
         self.title = "level" if self.key is None else levels[0].changes[self.key][0]
         self.lines: dict[str, list[SweepLevel]] = {}  # Levels of a line, by its label
         for level in levels:
             self.lines.setdefault(self._line(level), []).append(level)
         self._at = {level.number: n for n, level in enumerate(levels)}
-        values = [self.at(level) for level in levels]
-        self.is_log = self.key is not None and min(values) > 0
-        self.is_log = self.is_log and max(values) > LOG_FROM * min(values)
+        at = [self.at(level) for level in levels]
+        self.is_log = self.key is not None and 0 < LOG_FROM * min(at) < max(at)
         self.ticks = {} if self.key is not None else {self.at(lv): self.name(lv) for lv in levels}
 
     def at(self, level: SweepLevel) -> float:
@@ -140,12 +142,6 @@ def _label(level: SweepLevel, keys: Any, *, with_scene: bool) -> str:
     parts += [f"{level.changes[n][0]} = {level.changes[n][1]}" for n in keys]
     text = ", ".join(parts)
     return plain_text(text if len(text) <= LETTERS else f"...{text[-LETTERS:]}")
-
-
-def _is_scale(levels: Sequence[SweepLevel], n: int) -> bool:
-    values = {level.changes[n][1] for level in levels}
-    numbers = [json.loads(value) for value in values]
-    return len(numbers) > 1 and all(type(number) in (int, float) for number in numbers)
 
 
 def shades(count: int) -> list[Any]:

@@ -465,9 +465,6 @@ def _legend(axes: Any, chosen: Chosen) -> None:
     axes.legend(handles=handles, loc="upper left", frameon=False, fontsize=9, labelspacing=0.9)
 
 
-DAMAGED = 2
-
-
 def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool = False) -> int:
     """Print what the ledger in a file says, and draw it if there is a place to; the exit code.
 
@@ -486,4 +483,4 @@ def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool =
         for line in lines(told):
             say(line)
     say_damage(path, told.damage, all_in="; --json has all")
-    return DAMAGED if told.damage else 0
+    return 2 if told.damage else 0

@@ -334,7 +334,6 @@ class ScoreReport:
         """All tables, that of verdicts first."""
         if self.verdicts:
             yield Table(printable(self.title), LIMITS, self.verdicts)
-        yield set_table(self.score)
         yield from tables_of(self.score)
 
     def closing(self) -> str:
@@ -387,18 +386,14 @@ def lines(told: ScoreReport) -> Iterator[str]:
     yield told.closing()
 
 
-def set_table(score: Score) -> Table:
-    """Figures of sets, as stamped and as known."""
-    of = (score.as_stamped, score.as_known or Figures(), score.in_space)
+def tables_of(score: Score) -> Iterator[Table]:
+    """All tables of a score but that of verdicts."""
+    of: tuple[Figures, ...] = (score.as_stamped, score.as_known or Figures(), score.in_space)
     rows = [
         (text, *(number(each[name], form) for each in of)) for name, (text, form) in SETS.items()
     ]
     heads = ("", "as stamped", "as known", "in space")
-    return Table("Tracks beside drones, over time", of_cells(heads, "<>>>"), rows)
-
-
-def tables_of(score: Score) -> Iterator[Table]:
-    """All other tables."""
+    yield Table("Tracks beside drones, over time", of_cells(heads, "<>>>"), rows)
     of = (score.reports, score.in_space)
     told = [
         (text, *(number(e[n], form) for e in of)) for n, (text, form) in REPORTS.items() if text
@@ -693,8 +688,6 @@ def clean(text: str) -> str:
     return FORBIDDEN.sub("", text)
 
 
-# Exit codes.
-KEPT, BROKEN = 0, 1
 NO_PROFILE = "no profile"
 
 
@@ -736,7 +729,7 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
         possible=possible(run, score),
     )
     publish(told, options)
-    return KEPT if told.is_kept else BROKEN
+    return int(not told.is_kept)
 
 
 def _check_feed(recording: Path, options: ScoreOptions) -> int:
@@ -751,7 +744,7 @@ def _check_feed(recording: Path, options: ScoreOptions) -> int:
     else:
         for line in feed_lines(told):
             say(line)
-    return BROKEN if told.verdicts.wrong else KEPT
+    return int(bool(told.verdicts.wrong))
 
 
 def settings_of(profile: ScoreProfile | None, changes: Sequence[str]) -> ScoreSettings:

@@ -422,21 +422,15 @@ class Score:
 
         Those of what was known at the time begin with `known_`, and those in space with `space_`.
         """
-        known, stamped = self.as_known or Figures(), self.as_stamped
-        return {
-            **{name: stamped[name] for name in SETS},
-            **{f"known_{name}": known[name] for name in SETS},
-            **{name: self.reports[name] for name in REPORTS},
-            **{f"space_{name}": self.in_space[name] for name in FIGURES},
-            "initiation_median_s": self.initiation_median_s,
-            "alert_median_m": self.alert_median_m,
-            "drones": float(self.counted),
-            "never_tracked": float(self.never_tracked),
-            "tracks": float(self.tracks),
-            "false_tracks": float(self.false_tracks),
-            "left_out": float(sum(self.left_out.values())),
-            "silent_s": self.silent_s,
-        }
+        known, sets = self.as_known or Figures(), {name: self.as_stamped[name] for name in SETS}
+        counts = self.counted, self.never_tracked, self.tracks, self.false_tracks
+        values = (
+            *(*sets.values(), *(known[name] for name in SETS)),
+            *(*(self.reports[name] for name in REPORTS), *(self.in_space[n] for n in FIGURES)),
+            *(self.initiation_median_s, self.alert_median_m, *map(float, counts)),
+            *(float(sum(self.left_out.values())), self.silent_s),
+        )
+        return dict(zip(FIGURE_NAMES, values, strict=True))
 
 
 # As `Score.figures` has them.

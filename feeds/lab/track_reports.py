@@ -525,7 +525,11 @@ def read_tracks(
     if suffix in TABLES:
         _take(table, _lines(path, suffix), path)
         return table.read(path.name)
-    if suffix in FEATURES or (suffix in LINES and not _is_recording(path)):
+    is_told = suffix in FEATURES
+    if suffix in LINES:  # of JSON, which may be messages of a recording
+        with path.open("rb") as file:
+            is_told = b'"topic"' not in file.readline(MAX_OCTETS)
+    if is_told:
         _take(table, _features(path), path)
         return table.read(path.name)
     site = None if scene is None else site_frame(scene.scene.site)
@@ -616,12 +620,6 @@ def _holds_tracks(message: Recorded, own: str) -> bool:
         return True
     head = payload[:400]
     return b'"latitude_deg"' in head and b'"track"' in head
-
-
-def _is_recording(path: Path) -> bool:
-    """Whether lines of JSON are messages of a recording, and not reports."""
-    with path.open("rb") as file:
-        return b'"topic"' in file.readline(MAX_OCTETS)
 
 
 def _lines(path: Path, suffix: str) -> Iterator[Mapping[str, Any]]:
