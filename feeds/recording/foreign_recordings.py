@@ -49,7 +49,8 @@ class Wanted(NamedTuple):
     date_utc_ns: int = 0  # Midnight of the day on which a file without dates begins
     start_ns: int | None = None  # Messages of log times from here on
     end_ns: int | None = None  # and before here
-    blocks: bool = False  # Of raw ASTERIX the data blocks, and no messages
+    # Of raw ASTERIX data blocks in place of messages, with places in the file for their log times.
+    blocks: bool = False
     attachment: str = ""  # That one, and no messages
 
 
@@ -68,6 +69,7 @@ class ForeignReader(RecordingReader):
         started = process_apart(_START, json.dumps(Wanted(form, **asked)))
         with path.open("rb") as file:
             self._process = subprocess.Popen(**started, stdin=file, stdout=subprocess.PIPE)
+        self._out: BinaryIO = self._process.stdout  # type: ignore[assignment]
         try:
             with self._sound():
                 head = self._head()
@@ -111,10 +113,6 @@ class ForeignReader(RecordingReader):
                         which = slice(told, told := told + properties)
                         beside = tuple(zip(names[which], values[which], strict=True))
                     yield Recorded(topic, payload, log_ns, due_ns, kind, beside, retain, qos, stage)
-
-    def blocks(self) -> Iterator[tuple[bytes, int]]:
-        """Data blocks with their headers and where they begin, if `blocks` were asked for."""
-        return ((each.payload, each.log_time_ns) for each in self.messages())
 
     def attachments(self) -> Sequence[AttachmentEntry]:
         """Files within the file."""
@@ -172,11 +170,6 @@ class ForeignReader(RecordingReader):
         except (ValueError, TypeError, LookupError, OverflowError, AttributeError, RecursionError):
             raise PlotfeedError(f"{self._path}: {broken_or_beyond(KIND)}") from None
 
-    @property
-    def _out(self) -> BinaryIO:
-        out: BinaryIO = self._process.stdout  # type: ignore[assignment]
-        return out
-
 
 @contextmanager
 def open_recording(
@@ -185,8 +178,8 @@ def open_recording(
     """A file, read apart, in the format that it is in unless another is said.
 
     `date_utc_ns` is midnight of the day on which a file without dates begins; with `blocks`, raw
-    ASTERIX is read as data blocks. Raises `PlotfeedError` if the format cannot be told or read, and
-    `OSError`.
+    ASTERIX is read as data blocks, whose log time is where in the file they begin. Raises
+    `PlotfeedError` if the format cannot be told or read, and `OSError`.
     """
     form = form or format_of(path)
     blocks = blocks and form is FileFormat.RAW

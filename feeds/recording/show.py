@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import islice
@@ -16,7 +16,7 @@ from typing import Any
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import aligned, printable, say, say_damage
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
-from plotfeed.feeds.recording.foreign_recordings import ForeignReader, open_recording
+from plotfeed.feeds.recording.foreign_recordings import open_recording
 from plotfeed.feeds.recording.record_text import EXTRA, record_json, record_line, record_tree
 from plotfeed.feeds.recording.recording_settings import ShowSettings
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -34,7 +34,7 @@ from plotfeed.replay.asterix_files import (
     trailer_octets,
 )
 from plotfeed.replay.files import FileFormat, Recording
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.recorded import Damages, Recorded, Stage
 
 MAX_SERIES = 10_000
 OTHERS = "(others)"  # In place of the topic when there are more
@@ -345,12 +345,15 @@ def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:
         return (line for message in chosen for line in line_of(message))
     if settings.stages and Stage.RECEIVED not in settings.stages:
         return iter(())
-    return _raw_lines(reader, settings)  # type: ignore[arg-type]
+    blocks = ((each.payload, each.log_time_ns) for each in reader.messages())
+    return _raw_lines(blocks, reader.damage, settings)
 
 
-def _raw_lines(reader: ForeignReader, settings: ShowSettings) -> Iterator[str]:
+def _raw_lines(
+    blocks: Iterable[tuple[bytes, int]], damage: Damages, settings: ShowSettings
+) -> Iterator[str]:
     chosen = [n for n in range(256) if is_chosen(raw_topic(n), settings.topics)]
-    for octets, at in reader.blocks():
+    for octets, at in blocks:
         if octets[0] not in chosen:
             continue
         block = Block(octets[0], octets[HEADER_OCTETS:], at + HEADER_OCTETS)
@@ -359,7 +362,7 @@ def _raw_lines(reader: ForeignReader, settings: ShowSettings) -> Iterator[str]:
                 yield _told(record, settings)
         except DecodeError as error:
             where = block.at_octet if error.at_octet is None else error.at_octet
-            reader.damage.add(where, str(error).removeprefix(f"octet {where}: "))
+            damage.add(where, str(error).removeprefix(f"octet {where}: "))
 
 
 def _told(record: Record, settings: ShowSettings) -> str:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import multiprocessing
 import random
 import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 from fuzz.first_seeds import seeds_of
@@ -63,7 +65,7 @@ class Outcome:
 class Attack:
     """One who misbehaves in that way at that door, until told to stop."""
 
-    def __init__(self, door: str, way: str, port: int, over: threading.Event) -> None:
+    def __init__(self, door: str, way: str, port: int, over: Event) -> None:
         self._door, self._way, self._port, self._over = door, way, port, over
         self._chance = random.Random(f"{door} {way}")  # noqa: S311 - no secret
         live = f"live-{door.partition(' ')[0]}"
@@ -93,16 +95,14 @@ class Attack:
             while True:
                 yield b""
 
-    def _wait(self) -> None:
-        self._over.wait(0.0 if self._way == "flood" else TURN_S)
-
     def _say(self, send: Callable[[bytes], object]) -> None:
         for piece in self.octets():
             if self._over.is_set():
                 return
             if piece:
                 send(piece)
-            self._wait()
+            if self._way != "flood":
+                self._over.wait(TURN_S)
 
     def _connect(self) -> None:
         """At a socket: of a live source, or of the broker."""
@@ -157,22 +157,35 @@ def scene_of(ports: dict[str, int], port: int) -> Scene:
             sources += f'[[telemetry.source]]\nurl = "{kind}:{scheme}://127.0.0.1:{at}"\n'
     general = "max_speed_m_s = 350.0\ntakeoff_height_m = 650.0\ngeoid_undulation_m = 51.0\n"
     text = scene_text(
-        port=port, sensors=radar(period_s=6.0, sectors=60), telemetry=general + MAPPING + sources
+        port=port, sensors=radar(period_s=6.0, sectors=240), telemetry=general + MAPPING + sources
     )
     return parsed(text.encode(), Path("scene.toml"))
 
 
+def misbehave(doors: Sequence[str], way: str, ports: Mapping[str, int], over: Event) -> None:
+    """At each of those doors somebody, all in this process, until told to stop or nobody can."""
+    attacks = [Attack(door, way, ports[door], over) for door in doors]
+    threads = [threading.Thread(target=each.run, daemon=True) for each in attacks]
+    for thread in threads:
+        thread.start()
+    session = multiprocessing.parent_process()
+    while not over.wait(0.1) and session is not None and session.is_alive():
+        pass
+
+
 async def beside(doors: Sequence[str], way: str, seconds: float, folder: Path) -> Outcome:
-    """A session with bad peers at those doors for so long, and the same engine without."""
-    broker, over = free_port(), threading.Event()
+    """A session with bad peers at those doors for so long, and the same engine without.
+
+    They are a process of their own, as peers are, so that their work is not the session's.
+    """
+    broker, apart = free_port(), multiprocessing.get_context("spawn")
     ports = {door: free_port() for door in (*LIVE, SERVED)}
-    scene = scene_of(ports, broker)
-    attacks = [Attack(door, way, ports.get(door, broker), over) for door in doors]
-    threads = [threading.Thread(target=each.run) for each in attacks]
+    scene, over = scene_of(ports, broker), apart.Event()
+    ports |= dict.fromkeys(("mqtt", *TOPICS), broker)
+    bad = apart.Process(target=misbehave, args=(doors, way, ports, over))
     with own_broker(folder, broker):
         async with at_work(scene, broker) as session:
-            for thread in threads:
-                thread.start()
+            bad.start()
             try:
                 await asyncio.sleep(seconds)
                 await session.sectors_more(1)
@@ -180,8 +193,7 @@ async def beside(doors: Sequence[str], way: str, seconds: float, folder: Path) -
                 ended_s = time.monotonic()
         end_s = time.monotonic() - ended_s
         over.set()
-        for thread in threads:
-            await asyncio.to_thread(thread.join)
+        await asyncio.to_thread(bad.join)
     said, alone = octets_of(session), octets_alone(scene, session)
     differing = sum(alone.get(key) != payload for key, payload in said.items())
     p99_ms = lateness_us(session.totals.lateness_ns, 99)[0] / 1e3

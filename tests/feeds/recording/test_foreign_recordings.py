@@ -46,7 +46,6 @@ LIES = [
     b"[1]\n",
     b"{}\n",
     b"[" * 100_000 + b"\n",
-    b'{"at": 0, "skipped": 0, "damage": [], "octets": "x", "attachments": []}\n',
     b'{"at": 0, "skipped": 0, "damage": [7], "octets": 1, "attachments": []}\n',
     b'{"at": 0, "skipped": 0, "damage": [], "octets": 1e999, "attachments": []}\n',
 ]
@@ -100,10 +99,12 @@ def test_what_another_process_reads_is_what_this_one_would(
     tmp_path_factory: pytest.TempPathFactory, messages: list[Recorded]
 ) -> None:
     path = stored(tmp_path_factory.mktemp("foreign") / "log.mcap", messages)
-    with path.open("rb") as file, reading(file, FileFormat.MCAP) as here:
-        expected = list(here.reader.messages())
-    with open_recording(path) as apart:
-        assert list(apart.reader.messages()) == expected
+    with (
+        path.open("rb") as file,
+        reading(file, FileFormat.MCAP) as here,
+        open_recording(path) as apart,
+    ):
+        assert list(apart.reader.messages()) == list(here.reader.messages())
         assert (apart.octets, apart.reader.damage) == (here.octets, here.reader.damage)
 
 
@@ -114,8 +115,6 @@ def test_many_messages_come_in_more_than_one_frame_and_long_ones_alone(tmp_path:
 
 
 def test_a_pipe_is_read_as_it_is_written(tmp_path: Path) -> None:
-    if not hasattr(os, "mkfifo"):
-        pytest.skip("no named pipes")
     path, first_came = tmp_path / "pipe.jsonl", threading.Event()
     os.mkfifo(path)
     lines = written(lambda file: writer_to(file, FileFormat.JSON), plots(2)).splitlines(True)
@@ -165,14 +164,12 @@ def test_it_has_limits_no_network_and_none_of_our_secrets(
         with pytest.raises(PlotfeedError) as told, open_recording(stored(tmp_path / "a", plots(1))):
             pass
     facts = json.loads(str(told.value).partition(": ")[2])
-    assert facts["RLIMIT_AS"] == 2048 << 20
-    assert facts["RLIMIT_CPU"] == 24 * 3600
-    assert facts["RLIMIT_NOFILE"] == 64
-    assert facts["secrets"] == []
+    network = facts.pop("network")
+    assert [*facts.values()] == [2048 << 20, 24 * 3600, 64, []]
     # Linux, where users may have namespaces of their own.
     own = "import ctypes, sys; sys.exit(ctypes.CDLL(None).unshare(0x50000000) != 0)"
     may_have_own = subprocess.run([sys.executable, "-c", own], check=False).returncode == 0
-    assert facts["network"] is not may_have_own
+    assert network is not may_have_own
 
 
 @pytest.mark.parametrize("lie", [*LIES, *(HEAD + later for later in LATER_LIES)])
@@ -199,10 +196,9 @@ def test_a_process_ends_with_who_asked_and_not_by_ctrl_c(tmp_path: Path) -> None
     assert process.poll() is None
     reader.close()
     assert process.returncode == -signal.SIGKILL
-    source = RecordingFile(path)
-    some = source.messages(None, None)
+    some = RecordingFile(path).messages(None, None)
     next(some)
-    some.close()  # as a replay does that goes elsewhere
+    some.close()  # type: ignore[attr-defined]  # as a replay does that goes elsewhere
     # Whose parent is gone finds nobody to write to.
     asked = json.dumps(foreign_recordings.Wanted(FileFormat.MCAP))
     with path.open("rb") as file:
