@@ -537,6 +537,6 @@ class _Relay(_ToSession):
         self._send(drone, report)
 
     def _refuse(self, drone: str, refused: Refused) -> None:
-        self._refused[refused.reason] += 1
+        self._refused[refused.reason] += refused.count
         whose = f"{drone}: " if drone else ""
         self._details.setdefault(refused.reason, whose + refused.detail)

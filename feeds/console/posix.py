@@ -1,7 +1,6 @@
 """What POSIX systems have and Windows lacks, and what plotfeed does there instead.
 
 Nothing else in the package uses such a module, function or constant, but for what Linux alone has.
-What has no loop does without asyncio, which takes longer to load than to read a file.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ class Intake:
         if key not in self._refused_before and len(self._refused_before) >= MAX_REFUSED_BEFORE:
             key = "", refused.reason
         _, number = self._refused_before.get(key, (refused, 0))
-        self._refused_before[key] = refused, number + 1
+        self._refused_before[key] = refused, number + refused.count
 
     def take_in(self, as_of_ns: int, until: Callable[[], bool]) -> None:
         """Take in what waits, as of that time: commands first, then topic after topic.

@@ -83,13 +83,15 @@ class Reason(StrEnum):
 class Refused(PlotfeedError):  # noqa: N818 - what happened to a report, not what broke
     """A report that was not taken. `detail` is one line: what was wrong and what was expected.
 
-    `is_told` says that it was told of another report already, and need only be counted.
+    `is_told` says that it was told of another report already, and need only be counted. It may
+    stand for a `count` of reports, as of a flood.
     """
 
-    def __init__(self, reason: Reason, detail: str, *, is_told: bool = False) -> None:
-        self.is_told = is_told
+    def __init__(
+        self, reason: Reason, detail: str, *, is_told: bool = False, count: int = 1
+    ) -> None:
+        self.reason, self.is_told, self.count = reason, is_told, count
         line = " ".join(detail.split())
-        self.reason = reason
         self.detail = line if len(line) <= MAX_DETAIL else line[: MAX_DETAIL - 1] + "…"
         super().__init__(self.detail)
 

@@ -81,9 +81,6 @@ class PeerTurns:
     def put(self, peer: str, data: bytes) -> None:
         """Have octets wait of a peer that cannot be held up; those without room are refused."""
         self._waiting.put(peer, data, None)
-        for whose, number in self._waiting.dropped.items():
-            self.refuse(f"{whose or 'others'}: more comes than there is time for", number)
-        self._waiting.dropped.clear()
         if self._timer is None:
             self._plan()
 
@@ -103,8 +100,7 @@ class PeerTurns:
 
     def refuse(self, why: str, number: int = 1) -> None:
         """Refuse something, so many times, of which nothing more is known."""
-        for _ in range(number):
-            self._say(HeardReport("", Refused(Reason.FLOOD, why)))
+        self._say(HeardReport("", Refused(Reason.FLOOD, why, count=number)))
 
     async def emptied(self) -> None:
         """Return when nothing waits."""
@@ -126,6 +122,9 @@ class PeerTurns:
             now_s = self._now_s()
         self._rests_until_s = now_s + PAUSES * (now_s - began_s)
         self._timer = None
+        for whose, number in self._waiting.dropped.items():
+            self.refuse(f"{whose or 'others'}: more comes than there is time for", number)
+        self._waiting.dropped.clear()
         for note in self._listener.notes():
             self._note(note)
         if has_more:

@@ -67,7 +67,8 @@ class Door:
 
     @property
     def reasons(self) -> Counter[str]:
-        return Counter(h.said.reason for h in self.said if isinstance(h.said, Refused))
+        refused = [h.said for h in self.said if isinstance(h.said, Refused)]
+        return Counter(r.reason for r in refused for _ in range(r.count))
 
 
 @pytest.mark.asyncio
