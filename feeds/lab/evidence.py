@@ -15,7 +15,7 @@ from functools import cached_property
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
@@ -448,19 +448,11 @@ class EvidencePart(NamedTuple):
 class Evidence:
     """What a recording has of a session: its scene and settings, and parts of its ledger."""
 
-    def __init__(
-        self,
-        path: Path,
-        file: BinaryIO,
-        stages: Sequence[Stage],
-        folder: Path,
-        unnamed_file: BinaryIO,
-    ) -> None:
+    def __init__(self, path: Path, file: BinaryIO, stages: Sequence[Stage], folder: Path) -> None:
         """Plots are looked for at the first of those stages; raises `PlotfeedError`.
 
         `folder` is where files of its scene may be unpacked.
         """
-        self.unnamed_file = unnamed_file  # For what would fill the memory
         # Entries that are no ledger, and those that were there before.
         self.unreadable = self.repeated = 0
         self.first_ns: int | None = None
@@ -490,8 +482,8 @@ class Evidence:
     def of(cls, path: Path, stages: Sequence[Stage] = MOST_COMPLETE) -> Iterator[Self]:
         """The evidence in a file; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
         try:
-            with path.open("rb") as file, TemporaryDirectory() as folder, TemporaryFile() as spare:
-                yield cls(path, file, stages, Path(folder), spare)
+            with path.open("rb") as file, TemporaryDirectory() as folder:
+                yield cls(path, file, stages, Path(folder))
         except DecodeError as error:
             raise PlotfeedError(f"{path}: {error}") from None
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -381,11 +382,11 @@ def echoes_of(told: LedgerTables, plots: ToldPlots) -> TrueEchoes:
 
 def judged_recording(path: Path, against: Against) -> FeedReport:
     """Judge a recording; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
-    with Evidence.of(path, STAGES[against]) as evidence:
+    with Evidence.of(path, STAGES[against]) as evidence, TemporaryFile() as spare:
         attached = (attachment.name for attachment in evidence.log.attachments())
         if against == "claimed" or SCENE_NAME in attached:
             evidence.ask()
-        found = _gathered(evidence, against)
+        found = _gathered(evidence, against, spare)
         scene = evidence.scene
         places = {} if scene is None else {s.id: place for place, s in enumerate(scene.sensor)}
         # As the scene has them, then by name.
@@ -432,17 +433,22 @@ def judged_recording(path: Path, against: Against) -> FeedReport:
         )
 
 
-def _gathered(evidence: Evidence, against: Against) -> dict[tuple[str, str], Gathering]:
-    """What came of each sensor, by prefix and id; beside claims, of those with plots alone."""
+def _gathered(
+    evidence: Evidence, against: Against, spare: BinaryIO
+) -> dict[tuple[str, str], Gathering]:
+    """What came of each sensor, by prefix and id; beside claims, of those with plots alone.
+
+    `spare` is an empty file, for what would fill the memory.
+    """
     carriers = {whose: topic for (topic, _), whose in evidence.carriers.items()}
     found: dict[tuple[str, str], Gathering] = {}
     waiting = WaitingPlots()
 
     def of(whose: tuple[str, str]) -> Gathering:
-        asked = evidence.asked.get(whose[1])
-        kept = KeptMessages(evidence.unnamed_file)
-        made = Gathering(against, asked, waiting, kept, carriers.get(whose))
-        return found.setdefault(whose, made)
+        if whose not in found:
+            asked, kept = evidence.asked.get(whose[1]), KeptMessages(spare)
+            found[whose] = Gathering(against, asked, waiting, kept, carriers.get(whose))
+        return found[whose]
 
     for whose in carriers if against == "claimed" else ():
         of(whose)

@@ -108,7 +108,8 @@ class PeerTurns:
             await asyncio.sleep(AT_ONCE_S)
 
     def close(self) -> None:
-        """Let nobody speak any more."""
+        """Let nobody speak any more, and tell what found no room until now."""
+        self._tell_dropped()
         if self._timer is not None:
             self._timer.cancel()
 
@@ -122,13 +123,16 @@ class PeerTurns:
             now_s = self._now_s()
         self._rests_until_s = now_s + PAUSES * (now_s - began_s)
         self._timer = None
-        for whose, number in self._waiting.dropped.items():
-            self.refuse(f"{whose or 'others'}: more comes than there is time for", number)
-        self._waiting.dropped.clear()
+        self._tell_dropped()
         for note in self._listener.notes():
             self._note(note)
         if has_more:
             self._plan()
+
+    def _tell_dropped(self) -> None:
+        for whose, number in self._waiting.dropped.items():
+            self.refuse(f"{whose or 'others'}: more comes than there is time for", number)
+        self._waiting.dropped.clear()
 
     def _go_on(self) -> bool:
         """The next report of who speaks, or the next speaker; False if there is none."""

@@ -7,28 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.given_recordings import CAPTURES, FRAMES_048
-from support.recordings import START_NS, is_read_whatever_it_is, message, plots, read, written
+from support.recordings import (
+    MESSAGES,
+    START_NS,
+    is_read_whatever_it_is,
+    message,
+    plots,
+    read,
+    written,
+)
 
 from plotfeed.replay import files
 from plotfeed.replay.asterix_files import FinalReader, FinalWriter
 from plotfeed.replay.files import JsonLinesReader, JsonLinesWriter
 from plotfeed.replay.pcap import PcapReader
-from plotfeed.replay.recorded import LATEST_NS, Recorded, Stage
-
-TIMES = st.integers(0, LATEST_NS)
-TEXTS = st.text(max_size=10)
-MESSAGES = st.builds(
-    Recorded,
-    topic=TEXTS,
-    payload=st.binary(max_size=30),
-    log_time_ns=TIMES,
-    publish_time_ns=TIMES,
-    content_type=TEXTS,
-    properties=st.lists(st.tuples(TEXTS, TEXTS), max_size=3).map(tuple),
-    retain=st.booleans(),
-    qos=st.integers(0, 2),
-    stage=st.sampled_from(Stage),
-)
+from plotfeed.replay.recorded import Recorded
 
 
 @settings(max_examples=50)

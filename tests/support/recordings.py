@@ -5,12 +5,35 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterable, Iterator
 
+from hypothesis import strategies as st
+
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.mcap.mcap_writer import McapWriter
-from plotfeed.replay.recorded import Attachment, Recorded, RecordingReader, RecordingWriter, Stage
+from plotfeed.replay.recorded import (
+    LATEST_NS,
+    Attachment,
+    Recorded,
+    RecordingReader,
+    RecordingWriter,
+    Stage,
+)
 
 START_NS = 1_767_268_800_000_000_000  # 2026-01-01T12:00:00Z
 MS = 1_000_000
+TIMES, TEXTS = st.integers(0, LATEST_NS), st.text(max_size=10)
+# All that a message can be.
+MESSAGES = st.builds(
+    Recorded,
+    topic=TEXTS,
+    payload=st.binary(max_size=30),
+    log_time_ns=TIMES,
+    publish_time_ns=TIMES,
+    content_type=TEXTS,
+    properties=st.lists(st.tuples(TEXTS, TEXTS), max_size=3).map(tuple),
+    retain=st.booleans(),
+    qos=st.integers(0, 2),
+    stage=st.sampled_from(Stage),
+)
 
 
 def block(category: int, *parts: str) -> bytes:

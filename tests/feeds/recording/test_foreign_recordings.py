@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.recordings import message, plots, written
+from support.recordings import MESSAGES, message, plots, written
 
 from plotfeed.feeds.recording import foreign_recordings
 from plotfeed.feeds.recording.foreign_recordings import ForeignReader, RecordingFile, open_recording
 from plotfeed.feeds.telemetry.foreign_files import process_apart
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, reading, writer_to
-from plotfeed.replay.recorded import LATEST_NS, Attachment, Recorded, Stage
+from plotfeed.replay.recorded import LATEST_NS, Attachment, Recorded
 
 CONFINED = """
 import json, os, resource, socket
@@ -42,10 +42,7 @@ f.main()
 """
 # What a process that was taken over could write in place of what it read.
 LIES = [
-    b"",
-    b"[1]\n",
-    b"{}\n",
-    b"[" * 100_000 + b"\n",
+    *(b"", b"[1]\n", b"{}\n", b"[" * 100_000 + b"\n"),
     b'{"at": 0, "skipped": 0, "damage": [7], "octets": 1, "attachments": []}\n',
     b'{"at": 0, "skipped": 0, "damage": [], "octets": 1e999, "attachments": []}\n',
 ]
@@ -55,8 +52,7 @@ FRAME = (
     b'"values": []}\n'
 )
 LATER_LIES = [
-    b"",
-    b"null\n",
+    *(b"", b"null\n"),
     FRAME % (1, b"[]", b"[]"),
     FRAME % (1 << 62, b"[]", b"[]"),
     FRAME % (-1, b"[]", b"[]") + bytes(400),
@@ -73,27 +69,7 @@ def stored(path: Path, messages: list[Recorded]) -> Path:
     return path
 
 
-texts = st.text(max_size=9)
-times = st.integers(0, LATEST_NS)
-
-
-@given(
-    st.lists(
-        st.builds(
-            Recorded,
-            topic=texts,
-            payload=st.binary(max_size=40),
-            log_time_ns=times,
-            publish_time_ns=times,
-            content_type=texts,
-            properties=st.lists(st.tuples(texts, texts), max_size=3).map(tuple),
-            retain=st.booleans(),
-            qos=st.integers(0, 2),
-            stage=st.sampled_from(Stage),
-        ),
-        max_size=8,
-    )
-)
+@given(st.lists(MESSAGES, max_size=8))
 @settings(max_examples=20)
 def test_what_another_process_reads_is_what_this_one_would(
     tmp_path_factory: pytest.TempPathFactory, messages: list[Recorded]
@@ -166,7 +142,6 @@ def test_it_has_limits_no_network_and_none_of_our_secrets(
     facts = json.loads(str(told.value).partition(": ")[2])
     network = facts.pop("network")
     assert [*facts.values()] == [2048 << 20, 24 * 3600, 64, []]
-    # Linux, where users may have namespaces of their own.
     own = "import ctypes, sys; sys.exit(ctypes.CDLL(None).unshare(0x50000000) != 0)"
     may_have_own = subprocess.run([sys.executable, "-c", own], check=False).returncode == 0
     assert network is not may_have_own

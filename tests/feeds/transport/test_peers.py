@@ -72,6 +72,15 @@ class Door:
 
 
 @pytest.mark.asyncio
+async def test_what_found_no_room_is_told_of_also_where_it_ends_before_a_turn() -> None:
+    door = Door()
+    for _ in range(MAX_OF_TOPIC + 7):
+        door.turns.put("loud", b".")
+    door.turns.close()
+    assert door.reasons == {Reason.FLOOD: 7}
+
+
+@pytest.mark.asyncio
 async def test_a_flood_is_given_a_share_of_the_time_and_peers_equal_shares_of_that() -> None:
     door = Door()
     for _ in range(MAX_OF_TOPIC):
