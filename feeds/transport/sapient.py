@@ -10,9 +10,8 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.formats import Announcer
@@ -59,17 +58,6 @@ SERVE_EVERY_S = 0.02  # While anything waits, some of it is taken in so often
 AT_ONCE_S = 0.05  # After a silence, what may be said in this time is taken in at once
 
 
-class Speaker(Protocol):
-    """A connection over which messages have come that are not taken in yet."""
-
-    def hear_one(self) -> int:
-        """Take in one of them, and say how many octets it had."""
-
-    @property
-    def has_more(self) -> bool:
-        """Whether another one is there."""
-
-
 class SapientIntake:
     """Lets connections speak in turn, a message each, as often as messages and octets may come."""
 
@@ -79,30 +67,18 @@ class SapientIntake:
         # That may be taken in now; octets are owed after a long message.
         self._messages, self._octets = 0.0, 0.0
         self._filled_s = self._loop.time() - AT_ONCE_S
-        self._waiting: deque[Speaker] = deque()
-        self._timer: asyncio.TimerHandle | None = None
+        self._speaking = asyncio.Lock()  # Who has waited longest has it next
 
-    def serve(self, speaker: Speaker) -> None:
-        """Let that one speak when it is its turn, which may be now; it has something to say."""
-        self._waiting.append(speaker)
-        if self._timer is None:
-            self._serve()
-
-    def forget(self, speaker: Speaker) -> None:
-        """Take in no more of what that one has said."""
-        self._waiting = deque(other for other in self._waiting if other is not speaker)
-
-    def _serve(self) -> None:
-        self._timer = None
-        self._fill()
-        while self._waiting and self._messages >= 1 and self._octets > 0:
-            speaker = self._waiting.popleft()
+    async def turn(self, octets: int) -> None:
+        """Return when a message of so many octets may be taken in."""
+        async with self._speaking:
+            await asyncio.sleep(0)  # others may ask meanwhile, and are next
+            self._fill()
+            while self._messages < 1 or self._octets <= 0:
+                await asyncio.sleep(SERVE_EVERY_S)
+                self._fill()
             self._messages -= 1
-            self._octets -= speaker.hear_one()
-            if speaker.has_more:
-                self._waiting.append(speaker)
-        if self._waiting:
-            self._timer = self._loop.call_later(SERVE_EVERY_S, self._serve)
+            self._octets -= octets
 
     def _fill(self) -> None:
         now_s = self._loop.time()
@@ -132,43 +108,16 @@ def framed(payload: bytes) -> bytes:
     return len(payload).to_bytes(LENGTH_OCTETS, "little") + payload
 
 
-class Deframer:
-    """Puts messages together from octets as they come."""
-
-    def __init__(self) -> None:
-        self._octets = bytearray()
-
-    def feed(self, octets: bytes) -> None:
-        """Take some more octets."""
-        self._octets += octets
-
-    @property
-    def has_next(self) -> bool:
-        """Whether a message is whole, or has a length that is none."""
-        length = self._length()
-        return length is not None and (
-            length > MAX_MESSAGE_OCTETS or len(self._octets) >= LENGTH_OCTETS + length
-        )
-
-    def next(self) -> bytes:
-        """The message that is whole; raises `DecodeError` at a length that is none."""
-        length = self._length() or 0
-        if length > MAX_MESSAGE_OCTETS:
-            self._octets.clear()
-            raise DecodeError(f"a length of {length}; at most {MAX_MESSAGE_OCTETS} is taken")
-        end = LENGTH_OCTETS + length
-        message = bytes(self._octets[LENGTH_OCTETS:end])
-        del self._octets[:end]
-        return message
-
-    def _length(self) -> int | None:
-        if len(self._octets) < LENGTH_OCTETS:
-            return None
-        return int.from_bytes(self._octets[:LENGTH_OCTETS], "little")
+async def next_message(octets: asyncio.StreamReader) -> bytes:
+    """The next message of a stream; raises `EOFError`, `OSError`, `DecodeError` at no length."""
+    length = int.from_bytes(await octets.readexactly(LENGTH_OCTETS), "little")
+    if length > MAX_MESSAGE_OCTETS:
+        raise DecodeError(f"a length of {length}; at most {MAX_MESSAGE_OCTETS} is taken")
+    return await octets.readexactly(length)
 
 
-class SapientWire(asyncio.Protocol):
-    """One connection. While what came waits for its turn, no more is read."""
+class SapientWire(asyncio.StreamReaderProtocol):
+    """One connection. While what came waits for its turn, hardly more is read."""
 
     def __init__(
         self, intake: SapientIntake, on_message: Callable[[bytes], object], give_up_after_s: float
@@ -180,13 +129,15 @@ class SapientWire(asyncio.Protocol):
         self.was_stalled = False  # Whether it was given up because the other end did not read
         self._intake, self._on_message = intake, on_message
         self._give_up_after_s = give_up_after_s
-        self._deframer = Deframer()
+        self._said = asyncio.StreamReader(MAX_MESSAGE_OCTETS)
+        super().__init__(self._said)
         self._transport: asyncio.Transport | None = None
         self._stalled_since_s: float | None = None
         self._giving_up: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The connection stands."""
+        super().connection_made(transport)
         self._transport = cast("asyncio.Transport", transport)
         self._transport.set_write_buffer_limits(high=0)  # to be told as soon as anything waits
         own = transport.get_extra_info("socket")
@@ -195,12 +146,15 @@ class SapientWire(asyncio.Protocol):
             own.setsockopt(
                 socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(self._give_up_after_s * 1000)
             )
+        self._hearing = asyncio.create_task(self._hear())
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection is gone, and with it what waited."""
+        super().connection_lost(exc)
         self._transport = None
-        self._intake.forget(self)
-        self.resume_writing()
+        self._hearing.cancel()
+        if self._giving_up is not None:
+            self._giving_up.cancel()
         if isinstance(exc, TimeoutError) and not self.reason:
             self._note_stall()
         elif exc is not None and not self.reason:
@@ -210,39 +164,30 @@ class SapientWire(asyncio.Protocol):
 
     def pause_writing(self) -> None:
         """The socket takes no more for now."""
+        super().pause_writing()
         self._stalled_since_s = self._loop.time()
         self._giving_up = self._loop.call_later(self._give_up_after_s, self._give_up)
 
     def resume_writing(self) -> None:
-        """The socket takes more again, or is gone."""
+        """The socket takes more again."""
+        super().resume_writing()
         self._stalled_since_s = None
         if self._giving_up is not None:
             self._giving_up.cancel()
 
-    def data_received(self, data: bytes) -> None:
-        """Octets have come; no more are read until the messages in them were taken in."""
-        self._deframer.feed(data)
-        if self._deframer.has_next and self._transport is not None:
-            self._transport.pause_reading()
-            self._intake.serve(self)
-
-    def hear_one(self) -> int:
-        """Take in a message, and say how many octets it had."""
+    async def _hear(self) -> None:
+        """Take in messages, each in its turn, until the other end says no more."""
         try:
-            message = self._deframer.next()
+            while True:
+                message = await next_message(self._said)
+                await self._intake.turn(LENGTH_OCTETS + len(message))
+                self._on_message(message)
         except DecodeError as error:  # from here on there is no telling where a message begins
             self.reason = f"it sent {error}"
+        except (OSError, EOFError):
+            pass  # it is lost
+        finally:
             self.abort()
-            return 0
-        self._on_message(message)
-        if not self._deframer.has_next and self._transport is not None:
-            self._transport.resume_reading()
-        return LENGTH_OCTETS + len(message)
-
-    @property
-    def has_more(self) -> bool:
-        """Whether another message has come, of a connection that is still there."""
-        return self._deframer.has_next and self._transport is not None
 
     @property
     def unsent_octets(self) -> int:
@@ -319,7 +264,7 @@ class SapientTcpTransport(ImmediateTransport):
         self.last_error = ""
         self._give_up_after_s = settings.give_up_after_s
         self._announcer = announcer
-        self._clock = clock
+        self._loop = clock
         self._intake = intake
         self._news = news
         self._on_task = on_task
@@ -441,14 +386,14 @@ class SapientTcpTransport(ImmediateTransport):
             self._report()
 
     def _say_registration(self, wire: SapientWire) -> None:
-        registration, _ = self._announcer.opening(self._clock.now_ns())
+        registration, _ = self._announcer.opening(self._loop.now_ns())
         wire.send(registration.payload)
 
     def _report(self) -> None:
         """Begin to report, with how the sensor is."""
         self._is_refused, self.counters.reporting = False, True
         if self._wire is not None:
-            _, status = self._announcer.opening(self._clock.now_ns())
+            _, status = self._announcer.opening(self._loop.now_ns())
             self._wire.send(status.payload)
 
     def _hear(self, payload: bytes) -> None:

@@ -49,7 +49,7 @@ from plotfeed.feeds.transport.mqtt.packets import (
     subscribe_packet,
 )
 from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
-from plotfeed.feeds.transport.sapient import Deframer
+from plotfeed.feeds.transport.sapient import next_message
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.asterix.codec.decode import decode_lenient
@@ -237,10 +237,16 @@ HELLO = connect_packet("good", 5, keep_alive_s=60) + subscribe_packet(1, "#", 5)
 
 def sapient_frames(data: bytes) -> None:
     """A stream of a SAPIENT middleware."""
-    deframer = Deframer()
-    deframer.feed(data)
-    while deframer.has_next:
-        deframer.next()
+
+    async def read() -> None:
+        octets = asyncio.StreamReader()
+        octets.feed_data(data)
+        octets.feed_eof()
+        with contextlib.suppress(EOFError):
+            while True:
+                await next_message(octets)
+
+    asyncio.run(read())
 
 
 def raster(data: bytes) -> None:

@@ -183,12 +183,14 @@ async def test_the_system_gives_up_a_host_that_is_gone_without_a_word() -> None:
     async with listening() as middleware, linked(middleware.address, give_up_after_s=2.5) as link:
         wire = link._wire
         assert wire is not None
-        assert wire._transport is not None
-        own = wire._transport.get_extra_info("socket")
+        transport = wire._transport
+        assert transport is not None
+        own = transport.get_extra_info("socket")
         assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 2500
         wire.connection_lost(TimeoutError(110, "Connection timed out"))
         await until(lambda: link.counters.stalls == 1)
         assert "has read nothing for 2.5 s" in link.last_error
+        transport.abort()
 
 
 class Fates(Observer):
@@ -300,37 +302,29 @@ async def test_what_happens_to_all_sensors_at_once_is_few_lines(
     assert told(caplog)[3:] == ["sapient-0: lost it"]
 
 
-class Talker:
-    """Has something to say for a long time."""
-
-    def __init__(self, octets: int) -> None:
-        self.octets = octets
-        self.said = 0
-
-    def hear_one(self) -> int:
-        self.said += 1
-        return self.octets
-
-    @property
-    def has_more(self) -> bool:
-        return True
-
-
 @pytest.mark.asyncio
 async def test_connections_speak_in_turn_within_both_limits() -> None:
     loop = asyncio.get_running_loop()
     began_s = loop.time()
     intake = SapientIntake(max_messages_per_s=1000, max_octets_per_s=10_000)
-    long, short = Talker(500), Talker(4)
-    for talker in (long, short):
-        intake.serve(talker)
-    await until(lambda: long.said >= 5)
+    said = Counter[int]()
+
+    async def talk(octets: int) -> None:
+        """For a long time."""
+        while True:
+            await intake.turn(octets)
+            said[octets] += 1
+
+    long, short = (asyncio.create_task(talk(octets)) for octets in (500, 4))
+    await until(lambda: said[500] >= 5)
     elapsed_s = loop.time() - began_s
-    assert abs(long.said - short.said) <= 2  # the first has begun alone
-    octets = long.said * long.octets + short.said * short.octets
-    assert octets <= 10_000 * (elapsed_s + AT_ONCE_S) + long.octets  # that are owed at most
-    intake.forget(long)
-    said = long.said
-    await until(lambda: short.said > said + 5)
-    assert long.said == said
-    intake.forget(short)
+    assert abs(said[500] - said[4]) <= 2  # the first has begun alone
+    octets = said[500] * 500 + said[4] * 4
+    assert octets <= 10_000 * (elapsed_s + AT_ONCE_S) + 500  # that are owed at most
+    long.cancel()
+    await asyncio.gather(long, return_exceptions=True)
+    until_now = said.copy()
+    await until(lambda: said[4] > until_now[4] + 5)
+    assert said[500] == until_now[500]
+    short.cancel()
+    await asyncio.gather(short, return_exceptions=True)

@@ -25,9 +25,9 @@ from plotfeed.feeds.transport import sapient, ways_out
 from plotfeed.feeds.transport.sapient import (
     MAX_MESSAGE_OCTETS,
     MAX_UNSENT_OCTETS,
-    Deframer,
     SapientError,
     framed,
+    next_message,
 )
 from plotfeed.proto.errors import DecodeError
 from plotfeed.testing import held, radar, rotating, scene, staring
@@ -160,28 +160,32 @@ async def test_a_slow_middleware_hears_all_in_order() -> None:
 
 @given(st.lists(st.binary(max_size=50), max_size=10), st.integers(1, 40))
 def test_messages_are_put_together_however_they_come(messages: list[bytes], size: int) -> None:
-    stream = b"".join(framed(message) for message in messages)
-    deframer = Deframer()
-    found = []
-    for start in range(0, len(stream), size):
-        deframer.feed(stream[start : start + size])
-        while deframer.has_next:
-            found.append(deframer.next())
-    assert found == messages
+    async def test() -> list[bytes]:
+        stream, octets = b"".join(map(framed, messages)), asyncio.StreamReader()
+        hearing = asyncio.gather(*(next_message(octets) for _ in messages[:1]))
+        await asyncio.sleep(0)
+        for start in range(0, len(stream), size):
+            octets.feed_data(stream[start : start + size])
+        octets.feed_eof()
+        return [*await hearing, *[await next_message(octets) for _ in messages[1:]]]
+
+    assert asyncio.run(test()) == messages
 
 
 @given(st.integers(MAX_MESSAGE_OCTETS + 1, 2**32 - 1))
 def test_a_hostile_length_allocates_nothing(length: int) -> None:
-    deframer = Deframer()
-    tracemalloc.start()
-    try:
-        deframer.feed(length.to_bytes(4, "little"))
-        assert deframer.has_next
-        with pytest.raises(DecodeError):
-            deframer.next()
-        assert tracemalloc.get_traced_memory()[1] < 100_000
-    finally:
-        tracemalloc.stop()
+    async def test() -> int:
+        octets = asyncio.StreamReader()
+        octets.feed_data(length.to_bytes(4, "little"))
+        tracemalloc.start()
+        try:
+            with pytest.raises(DecodeError):
+                await next_message(octets)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    assert asyncio.run(test()) < 100_000
 
 
 @pytest.mark.parametrize(
