@@ -6,6 +6,8 @@ powers in watts; ratios without `_db` linear. Zero distance gives an infinite po
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -203,6 +205,46 @@ def passive_noise_power_w(
     receiver_db = as_floats(line_loss_db) + as_floats(antenna_loss_db) + as_floats(noise_figure_db)
     factor = _ratio(external_noise_db) - 1 + _ratio(receiver_db)
     return BOLTZMANN_J_K * T0_K * as_floats(bandwidth_hz) * factor
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseLine:
+    """A median noise figure, c - d log10(f / MHz), and the frequencies for which it is given."""
+
+    c_db: float
+    d_db: float
+    min_mhz: float
+    max_mhz: float
+
+    @nan_without_warnings
+    def median_db(self, frequency_hz: ArrayLike) -> Floats:
+        """F_am, dB; NaN outside the line's frequencies."""
+        frequency_mhz = as_floats(frequency_hz) / 1e6
+        given = (frequency_mhz >= self.min_mhz) & (frequency_mhz <= self.max_mhz)
+        return np.where(given, self.c_db - self.d_db * np.log10(frequency_mhz), np.nan)
+
+
+# P.372, man-made noise, table of c and d. The range 0.3 to 250 MHz is stated for the first three.
+# The quiet rural line falls below galactic noise from 2 MHz on, and ends where that does.
+MAN_MADE = {
+    "city": NoiseLine(76.8, 27.7, 0.3, 250.0),
+    "residential": NoiseLine(72.5, 27.7, 0.3, 250.0),
+    "rural": NoiseLine(67.2, 27.7, 0.3, 250.0),
+    "quiet-rural": NoiseLine(53.6, 28.6, 0.3, 100.0),
+}
+# P.372; below some 10 MHz the ionosphere keeps it out.
+GALACTIC = NoiseLine(52.0, 23.0, 10.0, 100.0)
+
+
+@nan_without_warnings
+def external_noise_db(environment: str, frequency_hz: ArrayLike) -> Floats:
+    """F_a, dB: the powers of man-made noise and, where it is given, of galactic noise.
+
+    NaN where P.372 gives no man-made noise for that environment, one of `MAN_MADE`.
+    """
+    man_made = 10 ** (MAN_MADE[environment].median_db(frequency_hz) / 10)
+    galactic = 10 ** (GALACTIC.median_db(frequency_hz) / 10)
+    return 10 * np.log10(man_made + np.nan_to_num(galactic))
 
 
 @nan_without_warnings

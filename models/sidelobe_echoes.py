@@ -13,10 +13,9 @@ import numpy as np
 
 from plotfeed.models.beam import Sector, beam_times_ns
 from plotfeed.models.detection import cells_across, whole_cells
-from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.frames import enu_to_aer, wrap_180, wrap_360
-from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
+from plotfeed.models.sensors.polar_radar import Hits, PolarRadar, mean_over_signals
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets
 from plotfeed.models.state import Floats, Ints, Plots
 
@@ -63,7 +62,7 @@ def sidelobe_plots(
     )
     columns = {} if rate_m_s is None else {"range_rate_m_s": rate_m_s[row]}
     of_rows = None if order is None else order[row]
-    hits = Hits(echoes, snrs[row], columns, rng, slice(None), of_rows)
+    hits = Hits(echoes, snrs[row], columns, rng, of_rows)
     plots = away.measured(hits, targets)
     return plots.but(drone=np.full(len(plots), whose)).in_order_of_time()
 

@@ -18,8 +18,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from plotfeed.models.frames import wrap_180
-from plotfeed.models.state import Floats, Ints, Texts
+from plotfeed.models.frames import wrap_180, wrap_360
+from plotfeed.models.state import Floats, Ints, Looks, Texts
 
 # Widths, beyond which two targets are unresolved with a probability below 2^-36, 1.5e-11.
 REACH = 6.0
@@ -35,6 +35,21 @@ class MergedGroups:
 
     group: Ints
     leader: Ints
+
+    def echoes(
+        self, looks: Looks, columns: dict[str, NDArray[Any]]
+    ) -> tuple[Looks, dict[str, NDArray[Any]]]:
+        """Echoes in the place of looks, and of what is told of these: at centroids, of leaders."""
+        powers = looks.snr
+        echoes = looks.rows(self.leader).but(
+            range_m=self.centroid(looks.range_m, powers),
+            azimuth_deg=wrap_360(self.centroid_deg(looks.azimuth_deg, powers)),
+            elevation_deg=self.centroid(looks.elevation_deg, powers),
+        )
+        of_leaders = {name: column[self.leader] for name, column in columns.items()}
+        if "range_rate_m_s" in columns:
+            of_leaders["range_rate_m_s"] = self.centroid(columns["range_rate_m_s"], powers)
+        return echoes, of_leaders | {"merged_drones": self.others(looks.drone)}
 
     def total(self, powers: Floats) -> Floats:
         """Sums by group; (n, ...) in, (m, ...) out."""
@@ -86,32 +101,23 @@ class Merging:
     longest_ns: int = 1 << 62
 
     def merged_groups(
-        self,
-        *,
-        range_m: Floats,
-        azimuth_deg: Floats,
-        elevation_deg: Floats,
-        t_utc_ns: Ints,
-        powers: Floats,
-        uniforms: Floats,
-        channel: Ints,
-        range_rate_m_s: Floats | None = None,
+        self, looks: Looks, uniforms: Floats, range_rate_m_s: Floats | None = None
     ) -> MergedGroups | None:
-        """What merges of looks, all (n,); None if nothing does, as nearly always.
+        """What merges of looks, (n,), and their rates; None if nothing does, as nearly always.
 
         `uniforms`, one a look, decide: a pair takes the fraction of the sum of its two, which is
         uniform again, and independent from pair to pair of any three looks.
         """
-        n = len(range_m)
-        if n < 2:
+        if len(looks) < 2:
             return None
+        channel, t_utc_ns = looks.channel, looks.t_utc_ns
         axes: list[tuple[Floats, float]] = [
-            (range_m / np.array(self.range_m)[channel], 0.0),
-            (azimuth_deg / self.azimuth_deg, 360.0 / self.azimuth_deg),
+            (looks.range_m / np.array(self.range_m)[channel], 0.0),
+            (looks.azimuth_deg / self.azimuth_deg, 360.0 / self.azimuth_deg),
             (channel.astype(np.float64) * ELSEWHERE, 0.0),
         ]
         if self.elevation_deg is not None:
-            axes.append((elevation_deg / self.elevation_deg, 0.0))
+            axes.append((looks.elevation_deg / self.elevation_deg, 0.0))
         if self.range_rate_m_s is not None and range_rate_m_s is not None:
             rates = range_rate_m_s / np.array(self.range_rate_m_s)[channel]
             axes.append((rates, self.range_rate_period))
@@ -120,7 +126,7 @@ class Merging:
         unresolved &= np.abs(t_utc_ns[first] - t_utc_ns[second]) <= self.longest_ns
         if not unresolved.any():
             return None
-        return _groups(first[unresolved], second[unresolved], powers)
+        return _groups(first[unresolved], second[unresolved], looks.snr)
 
 
 def near_pairs(axes: Sequence[tuple[Floats, float]]) -> tuple[Ints, Ints, Floats]:

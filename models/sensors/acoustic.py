@@ -130,9 +130,7 @@ class MicrophoneArray(CellSensor):
         audible = np.flatnonzero(self.in_cover(range_m, azimuth_deg) & ~np.isnan(power_level_db))
         of_audible, rng = self.rows(audible), of_rows(rng, audible)
         snr_db = of_audible.snr_db(power_level_db[audible], targets.sensed_enu_m[audible])
-        pd, snr = of_audible.pd(snr_db), 10 ** (snr_db / 10)
-        if of_audible.degradation is not None:
-            pd = pd * of_audible.degradation.pd_factor
+        pd, snr = of_audible.pd(snr_db) * of_audible.pd_factor, 10 ** (snr_db / 10)
         detected = detection.draw_hits(pd, rng)  # eq 44
         looks = targets.looks(audible, geometry, snr=snr, pd=pd, detected=detected)
         if not detected.any():
@@ -185,9 +183,7 @@ class MicrophoneArray(CellSensor):
         self, hits: Looks, targets: Targets, rows: Ints, rng: np.random.Generator
     ) -> Plots:
         """Where the sound comes from plus errors; beside it, privately, where the drone is now."""
-        errors = rng.standard_normal((2, len(hits)))
-        if self.degradation is not None:
-            errors *= self.degradation.error_factor
+        errors = rng.standard_normal((2, len(hits))) * self.error_factor
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
         elevation_deg = hits.elevation_deg
         if self.layout is None:
@@ -204,15 +200,12 @@ class MicrophoneArray(CellSensor):
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
             azimuth_deg + errors[0], elevation_deg + np.nan_to_num(errors[1])
         )
-        claims: dict[str, NDArray[Any]] = {}
-        if self.classifier is not None:
-            claims = targets.claims_of(hits, self.classifier, rng)
         return self._plots(
             hits.snr,
             t_utc_ns=hits.t_utc_ns,
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
-            **claims,
+            **targets.claims_of(hits, self.classifier, rng),
             **hits.whose(),
             **targets.true_geometry(hits, rows),
         )
@@ -226,15 +219,12 @@ class MicrophoneArray(CellSensor):
         n = len(azimuth_deg)
         snr_db = self.sensitivity_db + rng.standard_exponential(n) / self.slope_per_db
         elevation_deg = rng.uniform(0.0, MAX_ELEVATION_DEG, n)
-        claims: dict[str, NDArray[Any]] = {}
-        if self.classifier is not None:
-            claims = self.classifier.columns_of_nothing(n, rng)
         return self._plots(
             10 ** (snr_db / 10),
             t_utc_ns=t_utc_ns,
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
-            **claims,
+            **self.false_claims(n, rng),
         )
 
     def _plots(self, snr: Floats, **columns: NDArray[Any]) -> Plots:

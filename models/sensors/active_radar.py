@@ -11,25 +11,18 @@ of the reference samples of all signals. Positions are measured from the receive
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from plotfeed.models import detection, propagation
 from plotfeed.models.chance import of_rows
-from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
 from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
-from plotfeed.models.sensors.sensor_model import (
-    Prediction,
-    Targets,
-    mean_prediction,
-    sensor_property,
-)
+from plotfeed.models.sensors.sensor_model import sensor_property
 from plotfeed.models.state import Floats, rows_where
 
 # In place of an order: each signal's echo fluctuates by itself, about a mean of its own.
@@ -37,101 +30,7 @@ OF_EACH = float("nan")
 
 
 @dataclass(frozen=True, kw_only=True)
-class IntervalRadar(PolarRadar, ABC):
-    """A radar of K signals and, where pulses are modelled, N intervals: ratios are (n, N K)."""
-
-    @property
-    @abstractmethod
-    def signals_each(self) -> int:
-        """K, in one interval."""
-
-    @property
-    def n_reference_total(self) -> int:
-        """Reference samples of all signals together, in one interval."""
-        return self.n_reference * self.signals_each
-
-    @property
-    def _cfar(self) -> FluctuatingCfar:
-        return FluctuatingCfar(self.pfa, self.signals_each, self.n_reference_total)
-
-    @abstractmethod
-    def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Probability of detection of one interval; (n, K) in, (n,) out."""
-
-    @abstractmethod
-    def draw_interval(
-        self, snrs: Floats, rng: np.random.Generator, order: Floats | None
-    ) -> tuple[Floats, Floats]:
-        """Powers a signal of detections in one interval, and thresholds; (n, K) in, (n,) out."""
-
-    @abstractmethod
-    def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Mean of 1/x over detections of power x in one interval; (n, K) in, (n,) out."""
-
-    @property
-    def n_signals(self) -> int:
-        """Signals of a look, those of all intervals."""
-        return self.signals_each * (1 if self.intervals is None else self.intervals.count)
-
-    def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
-        """Probability that the look detects, or that enough of its intervals do."""
-        if self.intervals is None:
-            return self.interval_pd(snrs, order)
-        from plotfeed.models.effects.pulse_intervals import at_least
-
-        return at_least(self._pd_each(snrs, order), self.intervals.needed)
-
-    def draw_detected(
-        self, snrs: Floats, rng: np.random.Generator, order: Floats | None = None
-    ) -> tuple[Floats, Floats]:
-        """Powers a signal of detections, and thresholds; of several intervals, of the first."""
-        if self.intervals is not None:
-            from plotfeed.models.effects.pulse_intervals import chosen, first_successes
-
-            first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
-            which = chosen(first, rng.random((len(snrs),)))
-            by_interval = self._by_interval(snrs)
-            snrs = np.take_along_axis(by_interval, which[:, None, None], axis=1)[:, 0]
-        return self.draw_interval(snrs, rng, order)
-
-    def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
-        """Mean of 1/x over detections of power x; of several intervals, of the first."""
-        if self.intervals is None:
-            return self.inverse_interval(snrs, order)
-        from plotfeed.models.effects.pulse_intervals import first_successes
-
-        first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
-        by_interval = self._by_interval(snrs)
-        columns = [
-            self.inverse_interval(by_interval[:, i], order) for i in range(self.intervals.count)
-        ]
-        return np.asarray((first * np.stack(columns, axis=-1)).sum(axis=1))
-
-    def _by_interval(self, snrs: Floats) -> Floats:
-        """Ratios by interval and signal; (n, N, K)."""
-        return snrs.reshape(len(snrs), snrs.shape[1] // self.signals_each, self.signals_each)
-
-    def _pd_each(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Probability of detection of each interval; (n, N)."""
-        each = snrs.reshape(-1, self.signals_each)
-        count = snrs.shape[1] // self.signals_each
-        orders = None if order is None else np.repeat(order, count)
-        return self.interval_pd(each, orders).reshape(-1, count)
-
-    def predict(self, targets: Targets) -> Prediction:
-        """Closed forms; over all places of the intervals in a beam that passes."""
-        if self.intervals is None or self.intervals.beam is None:
-            return super().predict(targets)
-        everywhere = np.zeros(len(targets), np.int64)
-        found = [
-            super(IntervalRadar, self).predict(replace(targets, t_utc_ns=everywhere + phase_ns))
-            for phase_ns in self.intervals.phases_ns
-        ]
-        return mean_prediction(found)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ActiveRadar(IntervalRadar):
+class ActiveRadar(PolarRadar):
     """`n_reference` counts the reference cells of the CFAR, `power_w` is the average one."""
 
     power_w: float
@@ -198,7 +97,7 @@ class MimoTransmitter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MimoRadar(IntervalRadar):
+class MimoRadar(PolarRadar):
     """`n_reference` counts the reference cells of the CFAR in each transmitter's signal."""
 
     transmitters: tuple[MimoTransmitter, ...]

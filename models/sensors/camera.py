@@ -185,8 +185,7 @@ class Camera(CellSensor):
         seen = np.flatnonzero(near)
         of_seen, rng, lens = self.rows(seen), of_rows(rng, seen), lens.rows(seen)
         probabilities = of_seen.task_probabilities(size_m[seen], range_m[seen], lens)
-        if of_seen.degradation is not None:
-            probabilities = probabilities * of_seen.degradation.pd_factor
+        probabilities = probabilities * of_seen.pd_factor
         drawn = rng.random((len(seen),))
         detected = drawn < probabilities[0]
         unknown = np.full(len(seen), np.nan)
@@ -194,10 +193,8 @@ class Camera(CellSensor):
         if not detected.any():
             return looks, NO_PLOTS
         hits, rng, rows = looks.rows(detected), of_rows(rng, detected), seen[detected]
-        errors = rng.standard_normal((2, len(hits)))
         of_hits, lens = of_seen.rows(detected), lens.rows(detected)
-        if of_hits.degradation is not None:
-            errors *= of_hits.degradation.error_factor
+        errors = rng.standard_normal((2, len(hits))) * of_hits.error_factor
         sigma_azimuth_deg = of_hits.sigma_azimuth_deg(hits.elevation_deg, lens)
         sigma_elevation_deg = of_hits.sigma_elevation_deg(len(hits), lens)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(

@@ -27,10 +27,10 @@ from plotfeed.models.dwell_agenda import (
     revisit_interval_s,
     search_outcome,
 )
-from plotfeed.models.effects.detailed_detection import Hits
 from plotfeed.models.fluctuation import STEADY
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.active_radar import ActiveRadar
+from plotfeed.models.sensors.polar_radar import Hits
 from plotfeed.models.sensors.sensor_model import DwellingSensor, Prediction, Targets
 from plotfeed.models.state import NS, Floats, Ints, Looks, Plots
 
@@ -213,7 +213,7 @@ class ElectronicRadar(DwellingSensor):
         echoes = looks.rows(which)
         columns: dict[str, NDArray[Any]] = there.true_geometry(echoes, which)
         steady = np.full(len(which), STEADY)
-        hits = Hits(echoes, powers[which][:, None], columns, rng, which, steady)
+        hits = Hits(echoes, powers[which][:, None], columns, rng, steady)
         return self.radar.measured(hits, there)
 
     def _revisited(

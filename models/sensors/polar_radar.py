@@ -19,6 +19,7 @@ from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam import Volume
 from plotfeed.models.chance import of_rows
 from plotfeed.models.detection import cells_across
+from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m, enu_to_aer
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.sensor_model import (
@@ -28,13 +29,13 @@ from plotfeed.models.sensors.sensor_model import (
     Prediction,
     RadioSensor,
     Targets,
+    mean_prediction,
     sensor_property,
 )
 from plotfeed.models.state import UNDECIDED, Floats, Ints, Looks, Plots, rows_where
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.classification import Confusion
-    from plotfeed.models.effects.detailed_detection import DetailedDetector, Hits
     from plotfeed.models.effects.doppler import Doppler
     from plotfeed.models.effects.echo_effects import EchoEffects, EchoPaths
     from plotfeed.models.effects.merging import Merging
@@ -48,6 +49,20 @@ MEASURED_OF = (
     *("drone", "channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "snr"),
     "sensor",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Hits:
+    """Echoes that were detected: of each a look's columns, its powers, and columns of its plot.
+
+    `order` is that by which each target fluctuates, if any states it.
+    """
+
+    echoes: Looks
+    powers: Floats
+    columns: dict[str, NDArray[Any]]
+    rng: np.random.Generator
+    order: Floats | None = None
 
 
 # Below, one addition after the other is what NumPy's sum along a row does, many times as fast.
@@ -151,62 +166,70 @@ class EchoRadar(RadioSensor, ABC):
         """Looks with the ranges that it measures; of these rows of targets, of them these."""
 
     @abstractmethod
-    def _measure(self, hits: Hits, targets: Targets) -> Plots:
+    def measured(self, hits: Hits, targets: Targets) -> Plots:
         """The plots of echoes, at least one, of which ranges are what it measures."""
 
-    @cached_property
-    def _detailed(self) -> DetailedDetector | None:
-        """The detector of a radar that models more than the usual; None for any other."""
-        if self.doppler is None and self.merging is None:
-            return None
-        from plotfeed.models.effects.detailed_detection import DetailedDetector
-
-        return DetailedDetector(
-            doppler=self.doppler, merging=self.merging, odds=self._odds, pd_factor=self.pd_factor
-        )
-
-    def _looks_and_plots(
+    def _looks_and_plots(  # noqa: PLR0917
         self,
         targets: Targets,
         rows: Ints | slice,
         geometry: tuple[Floats, Floats, Floats],
         rng: np.random.Generator,
-        *,
         powers: Floats,
-        snr: Floats,
-        pd: Floats,
-        channel: Ints | None = None,
-        order: Floats | None = None,
+        channel: Ints,
+        order: Floats | None,
     ) -> tuple[Looks, Plots]:
-        """Looks at those rows of targets, the model's own, and the plots of those detected."""
-        if self.degradation is not None:
-            pd = pd * self.degradation.pd_factor
-        detected = UNDECIDED[: len(pd)] if self._detailed else detection.draw_hits(pd, rng)  # eq 8
-        looks = targets.looks(rows, geometry, snr=snr, pd=pd, detected=detected, channel=channel)
-        from plotfeed.models.effects.detailed_detection import Hits, LookDetails
+        """Looks at those rows of targets, the model's own, and the plots of those detected.
 
-        if self._detailed is None:
-            if not detected.any():
-                return looks, NO_PLOTS
-            which = rows_where(detected)
+        Looks whose echoes merge share odds and outcome.
+        """
+        snr, pd = self._odds(powers, channel, order)
+        undecided = UNDECIDED[: len(pd)]
+        looks = targets.looks(rows, geometry, snr=snr, pd=pd, detected=undecided, channel=channel)
+        rate_m_s = self._range_rates(targets, rows, channel)
+        model, groups = self, None
+        of_looks: Ints | slice = EVERY_ROW
+        if self.merging is not None:
+            echoes, seen_m_s = self._with_range(looks, targets, rows), rate_m_s
+            if self.doppler is not None and rate_m_s is not None:
+                seen_m_s = self.doppler.folded(rate_m_s, channel)
+            groups = self.merging.merged_groups(echoes, rng.random((len(looks),)), seen_m_s)
+        if groups is not None:
+            columns = targets.true_geometry(looks, rows) | _of_rates(rate_m_s)
+            echoes, columns = groups.echoes(echoes, columns)
+            rate_m_s, channel = columns.get("range_rate_m_s"), echoes.channel
+            of_looks, leader = groups.group, groups.leader
+            model, rng, powers = self.rows(leader), of_rows(rng, leader), groups.total(powers)
+            order = None if order is None else order[leader]
+            snr, pd = model._odds(powers, channel, order)
+            echoes = echoes.but(snr=snr)
+        pd = pd * model.pd_factor
+        if model.doppler is not None and rate_m_s is not None:
+            pd = pd * model.doppler.share_passed(rate_m_s, channel)
+        detected = detection.draw_hits(pd, rng)  # eq 8
+        looks = looks.but(pd=pd[of_looks], detected=detected[of_looks])
+        if not detected.any():
+            return looks, NO_PLOTS
+        which = rows_where(detected)
+        of_hits = model.rows(which)
+        if groups is not None:
+            echoes = echoes.rows(detected)
+            columns = {name: column[which] for name, column in columns.items()}
+        else:
             echoes = looks.picked(which, MEASURED_OF)
             columns = targets.true_geometry(echoes, rows, which)
-            of_hits = self.rows(which)
+            columns |= _of_rates(None if rate_m_s is None else rate_m_s[which])
             echoes = of_hits._with_range(echoes, targets, rows, which)
-            of_which = None if order is None else order[which]
-            hits = Hits(echoes, powers[which], columns, of_rows(rng, which), which, of_which)
-            return looks, of_hits._measure(hits, targets)
-        rate_m_s = self._range_rates(targets, rows, looks.channel)
-        details = LookDetails(
-            **targets.true_geometry(looks, rows),
-            range_rate_m_s=rate_m_s,
-            true_range_rate_m_s=rate_m_s,
-        )
-        echoes = self._with_range(looks, targets, rows)
-        looks, hits = self._detailed.detect(looks, echoes, powers, details, rng, order)
-        if not len(hits.echoes):
-            return looks, NO_PLOTS
-        return looks, self.rows(hits.rows)._measure(hits, targets)
+        of_which = None if order is None else order[which]
+        hits = Hits(echoes, powers[which], columns, of_rows(rng, which), of_which)
+        return looks, of_hits.measured(hits, targets)
+
+
+def _of_rates(rate_m_s: Floats | None) -> dict[str, NDArray[Any]]:
+    """Columns of plots of echoes that recede so fast, if that is known."""
+    if rate_m_s is None:
+        return {}
+    return {"range_rate_m_s": rate_m_s, "true_range_rate_m_s": rate_m_s}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +237,8 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     """What the equations need. Beamwidths are those of the receive beam, at 3 dB.
 
     A radar looks at a target by one or more signals at once, K of them; range is from the receiver.
-    Run lengths are not modelled where nobody asks for them.
+    Where pulses are modelled, it does so in N intervals: ratios are (n, N K). Run lengths are not
+    modelled where nobody asks for them.
     """
 
     frequency_hz: float
@@ -240,27 +264,83 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean signal-to-noise ratios of each signal, linear; (n, 3) and (n,) in, (n, K) out."""
 
+    @property
     @abstractmethod
+    def signals_each(self) -> int:
+        """K, in one interval."""
+
+    @property
+    def n_reference_total(self) -> int:
+        """Reference samples of all signals together, in one interval."""
+        return self.n_reference * self.signals_each
+
+    @property
+    def _cfar(self) -> FluctuatingCfar:
+        return FluctuatingCfar(self.pfa, self.signals_each, self.n_reference_total)
+
+    @abstractmethod
+    def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
+        """Probability of detection of one interval; (n, K) in, (n,) out."""
+
+    @abstractmethod
+    def draw_interval(
+        self, snrs: Floats, rng: np.random.Generator, order: Floats | None
+    ) -> tuple[Floats, Floats]:
+        """Powers a signal of detections in one interval, and thresholds; (n, K) in, (n,) out."""
+
+    @abstractmethod
+    def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
+        """Mean of 1/x over detections of power x in one interval; (n, K) in, (n,) out."""
+
+    @property
+    def n_signals(self) -> int:
+        """Signals of a look, those of all intervals."""
+        return self.signals_each * (1 if self.intervals is None else self.intervals.count)
+
     def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
-        """Probability of detection by all signals; (n, K) in, (n,) out.
+        """Probability that the look detects, or that enough of its intervals do."""
+        if self.intervals is None:
+            return self.interval_pd(snrs, order)
+        from plotfeed.models.effects.pulse_intervals import at_least
 
-        `order` (n,) is by what law targets fluctuate, None for the usual one of all.
-        """
+        return at_least(self._pd_each(snrs, order), self.intervals.needed)
 
-    @abstractmethod
     def draw_detected(
         self, snrs: Floats, rng: np.random.Generator, order: Floats | None = None
     ) -> tuple[Floats, Floats]:
-        """Powers a signal of detections, and thresholds, in mean noise powers; each (n,)."""
+        """Powers a signal of detections, and thresholds; of several intervals, of the first."""
+        if self.intervals is not None:
+            from plotfeed.models.effects.pulse_intervals import chosen, first_successes
 
-    @abstractmethod
+            first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
+            which = chosen(first, rng.random((len(snrs),)))
+            by_interval = self._by_interval(snrs)
+            snrs = np.take_along_axis(by_interval, which[:, None, None], axis=1)[:, 0]
+        return self.draw_interval(snrs, rng, order)
+
     def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
-        """Mean of 1/x over detections, x the power that `draw_detected` draws; (n,)."""
+        """Mean of 1/x over detections of power x; of several intervals, of the first."""
+        if self.intervals is None:
+            return self.inverse_interval(snrs, order)
+        from plotfeed.models.effects.pulse_intervals import first_successes
 
-    @property
-    @abstractmethod
-    def n_signals(self) -> int:
-        """K."""
+        first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
+        by_interval = self._by_interval(snrs)
+        columns = [
+            self.inverse_interval(by_interval[:, i], order) for i in range(self.intervals.count)
+        ]
+        return np.asarray((first * np.stack(columns, axis=-1)).sum(axis=1))
+
+    def _by_interval(self, snrs: Floats) -> Floats:
+        """Ratios by interval and signal; (n, N, K)."""
+        return snrs.reshape(len(snrs), snrs.shape[1] // self.signals_each, self.signals_each)
+
+    def _pd_each(self, snrs: Floats, order: Floats | None) -> Floats:
+        """Probability of detection of each interval; (n, N)."""
+        each = snrs.reshape(-1, self.signals_each)
+        count = snrs.shape[1] // self.signals_each
+        orders = None if order is None else np.repeat(order, count)
+        return self.interval_pd(each, orders).reshape(-1, count)
 
     @property
     def furthest_told_m(self) -> float:
@@ -396,15 +476,9 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         if targets.strengths is not None:
             of_looks = targets.drone[covered], targets.t_utc_ns[covered]
             snrs, order = targets.strengths.applied(snrs, order, *of_looks)
+        channel = np.zeros(len(snrs), np.int64)
         return of_covered._looks_and_plots(
-            targets,
-            covered,
-            geometry,
-            of_rows(rng, covered),
-            powers=snrs,
-            snr=mean_over_signals(snrs),
-            pd=of_covered.pd(snrs, order),
-            order=order,
+            targets, covered, geometry, of_rows(rng, covered), snrs, channel, order
         )
 
     def _odds(self, powers: Floats, _channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:
@@ -427,6 +501,18 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         return {name: float(sigma[0]) for name, sigma in stated.items() if name in measured}
 
     def predict(self, targets: Targets) -> Prediction:
+        """Closed forms; over all places of the intervals in a beam that passes."""
+        if self.intervals is None or self.intervals.beam is None:
+            return self._predicted(targets)
+        everywhere = np.zeros(len(targets), np.int64)
+        return mean_prediction(
+            [
+                self._predicted(replace(targets, t_utc_ns=everywhere + phase_ns))
+                for phase_ns in self.intervals.phases_ns
+            ]
+        )
+
+    def _predicted(self, targets: Targets) -> Prediction:
         """Closed forms at the targets' mean signal-to-noise ratios."""
         snrs, order = self.look_snrs(targets), self.orders(targets)
         pd, sigma_rate_m_s = self.pd(snrs, order) * self.pd_factor, None
@@ -452,17 +538,11 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         )
 
     def measured(self, hits: Hits, targets: Targets) -> Plots:
-        """Plots of echoes that another detector found, at least one."""
-        return self._measure(hits, targets)
-
-    def _measure(self, hits: Hits, targets: Targets) -> Plots:
         """Geometry as sensed plus errors (eqs 13 to 15) by the SNR of each very detection."""
         echoes, columns, rng = hits.echoes, hits.columns, hits.rng
         snr, threshold = self.draw_detected(hits.powers, rng, hits.order)
         sigmas = self.sigmas(snr)
-        errors = rng.standard_normal((3, len(echoes))) * sigmas
-        if self.degradation is not None:
-            errors *= self.degradation.error_factor
+        errors = rng.standard_normal((3, len(echoes))) * sigmas * self.error_factor
         range_m = targets.read_range_m(echoes.range_m, echoes.t_utc_ns)
         azimuth_deg = targets.read_azimuth_deg(echoes.azimuth_deg, echoes.t_utc_ns)
         azimuth_deg, elevation_deg = accuracy.fold_over_zenith(
@@ -472,8 +552,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             columns |= self.doppler.measured(
                 columns["range_rate_m_s"], snr, echoes.channel, rng, self.error_factor
             )
-        if self.classifier is not None:
-            columns |= targets.claims_of(echoes, self.classifier, rng)
+        columns |= targets.claims_of(echoes, self.classifier, rng)
         found_m = range_m + errors[0]
         plots = self._plots(
             snr,
@@ -493,11 +572,10 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         """Uniform in range and elevation (eqs 10 to 12; elevation is drawn, not height)."""
         n = len(azimuth_deg)
         snr, threshold = self.draw_detected(np.zeros((n, self.n_signals)), rng)
-        columns = {}
+        columns: dict[str, NDArray[Any]] = {}
         if self.doppler is not None:
-            columns = self.doppler.of_false_alarms(snr, np.zeros(n, np.int64), rng)
-        if self.classifier is not None:
-            columns |= self.classifier.columns_of_nothing(n, rng)
+            columns |= self.doppler.of_false_alarms(snr, np.zeros(n, np.int64), rng)
+        columns |= self.false_claims(n, rng)
         return self._plots(
             snr,
             threshold,

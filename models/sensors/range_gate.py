@@ -62,9 +62,7 @@ class RangeGate(SensorModel):
         """Places with noise added, of those rows of the targets."""
         # Three numbers a target, one after the other.
         normal = rng.standard_normal((3 * len(rows),)).reshape(-1, 3)
-        noise_m = (normal.T * self.sigma_m).T
-        if self.degradation is not None:
-            noise_m = (noise_m.T * self.degradation.error_factor).T
+        noise_m = (normal.T * self.sigma_m * self.error_factor).T
         azimuth_deg, elevation_deg, noisy_m = enu_to_aer(targets.position_enu_m[rows] + noise_m)
         sigmas = self._sigmas(elevation_deg, noisy_m)
         range_m = noisy_m

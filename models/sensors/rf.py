@@ -231,9 +231,7 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         emissions = emissions.but(share=share).rows((share > 0) & covered)
         mine, rng = self.rows(emissions.target), of_rows(rng, emissions.target)
         snr = mine.received_snr(emissions, targets, range_m)
-        pd = mine.pd(emissions, snr)
-        if mine.degradation is not None:
-            pd = pd * mine.degradation.pd_factor
+        pd = mine.pd(emissions, snr) * mine.pd_factor
         detected = detection.draw_hits(pd, rng)
         looks = targets.looks(
             emissions.target, geometry, snr=snr, pd=pd, detected=detected, channel=emissions.channel
@@ -323,9 +321,7 @@ class RfDirectionFinder(RadioSensor, CellSensor):
     ) -> Plots:
         """Directions with errors by the SNR that each very detection shows."""
         snr = self._draw_estimated_snr(hits.snr, rng)
-        errors = rng.standard_normal((len(hits),))
-        if self.degradation is not None:
-            errors *= self.degradation.error_factor
+        errors = rng.standard_normal((len(hits),)) * self.error_factor
         azimuth_deg = targets.read_azimuth_deg(hits.azimuth_deg, hits.t_utc_ns)
         azimuth_deg = azimuth_deg + errors * self.sigma_azimuth_deg(emissions.frequency_hz, snr)
         elevation_deg = hits.elevation_deg
@@ -352,11 +348,9 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         frequency_hz = rng.uniform(self.frequency_min_hz, self.frequency_max_hz, n)
         snr = self._draw_estimated_snr(np.zeros(n), rng)
         elevation_deg = np.zeros(n)
-        claims: dict[str, NDArray[Any]] = {}
         if self.elevation_baseline_m is not None:
             elevation_deg = rng.uniform(0.0, 90.0, n)
-        if self.classifier is not None:
-            claims = self.classifier.columns_of_nothing(n, rng)
+        claims = self.false_claims(n, rng)
         return self._plots(
             snr, frequency_hz, azimuth_deg, elevation_deg, t_utc_ns=t_utc_ns, **claims
         )

@@ -334,8 +334,12 @@ class Targets:
             columns["sensor"] = self.sensor[rows]
         return Looks.holding(columns)
 
-    def claims_of(self, looks: Looks, classifier: Confusion, rng: np.random.Generator) -> Claims:
-        """What a classifier makes of those looks, columns of plots: drawn anew, or held."""
+    def claims_of(
+        self, looks: Looks, classifier: Confusion | None, rng: np.random.Generator
+    ) -> Claims:
+        """What a classifier, if any, makes of looks, columns of plots: drawn anew, or held."""
+        if classifier is None:
+            return {}
         drawn = None if self.claims is None else self.claims.of(looks)
         return classifier.columns(self.signatures.target_class_of(looks.drone), rng, drawn)
 
@@ -572,6 +576,11 @@ class CellSensor(SensorModel, ABC):
     def draw_false_snr(self, n: int, rng: np.random.Generator) -> Floats:
         """Ratios of false plots; (n,)."""
         return self.false_plots(np.zeros(n, np.int64), np.zeros(n), rng).snr
+
+    def false_claims(self, n: int, rng: np.random.Generator) -> Claims:
+        """What its classifier, if any, makes of n false alarms, columns of plots."""
+        classifier: Confusion | None = getattr(self, "classifier", None)
+        return {} if classifier is None else classifier.columns_of_nothing(n, rng)
 
     @abstractmethod
     def false_plots(self, t_utc_ns: Ints, azimuth_deg: Floats, rng: np.random.Generator) -> Plots:

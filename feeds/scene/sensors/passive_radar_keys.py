@@ -32,9 +32,8 @@ from plotfeed.feeds.scene.sensors.illuminator_keys import IlluminatorKeys
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import Reports, SensorGeometry, long_integration
 from plotfeed.models.frames import enu_to_aer
-from plotfeed.models.propagation import C_M_S
-from plotfeed.models.sensors.passive_radar import PassiveRadar
-from plotfeed.models.sensors.passive_signals import MAN_MADE, Illuminator, external_noise_db
+from plotfeed.models.propagation import C_M_S, MAN_MADE, external_noise_db
+from plotfeed.models.sensors.passive_radar import Illuminator, PassiveRadar
 
 NotPositive = Annotated[float, Field(le=0)]
 # Closer to the baseline, an error of bistatic range is over ten times larger in short range.

@@ -26,7 +26,7 @@ from plotfeed.testing import START_NS, held, radar, rotating, scene, staring
 
 QUESTIONS = re.compile(
     r"is_in_free_space|self\.jammers|surroundings is|\bmultipath is|\bdoppler is|\bmerging is"
-    r"|_detailed\b|echo_effects is|strengths|intervals is|_with_effects"
+    r"|groups is|echo_effects is|strengths|intervals is|_with_effects"
     r"|readings is|\.errs\b|bias is|drift is|degradation is"
     r"|pd_factor|_sidelobes is|claims_held_ns|axes is not|layout is|classifier is"
     r"|elevation_baseline_m is|measures_range_rate"
@@ -125,7 +125,7 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
     stems = {Path(file).stem for file, _ in counts}
     assert "readings" in stems
     if "doppler" in known:
-        assert {"doppler", "merging", "detailed_detection"} <= stems
+        assert {"doppler", "merging"} <= stems
     if "classifier" in known:
         assert "classification" in stems
     if "layout" in known:

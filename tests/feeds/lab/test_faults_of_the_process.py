@@ -14,15 +14,14 @@ from plotfeed.feeds.lab.gathering import judged_recording
 from plotfeed.feeds.lab.judge import Against
 from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.models.sensors.acoustic import MicrophoneArray
-from plotfeed.models.sensors.active_radar import IntervalRadar
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.testing import held
 
 SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
 SIGMAS = {f"{quantity} sigma" for quantity in ("range", "azimuth", "elevation")}
 FAULTS: dict[str, tuple[type, str, str, float, set[str]]] = {
-    "radar sees less": (IntervalRadar, "pd", "active", 0.6, {"Pd"}),
-    "MIMO radar sees less": (IntervalRadar, "pd", "mimo", 0.6, {"Pd"}),
+    "radar sees less": (PolarRadar, "pd", "active", 0.6, {"Pd"}),
+    "MIMO radar sees less": (PolarRadar, "pd", "mimo", 0.6, {"Pd"}),
     "microphones hear less": (MicrophoneArray, "pd", "microphones", 0.6, {"Pd"}),
     "radar errs and says so": (PolarRadar, "sigmas", "active", 2.5, SIGMAS),
 }

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.significance import assert_law, assert_sum, assert_uncorrelated
 
 from plotfeed.models.effects.merging import NEIGHBOURS, REACH, Merging
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Floats, Looks
 
 MERGING = Merging(range_m=(10.0,), azimuth_deg=2.0, elevation_deg=6.0)
 
@@ -25,11 +25,12 @@ def merged(
         "azimuth_deg": np.asarray(azimuth_deg, float),
         "elevation_deg": np.zeros(n) if elevation_deg is None else np.asarray(elevation_deg, float),
         "t_utc_ns": np.zeros(n, np.int64),
-        "powers": np.ones(n) if powers is None else np.asarray(powers, float),
-        "uniforms": np.zeros(n) if uniforms is None else np.asarray(uniforms, float),
+        "snr": np.ones(n) if powers is None else np.asarray(powers, float),
         "channel": np.zeros(n, np.int64),
     }
-    return merging.merged_groups(**(columns | more))
+    uniforms = np.zeros(n) if uniforms is None else np.asarray(uniforms, float)
+    rate_m_s = more.pop("range_rate_m_s", None)
+    return merging.merged_groups(Looks.holding(columns | more), uniforms, rate_m_s)
 
 
 def labels(found, n: int) -> list[int]:

@@ -14,8 +14,7 @@ from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.frames import aer_to_enu, wrap_180
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution, ground_range_m
-from plotfeed.models.sensors.passive_radar import PassiveRadar
-from plotfeed.models.sensors.passive_signals import Illuminator
+from plotfeed.models.sensors.passive_radar import Illuminator, PassiveRadar
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Plots, Signature
 

@@ -17,8 +17,7 @@ from plotfeed.models import propagation
 from plotfeed.models.beam import AzimuthCover, Timetable
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.sensors.bistatic_places import flat_solution
-from plotfeed.models.sensors.passive_radar import PassiveRadar
-from plotfeed.models.sensors.passive_signals import Illuminator
+from plotfeed.models.sensors.passive_radar import Illuminator, PassiveRadar
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import Signatures
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models.sensors.passive_signals import GALACTIC, MAN_MADE, external_noise_db
+from plotfeed.models.propagation import GALACTIC, MAN_MADE, external_noise_db
 
 ENVIRONMENTS = pytest.mark.parametrize("environment", MAN_MADE)
 
