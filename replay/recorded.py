@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import islice
 from typing import BinaryIO, NamedTuple
 
 CHUNK_OCTETS = 1 << 18
@@ -41,6 +42,20 @@ class Recorded(NamedTuple):
     retain: bool = False
     qos: int = 0
     stage: Stage = Stage.RECEIVED
+
+
+MOST_OCTETS = 1 << 20  # Of messages that are handed on together, without the last one
+
+
+def next_messages(messages: Iterator[Recorded], most: int) -> list[Recorded]:
+    """The next messages, at most so many; fewer where they are long or come to their end."""
+    some, octets = [], 0
+    for each in islice(messages, most):
+        some.append(each)
+        octets += len(each.payload)
+        if octets > MOST_OCTETS:
+            break
+    return some
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

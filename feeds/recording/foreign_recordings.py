@@ -14,7 +14,7 @@ import sys
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -31,11 +31,11 @@ from plotfeed.replay.recorded import (
     Recorded,
     RecordingReader,
     Stage,
+    next_messages,
 )
 
 KIND = "recording"
 MOST_TOGETHER = 512  # Messages of a frame
-MOST_OCTETS = 1 << 20  # Of a frame, without its last message
 # What no reader here gives, and a process that was taken over could claim.
 MOST_CLAIMED = 1 << 30
 _START = "from plotfeed.feeds.recording.foreign_recordings import main; main()"
@@ -250,7 +250,7 @@ def _write(out: BinaryIO, recording: Recording, asked: Wanted, *, together: int)
     out.write(head(octets=recording.octets, attachments=entries))
     out.flush()
     messages = _messages(reader, asked)
-    while some := _next(messages, together):
+    while some := next_messages(messages, together):
         topics, payloads, log_ns, due_ns, kinds, beside, retained, qos, stages = zip(
             *some, strict=True
         )
@@ -280,14 +280,3 @@ def _messages(reader: RecordingReader, asked: Wanted) -> Iterator[Recorded]:
         return reader.messages(asked.start_ns, asked.end_ns)  # type: ignore[call-arg]
     first, end = asked.start_ns or 0, LATEST_NS + 1 if asked.end_ns is None else asked.end_ns
     return (each for each in reader.messages() if first <= each.log_time_ns < end)
-
-
-def _next(messages: Iterator[Recorded], most: int) -> list[Recorded]:
-    """The next messages, at most so many; fewer where they are long or come to their end."""
-    some, octets = [], 0
-    for each in islice(messages, most):
-        some.append(each)
-        octets += len(each.payload)
-        if octets > MOST_OCTETS:
-            break
-    return some

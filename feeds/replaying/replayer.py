@@ -13,13 +13,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from itertools import count, islice
+from itertools import count
 from typing import NamedTuple
 
 from plotfeed.feeds.console.process import undisturbed
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.routes import Departure, ReplayCounters, Routes
+from plotfeed.feeds.replaying.routes import ReplayCounters, Routes
 from plotfeed.feeds.timing.clock import Clock, InstantClock, Schedule, WallClock
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.asterix.codec.retime_asterix import Retimer
@@ -30,7 +31,7 @@ from plotfeed.proto.retime import retime_json, retime_protobuf, retime_text
 from plotfeed.proto.utc import NS
 from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Laps, Pace, lap_period_ns
-from plotfeed.replay.recorded import UDP_TOPIC, Recorded, Stage
+from plotfeed.replay.recorded import UDP_TOPIC, Recorded, Stage, next_messages
 
 SEEK_NS = NS // 10  # A replay goes on so long after a seek, for what is there has to be read first
 
@@ -45,28 +46,11 @@ class ReplayControl:
         self.pace: Pace | None = None  # None before it has begun and after it has ended
         self.begin_ns = 0  # Recorded time at which each lap begins
         self.stopped = False
-        self._clock: Clock | None = None
-        self._laps: Callable[[], Laps | None] = lambda: None
-        self._on_pace: Callable[[], object] = lambda: None
-        self._on_seek: Callable[[int, int], object] = lambda _lap, _from_ns: None
+        self._replayer: Replayer | None = None
 
-    def begin(
-        self,
-        pace: Pace,
-        clock: Clock,
-        *,
-        begin_ns: int,
-        laps: Callable[[], Laps | None],
-        on_pace: Callable[[], object],
-        on_seek: Callable[[int, int], object],
-    ) -> None:
-        """The replay begins, and is told what is asked of it.
-
-        `laps` gives those of a recording whose end has been read, else None.
-        """
-        self.pace, self._clock = pace, clock
-        self.begin_ns, self._laps = begin_ns, laps
-        self._on_pace, self._on_seek = on_pace, on_seek
+    def begin(self, replayer: Replayer, pace: Pace, begin_ns: int) -> None:
+        """The replay begins, and is told what is asked of it."""
+        self._replayer, self.pace, self.begin_ns = replayer, pace, begin_ns
 
     def end(self) -> None:
         """The replay has ended."""
@@ -88,8 +72,8 @@ class ReplayControl:
         if self.pace is None:
             return 0, self.begin_ns
         reached_ns = max(self.pace.position(self._now_ns()), self.begin_ns)
-        laps = self._laps()
-        return (0, reached_ns) if laps is None else laps.rolled(reached_ns)
+        laps = self._replayer and self._replayer.laps
+        return laps.rolled(reached_ns) if laps else (0, reached_ns)
 
     def pause(self) -> None:
         """Stand still; what links hold arrives all the same."""
@@ -115,13 +99,13 @@ class ReplayControl:
 
     def seek(self, recorded_ns: int) -> None:
         """Go on with what was recorded then, in the lap that it is in."""
-        if self.pace is None:
+        if self.pace is None or self._replayer is None:
             return
-        (lap, _), laps = self.position, self._laps()
+        (lap, _), laps = self.position, self._replayer.laps
         recorded_ns = max(recorded_ns, self.begin_ns)
-        unrolled_ns = recorded_ns if laps is None else laps.unrolled(lap, recorded_ns)
+        unrolled_ns = laps.unrolled(lap, recorded_ns) if laps else recorded_ns
         self.pace = self.pace.seek(unrolled_ns, self._now_ns() + SEEK_NS)
-        self._on_seek(lap, recorded_ns)
+        self._replayer.sought(lap, recorded_ns)
 
     def skip(self, seconds: float) -> None:
         """Go on so much later, or earlier, than it is."""
@@ -140,14 +124,15 @@ class ReplayControl:
     def stop(self) -> None:
         """End it."""
         self.stopped = True
-        self._on_pace()
+        self._set(self.pace)
 
-    def _set(self, pace: Pace) -> None:
+    def _set(self, pace: Pace | None) -> None:
         self.pace = pace
-        self._on_pace()
+        if self._replayer is not None:
+            self._replayer.repaced()
 
     def _now_ns(self) -> int:
-        return 0 if self._clock is None else self._clock.now_ns()
+        return 0 if self._replayer is None else self._replayer.clock.now_ns()
 
 
 log = logging.getLogger(__name__)
@@ -231,7 +216,7 @@ class Restamper:
         return done.octets
 
 
-BATCH, BATCH_OCTETS = 256, 1 << 20  # Messages looked at in one go
+BATCH = 256  # Messages looked at in one go
 BEFORE = Stage.BEFORE
 
 
@@ -245,42 +230,51 @@ class ReplayItem(NamedTuple):
 
 
 class ReplayReader:
-    """Reads what is to be replayed, a batch at a time; it may be used in a thread."""
+    """What is to be replayed of a recording, lap after lap; it may be read in a thread."""
 
     def __init__(self, source: RepeatableRecording, settings: ReplaySettings) -> None:
-        self.finished = False  # Nothing is left
         # Recorded time at which each lap begins; None until something has been read.
         self.begin_ns: int | None = None
         self.laps: Laps | None = None  # Known once a lap has been read to its end
         self._source = source
         self._settings = settings
-        self._lap = 0
-        self._from_ns: int | None = None  # Where this lap begins, if not with all others
         self._bounds: tuple[int | None, int | None] | None = None
         self._is_taken: dict[tuple[str, str, str], bool] = {}
-        self._messages: Iterator[Recorded] | None = None
-        self._first_ns: int | None = None
-        self._last_ns = self._count = 0
 
-    def elsewhere(self, lap: int, from_ns: int) -> ReplayReader:
-        """A reader that goes on from that recorded time in that lap."""
-        other = ReplayReader(self._source, self._settings)
-        other.begin_ns, other.laps, other._bounds = self.begin_ns, self.laps, self._bounds
-        other._lap, other._from_ns = lap, from_ns
-        return other
+    def batches(self, lap: int = 0, from_ns: int | None = None) -> Iterator[list[ReplayItem]]:
+        """Messages from that lap on, and in it from that recorded time on; a batch may be empty."""
+        self._bounds = self._bounds or self._found_bounds()
+        first_of_laps_ns, end_ns = self._bounds
+        most = self._settings.laps
+        while most is None or lap < most:
+            start_ns = first_of_laps_ns if from_ns is None else from_ns
+            first_ns, last_ns, number = None, 0, 0
+            messages = self._source.messages(start_ns, end_ns)
+            while some := next_messages(messages, BATCH):
+                items = self._items(some, lap, start_ns, end_ns)
+                if items:
+                    times = [item.recorded_ns for item in items]
+                    if first_ns is None:
+                        first_ns = min(times)
+                    if self.begin_ns is None:
+                        self.begin_ns = first_ns if start_ns is None else start_ns
+                    last_ns, number = max(last_ns, *times), number + len(items)
+                yield items
+            if self.laps is None and first_ns is not None and self.begin_ns is not None:
+                period_ns = lap_period_ns(self.begin_ns, first_ns, last_ns, number)
+                self.laps = Laps(begin_ns=self.begin_ns, period_ns=self._bounded(period_ns))
+            if self.laps is None or (from_ns is None and first_ns is None):
+                return
+            lap, from_ns = lap + 1, None
 
-    def batch(self) -> list[ReplayItem]:
-        """The next messages; there may be none in a batch, and more in the next."""
-        start_ns, end_ns = self._part()
-        if self._messages is None:
-            self._messages = self._source.messages(start_ns, end_ns)
-        offset_ns = 0 if self.laps is None else self._lap * self.laps.period_ns
-        lap, is_taken, takes = self._lap, self._is_taken, self._settings.selection.takes
+    def _items(
+        self, messages: Sequence[Recorded], lap: int, start_ns: int | None, end_ns: int | None
+    ) -> list[ReplayItem]:
+        """The messages that are asked for and of that time."""
+        offset_ns = self.laps.unrolled(lap, 0) if self.laps else 0
+        is_taken, takes = self._is_taken, self._settings.selection.takes
         items: list[ReplayItem] = []
-        looked = octets = 0
-        for recorded in islice(self._messages, BATCH):
-            looked += 1
-            octets += len(recorded.payload)
+        for recorded in messages:
             stage = recorded.stage
             # Its text, since the hash of an enum takes longer.
             key = (recorded.topic, recorded.content_type, stage._value_)
@@ -290,20 +284,7 @@ class ReplayReader:
                 t_ns = recorded.publish_time_ns if stage is BEFORE else recorded.log_time_ns
                 if (start_ns is None or t_ns >= start_ns) and (end_ns is None or t_ns < end_ns):
                     items.append(ReplayItem(t_ns + offset_ns, lap, t_ns, recorded))
-            if octets > BATCH_OCTETS:
-                break
-        if items:
-            self._note(items)
-        if looked < BATCH and octets <= BATCH_OCTETS:
-            self._end_lap()
         return items
-
-    def _part(self) -> tuple[int | None, int | None]:
-        """Start and end of this lap as recorded times."""
-        if self._bounds is None:
-            self._bounds = self._found_bounds()
-        start_ns, end_ns = self._bounds
-        return (start_ns if self._from_ns is None else self._from_ns), end_ns
 
     def _found_bounds(self) -> tuple[int | None, int | None]:
         start, end = self._settings.start, self._settings.end
@@ -317,36 +298,11 @@ class ReplayReader:
         start_ns = None if start is None else max(start.at(first_ns), first_ns)
         return start_ns, None if end is None else end.at(first_ns)
 
-    def _note(self, items: list[ReplayItem]) -> None:
-        times = [item.recorded_ns for item in items]
-        if self._first_ns is None:
-            self._first_ns = min(times)
-        if self.begin_ns is None:
-            start_ns, _ = self._part()
-            self.begin_ns = self._first_ns if start_ns is None else start_ns
-        self._last_ns = max(self._last_ns, *times)
-        self._count += len(items)
-
-    def _end_lap(self) -> None:
-        """Go on with the next lap, if there is one."""
-        was_whole, first_ns = self._from_ns is None, self._first_ns
-        if self.laps is None and first_ns is not None and self.begin_ns is not None:
-            self.laps = Laps(
-                begin_ns=self.begin_ns, period_ns=self._period_ns(self.begin_ns, first_ns)
-            )
-        self._lap += 1
-        self._messages = self._from_ns = self._first_ns = None
-        self._last_ns = self._count = 0
-        most = self._settings.laps
-        nothing_there = self.laps is None or (was_whole and first_ns is None)
-        self.finished = nothing_there or (most is not None and self._lap >= most)
-
-    def _period_ns(self, begin_ns: int, first_ns: int) -> int:
-        period_ns = lap_period_ns(begin_ns, first_ns, self._last_ns, self._count)
-        _, end_ns = self._part()
-        stands_at_ns = self._settings.stands_at_ns
-        if stands_at_ns is not None:
-            return max(period_ns, stands_at_ns + 1 - begin_ns)
+    def _bounded(self, period_ns: int) -> int:
+        """The time from lap to lap, where the settings say when a lap ends."""
+        begin_ns, (_, end_ns) = self.begin_ns or 0, self._bounds or (None, None)
+        if self._settings.stands_at_ns is not None:
+            return max(period_ns, self._settings.stands_at_ns + 1 - begin_ns)
         return period_ns if end_ns is None else min(period_ns, end_ns - begin_ns)
 
 
@@ -359,8 +315,8 @@ class ReadAhead:
 
     def __init__(self, reader: ReplayReader, on_news: Callable[[], object]) -> None:
         """`on_news` is called when there is something after there was nothing, or the end is."""
-        self.reader = reader
         self.finished = False  # Nothing more will come, unless it is told to go on elsewhere
+        self._reader, self._batches = reader, reader.batches()
         self._on_news = on_news
         self._items: deque[ReplayItem] = deque()
         self._octets = 0
@@ -386,11 +342,11 @@ class ReadAhead:
         self._items.extendleft(reversed(items))
         self._octets += sum(len(item.recorded.payload) for item in items)
 
-    def go_on(self, reader: ReplayReader) -> None:
-        """Go on with another reader, and forget what was read before."""
+    def go_on(self, lap: int, from_ns: int) -> None:
+        """Go on at that recorded time of that lap, and forget what was read before."""
         self._items.clear()
         self._octets = 0
-        self.reader = reader
+        self._batches = self._reader.batches(lap, from_ns)
         self.finished = self._full = False
         self._room.set()
 
@@ -403,21 +359,21 @@ class ReadAhead:
                 if self.finished:
                     self._room.clear()
                     continue
-                reader = self.reader
-                items = await loop.run_in_executor(thread, reader.batch)
-                if reader is self.reader:
+                batches = self._batches
+                items = await loop.run_in_executor(thread, next, batches, None)
+                if batches is self._batches:
                     self._take(items)
 
     def read_now(self) -> None:
         """Read some without a thread, where nothing waits for its time."""
         while not self._items and not self.finished:
-            self._take(self.reader.batch())
+            self._take(next(self._batches, None))
 
-    def _take(self, items: list[ReplayItem]) -> None:
-        was_empty = not self._items
-        self._items.extend(items)
-        self._octets += sum(len(item.recorded.payload) for item in items)
-        self.finished = self.reader.finished
+    def _take(self, items: list[ReplayItem] | None) -> None:
+        """What was read next; None where nothing is left."""
+        was_empty, self.finished = not self._items, items is None
+        self._items.extend(items or ())
+        self._octets += sum(len(item.recorded.payload) for item in items or ())
         if len(self._items) >= AHEAD or self._octets >= AHEAD_OCTETS:
             self._full = True
             self._room.clear()
@@ -432,14 +388,6 @@ SPARE_NS = 100_000  # Less than this before a deadline, nothing else is made rea
 AT_ONCE = 1024
 # Transports may take so long for the last messages; longer where a slow broker is waited for.
 FAREWELL_S, PATIENT_FAREWELL_S = 1.0, 10.0
-
-
-class RushClock(InstantClock):
-    """Simulated time of a replay without deadlines: it goes on as messages leave."""
-
-    def go_to(self, t_utc_ns: int) -> None:
-        """Be there; it never goes back."""
-        self._now_ns = max(self._now_ns, t_utc_ns)
 
 
 async def replay(
@@ -457,7 +405,7 @@ async def replay(
     are filled in meanwhile. Raises what reading the source raises, and `ReplayError`.
     """
     totals = ReplayCounters() if totals is None else totals
-    own = RushClock() if settings.fastest else WallClock()
+    own = InstantClock() if settings.fastest else WallClock()
     replayer = Replayer(
         source,
         transports,
@@ -489,7 +437,7 @@ class Replayer:
     ) -> None:
         self._transports = transports
         self._settings = settings
-        self._clock = clock
+        self.clock = clock
         self._totals = totals
         self._control = control
         self._schedule = Schedule()
@@ -498,7 +446,8 @@ class Replayer:
         )
         self._restamper = Restamper(totals.left)
         self._news = asyncio.Event()
-        self._ahead = ReadAhead(ReplayReader(source, settings), self._wake)
+        self._reader = ReplayReader(source, settings)
+        self._ahead = ReadAhead(self._reader, self._wake)
         # What is on the schedule, and can be taken back until it leaves.
         self._ready: dict[int, ReplayItem] = {}
         self._numbers = count()
@@ -506,8 +455,8 @@ class Replayer:
     async def run(self) -> None:
         """Replay it all."""
         try:
-            if isinstance(self._clock, RushClock):
-                await self._play(self._clock)
+            if self._settings.fastest and isinstance(self.clock, InstantClock):
+                await self._play(self.clock)
             else:
                 await self._play_while_reading()
             self._routes.flush()
@@ -532,7 +481,7 @@ class Replayer:
                 task.cancel()
             await asyncio.gather(playing, reading, return_exceptions=True)
 
-    async def _play(self, rush: RushClock | None) -> None:
+    async def _play(self, rush: InstantClock | None) -> None:
         """Play until nothing is left, or it is stopped; with `rush`, without deadlines."""
         while not self._control.stopped:
             self._news.clear()
@@ -553,35 +502,28 @@ class Replayer:
     async def _sleep(self, until_ns: int) -> None:
         """Wait until then or for news; exactly where something is to be sent."""
         is_to_send = until_ns == self._schedule.next_due_ns()
-        await self._clock.sleep_until(until_ns, exactly=is_to_send)
+        await self.clock.sleep_until(until_ns, exactly=is_to_send)
 
     def _begin(self) -> None:
         """Begin as soon as the first message has been read."""
-        begin_ns = self._ahead.reader.begin_ns
+        begin_ns = self._reader.begin_ns
         if self._ahead.peek() is None or begin_ns is None:
             return
-        start_utc_ns = self._clock.start() + READY_NS
+        start_utc_ns = self.clock.start() + READY_NS
         pace = Pace(recorded_ns=begin_ns, due_ns=start_utc_ns, speed=self._settings.speed)
         self._routes.later_ns = start_utc_ns - begin_ns
-        self._control.begin(
-            pace,
-            self._clock,
-            begin_ns=begin_ns,
-            laps=lambda: self._ahead.reader.laps,
-            on_pace=self._repaced,
-            on_seek=self._sought,
-        )
+        self._control.begin(self, pace, begin_ns)
 
     def _work(self) -> int | None:
         """Do what is due, make ready what is due soon; when more will be, None if not known."""
-        for _, action in self._schedule.due_by(self._clock.now_ns()):
+        for _, action in self._schedule.due_by(self.clock.now_ns()):
             action()
         pace = self._control.pace
         if pace is None:
             return None
         while not pace.paused and (item := self._ahead.peek()) is not None:
             due_ns, soonest_ns = pace.due(item.unrolled_ns), self._schedule.next_due_ns()
-            now_ns, ready_ns = self._clock.now_ns(), due_ns - READY_NS
+            now_ns, ready_ns = self.clock.now_ns(), due_ns - READY_NS
             if ready_ns > now_ns:
                 return ready_ns if soonest_ns is None else min(soonest_ns, ready_ns)
             if soonest_ns is not None and soonest_ns < min(due_ns, now_ns + SPARE_NS):
@@ -590,19 +532,18 @@ class Replayer:
         return self._schedule.next_due_ns()
 
     def _plan(self, item: ReplayItem, due_ns: int) -> None:
-        departure = self._departure(item, due_ns)
-        if departure is not None:
-            self._routes.prepare(departure)
+        send = self._departure(item, due_ns, is_ahead=True)
+        if send is not None:
             number = next(self._numbers)
             self._ready[number] = item
-            self._schedule.put(due_ns, partial(self._leave, number, departure))
+            self._schedule.put(due_ns, partial(self._leave, number, send))
 
-    def _leave(self, number: int, departure: Departure) -> None:
-        """Let a departure that is due leave, unless it was taken back."""
+    def _leave(self, number: int, send: Callable[[], object]) -> None:
+        """Let what is due leave, unless it was taken back."""
         if self._ready.pop(number, None) is not None:
-            self._routes.send(departure)
+            send()
 
-    def _rush(self, clock: RushClock) -> int | None:
+    def _rush(self, clock: InstantClock) -> int | None:
         """Do some of what comes next at once; the time that it is, or None if nothing is left."""
         for _ in range(AT_ONCE):
             pace = self._control.pace
@@ -611,15 +552,14 @@ class Replayer:
             if pace is not None and item is not None:
                 due_ns = pace.due(item.unrolled_ns)
                 if soonest_ns is None or due_ns <= soonest_ns:
-                    clock.go_to(due_ns)
-                    departure = self._departure(self._ahead.pop(), due_ns)
-                    if departure is not None:
-                        self._routes.send(departure)
+                    clock.jump(due_ns)
+                    if (send := self._departure(self._ahead.pop(), due_ns)) is not None:
+                        send()
                     continue
             if soonest_ns is None:
                 waits = self._control.is_paused or self._ahead.finished
                 return None if waits else clock.now_ns()
-            clock.go_to(soonest_ns)
+            clock.jump(soonest_ns)
             for _, action in self._schedule.due_by(soonest_ns):
                 action()
         return clock.now_ns()
@@ -637,8 +577,10 @@ class Replayer:
                     wait.cancel()
                 await asyncio.gather(*waits, return_exceptions=True)
 
-    def _departure(self, item: ReplayItem, due_ns: int) -> Departure | None:
-        """The message as it is sent then; None if it is not."""
+    def _departure(
+        self, item: ReplayItem, due_ns: int, *, is_ahead: bool = False
+    ) -> Callable[[], object] | None:
+        """What sends the message, which is due then; None if it is not sent."""
         recorded, properties = item.recorded, item.recorded.properties
         self._totals.laps = item.lap + 1
         route, payload = self._routes.of(recorded), recorded.payload
@@ -649,9 +591,27 @@ class Replayer:
         if shift_ns:
             payload = self._restamper.payload(recorded, shift_ns)
             properties = self._restamper.properties(recorded, shift_ns)
-        return self._routes.departure(recorded, route, payload, properties, due_ns)
+        if route.datagram is not None:
+            return partial(self._routes.send_datagram, route.datagram, payload, due_ns)
+        message = Message(
+            topic=route.topic,
+            payload=payload,
+            content_type=recorded.content_type,
+            due_utc_ns=due_ns,
+            properties=properties,
+            retain=recorded.retain,
+            qos=min(recorded.qos, 1),
+        )
+        for transport in self._transports if is_ahead else ():
+            transport.prepare((message,))
+        return partial(self._routes.send, message, route.over)
 
-    def _repaced(self) -> None:
+    @property
+    def laps(self) -> Laps | None:
+        """Laps of a recording whose end has been read; else None."""
+        return self._reader.laps
+
+    def repaced(self) -> None:
         """Take back what has not left: it is due at other times now."""
         pace = self._control.pace
         if pace is not None:
@@ -659,12 +619,12 @@ class Replayer:
             self._ahead.put_back([self._ready.pop(number) for number in back])
         self._wake()
 
-    def _sought(self, lap: int, from_ns: int) -> None:
+    def sought(self, lap: int, from_ns: int) -> None:
         """Go on elsewhere."""
         self._ready.clear()
-        self._ahead.go_on(self._ahead.reader.elsewhere(lap, from_ns))
+        self._ahead.go_on(lap, from_ns)
         self._wake()
 
     def _wake(self) -> None:
         self._news.set()
-        self._clock.wake()
+        self.clock.wake()

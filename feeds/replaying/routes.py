@@ -37,7 +37,6 @@ class ReplayImpairment(Impairment):
         return Outcome(outcome.fate, tuple(copies))
 
 
-Properties = tuple[tuple[str, str], ...]
 # Messages that leave in one go where there are no deadlines: a system call costs more than one.
 TOGETHER = 64
 MAX_LINKS = 1000  # Sources with a link of their own
@@ -85,15 +84,6 @@ class Route(NamedTuple):
     datagram: Callable[[bytes], bool] | None = None
 
 
-class Departure(NamedTuple):
-    """A message that is sent when it is due."""
-
-    route: Route
-    payload: bytes
-    message: Message | None  # None for a datagram that is its payload and nothing else
-    due_ns: int
-
-
 class Routes:
     """The routes of all topics, each found once, and what leaves by them."""
 
@@ -126,44 +116,21 @@ class Routes:
             route = self._routes[key] = self._found(recorded)
         return route
 
-    def departure(
-        self, recorded: Recorded, route: Route, payload: bytes, properties: Properties, due_ns: int
-    ) -> Departure:
-        """A message as it is sent when it is due."""
-        if route.datagram is not None:
-            return Departure(route, payload, None, due_ns)
-        message = Message(
-            topic=route.topic,
-            payload=payload,
-            content_type=recorded.content_type,
-            due_utc_ns=due_ns,
-            properties=properties,
-            retain=recorded.retain,
-            qos=min(recorded.qos, 1),
-        )
-        return Departure(route, payload, message, due_ns)
-
-    def prepare(self, departure: Departure) -> None:
-        """Do ahead of time what can be done for it."""
-        if departure.message is not None:
-            for transport in self._transports:
-                transport.prepare((departure.message,))
-
-    def send(self, departure: Departure) -> None:
+    def send(self, message: Message, over: tuple[Uplink, Outbox] | None) -> None:
         """Send it now, through its link if it has one."""
-        route, message = departure.route, departure.message
-        if route.datagram is not None:
-            fate = pb.SENT if route.datagram(departure.payload) else pb.UNDELIVERED
-            late_ns = self._clock.now_ns() - departure.due_ns
-            self._totals.settle(fate, 0, late_ns, len(departure.payload))
-        elif message is not None and route.over is not None:
+        if over is not None:
             self.flush()
-            uplink, outbox = route.over
+            uplink, outbox = over
             outbox.send(uplink.passed([message]))
-        elif message is not None:
-            self._gathered.append(message)
-            if len(self._gathered) >= self._together:
-                self.flush()
+            return
+        self._gathered.append(message)
+        if len(self._gathered) >= self._together:
+            self.flush()
+
+    def send_datagram(self, send: Callable[[bytes], bool], payload: bytes, due_ns: int) -> None:
+        """Send a datagram that is its payload and nothing else."""
+        fate = pb.SENT if send(payload) else pb.UNDELIVERED
+        self._totals.settle(fate, 0, self._clock.now_ns() - due_ns, len(payload))
 
     def flush(self) -> None:
         """Send what was gathered to leave together."""

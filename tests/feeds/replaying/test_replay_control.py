@@ -13,7 +13,8 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import SEEK_NS, ReplayControl, RushClock, replay
+from plotfeed.feeds.replaying.replayer import SEEK_NS, ReplayControl, replay
+from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.replay.recorded import Recorded
 
 
@@ -153,7 +154,7 @@ async def test_it_stops_when_it_is_asked_to() -> None:
 @pytest.mark.asyncio
 async def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
     async with asyncio.timeout(PATIENCE_S):
-        clock, control = RushClock(REPLAYED), ReplayControl()
+        clock, control = InstantClock(REPLAYED), ReplayControl()
         ears = Ears(clock)
 
         def left(_: Message) -> None:

@@ -14,14 +14,7 @@ from support.replays import MS, REGULAR, REPLAYED, Ears, Memory, S, message, sim
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Selection
-from plotfeed.feeds.replaying.replayer import (
-    AHEAD,
-    BATCH,
-    READY_NS,
-    ReplayControl,
-    RushClock,
-    replay,
-)
+from plotfeed.feeds.replaying.replayer import AHEAD, BATCH, READY_NS, ReplayControl, replay
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -139,7 +132,7 @@ async def test_a_recording_without_messages_is_over_at_once(laps: int | None) ->
 
 @pytest.mark.asyncio
 async def test_without_deadlines_everything_leaves_in_order_at_simulated_times() -> None:
-    clock = RushClock(REPLAYED)
+    clock = InstantClock(REPLAYED)
     ears = Ears(clock)
     settings = ReplaySettings(fastest=True, laps=2)
     await replay(Memory(REGULAR), [ears], settings, clock=clock)
