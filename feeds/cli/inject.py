@@ -11,7 +11,6 @@ import signal
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -222,7 +221,7 @@ def keys_of(kind: type[T], settings: InjectSettings, **stated: Any) -> T:
 def completed(keys: InjectedFlight | InjectedSource, report: PositionReport) -> PositionReport:
     """The report with what only the user knows: height above the ellipsoid, metres, and RCS."""
     if keys.rcs_m2 is not None:
-        report = replace(report, rcs_m2=keys.rcs_m2)
+        report = report._replace(rcs_m2=keys.rcs_m2)
     declared = {
         AltitudeReference.ABOVE_TAKEOFF: keys.takeoff_height_m,
         AltitudeReference.MEAN_SEA_LEVEL: keys.geoid_undulation_m,
@@ -231,7 +230,7 @@ def completed(keys: InjectedFlight | InjectedSource, report: PositionReport) -> 
     if above_m is None:
         return report
     height_m = report.altitude_m + above_m
-    return replace(report, altitude_m=height_m, altitude_reference=AltitudeReference.ELLIPSOID)
+    return report._replace(altitude_m=height_m, altitude_reference=AltitudeReference.ELLIPSOID)
 
 
 def publish_flight(path: Path, settings: InjectSettings, broker: BrokerAddress) -> int:
@@ -268,16 +267,12 @@ def retimed(
     def at_speed(report: PositionReport) -> PositionReport:
         since_ns = report.t_utc_ns - recorded_start_ns
         if speed == 1:
-            return replace(report, t_utc_ns=start_ns + since_ns)
-        velocity, accuracy = report.velocity_enu_m_s, report.velocity_accuracy_m_s
-        if velocity is not None:
-            east, north, up = velocity
-            velocity = east * speed, north * speed, up * speed
-        return replace(
-            report,
+            return report._replace(t_utc_ns=start_ns + since_ns)
+        east, north, up = report.velocity_enu_m_s
+        return report._replace(
             t_utc_ns=start_ns + round(since_ns / speed),
-            velocity_enu_m_s=velocity,
-            velocity_accuracy_m_s=None if accuracy is None else accuracy * speed,
+            velocity_enu_m_s=(east * speed, north * speed, up * speed),
+            velocity_accuracy_m_s=report.velocity_accuracy_m_s * speed,
         )
 
     return map(at_speed, flight.reports)

@@ -98,7 +98,7 @@ class ClaimMessages:
         self, name: str, claims: Sequence[DroneClaim]
     ) -> list[tuple[str, str, str, bytes]]:
         content_type, encode = AS_TELEMETRY[name]
-        accuracy_m = self._accuracy_m or None
+        accuracy_m = self._accuracy_m or np.nan
         found = []
         for claim in claims:
             east, north, up = claim.velocity_enu_m_s.tolist()

@@ -175,17 +175,14 @@ def fly_recorded(
 ) -> KnownTrack:
     """Put a recorded flight on its way; its track from 0 ns on. Raises `PlotfeedError`."""
     reports, heights_m, starts = _recorded_reports(scene, flight, begin_ns)
-    accuracies = [(r.horizontal_accuracy_m, r.vertical_accuracy_m) for r in reports]
     track = trajectories.add_flight(
         drone.id,
         np.array([report.t_utc_ns for report in reports], np.int64),
         latitude_deg=np.array([report.latitude_deg for report in reports]),
         longitude_deg=np.array([report.longitude_deg for report in reports]),
         height_m=heights_m,
-        velocity_enu_m_s=np.array([r.velocity_enu_m_s or [np.nan] * 3 for r in reports]),
-        sigma_m=np.array(
-            [max((a for a in pair if a is not None), default=np.nan) for pair in accuracies]
-        ),
+        velocity_enu_m_s=np.array([report.velocity_enu_m_s for report in reports]),
+        sigma_m=np.array([report.sigma_m for report in reports]),
         signature=signature_of(scene, drone),
         starts=starts,
     )
@@ -222,7 +219,7 @@ def _recorded_reports(
         references,
     )
     shift_ns = begin_ns - flight.reports[0].t_utc_ns
-    shifted = [replace(report, t_utc_ns=report.t_utc_ns + shift_ns) for report in flight.reports]
+    shifted = [report._replace(t_utc_ns=report.t_utc_ns + shift_ns) for report in flight.reports]
     return shifted, heights_m, flight.starts
 
 

@@ -15,7 +15,8 @@ from math import dist, fsum, isnan, sqrt
 
 import numpy as np
 
-from plotfeed.feeds.telemetry.position_report import Reason, Refused, ReportRow
+from plotfeed.feeds.scene.telemetry_keys import Telemetry
+from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.proto.utc import NS
 
@@ -44,7 +45,7 @@ def reach_m(seconds: float, max_speed_m_s: float, sigma_m: float = 0.0) -> float
 class _Elsewhere:
     """Reports that no flight from a drone's last one explains, and that agree with each other."""
 
-    last: ReportRow
+    last: PositionReport
     since_ns: int  # When they began to outweigh those from where the drone was
     weight: int = 1
     reports: int = 1
@@ -56,7 +57,7 @@ class Course:
 
     __slots__ = ("elsewhere", "is_single", "row", "since_utc_ns", "sources_are_told")
 
-    def __init__(self, row: ReportRow) -> None:
+    def __init__(self, row: PositionReport) -> None:
         self.row = row
         self.elsewhere: _Elsewhere | None = None
         self.sources_are_told = False  # Whether it was said that two sources report under its name
@@ -67,20 +68,20 @@ class Course:
 class MotionGate:
     """Lets reports on that a drone can have made, one after the other in the order of time."""
 
-    def __init__(self, max_speed_m_s: float = MAX_SPEED_M_S) -> None:
+    def __init__(self, max_speed_m_s: float) -> None:
         self._max_speed_m_s = max_speed_m_s
         self._max_m2_s2 = max_speed_m_s**2
         self._m_per_ns = max_speed_m_s / NS
 
-    def first(self, row: ReportRow) -> Course:
+    def first(self, row: PositionReport) -> Course:
         """The course of a drone that is new; raises `Refused`."""
         self._check_speed(row)
         return Course(row)
 
-    def take(self, course: Course, row: ReportRow) -> bool:
+    def take(self, course: Course, row: PositionReport) -> bool:
         """Take a later report; whether the drone starts anew with it. Raises `Refused`."""
         before = course.row
-        east_m_s, north_m_s, up_m_s = row[5:8]
+        east_m_s, north_m_s, up_m_s = row.velocity_enu_m_s
         speed_m2_s2 = east_m_s * east_m_s + north_m_s * north_m_s + up_m_s * up_m_s
         away_m = (
             abs(row.latitude_deg - before.latitude_deg)
@@ -94,7 +95,7 @@ class MotionGate:
             return False
         return self._look_closer(course, row)
 
-    def _look_closer(self, course: Course, row: ReportRow) -> bool:
+    def _look_closer(self, course: Course, row: PositionReport) -> bool:
         elsewhere = course.elsewhere
         if self._is_within_reach(course.row, row):
             if elsewhere is not None:
@@ -118,7 +119,7 @@ class MotionGate:
                 return True
         raise self._refusal(course, row, elsewhere)
 
-    def _refusal(self, course: Course, row: ReportRow, elsewhere: _Elsewhere) -> Refused:
+    def _refusal(self, course: Course, row: PositionReport, elsewhere: _Elsewhere) -> Refused:
         away_m = dist(*_places_m(course.row, row))
         if min(elsewhere.reports, elsewhere.between) >= SOURCE_REPORTS:
             detail = (
@@ -135,21 +136,21 @@ class MotionGate:
         )
         return Refused(Reason.IMPLAUSIBLE_MOTION, detail)
 
-    def _is_within_reach(self, a: ReportRow, b: ReportRow) -> bool:
+    def _is_within_reach(self, a: PositionReport, b: PositionReport) -> bool:
         seconds = (b.t_utc_ns - a.t_utc_ns) / NS
         stated_m = fsum(s for s in (a.sigma_m, b.sigma_m) if not isnan(s))
         return dist(*_places_m(a, b)) <= reach_m(max(0.0, seconds), self._max_speed_m_s, stated_m)
 
-    def _check_speed(self, row: ReportRow) -> None:
+    def _check_speed(self, row: PositionReport) -> None:
         """Raise `Refused` if the report itself says that it is too fast."""
-        speed_m_s = sqrt(sum(v * v for v in row[5:8] if not isnan(v)))
+        speed_m_s = sqrt(sum(v * v for v in row.velocity_enu_m_s if not isnan(v)))
         if speed_m_s > self._max_speed_m_s:
             limit = f"{self._max_speed_m_s:g} m/s (telemetry.max_speed_m_s)"
             detail = f"speed is {speed_m_s:g} m/s; expected at most {limit}"
             raise Refused(Reason.IMPLAUSIBLE_MOTION, detail)
 
 
-def _places_m(a: ReportRow, b: ReportRow) -> Sequence[Sequence[float]]:
+def _places_m(a: PositionReport, b: PositionReport) -> Sequence[Sequence[float]]:
     """Both positions in ECEF, metres, (2, 3), as if altitudes were above the ellipsoid.
 
     Between them it is the same whatever they are above; where that differs, they tell nothing.
@@ -175,18 +176,16 @@ class KnownDrones:
     of which a single report was taken, at once. Before that it gives way where there is no place.
     """
 
-    def __init__(
-        self, *, max_drones: int, max_new_per_s: int, forget_after_ns: int, gone_after_ns: int
-    ) -> None:
+    def __init__(self, keys: Telemetry, gone_after_ns: int) -> None:
         self._courses: dict[str, Course] = {}
         # Drones of which one report was taken, the oldest first.
         self._singles: dict[str, None] = {}
-        self._max_drones = max_drones
-        self._max_new_per_s = max_new_per_s
+        self._max_drones = keys.max_drones
+        self._max_new_per_s = keys.max_new_drones_per_s
         self._gone_after_ns = gone_after_ns
-        self._forget_after_ns = max(forget_after_ns, gone_after_ns)
-        self._new = _Budget(max_new_per_s)
-        self._again = _Budget(max_new_per_s)
+        self._forget_after_ns = max(round(keys.forget_after_s * NS), gone_after_ns)
+        self._new = _Budget(self._max_new_per_s)
+        self._again = _Budget(self._max_new_per_s)
         self._knocked: dict[str, None] = {}
         self._swept_s = 0
         self._looked_ns = 0
@@ -305,35 +304,18 @@ NAME_SEPARATORS = frozenset("/+#")  # Characters that MQTT gives a meaning in to
 class Admission:
     """Takes reports as the latest of their drones, or refuses them with a reason."""
 
-    def __init__(
-        self,
-        *,
-        max_ahead_s: float = 2.0,
-        max_age_s: float | None = None,
-        max_late_s: float | None = None,
-        max_drones: int = 10_000,
-        max_new_drones_per_s: int = 500,
-        forget_after_s: float = 60.0,
-        max_speed_m_s: float = MAX_SPEED_M_S,
-    ) -> None:
-        """`max_late_s` is the age from which a report shows nobody anything any more.
+    def __init__(self, keys: Telemetry, look_back_s: float) -> None:
+        """`look_back_s` is how far back sensors ask where a drone is.
 
-        A drone whose last report is so old is gone, and after `forget_after_s` forgotten.
+        A report that is older by `stale_after_s` shows nobody anything any more, and a drone whose
+        last report it is, is gone.
         """
-        self._max_ahead_ns = round(max_ahead_s * NS)
-        self._max_age_ns = None if max_age_s is None else round(max_age_s * NS)
-        self._max_late_ns = None if max_late_s is None else round(max_late_s * NS)
-        ages_ns = [a for a in (self._max_age_ns, self._max_late_ns) if a is not None]
-        self._surely_taken_ns = -min(ages_ns, default=0)
-        self._gate = MotionGate(max_speed_m_s)
-        forget_after_ns = round(forget_after_s * NS)
-        gone_after_ns = forget_after_ns if self._max_late_ns is None else self._max_late_ns
-        self._known = KnownDrones(
-            max_drones=max_drones,
-            max_new_per_s=max_new_drones_per_s,
-            forget_after_ns=forget_after_ns,
-            gone_after_ns=gone_after_ns,
-        )
+        self._max_ahead_ns = round(keys.max_ahead_s * NS)
+        self._max_age_ns = round(keys.max_age_s * NS)
+        self._max_late_ns = round((keys.stale_after_s + look_back_s) * NS)
+        self._surely_taken_ns = -min(self._max_age_ns, self._max_late_ns)
+        self._gate = MotionGate(keys.max_speed_m_s)
+        self._known = KnownDrones(keys, self._max_late_ns)
 
     def knows(self, drone: str) -> bool:
         """Whether a report of that drone was taken, and it is not forgotten."""
@@ -344,7 +326,7 @@ class Admission:
         self._known.forget_gone(now_utc_ns)
         return self._known.take_forgotten()
 
-    def admit(self, drone: str, row: ReportRow, now_utc_ns: int) -> bool:
+    def admit(self, drone: str, row: PositionReport, now_utc_ns: int) -> bool:
         """Take a report as the drone's latest; whether it starts anew there. Raises `Refused`."""
         t_utc_ns, course = row.t_utc_ns, self._known.get(drone)
         if course is None:
@@ -382,13 +364,13 @@ class Admission:
             limit_s = self._max_ahead_ns / NS
             detail = f"time_utc is {ahead_ns / NS:.3f} s ahead of now; at most {limit_s:g} s"
             raise Refused(Reason.FUTURE, detail)
-        if self._max_age_ns is not None and -ahead_ns > self._max_age_ns:
+        if -ahead_ns > self._max_age_ns:
             limit_s = self._max_age_ns / NS
             detail = f"time_utc is {-ahead_ns / NS:.3f} s old; at most {limit_s:g} s"
             raise Refused(Reason.STALE, detail)
 
     def _check_late(self, age_ns: int) -> None:
-        if self._max_late_ns is not None and age_ns > self._max_late_ns:
+        if age_ns > self._max_late_ns:
             limit_s = self._max_late_ns / NS
             detail = (
                 f"time_utc is {age_ns / NS:.3f} s old; after {limit_s:g} s no sensor can still see "

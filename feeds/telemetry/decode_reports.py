@@ -30,7 +30,6 @@ from plotfeed.feeds.telemetry.position_report import (
     PositionReport,
     Reason,
     Refused,
-    ReportRow,
     check,
     check_finite,
     emitters_in,
@@ -86,7 +85,7 @@ def decode(
     return report
 
 
-def fast_decode(payload: bytes, content_type: str | None) -> ReportRow | None:
+def fast_decode(payload: bytes, content_type: str | None) -> PositionReport | None:
     """The report in a payload in a few microseconds, where it is as it nearly always is.
 
     None for what is refused, or takes a closer look: `decode` has the last word on it, and the
@@ -97,17 +96,17 @@ def fast_decode(payload: bytes, content_type: str | None) -> ReportRow | None:
         if kind is Kind.ASTERIX or len(payload) > MAX_OCTETS:
             return None
         if kind is Kind.JSON:
-            return _row_of_json(payload)
+            return _report_of_json(payload)
         said = pb.Telemetry.FromString(payload)
         time_utc, reference, name = said.time_utc, said.altitude_reference, said.target_class
         t_utc_ns = time_utc.seconds * NS + nanos if 0 <= (nanos := time_utc.nanos) < NS else 0
         emitters = emitters_in(said) if said.emitters else ()
-        return _row(t_utc_ns, _NUMBERS_OF(said), reference, emitters, name, has=said.HasField)
+        return _report(t_utc_ns, _NUMBERS_OF(said), reference, emitters, name, has=said.HasField)
     except Exception:  # noqa: BLE001 - whatever it is, `decode` finds the words for it
         return None
 
 
-def _row(
+def _report(
     t_utc_ns: int,
     numbers: tuple[float, ...],
     reference: int | str,
@@ -115,8 +114,8 @@ def _row(
     target_class: str,
     *,
     has: Callable[[Any], bool],
-) -> ReportRow | None:
-    """The row of what a report says, zeros where it `has` not said it; None where in doubt."""
+) -> PositionReport | None:
+    """The report of what is said, zeros where it `has` not said it; None where in doubt."""
     latitude, longitude, altitude, east, north, up = numbers[:6]
     horizontal, vertical, velocity_accuracy, rcs_m2, sound_power_db, size_m = numbers[6:]
     if not (
@@ -138,17 +137,22 @@ def _row(
     for e in emitters:
         if not (0 < e.frequency_hz < inf and 0 <= e.bandwidth_hz < inf and isfinite(e.eirp_dbm)):
             return None
+    velocity = numbers[3:6]
     if not (east and north and up):
-        stated = zip(VELOCITY, numbers[3:6], strict=True)
-        east, north, up = [v if v or has(name) else nan for name, v in stated]
-    sigma_m = max(horizontal, vertical)
-    if not (sigma_m or has("horizontal_accuracy_m") or has("vertical_accuracy_m")):
-        sigma_m = nan
+        stated = zip(VELOCITY, velocity, strict=True)
+        velocity = tuple([v if v or has(name) else nan for name, v in stated])
+    if not (horizontal or has("horizontal_accuracy_m")):
+        horizontal = nan
+    if not (vertical or has("vertical_accuracy_m")):
+        vertical = nan
+    if not (velocity_accuracy or has("velocity_accuracy_m_s")):
+        velocity_accuracy = nan
     if not (sound_power_db or has("sound_power_db")):
         sound_power_db = nan
-    place = (t_utc_ns, latitude, longitude, altitude, REFERENCES[reference])
+    place = (t_utc_ns, latitude, longitude, altitude, REFERENCES[reference], velocity)
+    sigmas = (horizontal, vertical, velocity_accuracy)
     looks = (rcs_m2 or nan, sound_power_db, size_m or nan, emitters, target_class)
-    return tuple.__new__(ReportRow, (*place, east, north, up, sigma_m, *looks))
+    return tuple.__new__(PositionReport, (*place, *sigmas, *looks))
 
 
 def _kinds(message: Any) -> dict[str, tuple[str, type]]:
@@ -181,7 +185,7 @@ _NO_REPORT = {name: kind() for name, kind in _REPORT.values()}
 _NO_EMITTER = {name: kind() for name, kind in _EMITTER.values()}
 
 
-def _row_of_json(payload: bytes) -> ReportRow | None:
+def _report_of_json(payload: bytes) -> PositionReport | None:
     text = payload.decode().strip(JSON_SPACE)
     pairs, end = _PAIRS.raw_decode(text)
     values = _values(pairs, _REPORT)
@@ -194,7 +198,7 @@ def _row_of_json(payload: bytes) -> ReportRow | None:
     seconds, fraction = match.groups("")
     t_utc_ns = _seconds(seconds) * NS + int(fraction.ljust(9, "0"))
     reference, name = said["altitude_reference"], said["target_class"]
-    return _row(t_utc_ns, _NUMBERS_IN(said), reference, emitters, name, has=values.__contains__)
+    return _report(t_utc_ns, _NUMBERS_IN(said), reference, emitters, name, has=values.__contains__)
 
 
 @lru_cache(maxsize=64)
@@ -307,16 +311,14 @@ def _from_129(payload: bytes, now_utc_ns: int | None) -> PositionReport:
 
 
 def _report_of(uas: UasReport, now_utc_ns: int) -> PositionReport:
-    velocity = (uas.velocity_east_m_s, uas.velocity_north_m_s, uas.climb_m_s)
-    accuracy_m = uas.accuracy_m / HALF_OF_POSITIONS
     return PositionReport(
         t_utc_ns=nearest_utc_ns(round(uas.t_of_day_s * NS), now_utc_ns),
         latitude_deg=uas.latitude_deg,
         longitude_deg=uas.longitude_deg,
         altitude_m=_altitude_m(uas),
         altitude_reference=AltitudeReference.MEAN_SEA_LEVEL,
-        velocity_enu_m_s=None if all(map(math.isnan, velocity)) else velocity,
-        horizontal_accuracy_m=None if math.isnan(accuracy_m) else accuracy_m,
+        velocity_enu_m_s=(uas.velocity_east_m_s, uas.velocity_north_m_s, uas.climb_m_s),
+        horizontal_accuracy_m=uas.accuracy_m / HALF_OF_POSITIONS,
     )
 
 

@@ -96,11 +96,14 @@ class Refused(PlotfeedError):  # noqa: N818 - what happened to a report, not wha
         super().__init__(self.detail)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PositionReport:
-    """One sample of a drone's state. WGS-84 degrees; accuracies are one standard deviation.
+Velocity = tuple[float, float, float]  # East, north and up, m/s; NaN where it is not known
+UNKNOWN_VELOCITY: Velocity = (math.nan,) * 3
 
-    Velocity is east, north, up in m/s, NaN for a component that is not known.
+
+class PositionReport(NamedTuple):
+    """One sample of a drone's state; of numbers that are not stated NaN.
+
+    WGS-84 degrees; accuracies are one standard deviation.
     """
 
     t_utc_ns: int
@@ -108,15 +111,20 @@ class PositionReport:
     longitude_deg: float
     altitude_m: float
     altitude_reference: AltitudeReference
-    velocity_enu_m_s: tuple[float, float, float] | None = None
-    horizontal_accuracy_m: float | None = None
-    vertical_accuracy_m: float | None = None
-    velocity_accuracy_m_s: float | None = None
-    rcs_m2: float | None = None
-    sound_power_db: float | None = None
+    velocity_enu_m_s: Velocity = UNKNOWN_VELOCITY
+    horizontal_accuracy_m: float = math.nan
+    vertical_accuracy_m: float = math.nan
+    velocity_accuracy_m_s: float = math.nan
+    rcs_m2: float = math.nan
+    sound_power_db: float = math.nan
+    size_m: float = math.nan
     emitters: tuple[Emitter, ...] = ()
     target_class: str = ""  # What it is to sensors that recognise it; empty where nobody says it
-    size_m: float | None = None
+
+    @property
+    def sigma_m(self) -> float:
+        """The worse of both accuracies of the position; NaN where none is stated."""
+        return float(np.fmax(self.horizontal_accuracy_m, self.vertical_accuracy_m))
 
     @classmethod
     def of(cls, message: pb.Telemetry) -> PositionReport:
@@ -139,12 +147,11 @@ class PositionReport:
                 said[name] = check_finite(name, getattr(message, name))
             elif name in POSITION:
                 raise Refused(Reason.MISSING, f"{name} is missing")
-        velocity = [said.pop(name, None) for name in VELOCITY]
-        if velocity != [None] * 3:
-            said["velocity_enu_m_s"] = tuple(math.nan if v is None else v for v in velocity)
+        east, north, up = (said.pop(name, math.nan) for name in VELOCITY)
         return cls(
             t_utc_ns=message.time_utc.seconds * NS + nanos,
             altitude_reference=reference,
+            velocity_enu_m_s=(east, north, up),
             emitters=emitters_in(message),
             target_class=message.target_class,
             **said,
@@ -152,61 +159,28 @@ class PositionReport:
 
     def message(self) -> pb.Telemetry:
         """The report as a message."""
+        numbers = {name: getattr(self, name) for name in (*POSITION, *OTHERS)}
+        numbers |= zip(VELOCITY, self.velocity_enu_m_s, strict=True)
         message = pb.Telemetry(
-            **{name: getattr(self, name) for name in (*POSITION, *OTHERS)},
+            **{name: value for name, value in numbers.items() if not math.isnan(value)},
             altitude_reference=self.altitude_reference.name,
             target_class=self.target_class,
             emitters=[pb.Emitter(**asdict(emitter)) for emitter in self.emitters],
         )
         message.time_utc.seconds, message.time_utc.nanos = divmod(self.t_utc_ns, NS)
-        for name, value in zip(VELOCITY, self.velocity_enu_m_s or (), strict=False):
-            if not math.isnan(value):
-                setattr(message, name, value)
         return message
 
 
-Velocity = tuple[float, float, float]
-
-
-def over_ground(speed_m_s: float, course_deg: float, up_m_s: float = math.nan) -> Velocity | None:
-    """East, north and up of a speed over ground and a course; None where nothing is known of it."""
+def over_ground(speed_m_s: float, course_deg: float, up_m_s: float = math.nan) -> Velocity:
+    """East, north and up of a speed over ground and a course."""
     course = math.radians(course_deg if speed_m_s else 0.0)  # who stands has none
-    velocity = speed_m_s * math.sin(course), speed_m_s * math.cos(course), up_m_s
-    return None if all(map(math.isnan, velocity)) else velocity
+    return speed_m_s * math.sin(course), speed_m_s * math.cos(course), up_m_s
 
 
 def emitters_in(message: pb.Telemetry) -> tuple[Emitter, ...]:
     """What a drone says that it emits, not yet checked."""
     values = [{name: getattr(e, name) for name in EMITTER_FIELDS} for e in message.emitters]
     return tuple([Emitter(**each) for each in values])
-
-
-class ReportRow(NamedTuple):
-    """A `PositionReport` with NaN for all that is not stated; of both accuracies the worse."""
-
-    t_utc_ns: int
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
-    altitude_reference: AltitudeReference
-    velocity_east_m_s: float
-    velocity_north_m_s: float
-    velocity_up_m_s: float
-    sigma_m: float
-    rcs_m2: float
-    sound_power_db: float
-    size_m: float
-    emitters: tuple[Emitter, ...]
-    target_class: str
-
-    @classmethod
-    def of(cls, report: PositionReport) -> ReportRow:
-        """The row of a report."""
-        accuracies = (report.horizontal_accuracy_m, report.vertical_accuracy_m)
-        said = dict(zip(VELOCITY, report.velocity_enu_m_s or (), strict=False))
-        said["sigma_m"] = max((a for a in accuracies if a is not None), default=math.nan)
-        values = [said.get(name, getattr(report, name, None)) for name in cls._fields]
-        return cls._make(math.nan if value is None else value for value in values)
 
 
 @lru_cache(maxsize=256)
@@ -221,15 +195,15 @@ def check(report: PositionReport) -> None:
         detail = f"time_utc is {report.t_utc_ns} ns since 1970; expected 0 to {LATEST_UTC_NS}"
         raise Refused(Reason.OUT_OF_RANGE, detail)
     for name, limits in LIMITS.items():
-        if (value := getattr(report, name)) is not None:
-            _check_value(name, value, limits)
+        if name in POSITION or not math.isnan(getattr(report, name)):
+            _check_value(name, getattr(report, name), limits)
     if not is_class(report.target_class):
         detail = f"target_class is {report.target_class!a}; expected {CLASS_NAMES}"
         raise Refused(Reason.NAME, detail)
     for emitter in report.emitters:
         for name, limits in EMITTER_LIMITS.items():
             _check_value(f"emitters.{name}", getattr(emitter, name), limits)
-    speed_m_s = math.hypot(*(v for v in report.velocity_enu_m_s or () if not math.isnan(v)))
+    speed_m_s = math.hypot(*(v for v in report.velocity_enu_m_s if not math.isnan(v)))
     check_finite("speed", speed_m_s)
     if speed_m_s > MAX_SPEED_M_S:
         detail = f"speed is {speed_m_s:g} m/s; expected at most {MAX_SPEED_M_S:g}"

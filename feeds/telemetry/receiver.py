@@ -15,7 +15,7 @@ from plotfeed.feeds.scene.drones import EchoesByClass
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.admission import Admission
 from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
-from plotfeed.feeds.telemetry.position_report import AltitudeDatum, Reason, Refused, ReportRow
+from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport, Reason, Refused
 from plotfeed.models.state import DRONE, Signatures
 from plotfeed.models.truth import MAX_FIT_SAMPLES, Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -69,15 +69,7 @@ class TelemetryReceiver:
         self.refusals: Counter[str] = Counter()  # By reason
         look_back = look_back_s(scene)
         self._look_back_ns = round(look_back * NS)
-        self._admission = Admission(
-            max_ahead_s=settings.max_ahead_s,
-            max_age_s=settings.max_age_s,
-            max_late_s=settings.stale_after_s + look_back,
-            max_drones=settings.max_drones,
-            max_new_drones_per_s=settings.max_new_drones_per_s,
-            forget_after_s=settings.forget_after_s,
-            max_speed_m_s=settings.max_speed_m_s,
-        )
+        self._admission = Admission(settings, look_back)
         self._prefix = scene.mqtt.prefix
         self._datum = AltitudeDatum(settings.takeoff_height_m, scene.sea_level())
         self._rcs_m2, self._sound_power_db = settings.rcs_m2, settings.sound_power_db
@@ -124,7 +116,7 @@ class TelemetryReceiver:
         """
         refusals: list[Message] = []
         names: list[str] = []
-        rows: list[ReportRow] = []
+        rows: list[PositionReport] = []
         starts: list[int] = []
         self.forget_gone(now_utc_ns)
         for topic, messages in waited:
@@ -132,9 +124,8 @@ class TelemetryReceiver:
             is_known = self._admission.knows(drone)
             for payload, content_type in messages:
                 try:
-                    row = fast_decode(payload, content_type) or ReportRow.of(
-                        decode(payload, content_type, now_utc_ns=now_utc_ns)
-                    )
+                    row = fast_decode(payload, content_type)
+                    row = row or decode(payload, content_type, now_utc_ns=now_utc_ns)
                     if not is_known and drone in self._scripted:
                         detail = f"drone {drone!r} is flown by the scene itself"
                         raise Refused(Reason.NAME, detail)
@@ -162,7 +153,7 @@ class TelemetryReceiver:
             self._add(names, rows, starts)
         return refusals
 
-    def _unneeded(self, rows: Sequence[ReportRow], now_utc_ns: int) -> int:
+    def _unneeded(self, rows: Sequence[PositionReport], now_utc_ns: int) -> int:
         """How many of a drone's first reports make no state that anybody can still ask for.
 
         Those before the last one that is further back than all look; where velocities are fitted,
@@ -172,15 +163,17 @@ class TelemetryReceiver:
         needed = len(rows) - 1
         while needed and rows[needed].t_utc_ns > asked_from_ns:
             needed -= 1
-        if any(isnan(r.velocity_east_m_s + r.velocity_north_m_s + r.velocity_up_m_s) for r in rows):
+        if any(isnan(sum(row.velocity_enu_m_s)) for row in rows):
             needed = max(0, needed - MAX_FIT_SAMPLES + 1)
         self.conflated += needed
         return needed
 
-    def _add(self, names: Sequence[str], rows: Sequence[ReportRow], starts: Sequence[int]) -> None:
+    def _add(
+        self, names: Sequence[str], rows: Sequence[PositionReport], starts: Sequence[int]
+    ) -> None:
         columns = zip(*rows, strict=True)
-        t, latitude, longitude, altitude, references, east, north, up, *others = columns
-        sigma, rcs, sound, size, emitters, said = others
+        t, latitude, longitude, altitude, references, velocity, *others = columns
+        horizontal, vertical, _, rcs, sound, size, emitters, said = others
         rcs_m2, sound_power_db, size_m = np.array(rcs), np.array(sound), np.array(size)
         classes = [name or DRONE for name in said] if any(said) else None
         self._trajectories.add_samples(
@@ -189,8 +182,8 @@ class TelemetryReceiver:
             latitude_deg=np.array(latitude),
             longitude_deg=np.array(longitude),
             height_m=self._datum.heights_m(latitude, longitude, altitude, references),
-            velocity_enu_m_s=np.array((east, north, up)).T,
-            sigma_m=np.array(sigma),
+            velocity_enu_m_s=np.array(velocity),
+            sigma_m=np.fmax(horizontal, vertical),
             signatures=Signatures(
                 rcs_m2=np.where(np.isnan(rcs_m2), self._rcs_m2, rcs_m2),
                 sound_power_db=np.where(

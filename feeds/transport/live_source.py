@@ -6,7 +6,6 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -98,7 +97,7 @@ class LiveSource:
         if isinstance(heard.said, Refused):
             self._refuse(heard.drone, heard.said)
         else:
-            said = replace(heard.said, **self._stated) if self._stated else heard.said
+            said = heard.said._replace(**self._stated)
             self._take(heard.drone, said)
 
     async def _ask(self) -> None:

@@ -12,10 +12,8 @@ from plotfeed.models.frames import geodetic_to_ecef
 
 
 def speeds(flown: Flight) -> Array:
-    """Over ground, m/s, of the reports that have a velocity."""
-    return np.array(
-        [math.hypot(*r.velocity_enu_m_s[:2]) for r in flown.reports if r.velocity_enu_m_s]
-    )
+    """Over ground, m/s."""
+    return np.array([math.hypot(*r.velocity_enu_m_s[:2]) for r in flown.reports])
 
 
 def moved_m(a: Flight, b: Flight) -> float:

@@ -31,7 +31,7 @@ from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
 from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf  # noqa: E402
-from plotfeed.feeds.telemetry.position_report import PositionReport  # noqa: E402
+from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, PositionReport  # noqa: E402
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
 from plotfeed.models.state import AltitudeReference  # noqa: E402
 from plotfeed.models.truth import Trajectories  # noqa: E402
@@ -51,7 +51,7 @@ def report(t_utc_ns: int, number: int, *, with_velocity: bool) -> PositionReport
         longitude_deg=-3.73 + 1e-4 * (number // 101 % 101),
         altitude_m=900.0,
         altitude_reference=AltitudeReference.ELLIPSOID,
-        velocity_enu_m_s=(5.0, -2.0, 0.5) if with_velocity else None,
+        velocity_enu_m_s=(5.0, -2.0, 0.5) if with_velocity else UNKNOWN_VELOCITY,
         horizontal_accuracy_m=1.0,
     )
 

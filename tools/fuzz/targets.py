@@ -38,7 +38,7 @@ from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.feeds.telemetry.live.heard import UNFORESEEN
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports
-from plotfeed.feeds.telemetry.position_report import Refused, ReportRow
+from plotfeed.feeds.telemetry.position_report import Refused
 from plotfeed.feeds.transport.http import HttpClient
 from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.feeds.transport.mqtt.broker import Broker, Rights
@@ -85,7 +85,7 @@ def telemetry(data: bytes) -> None:
     content_type = CONTENT_TYPES[data[0] % len(CONTENT_TYPES)] if data else None
     fast = fast_decode(data[1:], content_type)
     report = decode(data[1:], content_type, now_utc_ns=NS_2026)
-    assert fast is None or repr(fast) == repr(ReportRow.of(report))
+    assert fast is None or repr(fast) == repr(report)
 
 
 def fast_telemetry(data: bytes) -> None:

@@ -25,7 +25,7 @@ from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
 from plotfeed.feeds.telemetry.foreign_files import read_apart
 from plotfeed.feeds.telemetry.foreign_readers import ESTIMATE, OLD_PLACE, RECEIVERS
-from plotfeed.feeds.telemetry.position_report import over_ground
+from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, over_ground
 from plotfeed.models.state import AltitudeReference, Floats
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.mavlink_frames import (
@@ -95,7 +95,7 @@ def read_dataflash(data: bytes, options: FlightOptions, log: Log) -> None:
             (record["Alt"], reference),
             velocity_enu_m_s=over_ground(record["Spd"], record["GCrs"], -record.get("VZ", math.nan))
             if {"Spd", "GCrs"} <= record.keys()
-            else None,
+            else UNKNOWN_VELOCITY,
         )
 
 
@@ -320,12 +320,8 @@ def read_ulog(data: bytes, options: FlightOptions, log: Log) -> None:
                 t_us * US_NS + offset_ns,
                 (float(latitude[i]), float(longitude[i])),
                 (float(altitude[i]), reference),
-                velocity_enu_m_s=None if velocity is None else tuple(map(float, velocity[i])),
-                **{
-                    key: float(column[i])
-                    for key, column in accuracies.items()
-                    if math.isfinite(column[i]) and column[i] >= 0
-                },
+                velocity_enu_m_s=tuple(velocity[i].tolist()),
+                **{key: float(column[i]) for key, column in accuracies.items()},
             )
 
 
@@ -339,22 +335,23 @@ def _positions(rows: Rows) -> tuple[Floats, Floats, Floats]:
     return latitude, longitude, altitude
 
 
-def _velocity(rows: Rows) -> Floats | None:
-    """East, north and up, of columns north, east and down; (n, 3)."""
+def _velocity(rows: Rows) -> Floats:
+    """East, north and up, of columns north, east and down; (n, 3), NaN without these."""
     for north, east, down in (("vel_n_m_s", "vel_e_m_s", "vel_d_m_s"), ("vel_n", "vel_e", "vel_d")):
         if {north, east, down} <= rows.keys():
             return np.stack([rows[east], rows[north], -rows[down]], axis=-1).astype(np.float64)
-    return None
+    return np.full((len(rows["timestamp"]), 3), np.nan)
 
 
 def _accuracies(rows: Rows) -> dict[str, Floats]:
-    """Standard deviations as the log states them."""
+    """Standard deviations as the log states them; NaN for what is none."""
     names = {
         "horizontal_accuracy_m": "eph",
         "vertical_accuracy_m": "epv",
         "velocity_accuracy_m_s": "s_variance_m_s",
     }
-    return {ours: rows[theirs] for ours, theirs in names.items() if theirs in rows}
+    stated = {ours: rows[theirs] for ours, theirs in names.items() if theirs in rows}
+    return {name: np.where((v >= 0) & (v < np.inf), v, np.nan) for name, v in stated.items()}
 
 
 def _clock_ns(receiver: Rows | None, options: FlightOptions, log: Log) -> int:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from math import dist
+from math import dist, fsum, isnan
 from typing import Any, Literal
 
 import numpy as np
@@ -205,7 +205,8 @@ def courses(reports: Sequence[PositionReport], max_speed_m_s: float = MAX_SPEED_
     def follows(chain: list[int], i: int) -> bool:
         last = reports[chain[-1]]
         seconds = (reports[i].t_utc_ns - last.t_utc_ns) / NS
-        stated_m = (last.horizontal_accuracy_m or 0.0) + (reports[i].horizontal_accuracy_m or 0.0)
+        accuracies_m = last.horizontal_accuracy_m, reports[i].horizontal_accuracy_m
+        stated_m = fsum(a for a in accuracies_m if not isnan(a))
         return dist(where_m[chain[-1]], where_m[i]) <= reach_m(seconds, max_speed_m_s, stated_m)
 
     def lasts(chain: list[int]) -> bool:

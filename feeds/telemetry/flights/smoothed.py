@@ -106,8 +106,8 @@ def _smooth_stretch(reports: Sequence[PositionReport], quanta: Floats) -> list[P
 def _sigma_m(reports: Sequence[PositionReport], quanta_m: Floats) -> Floats:
     """Standard deviation east, north, up, metres: of rounding, or as stated where that is more."""
     sigma_m = np.maximum(quanta_m / math.sqrt(12), MIN_SIGMA_M)  # uniform over one step
-    horizontal = [r.horizontal_accuracy_m for r in reports if r.horizontal_accuracy_m is not None]
-    vertical = [r.vertical_accuracy_m for r in reports if r.vertical_accuracy_m is not None]
+    horizontal = [a for r in reports if not math.isnan(a := r.horizontal_accuracy_m)]
+    vertical = [a for r in reports if not math.isnan(a := r.vertical_accuracy_m)]
     if horizontal:
         sigma_m[:2] = np.maximum(sigma_m[:2], np.median(horizontal))
     if vertical:
@@ -130,13 +130,11 @@ def _metres_per_unit(latitude_deg: Floats, height_m: Floats) -> Floats:
 def _moved(report: PositionReport, position: Floats, velocity_m_s: Floats) -> PositionReport:
     """The report at longitude, latitude, altitude; velocities it has are kept."""
     longitude_deg, latitude_deg, altitude_m = (float(v) for v in position)
-    recorded = report.velocity_enu_m_s or (math.nan,) * 3
     east, north, up = (
         float(fitted) if math.isnan(own) else own
-        for own, fitted in zip(recorded, velocity_m_s, strict=True)
+        for own, fitted in zip(report.velocity_enu_m_s, velocity_m_s, strict=True)
     )
-    return replace(
-        report,
+    return report._replace(
         longitude_deg=(longitude_deg + 180.0) % 360.0 - 180.0,
         latitude_deg=min(90.0, max(-90.0, latitude_deg)),
         altitude_m=altitude_m,

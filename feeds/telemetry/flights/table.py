@@ -449,14 +449,13 @@ def _take(
         if math.isnan(values[quantity]):
             log.skip(where, f"{quantity} is missing or no number")
             return
-    velocity = tuple(values.get(q, math.nan) for q in _VELOCITY)
     log.take(
         where,
         t_utc_ns,
         (values["latitude_deg"], values["longitude_deg"]),
         (values["altitude_m"], reference),
-        velocity_enu_m_s=None if all(map(math.isnan, velocity)) else velocity,
-        **{q: values[q] for q in _ACCURACIES if q in values and not math.isnan(values[q])},
+        velocity_enu_m_s=tuple(values.get(q, math.nan) for q in _VELOCITY),
+        **{q: values.get(q, math.nan) for q in _ACCURACIES},
     )
 
 

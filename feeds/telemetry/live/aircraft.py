@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named, remember
 from plotfeed.feeds.telemetry.position_report import (
+    UNKNOWN_VELOCITY,
     PositionReport,
     Reason,
     Refused,
@@ -110,7 +111,7 @@ class _Aircraft:
     halves: dict[bool, tuple[int, CprPosition]] = field(default_factory=dict)
     place: tuple[float, float] | None = None
     place_ns: int = 0
-    velocity: Velocity | None = None
+    velocity: Velocity = UNKNOWN_VELOCITY
     velocity_ns: int = 0
     geometric_less_pressure_m: float = math.nan
 
@@ -284,7 +285,7 @@ class AircraftReports(Listener):
             longitude_deg=place[1],
             altitude_m=altitude_m,
             altitude_reference=reference,
-            velocity_enu_m_s=aircraft.velocity if has_velocity else None,
+            velocity_enu_m_s=aircraft.velocity if has_velocity else UNKNOWN_VELOCITY,
             **as_reported(aircraft.kind),
         )
         return HeardReport.checked(name, report)

@@ -116,8 +116,8 @@ def _number(tree: Any, path: str) -> float:
 def _report(mapping: TelemetryMapping, tree: Any, now_utc_ns: int) -> PositionReport:
     angle = ANGLES[mapping.angle_unit]
 
-    def accuracy(path: str | None) -> float | None:
-        return None if path is None else _number(tree, path)
+    def accuracy(path: str | None) -> float:
+        return math.nan if path is None else _number(tree, path)
 
     return PositionReport(
         t_utc_ns=_time_ns(mapping, tree, now_utc_ns),
@@ -128,7 +128,7 @@ def _report(mapping: TelemetryMapping, tree: Any, now_utc_ns: int) -> PositionRe
         velocity_enu_m_s=_velocity(mapping, tree),
         horizontal_accuracy_m=accuracy(mapping.horizontal_accuracy_m),
         vertical_accuracy_m=accuracy(mapping.vertical_accuracy_m),
-        rcs_m2=mapping.rcs_m2,
+        rcs_m2=math.nan if mapping.rcs_m2 is None else mapping.rcs_m2,
     )
 
 
@@ -149,7 +149,7 @@ def _time_ns(mapping: TelemetryMapping, tree: Any, now_utc_ns: int) -> int:
     return round(max(-MOST_NS, min(t_utc_ns, MOST_NS)))
 
 
-def _velocity(mapping: TelemetryMapping, tree: Any) -> Velocity | None:
+def _velocity(mapping: TelemetryMapping, tree: Any) -> Velocity:
     unit_m_s = SPEEDS_M_S[mapping.speed_unit]
 
     def of(path: str | None) -> float:
@@ -158,5 +158,4 @@ def _velocity(mapping: TelemetryMapping, tree: Any) -> Velocity | None:
     up = of(mapping.velocity_up) if mapping.velocity_down is None else -of(mapping.velocity_down)
     if mapping.speed is not None and mapping.course is not None:
         return over_ground(of(mapping.speed), _number(tree, mapping.course), up)
-    velocity = of(mapping.velocity_east), of(mapping.velocity_north), up
-    return None if all(map(math.isnan, velocity)) else velocity
+    return of(mapping.velocity_east), of(mapping.velocity_north), up

@@ -16,7 +16,13 @@ from plotfeed.feeds.telemetry.flights.autopilot_logs import mavlink_decoder
 from plotfeed.feeds.telemetry.live.aircraft import OF_EMITTER_MAVLINK, SMALL, as_reported
 from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener, named, remember
 from plotfeed.feeds.telemetry.live.remote_id import RemoteIdReports
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, over_ground
+from plotfeed.feeds.telemetry.position_report import (
+    UNKNOWN_VELOCITY,
+    PositionReport,
+    Reason,
+    Refused,
+    over_ground,
+)
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.mavlink_frames import FrameSplitter
 from plotfeed.proto.open_drone_id import (
@@ -120,14 +126,16 @@ def aircraft_in(message: Any, now_utc_ns: int) -> Iterator[HeardReport]:
     if not has_place or reference is None or message.tslc > OLD_S:
         return
     climb_m_s = message.ver_velocity * 0.01 if message.flags & HAS_CLIMB else math.nan
-    velocity = over_ground(message.hor_velocity * 0.01, message.heading * 0.01, climb_m_s)
+    velocity = UNKNOWN_VELOCITY
+    if message.flags & HAS_VELOCITY == HAS_VELOCITY:
+        velocity = over_ground(message.hor_velocity * 0.01, message.heading * 0.01, climb_m_s)
     report = PositionReport(
         t_utc_ns=now_utc_ns - message.tslc * NS,
         latitude_deg=message.lat * 1e-7,
         longitude_deg=message.lon * 1e-7,
         altitude_m=message.altitude * 1e-3,
         altitude_reference=reference,
-        velocity_enu_m_s=velocity if message.flags & HAS_VELOCITY == HAS_VELOCITY else None,
+        velocity_enu_m_s=velocity,
         **as_reported(OF_EMITTER_MAVLINK.get(message.emitter_type, SMALL)),
     )
     yield HeardReport.checked(f"{message.ICAO_address:06x}", report)
@@ -292,13 +300,13 @@ class MavlinkReports(Listener):
             longitude_deg=message.lon * 1e-7,
             altitude_m=altitude_m,
             altitude_reference=AltitudeReference(self._altitude),
-            velocity_enu_m_s=None
+            velocity_enu_m_s=UNKNOWN_VELOCITY
             if UNKNOWN_U16 in (message.vel, message.cog)
             else over_ground(message.vel * 0.01, message.cog * 0.01),
             # Absent in version 1, and read as 0 then.
-            horizontal_accuracy_m=message.h_acc * 1e-3 or None,
-            vertical_accuracy_m=message.v_acc * 1e-3 or None,
-            velocity_accuracy_m_s=message.vel_acc * 1e-3 or None,
+            horizontal_accuracy_m=message.h_acc * 1e-3 or math.nan,
+            vertical_accuracy_m=message.v_acc * 1e-3 or math.nan,
+            velocity_accuracy_m_s=message.vel_acc * 1e-3 or math.nan,
         )
         yield HeardReport.checked(name, report)
 

@@ -52,9 +52,9 @@ def report_of(location: OdidLocation, now_utc_ns: int) -> PositionReport:
         altitude_m=altitude_m,
         altitude_reference=reference,
         velocity_enu_m_s=over_ground(location.speed_m_s, location.course_deg, location.climb_m_s),
-        horizontal_accuracy_m=_or_none(location.horizontal_accuracy_m),
-        vertical_accuracy_m=_or_none(location.vertical_accuracy_m),
-        velocity_accuracy_m_s=_or_none(location.speed_accuracy_m_s),
+        horizontal_accuracy_m=location.horizontal_accuracy_m,
+        vertical_accuracy_m=location.vertical_accuracy_m,
+        velocity_accuracy_m_s=location.speed_accuracy_m_s,
     )
 
 
@@ -65,10 +65,6 @@ def past_hour_ns(past_hour_s: float, now_utc_ns: int) -> int:
     half = HOUR_NS // 2
     since_ns = (round(past_hour_s * NS) - now_utc_ns + half) % HOUR_NS - half
     return now_utc_ns + since_ns if abs(since_ns) <= OFF_NS else now_utc_ns
-
-
-def _or_none(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 class RemoteIdReports(Listener):
@@ -208,8 +204,7 @@ def _number(tree: Any, key: str) -> float:
     return number
 
 
-def _accuracy(tree: Any, key: str, scale: float) -> float | None:
-    """One standard deviation of a class such as HA3m, HA05NM, VA10m, SA03mps; None if unknown."""
+def _accuracy(tree: Any, key: str, scale: float) -> float:
+    """One standard deviation of a class such as HA3m, HA05NM, VA10m, SA03mps; NaN if unknown."""
     value = tree.get(key) if isinstance(tree, dict) else None
-    bound = BOUNDS.get(value, math.nan) if isinstance(value, str) else math.nan
-    return None if math.isnan(bound) else bound / scale
+    return BOUNDS.get(value, math.nan) / scale if isinstance(value, str) else math.nan

@@ -18,7 +18,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import MAX_OF_TOPIC
-from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, PositionReport
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver, look_back_s
 from plotfeed.models.state import AltitudeReference
 from plotfeed.models.truth import Trajectories
@@ -51,7 +51,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def report(
-    t_utc_ns: int, velocity: tuple[float, float, float] | None = None, step: int = 0
+    t_utc_ns: int, velocity: tuple[float, float, float] = UNKNOWN_VELOCITY, step: int = 0
 ) -> bytes:
     return encode_protobuf(
         PositionReport(
@@ -236,7 +236,7 @@ def test_a_batch_makes_the_truth_that_its_reports_make_one_by_one(
         waited: dict[str, list[tuple[bytes, str | None]]] = {}
         for step, (drone, step_ms) in enumerate(steps[first:end], first):
             t_ns[drone] = max(t_ns[drone], now_ns - 2 * S) + step_ms * MS
-            velocity = None if drone in fitted else (step * 1.0, -1.0, 0.5)
+            velocity = UNKNOWN_VELOCITY if drone in fitted else (step * 1.0, -1.0, 0.5)
             topic = f"plotfeed/telemetry/{drone}"
             waited.setdefault(topic, []).append((report(t_ns[drone], velocity, step), None))
         first = end

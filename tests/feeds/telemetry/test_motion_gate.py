@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from pathlib import Path
 
 import numpy as np
@@ -42,8 +43,8 @@ class Sent:
         t_s: float,
         enu_m: Floats,
         *,
-        velocity_m_s: tuple[float, float, float] | None = None,
-        sigma_m: float | None = None,
+        velocity_m_s: tuple[float, float, float] = (math.nan,) * 3,
+        sigma_m: float = math.nan,
         late_s: float = 0.0,
     ) -> bool:
         """Whether it was taken."""
@@ -107,11 +108,11 @@ def turn(t_s: float) -> Floats:
 @given(
     st.sampled_from([hover, dash, dive, turn]),
     st.sampled_from([1.0, 2.0, 5.0, 10.0, 50.0]),
-    st.sampled_from([None, 0.5, 5.0, 20.0]),
+    st.sampled_from([math.nan, 0.5, 5.0, 20.0]),
     st.integers(0, 1 << 32),
 )
 def test_what_drones_can_fly_is_never_implausible(
-    scene: Scene, path: object, rate_hz: float, sigma_m: float | None, seed: int
+    scene: Scene, path: object, rate_hz: float, sigma_m: float, seed: int
 ) -> None:
     """With errors as stated, lost, late, and in the wrong order; a third of them are lost."""
     assert callable(path)
@@ -119,7 +120,7 @@ def test_what_drones_can_fly_is_never_implausible(
     times_s = np.arange(60) / rate_hz
     order = np.argsort(times_s + rng.choice([0.0, 1.5 / rate_hz], len(times_s)))
     for t_s in times_s[order][rng.random(len(times_s)) > 0.3]:
-        error_m = (sigma_m or 0.5) * rng.standard_normal(3)
+        error_m = np.nan_to_num(sigma_m, nan=0.5) * rng.standard_normal(3)
         sent.say(t_s, path(t_s) + error_m, sigma_m=sigma_m, late_s=rng.choice([0.0, 0.8]))
     assert sent.reasons <= {Reason.BACKWARDS}
 
@@ -145,7 +146,7 @@ def test_glitches_never_move_a_drone_further_than_the_gate_lets_them(
             direction = rng.standard_normal(3) * [1.0, 1.0, 0.2]
             glitch_m = direction / np.linalg.norm(direction) * 10 ** rng.uniform(0, 4.5)
         velocity = (path(t_s + 1e-3) - path(t_s - 1e-3)) / 2e-3
-        said = tuple(float(v) for v in velocity) if states_velocity else None
+        said = tuple(float(v) for v in velocity) if states_velocity else (math.nan,) * 3
         if sent.say(t_s, path(t_s) + glitch_m, velocity_m_s=said):
             off_m, flown_m = float(np.linalg.norm(glitch_m)), 60.0 * (t_s - last_s)
             assert off_m <= last_off_m + reach_m(t_s - last_s, MAX_SPEED_M_S) + flown_m

@@ -56,8 +56,7 @@ def test_what_a_block_says_becomes_a_report() -> None:
 
 def test_what_it_does_not_say_stays_unknown() -> None:
     report = decode(block(), CAT129, now_utc_ns=NOW)
-    assert report.velocity_enu_m_s is None
-    assert report.horizontal_accuracy_m is None
+    assert np.isnan([*report.velocity_enu_m_s, report.horizontal_accuracy_m]).all()
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from support.smoothing import moved_m, speeds
 
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions
+from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
@@ -56,16 +57,15 @@ def test_the_matrice_flight_is_plausible() -> None:
     quantum_m = math.hypot(11.1, 8.9)
     assert moved_m(recorded, smooth) < quantum_m
     assert speeds(smooth).max() < 20
-    ups = [r.velocity_enu_m_s[2] for r in smooth.reports if r.velocity_enu_m_s]
+    ups = [r.velocity_enu_m_s[2] for r in smooth.reports]
     assert -7 < min(ups) < -4
     assert 4 < max(ups) < 7
 
 
 def test_the_pixhawk_flight_is_untouched_and_its_own_velocity_agrees() -> None:
     recorded = read(PIXHAWK)
-    bare = replace(
-        recorded, reports=tuple(replace(r, velocity_enu_m_s=None) for r in recorded.reports)
-    )
+    told = tuple(r._replace(velocity_enu_m_s=UNKNOWN_VELOCITY) for r in recorded.reports)
+    bare = replace(recorded, reports=told)
     assert moved_m(bare, smoothed(bare)) < 0.02
     fitted = np.array([r.velocity_enu_m_s for r in smoothed(bare).reports])
     own = np.array([r.velocity_enu_m_s for r in recorded.reports])

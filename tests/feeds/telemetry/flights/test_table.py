@@ -12,6 +12,7 @@ from plotfeed.feeds.telemetry.flights import read
 from plotfeed.feeds.telemetry.flights.file_times import parse_time_ns
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions, Log
 from plotfeed.feeds.telemetry.flights.table import read_table
+from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
@@ -70,7 +71,7 @@ def test_known_names_are_found_by_themselves() -> None:
     flight = flown(TABLE)
     assert [r.altitude_m for r in flight.reports] == [708.0, 709.0]
     assert flight.reports[0].altitude_reference is SEA
-    assert flight.reports[0].velocity_enu_m_s is None
+    assert flight.reports[0].velocity_enu_m_s == UNKNOWN_VELOCITY
 
 
 def test_columns_named_by_the_user_are_taken() -> None:

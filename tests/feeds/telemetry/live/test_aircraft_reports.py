@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from plotfeed.feeds.telemetry.live.aircraft import (
@@ -72,7 +73,7 @@ def test_lines_of_sbs_1_are_put_together() -> None:
     assert found.velocity_enu_m_s == pytest.approx((51.444, 0, -3.2512), abs=1e-3)
     assert found.t_utc_ns == NOW + S
     old = report(hear(listener, place, NOW + 60 * S))
-    assert old.velocity_enu_m_s is None
+    assert np.isnan(old.velocity_enu_m_s).all()
 
 
 def test_an_aircraft_without_an_altitude_or_a_place_is_not_taken() -> None:
@@ -143,11 +144,11 @@ def test_a_block_of_an_edition_that_is_laid_out_otherwise_is_refused() -> None:
         (0, (2.0, 14.6, "aircraft")),  # says nothing
         (1, (1.0, 11.0, "aircraft")),
         (5, (100.0, 60.9, "aircraft")),
-        (13, (None, None, "")),  # unmanned
+        (13, (math.nan, math.nan, "")),  # unmanned
     ],
 )
 def test_an_aircraft_is_to_sensors_what_its_category_says(
-    emitter: int, of_sensors: tuple[float | None, float | None, str]
+    emitter: int, of_sensors: tuple[float, float, str]
 ) -> None:
     listener = AircraftReports("asterix-021", "{icao}")
     said = replace(read_021(A_BLOCK)[0], emitter=emitter)

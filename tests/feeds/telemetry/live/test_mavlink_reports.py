@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from plotfeed.feeds.telemetry.live.heard import HeardReport
@@ -97,7 +98,6 @@ def test_the_estimate_is_preferred_and_the_receiver_stands_in() -> None:
     accuracies = (0, 900, 1500, 300)
     found = report(hear(listener, vehicle.raw(9_200_000, more=accuracies), NOW + 42 * S // 10))
     assert found.altitude_m == 751.0
-    assert found.velocity_enu_m_s is not None
     assert found.velocity_enu_m_s[:2] == pytest.approx((5.0, 0.0))
     assert (found.horizontal_accuracy_m, found.vertical_accuracy_m) == (0.9, 1.5)
     assert found.velocity_accuracy_m_s == 0.3
@@ -106,11 +106,11 @@ def test_the_estimate_is_preferred_and_the_receiver_stands_in() -> None:
 
 
 @pytest.mark.parametrize("dialect", [v10, common], ids=["v1", "v2"])
-def test_accuracies_that_are_not_sent_are_none(dialect: Any) -> None:
+def test_accuracies_that_are_not_sent_are_unknown(dialect: Any) -> None:
     listener, vehicle = MavlinkReports("a"), Vehicle(dialect=dialect)
     hear(listener, vehicle.raw(1_000_000))
     found = report(hear(listener, vehicle.raw(5_000_000), NOW + 4 * S))
-    assert (found.horizontal_accuracy_m, found.velocity_accuracy_m_s) == (None, None)
+    assert np.isnan([found.horizontal_accuracy_m, found.velocity_accuracy_m_s]).all()
 
 
 def test_the_receivers_altitude_above_home_needs_home() -> None:
@@ -216,9 +216,9 @@ def test_aircraft_that_an_autopilot_hears_are_aircraft() -> None:
     assert (found.target_class, found.rcs_m2, found.size_m) == ("aircraft", 20.0, 35.8)
     by_gnss = report(hear(MavlinkReports("a"), traffic(altitude_type=1, flags=1 | 2)))
     assert by_gnss.altitude_reference is AltitudeReference.ELLIPSOID
-    assert by_gnss.velocity_enu_m_s is None
+    assert np.isnan(by_gnss.velocity_enu_m_s).all()
     unmanned = report(hear(MavlinkReports("a"), traffic(emitter=14)))
-    assert (unmanned.target_class, unmanned.rcs_m2) == ("", None)
+    assert (unmanned.target_class, str(unmanned.rcs_m2)) == ("", "nan")
 
 
 @pytest.mark.parametrize("changes", [{"flags": 1}, {"flags": 2}, {"tslc": 6}, {"altitude_type": 7}])
