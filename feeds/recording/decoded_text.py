@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import chain
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from google.protobuf import json_format
 from google.protobuf.message import DecodeError as ProtobufDecodeError
 from google.protobuf.message import Message as ProtobufMessage
 
-from plotfeed.feeds.recording.record_text import (
-    Categories,
-    record_json,
-    record_line,
-    record_tree,
-    short,
-)
+from plotfeed.feeds.recording.record_text import Categories, Style, problem, record_told, short
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import decode_lenient
@@ -84,44 +77,43 @@ def message_lines(
     topic: str,
     payload: bytes,
     content_type: str | None,
-    *,
-    as_json: bool,
+    style: Style = Style.LINE,
     categories: Categories = CATEGORIES,
-    verbose: bool = False,
 ) -> Iterator[str]:
-    """The lines of one message; `verbose` trees have many each. What cannot be decoded says so."""
+    """The lines of one message; a tree has many. What cannot be decoded says so."""
 
     def line(told: Any) -> str:
-        return json.dumps({"topic": topic, "message": told}) if as_json else f"{topic}  {told}"
+        is_json = style is Style.JSON
+        return json.dumps({"topic": topic, "message": told}) if is_json else f"{topic}  {told}"
 
     kind = kind_of(topic, content_type or "", payload)
     try:
-        if verbose and kind == ASTERIX:
-            records, errors = decode_lenient(payload, categories)
-            trees = (record_tree(record, categories) for record in records)
-            told: Iterator[Any] = chain(trees, map(str, errors))
-        elif verbose and kind != SAPIENT_MESSAGE:
-            told = _indented(kind, payload)
-        else:
-            told = _told(kind, payload, categories, as_json=as_json)
-        yield from map(line, told)
+        yield from map(line, _told(kind, payload, categories, style))
     except UNREADABLE as error:
         text = f"{len(payload)} octets that are not what the topic says: {error}"
-        yield line({"error": text} if as_json else text)
+        yield line(problem(text, style))
 
 
-def _told(kind: str, payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[Any]:
+def _told(kind: str, payload: bytes, categories: Categories, style: Style) -> Iterator[Any]:
     """What is in a payload: values for JSON, or else texts."""
     if kind == ASTERIX:
-        return _asterix(payload, categories, as_json=as_json)
-    if kind == SAPIENT_MESSAGE:
-        return _sapient(payload, as_json=as_json)
-    if kind == COT:
-        return iter([payload.decode()[:MAX_TEXT]])
-    if kind not in OUR_MESSAGES:  # JSON, or nothing tells what
+        records, errors = decode_lenient(payload, categories)
+        yield from (record_told(record, categories, style) for record in records)
+        yield from (problem(error, style) for error in errors)
+    elif kind == SAPIENT_MESSAGE:
+        yield _sapient(payload, style)
+    elif kind == COT:
+        yield payload.decode()[: None if style is Style.TREE else MAX_TEXT]
+    elif kind in OUR_MESSAGES:
+        for message in _ours(kind, payload):
+            yield from _protobuf(message, style)
+    else:  # JSON, or nothing tells what
         value = json.loads(payload)
-        return iter([value if as_json else json.dumps(value)[:MAX_TEXT]])
-    return _protobuf(_ours(kind, payload), as_json=as_json)
+        if style is Style.JSON:
+            yield value
+        else:
+            is_tree = style is Style.TREE
+            yield json.dumps(value, indent=2) if is_tree else json.dumps(value)[:MAX_TEXT]
 
 
 def _ours(kind: str, payload: bytes) -> list[Any]:
@@ -131,66 +123,38 @@ def _ours(kind: str, payload: bytes) -> list[Any]:
     return [OUR_MESSAGES[kind].FromString(payload)]
 
 
-def _asterix(payload: bytes, categories: Categories, *, as_json: bool) -> Iterator[Any]:
-    records, errors = decode_lenient(payload, categories)
-    for record in records:
-        if as_json:
-            yield record_json(record)
-        else:
-            yield record_line(record, categories)
-    for error in errors:
-        yield {"error": str(error)} if as_json else error
-
-
-def _indented(kind: str, payload: bytes) -> Iterator[str]:
-    """A message of JSON or protobuf with all its fields, each on a line."""
-    if kind == COT:
-        yield payload.decode()
-        return
-    if kind not in OUR_MESSAGES:
-        yield json.dumps(json.loads(payload), indent=2)
-        return
-    for message in _ours(kind, payload):
-        fields = json_format.MessageToJson(message, preserving_proto_field_name=True)
-        yield f"{message.DESCRIPTOR.name} {fields}"
-
-
-def _sapient(payload: bytes, *, as_json: bool) -> Iterator[Any]:
+def _sapient(payload: bytes, style: Style) -> Any:
     try:
         from plotfeed.feeds.formats.sapient import need_sapient  # and with it all sensors
 
         need_sapient()
     except PlotfeedError as error:
-        yield {"error": str(error)} if as_json else error
-        return
+        return problem(error, style)
     from plotfeed.proto.sapient.decode_sapient import decode
 
     message = decode(payload)
-    yield {"SapientMessage": message} if as_json else sapient_line(message)
+    return {"SapientMessage": message} if style is Style.JSON else sapient_line(message)
 
 
-def _protobuf(messages: Iterable[ProtobufMessage], *, as_json: bool) -> Iterator[Any]:
-    for message in messages:
-        if as_json:
-            fields = json_format.MessageToDict(message, preserving_proto_field_name=True)
-            yield {type(message).__name__: fields}
-        else:
-            yield from _lines_of(message)
+def _protobuf(message: ProtobufMessage, style: Style) -> Iterator[Any]:
+    name = message.DESCRIPTOR.name
+    if style is Style.LINE:
+        yield from _lines_of(message)
+    elif style is Style.TREE:
+        yield f"{name} {json_format.MessageToJson(message, preserving_proto_field_name=True)}"
+    else:
+        yield {name: json_format.MessageToDict(message, preserving_proto_field_name=True)}
 
 
 def _lines_of(message: ProtobufMessage) -> Iterator[str]:
-    if isinstance(message, pb.PlotBatch):
+    if isinstance(message, pb.PlotBatch | pb.TrackBatch):
         place = f"scan {message.scan} sector {message.sector}"
-        for plot in message.plots:
-            yield f"{place}  {iso_utc(plot.time_utc_ns)}  {_fields(plot, 'time_utc_ns')}"
-    elif isinstance(message, pb.TrackBatch):
-        place = f"scan {message.scan} sector {message.sector}"
-        for track in message.tracks:
-            yield f"{place}  {iso_utc(track.time_utc_ns)}  {_fields(track, 'time_utc_ns')}"
+        for each in message.plots if isinstance(message, pb.PlotBatch) else message.tracks:
+            yield f"{place}  {iso_utc(each.time_utc_ns)}  {_fields(each)}"
     elif isinstance(message, pb.Ledger):
         place = f"{message.sensor} scan {message.scan} sector {message.sector}"
         for look in message.looks:
-            yield f"{place}  look {iso_utc(look.time_utc_ns)}  {_fields(look, 'time_utc_ns')}"
+            yield f"{place}  look {iso_utc(look.time_utc_ns)}  {_fields(look)}"
         for truth in message.plots:
             whose = truth.drone or truth.other or "false alarm"
             yield f"{place}  plot {iso_utc(truth.time_utc_ns)}  of {whose}"
@@ -198,9 +162,10 @@ def _lines_of(message: ProtobufMessage) -> Iterator[str]:
         yield json_format.MessageToJson(message, indent=None, preserving_proto_field_name=True)
 
 
-def _fields(message: ProtobufMessage, *left_out: str) -> str:
+def _fields(message: ProtobufMessage) -> str:
+    """The fields of a message but for its time."""
     return "  ".join(
         f"{field.name} {short(value)}"
         for field, value in message.ListFields()
-        if field.name not in left_out
+        if field.name != "time_utc_ns"
     )

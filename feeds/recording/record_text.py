@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from enum import Enum
 from functools import cache
 from typing import Any
 
@@ -57,6 +58,26 @@ def categories_of(editions: Iterable[str], *, verbose: bool = False) -> Categori
         if number not in chosen and (theirs := standard(number)):
             ours[number] = theirs.category
     return StandardCategories(ours)
+
+
+class Style(Enum):
+    """How what is in a message is written: each thing in it a line, a tree or a JSON object."""
+
+    LINE = "line"
+    TREE = "tree"
+    JSON = "json"
+
+
+def record_told(record: Record, categories: Categories, style: Style) -> Any:
+    """A record in that style: text, or a value for JSON."""
+    if style is Style.JSON:
+        return record_json(record)
+    return (record_line if style is Style.LINE else record_tree)(record, categories)
+
+
+def problem(what: object, style: Style) -> Any:
+    """Something that is wrong, in place of what cannot be told."""
+    return {"error": str(what)} if style is Style.JSON else what
 
 
 def record_line(record: Record, categories: Categories = CATEGORIES) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from plotfeed.feeds.console.option_fields import option
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.recording.record_text import Categories
+    from plotfeed.feeds.recording.record_text import Categories, Style
     from plotfeed.replay.recorded import Recorded
 
 StageWord = Literal["telemetry", "before", "after", "received"]
@@ -53,6 +53,13 @@ class ShowSettings:
     def categories(self) -> Categories:
         """The layouts that ASTERIX is read by."""
         return _categories(self.editions, verbose=self.verbose)
+
+    @property
+    def style(self) -> Style:
+        """How messages are written."""
+        from plotfeed.feeds.recording.record_text import Style
+
+        return Style.JSON if self.as_json else Style.TREE if self.verbose else Style.LINE
 
     def chooses(self, message: Recorded) -> bool:
         """Whether that message is wanted."""

@@ -17,10 +17,10 @@ from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import aligned, printable, say, say_damage
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
 from plotfeed.feeds.recording.foreign_recordings import open_recording
-from plotfeed.feeds.recording.record_text import EXTRA, record_json, record_line, record_tree
+from plotfeed.feeds.recording.record_text import EXTRA, record_told
 from plotfeed.feeds.recording.recording_settings import ShowSettings
 from plotfeed.proto.asterix.categories import CATEGORIES
-from plotfeed.proto.asterix.codec.decode import Block, Record, records_in
+from plotfeed.proto.asterix.codec.decode import Block, records_in
 from plotfeed.proto.asterix.codec.layout import HEADER_OCTETS, Category
 from plotfeed.proto.asterix.standard import tables
 from plotfeed.proto.content_types import ASTERIX, MESSAGE_TYPE, is_asterix_topic, message_type
@@ -359,18 +359,11 @@ def _raw_lines(
         block = Block(octets[0], octets[HEADER_OCTETS:], at + HEADER_OCTETS)
         try:
             for record in records_in(block, settings.categories):
-                yield _told(record, settings)
+                told = record_told(record, settings.categories, settings.style)
+                yield json.dumps(told) if settings.as_json else told
         except DecodeError as error:
             where = block.at_octet if error.at_octet is None else error.at_octet
             damage.add(where, str(error).removeprefix(f"octet {where}: "))
-
-
-def _told(record: Record, settings: ShowSettings) -> str:
-    if settings.as_json:
-        return json.dumps(record_json(record))
-    if settings.verbose:
-        return record_tree(record, settings.categories)
-    return record_line(record, settings.categories)
 
 
 def _message_lines(
@@ -397,7 +390,6 @@ def _content_lines(message: Recorded, settings: ShowSettings) -> Iterator[str]:
         printable(message.topic),
         payload,
         message.content_type or None,
-        as_json=settings.as_json,
-        categories=settings.categories,
-        verbose=settings.verbose,
+        settings.style,
+        settings.categories,
     )

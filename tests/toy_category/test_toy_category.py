@@ -53,7 +53,7 @@ def test_its_plots_are_read_into_columns(flown: Feed) -> None:
 
 def test_it_is_shown_as_text_with_its_time_of_day(flown: Feed) -> None:
     payload = flown.payloads("radar/asterix/250")[0]
-    line, *_ = message_lines(TOPIC, payload, None, as_json=False)
+    line, *_ = message_lines(TOPIC, payload, None)
     assert line.startswith(f"{TOPIC}  CAT250  22:13:2")
     assert "030 R=" in line
 

@@ -21,6 +21,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.page.updates import ControlRequest, request_in
 from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.recording.record_text import Style
 from plotfeed.feeds.scene.changes import changed, command_of, parsed
 from plotfeed.feeds.scene.output_keys import RemoteIdService
 from plotfeed.feeds.scene.scene import example
@@ -130,10 +131,9 @@ def sapient(data: bytes) -> None:
 def shown(data: bytes) -> None:
     """A message as `show` prints it, whatever its content type says."""
     head, _, payload = data.partition(b"\0")
-    content_type = head.decode("utf-8", "replace") or None
-    for as_json in (False, True):
-        for line in message_lines("a/b", payload, content_type, as_json=as_json, categories={}):
-            assert not as_json or json.loads(line)
+    for style in Style:
+        for line in message_lines("a/b", payload, head.decode("utf-8", "replace"), style, {}):
+            assert style is not Style.JSON or json.loads(line)
 
 
 def recording(form: FileFormat) -> Target:

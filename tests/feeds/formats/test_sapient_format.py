@@ -14,6 +14,7 @@ from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.formats.sapient import need_sapient
 from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.recording.record_text import Style
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.sapient.envelope import node_id
@@ -93,7 +94,7 @@ def test_what_is_installed_wrongly_is_told_in_one_line(
 
 @pytest.mark.usefixtures("without_extra")
 def test_without_the_extra_show_says_so() -> None:
-    (line,) = message_lines("plotfeed/radar/sapient", b"x", None, as_json=False)
+    (line,) = message_lines("plotfeed/radar/sapient", b"x", None)
     assert line.endswith("pip install 'plotfeed[sapient]'")
 
 
@@ -133,8 +134,8 @@ def test_messages_are_shown_as_a_line_and_as_json() -> None:
     flown = fly(scene([radar(report=["sapient"], pfa=1e-4)], seed=1), 3.0)
     shown = {}
     for payload in flown.payloads("radar/sapient"):
-        (line,) = message_lines("plotfeed/radar/sapient", payload, None, as_json=False)
-        (text,) = message_lines("plotfeed/radar/sapient", payload, None, as_json=True)
+        (line,) = message_lines("plotfeed/radar/sapient", payload, None)
+        (text,) = message_lines("plotfeed/radar/sapient", payload, None, style=Style.JSON)
         message = json.loads(text)["message"]["SapientMessage"]
         assert message["node_id"] == node_id(1, "radar")
         assert line.split("  ")[:3] == [
@@ -151,12 +152,12 @@ def test_messages_are_shown_as_a_line_and_as_json() -> None:
 
 def test_tasks_are_shown_too() -> None:
     asked = task(ONE, mode_change="standby")
-    (line,) = message_lines("plotfeed/radar/sapient/task", asked, None, as_json=False)
+    (line,) = message_lines("plotfeed/radar/sapient/task", asked, None)
     assert ONE in line
     assert '"mode_change": "standby"' in line
 
 
 def test_what_is_no_sapient_is_shown_as_such() -> None:
     for payload in (b"", b"\xff\xff", b"\x12\x01a"):
-        (line,) = message_lines("plotfeed/radar/sapient", payload, None, as_json=False)
+        (line,) = message_lines("plotfeed/radar/sapient", payload, None)
         assert "not what the topic says" in line

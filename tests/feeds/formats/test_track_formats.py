@@ -14,6 +14,7 @@ from support.waiting import wait_until
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.decoded_text import message_lines
+from plotfeed.feeds.recording.record_text import Style
 from plotfeed.feeds.scene.report_formats import TRACK_FORMATS
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode
@@ -107,9 +108,9 @@ def test_show_reads_every_one_of_them(road: Feed) -> None:
         known[message.topic] = message
     for topic, message in known.items():
         if topic.startswith("plotfeed/first/"):
-            for as_json in (False, True):
+            for style in Style:
                 lines = list(
-                    message_lines(topic, message.payload, message.content_type, as_json=as_json)
+                    message_lines(topic, message.payload, message.content_type, style=style)
                 )
                 assert lines, topic
                 assert "octets that are not" not in lines[0]

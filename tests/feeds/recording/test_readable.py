@@ -10,7 +10,7 @@ from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.recording.decoded_text import message_lines
-from plotfeed.feeds.recording.record_text import categories_of
+from plotfeed.feeds.recording.record_text import Style, categories_of
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
@@ -34,12 +34,12 @@ PROTOBUF = "application/x-protobuf; messageType="
 def test_protobuf_is_what_its_content_type_says_and_else_its_topic(
     topic: str, content_type: str | None, expected: str
 ) -> None:
-    (line,) = message_lines(topic, b"", content_type, as_json=True)
+    (line,) = message_lines(topic, b"", content_type, style=Style.JSON)
     assert json.loads(line)["message"] == {expected: {}}
 
 
 def test_cursor_on_target_is_its_own_text_on_any_topic() -> None:
-    (line,) = message_lines("any/where", b"<event/>", "application/x-cot+xml", as_json=False)
+    (line,) = message_lines("any/where", b"<event/>", "application/x-cot+xml")
     assert line == "any/where  <event/>"
 
 
@@ -47,12 +47,12 @@ def test_cursor_on_target_is_its_own_text_on_any_topic() -> None:
     "payload",
     [b"[" * 100_000, b"9" * 10_000, b'{"a": NaN}', rb'"\ud800"', b'"' + b"x" * 100_000 + b'"'],
 )
-@pytest.mark.parametrize("as_json", [True, False])
-def test_awkward_json_is_a_line(payload: bytes, as_json: bool) -> None:
-    lines = list(message_lines("plotfeed/errors", payload, None, as_json=as_json))
+@pytest.mark.parametrize("style", [Style.JSON, Style.LINE])
+def test_awkward_json_is_a_line(payload: bytes, style: Style) -> None:
+    lines = list(message_lines("plotfeed/errors", payload, None, style=style))
     assert len(lines) == 1
     lines[0].encode()
-    if as_json:
+    if style is Style.JSON:
         json.loads(lines[0])
 
 
@@ -71,15 +71,15 @@ async def messages(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
 
 def test_every_message_of_a_session_is_readable(messages: list[Message]) -> None:
     for m in messages:
-        lines = list(message_lines(m.topic, m.payload, m.content_type, as_json=False))
+        lines = list(message_lines(m.topic, m.payload, m.content_type))
         assert not any("not what the topic says" in line for line in lines)
         # The topic alone tells what a client of MQTT 3.1.1 needs.
-        assert lines == list(message_lines(m.topic, m.payload, None, as_json=False))
+        assert lines == list(message_lines(m.topic, m.payload, None))
 
 
 def test_every_message_of_a_session_is_json_if_asked(messages: list[Message]) -> None:
     for m in messages:
-        for line in message_lines(m.topic, m.payload, m.content_type, as_json=True):
+        for line in message_lines(m.topic, m.payload, m.content_type, style=Style.JSON):
             found = json.loads(line)
             assert found["topic"] == m.topic
             assert "error" not in found["message"]
@@ -88,14 +88,14 @@ def test_every_message_of_a_session_is_json_if_asked(messages: list[Message]) ->
 def test_every_plot_is_a_line(messages: list[Message]) -> None:
     batches = [m for m in messages if m.topic.endswith("/plots")]
     plots = sum(len(pb.PlotBatch.FromString(m.payload).plots) for m in batches)
-    lines = [x for m in batches for x in message_lines(m.topic, m.payload, None, as_json=False)]
+    lines = [x for m in batches for x in message_lines(m.topic, m.payload, None)]
     assert len(lines) == plots > 0
     assert all(" 2026-01-01T12:00:0" in line for line in lines)
 
 
 def test_the_ledger_says_whose_each_plot_is(messages: list[Message]) -> None:
     entries = [m for m in messages if m.topic.endswith("/truth")]
-    text = [x for m in entries for x in message_lines(m.topic, m.payload, None, as_json=False)]
+    text = [x for m in entries for x in message_lines(m.topic, m.payload, None)]
     assert any(line.endswith("of visitor") for line in text)
     assert any(line.endswith("of false alarm") for line in text)
     assert any("  look " in line for line in text)
@@ -109,7 +109,7 @@ def test_longitudes_of_025_are_read_as_their_sender_wrote_them() -> None:
 
     def longitude_deg(*editions: str) -> float:
         (line,) = message_lines(
-            "r/asterix/025", block, None, as_json=True, categories=categories_of(editions)
+            "r/asterix/025", block, None, style=Style.JSON, categories=categories_of(editions)
         )
         degrees: float = json.loads(line)["message"]["items"]["I025/600"]["LON"]
         return degrees
@@ -122,7 +122,7 @@ def test_a_time_beyond_the_year_9999_is_one_line() -> None:
     late = pb.Telemetry()
     late.time_utc.seconds = 1 << 62
     (line,) = message_lines(
-        "plotfeed/telemetry/d", late.SerializeToString(), "application/x-protobuf", as_json=False
+        "plotfeed/telemetry/d", late.SerializeToString(), "application/x-protobuf"
     )
     assert "not what the topic says" in line
 
@@ -131,17 +131,17 @@ def test_a_time_beyond_the_year_9999_is_one_line() -> None:
 def test_numbers_are_as_exact_as_they_were_sent(sent: int) -> None:
     longitude = sent.to_bytes(4, "big", signed=True).hex()
     data = block(62, "88", "0102", "00000000", longitude)
-    (line,) = message_lines("t/asterix/062", data, None, as_json=False)
+    (line,) = message_lines("t/asterix/062", data, None)
     assert float(line.partition("LON=")[2]) * 2**25 / 180 == sent
 
 
 def test_hundredths_have_two_decimals() -> None:
     data = block(62, "8110", "0102", "010180", "0023")
-    (line,) = message_lines("t/asterix/062", data, None, as_json=False)
+    (line,) = message_lines("t/asterix/062", data, None)
     assert line.endswith("380 RAN=0.35")
 
 
 def test_addresses_are_hexadecimal_and_parts_of_parts_are_in_brackets() -> None:
     data = block(62, "8110", "0102", "94", "3c660c", "81f4", "e0c8")
-    (line,) = message_lines("t/asterix/062", data, None, as_json=False)
+    (line,) = message_lines("t/asterix/062", data, None)
     assert line.endswith("380 ADR=3C660C IAS=(IM=1 IAS=500) SAL=(SAS=1 SRC=3 ALT=5000)")

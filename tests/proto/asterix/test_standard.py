@@ -10,7 +10,7 @@ from support.command import plotfeed_here
 from support.recordings import block
 
 from plotfeed.feeds.recording.decoded_text import message_lines
-from plotfeed.feeds.recording.record_text import categories_of
+from plotfeed.feeds.recording.record_text import Style, categories_of
 from plotfeed.proto.asterix import standard
 from plotfeed.replay.asterix_files import record_counts
 
@@ -102,15 +102,13 @@ CROSSING_002 = ("f0", "190d", "01", "20", "0c8040")
 @pytest.mark.usefixtures("nothing_installed")
 def test_without_libasterix_a_block_is_cut_into_records_with_sources_and_times() -> None:
     data = block(2, *NORTH_002, *CROSSING_002)
-    north, crossing = message_lines(
-        "r/asterix/002", data, None, as_json=False, categories=categories_of(())
-    )
+    north, crossing = message_lines("r/asterix/002", data, None, categories=categories_of(()))
     assert north == (
         "r/asterix/002  CAT002  01:46:40.000  010 SAC=25 SIC=13  000 0x02  020 0x40  050 0x1f00  "
         "(octets are not decoded; for names and values: pip install 'plotfeed[asterix]')"
     )
     assert "CAT002  01:46:40.500  010 SAC=25 SIC=13  000 0x01  020 0x20  (" in crossing
-    told = message_lines("r/asterix/002", data, None, as_json=True, categories=categories_of(()))
+    told = message_lines("r/asterix/002", data, None, Style.JSON, categories_of(()))
     first, _ = (json.loads(line)["message"]["items"] for line in told)
     source = {"SAC": 25, "SIC": 13}
     assert first["I002/010"] == source
@@ -124,7 +122,7 @@ def test_without_libasterix_every_category_says_whose_its_records_are(number: in
     data = block(number, "80", "190d", "80", "190e")
     categories = categories_of(())
     assert record_counts(data, categories) == {number: 2}
-    lines = list(message_lines("r/asterix", data, None, as_json=False, categories=categories))
+    lines = list(message_lines("r/asterix", data, None, categories=categories))
     assert [
         f"010 SAC=25 SIC={sic}  (octets are not" in line
         for sic, line in zip((13, 14), lines, strict=True)
@@ -134,9 +132,7 @@ def test_without_libasterix_every_category_says_whose_its_records_are(number: in
 @pytest.mark.usefixtures("nothing_installed")
 def test_without_libasterix_tracks_of_001_are_told_from_plots() -> None:
     data = block(1, *PLOT_001, *TRACK_001)
-    plot, track = message_lines(
-        "r/asterix", data, None, as_json=False, categories=categories_of(())
-    )
+    plot, track = message_lines("r/asterix", data, None, categories=categories_of(()))
     assert "010 SAC=25 SIC=13  020 0x20  040 0x01000200  070 0x0fff  (" in plot
     assert "010 SAC=25 SIC=13  020 0xa0  161 0x0102  040 0x02000400  (" in track
 
@@ -144,9 +140,8 @@ def test_without_libasterix_tracks_of_001_are_told_from_plots() -> None:
 @pytest.mark.usefixtures("nothing_installed")
 def test_a_tree_of_a_record_that_is_cut_alone_says_so() -> None:
     (tree,) = message_lines(
-        "r", block(2, *NORTH_002), "application/x-asterix", as_json=False,
-        categories=categories_of(()), verbose=True,
-    )  # fmt: skip
+        "r", block(2, *NORTH_002), "application/x-asterix", Style.TREE, categories_of(())
+    )
     assert tree.splitlines()[0].endswith(
         "octets are not decoded; for names and values: pip install 'plotfeed[asterix]'"
     )
@@ -155,7 +150,7 @@ def test_a_tree_of_a_record_that_is_cut_alone_says_so() -> None:
 
 def test_of_a_category_of_nobody_a_block_says_that_nothing_is_known() -> None:
     data = block(99, "f4", "190d")
-    (line,) = message_lines("r/asterix", data, None, as_json=False, categories=categories_of(()))
+    (line,) = message_lines("r/asterix", data, None, categories=categories_of(()))
     assert line.endswith("a block of 3 octets, of which no layout is known: f4190d")
 
 
@@ -163,7 +158,7 @@ def test_of_a_category_of_nobody_a_block_says_that_nothing_is_known() -> None:
 def test_without_libasterix_a_tree_has_units() -> None:
     data = block(48, "f0", "190d", "0c8000", "20", "80004000")
     (tree,) = message_lines(
-        "r/asterix/048", data, None, as_json=False, categories=categories_of(()), verbose=True
+        "r/asterix/048", data, None, categories=categories_of(()), style=Style.TREE
     )
     assert "    RHO: 128 NM" in tree.splitlines()
     assert "  I048/140: 6400 s" in tree.splitlines()
