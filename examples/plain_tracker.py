@@ -22,8 +22,7 @@ from plotfeed.models.accuracy import stated_covariance_m2
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.plain_tracker import LocatedPlots, PlainMotion, PlainTracker
 from plotfeed.models.state import Plots
-from plotfeed.models.track_lives import TrackRule
-from plotfeed.models.tracks import TrackStates
+from plotfeed.models.tracks import TrackRule, TrackStates
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.plot_messages import batch_in, plots_of_batches

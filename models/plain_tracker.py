@@ -3,6 +3,10 @@
 Kalman's filter of constant velocity, one plot a track by the least sum of statistical distances
 within a gate (global nearest neighbour: Blackman and Popoli, Design and Analysis of Modern Tracking
 Systems, section 6.4), tracks that begin with M plots in N looks and end with misses in a row.
+
+A state is position and velocity, (n, 6), metres and m/s along three fixed axes, with its covariance
+(n, 6, 6). Acceleration is white noise of a density q, m2/s3: Bar-Shalom, Li and Kirubarajan,
+Estimation with Applications to Tracking and Navigation, section 6.2.2.
 """
 
 from __future__ import annotations
@@ -14,11 +18,61 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-from plotfeed.models.constant_velocity import AXES, distances2, predicted, updated
 from plotfeed.models.numerics import root
 from plotfeed.models.state import FALSE_ALARM, NS, Bools, Columns, Floats, Ints
-from plotfeed.models.track_lives import TrackNumbers, TrackRule
-from plotfeed.models.tracks import TrackStates
+from plotfeed.models.tracks import TrackNumbers, TrackRule, TrackStates
+
+AXES = 3
+
+
+def predicted(
+    states: Floats, covariances: Floats, after_s: Floats, density_m2_s3: float | Floats
+) -> tuple[Floats, Floats]:
+    """States and covariances after times (n,), which may be negative; of one density, or (n, 1)."""
+    n = len(states)
+    moved = states.copy()
+    moved[:, :AXES] += after_s[:, None] * states[:, AXES:]
+    transition = np.zeros((n, 6, 6))
+    transition[:] = np.eye(6)
+    noise = np.zeros((n, 6, 6))
+    axes = np.arange(AXES)
+    transition[:, axes, axes + AXES] = after_s[:, None]
+    lasting_s = np.abs(after_s)
+    noise[:, axes, axes] = density_m2_s3 * lasting_s[:, None] ** 3 / 3
+    across = density_m2_s3 * (after_s * lasting_s)[:, None] / 2
+    noise[:, axes, axes + AXES] = noise[:, axes + AXES, axes] = across
+    noise[:, axes + AXES, axes + AXES] = density_m2_s3 * lasting_s[:, None]
+    spread = transition @ covariances @ transition.transpose(0, 2, 1) + noise
+    return moved, spread
+
+
+def distances2(
+    states: Floats, covariances: Floats, measured_m: Floats, errors_m2: Floats
+) -> Floats:
+    """Squared statistical distances of measured positions (n, 3), of errors (n, 3, 3); (n,)."""
+    residuals = measured_m - states[:, :AXES]
+    spread = covariances[:, :AXES, :AXES] + errors_m2
+    solved = np.linalg.solve(spread, residuals[:, :, None])[:, :, 0]
+    found: Floats = (residuals * solved).sum(axis=1)
+    return found
+
+
+def updated(
+    states: Floats, covariances: Floats, measured_m: Floats, errors_m2: Floats
+) -> tuple[Floats, Floats]:
+    """States and covariances with a measured position each, (n, 3), of errors (n, 3, 3).
+
+    By Joseph's form, which keeps covariances symmetric and positive.
+    """
+    residuals = measured_m - states[:, :AXES]
+    spread = covariances[:, :AXES, :AXES] + errors_m2
+    gain = np.linalg.solve(spread, covariances[:, :AXES, :]).transpose(0, 2, 1)
+    better = states + (gain @ residuals[:, :, None])[:, :, 0]
+    kept = np.broadcast_to(np.eye(6), covariances.shape).copy()
+    kept[:, :, :AXES] -= gain
+    narrowed = kept @ covariances @ kept.transpose(0, 2, 1)
+    narrowed += gain @ errors_m2 @ gain.transpose(0, 2, 1)
+    return better, narrowed
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 from stability_case import Case, relative
 
-from plotfeed.models.multilateration import covariance
+from plotfeed.models.joined_sets import covariance
 from plotfeed.models.sensors.acoustic_pair import crossing
 
 

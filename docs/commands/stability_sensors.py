@@ -13,11 +13,11 @@ from stability_case import Case, relative
 from plotfeed.models.clutter import k_exceedance
 from plotfeed.models.detection import whole_cells
 from plotfeed.models.dwell_agenda import frame_s
-from plotfeed.models.effects.antenna import CosecantSquaredCut
 from plotfeed.models.effects.classification import Confusion
-from plotfeed.models.effects.degradation import Degradation
+from plotfeed.models.effects.echo_effects import CosecantSquaredCut
 from plotfeed.models.effects.microphone_layout import MicrophoneLayout
 from plotfeed.models.optics import hot_spot_pd
+from plotfeed.models.sensors.sensor_model import Degradation
 
 
 class Highest:

@@ -26,8 +26,7 @@ from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots
 from plotfeed.proto.utc import NS, NS_IN_MS
 
 if TYPE_CHECKING:
-    from plotfeed.models.cueing import CueBatch, CuedState, CueRule
-    from plotfeed.models.pointing import Aim
+    from plotfeed.models.cueing import Aim, CueBatch, CuedState, CueRule
 
 TOPIC, LOOK_AT = "cue", "look_at"  # What a mount says that it is cued by, if not by a sensor
 
@@ -44,7 +43,7 @@ class Aims(Columns):
 
     def by_mount(self, targets: Targets, row: Ints) -> Targets:
         """Targets by the axes of the mounts, each of the scan of that row; (n,)."""
-        from plotfeed.models.pointing import to_mount
+        from plotfeed.models.cueing import to_mount
 
         return replace(
             targets,
@@ -60,7 +59,7 @@ class Aims(Columns):
         pan_deg, tilt_deg = self.pan_deg[row], self.tilt_deg[row]
         level = not found.elevation_deg.size or np.isnan(found.elevation_deg).all()
         own_deg = np.zeros(len(found)) if level else found.elevation_deg
-        from plotfeed.models.pointing import from_mount
+        from plotfeed.models.cueing import from_mount
 
         azimuth_deg, elevation_deg = from_mount(found.azimuth_deg, own_deg, pan_deg, tilt_deg)
         turned = {"azimuth_deg": azimuth_deg}
@@ -133,7 +132,7 @@ class Cueing:
             from plotfeed.models.cueing import HOME, CuedState
 
             source = HOME if steered.look_at is None else LOOK_AT
-            from plotfeed.models.pointing import at_rest
+            from plotfeed.models.cueing import at_rest
 
             steered.state = CuedState(
                 pointing=at_rest(aim, start_utc_ns), aim=aim, source=source, firm=bool(source)
@@ -198,8 +197,7 @@ class Cueing:
         if keys.look_at is not None:
             look_at = keys.look_at.aim(self._site, sensor.position_enu_m, home.field_deg)
         rule = keys.rule(home)
-        from plotfeed.models.cueing import CuedState
-        from plotfeed.models.pointing import at_rest
+        from plotfeed.models.cueing import CuedState, at_rest
 
         state = CuedState(pointing=at_rest(rule.home, 0), aim=rule.home)
         return _Steered(keys, rule, look_at, state)

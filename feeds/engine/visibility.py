@@ -293,7 +293,7 @@ class Outlook:
                 aim = mount.look_at.aim(self._site, sensor.position_enu_m, home.field_deg)
                 pan_deg, tilt_deg = np.full((2, len(states)), [[aim.pan_deg], [aim.tilt_deg]])
             tilt_deg = np.clip(tilt_deg, mount.tilt_min_deg, mount.tilt_max_deg)
-            from plotfeed.models.pointing import to_mount
+            from plotfeed.models.cueing import to_mount
 
             place_m = to_mount(place_m, np.nan_to_num(pan_deg), tilt_deg)
             field_deg = np.full(len(states), home.field_deg)

@@ -23,7 +23,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
     from plotfeed.models.clutter import ClutterMap, Spikes
-    from plotfeed.models.effects.pillars import Pillar
+    from plotfeed.models.effects.surroundings import Pillar
 
 
 def _rates_of(
@@ -135,7 +135,7 @@ class World:
             if turbine.tower_width_m:
                 frame = frame_at(self._site, sensor.position_enu_m)
                 east_m, north_m, up_m = enu_from(frame, self._site, turbine).tolist()
-                from plotfeed.models.effects.pillars import Pillar
+                from plotfeed.models.effects.surroundings import Pillar
 
                 yield Pillar((east_m, north_m, up_m), turbine.tower_width_m)
 

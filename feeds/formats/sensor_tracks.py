@@ -21,8 +21,7 @@ from plotfeed.models.accuracy import stated_covariance_m2
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, renamed
-from plotfeed.models.track_lives import TrackRule
-from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackStates
+from plotfeed.models.tracks import LocalStates, SmoothedTruth, TrackerLooks, TrackRule, TrackStates
 from plotfeed.proto.tracks.encode_tracks import ToldTracks
 
 if TYPE_CHECKING:

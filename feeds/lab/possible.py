@@ -16,8 +16,8 @@ from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTrac
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.accuracy import polar_covariance_m2
-from plotfeed.models.constant_velocity import predicted, updated
 from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.plain_tracker import predicted, updated
 from plotfeed.models.state import Columns, Floats, Ints, Texts
 from plotfeed.models.track_metrics import FlightPath, overtaken
 from plotfeed.proto.ledger import ToldPlots

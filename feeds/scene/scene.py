@@ -37,7 +37,7 @@ from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys
 from plotfeed.feeds.scene.story_keys import Story, usual_stories
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
 from plotfeed.feeds.scene.world_keys import WorldKeys, with_spells
-from plotfeed.models.track_lives import MAX_TRACKS
+from plotfeed.models.tracks import MAX_TRACKS
 from plotfeed.proto.errors import PlotfeedError
 
 LAST_CODE = 255

@@ -1,21 +1,156 @@
 """What becomes of the power of echoes by where and how targets are: factors of each look.
 
-Each effect is a factor on the mean ratio of a look, by the signal; a radar has their product.
+Each effect is a factor on the mean ratio of a look, by the signal; a radar has their product. Gains
+of antennas are one way, below the peak, which is the gain that the radar equation has; their angles
+are along the sensor's own axes. A Gaussian beam of width B at 3 dB loses 12.04 (a/B)^2 dB at a.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from plotfeed.models.frames import enu_to_aer
+from plotfeed.models.frames import enu_to_aer, wrap_180
+from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.state import Floats
 
-if TYPE_CHECKING:
-    from plotfeed.models.effects.antenna import Antenna
+GAUSSIAN_DB = float(40 * np.log10(2))  # Loss of a Gaussian beam one width off its middle: 12.04 dB
+
+
+@nan_without_warnings
+def gaussian_loss_db(offset_deg: ArrayLike, beamwidth_deg: ArrayLike) -> Floats:
+    """Loss of a Gaussian beam, dB one way, so far off its middle."""
+    return as_floats(GAUSSIAN_DB * (as_floats(offset_deg) / as_floats(beamwidth_deg)) ** 2)
+
+
+@nan_without_warnings
+def cosecant_peak_loss_db(from_deg: ArrayLike, to_deg: ArrayLike) -> Floats:
+    """What a cosecant-squared beam has less at its peak than a fan beam of its lower part alone.
+
+    10 lg(2 - e1 cot e2), e1 in radians (Skolnik).
+    """
+    spread = np.radians(as_floats(from_deg)) / np.tan(np.radians(as_floats(to_deg)))
+    return as_floats(10 * np.log10(2 - spread))
+
+
+class BeamCut(ABC):
+    """The gain over one angle, azimuth or elevation."""
+
+    @abstractmethod
+    def loss_db(self, angle_deg: Floats) -> Floats:
+        """Loss below the peak, dB, one way; (n,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaussianCut(BeamCut):
+    """A beam, or several of one width side by side, of which the nearest counts.
+
+    They are centred on the boresight, and close the circle if there are enough of them.
+    """
+
+    beamwidth_deg: float
+    boresight_deg: float
+    spacing_deg: float = 0.0
+    beams: int = 1
+
+    def loss_db(self, angle_deg: Floats) -> Floats:
+        """Loss below the peak, by the offset from the nearest beam."""
+        off_deg = wrap_180(angle_deg - self.boresight_deg)
+        if self.beams > 1:
+            first_deg = -self.spacing_deg * (self.beams - 1) / 2
+            nearest = np.rint((off_deg - first_deg) / self.spacing_deg)
+            if self.spacing_deg * self.beams < 360.0:
+                nearest = np.clip(nearest, 0, self.beams - 1)
+            off_deg = off_deg - first_deg - self.spacing_deg * nearest
+        return gaussian_loss_db(off_deg, self.beamwidth_deg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CosecantSquaredCut(BeamCut):
+    """A beam that makes a target of one height as strong at any range, between two elevations.
+
+    Beyond them the gain falls off like a Gaussian beam that is at its middle there.
+    """
+
+    from_deg: float
+    to_deg: float
+    beamwidth_deg: float
+
+    def loss_db(self, angle_deg: Floats) -> Floats:
+        """Loss below the gain at the lower end."""
+        within_deg = np.clip(angle_deg, self.from_deg, self.to_deg)
+        sines = np.sin(np.radians(within_deg)) / np.sin(np.radians(self.from_deg))
+        beyond_db = gaussian_loss_db(angle_deg - within_deg, self.beamwidth_deg)
+        return np.asarray(20 * np.log10(sines) + beyond_db)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableCut(BeamCut):
+    """Gains at angles off the boresight, which rise; linear in dB between, and as at the ends."""
+
+    angles_deg: tuple[float, ...]
+    gains_db: tuple[float, ...]
+    boresight_deg: float
+
+    def loss_db(self, angle_deg: Floats) -> Floats:
+        """Loss below 0 dB of the table."""
+        off_deg = wrap_180(angle_deg - self.boresight_deg)
+        return np.asarray(-np.interp(off_deg, self.angles_deg, self.gains_db))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pattern:
+    """A beam's cuts, of which None is as wide as the cover, and its side lobes below the peak."""
+
+    azimuth: BeamCut | None
+    elevation: BeamCut | None
+    sidelobe_db: float
+
+    def gain(self, azimuth_deg: Floats, elevation_deg: Floats) -> Floats:
+        """Gain over the peak, linear, one way; (n,)."""
+        loss_db = np.zeros(len(azimuth_deg))
+        if self.azimuth is not None:
+            loss_db += self.azimuth.loss_db(azimuth_deg)
+        if self.elevation is not None:
+            loss_db += self.elevation.loss_db(elevation_deg)
+        return np.asarray(10 ** (-np.minimum(loss_db, self.sidelobe_db) / 10))
+
+
+@dataclass(frozen=True, slots=True)
+class OffBeam(BeamCut):
+    """Directions that a beam does not point at: it has nothing there but its side lobes."""
+
+    def loss_db(self, angle_deg: Floats) -> Floats:
+        """Loss without bounds, of which a pattern leaves its side lobes."""
+        return np.full(len(angle_deg), np.inf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Antenna:
+    """The patterns by which a radar transmits and receives; None is as wide as the cover.
+
+    With `shows_sidelobes`, targets are also reported that the beam does not point at.
+    """
+
+    transmit: Pattern | None = None
+    receive: Pattern | None = None
+    shows_sidelobes: bool = False
+
+    def turned_away(self, *, transmitter_too: bool) -> Antenna:
+        """Patterns for targets that the beam does not point at, out and back or back alone."""
+        out = self.transmit if not transmitter_too else _sidelobes_of(self.transmit)
+        return Antenna(transmit=out, receive=_sidelobes_of(self.receive))
+
+
+def _sidelobes_of(pattern: Pattern | None) -> Pattern | None:
+    if pattern is None:
+        return None
+    return Pattern(azimuth=OffBeam(), elevation=None, sidelobe_db=pattern.sidelobe_db)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import bdtrc, erf
 
-from plotfeed.models.effects.antenna import GAUSSIAN_DB
+from plotfeed.models.effects.echo_effects import GAUSSIAN_DB
 from plotfeed.models.numerics import as_floats, nan_without_warnings
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.state import Floats, Ints

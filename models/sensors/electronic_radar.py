@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from plotfeed.models import detection
 from plotfeed.models.beam import Sector
-from plotfeed.models.beam_grid import BeamGrid
 from plotfeed.models.dwell_agenda import (
     Agenda,
+    BeamGrid,
     BeamTracks,
     PointedBeams,
     Steering,

@@ -18,8 +18,16 @@ from plotfeed.models.effects.pulse_intervals import at_least
 from plotfeed.models.effects.surroundings import SeenFrom, Surroundings
 from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m, enu_to_aer
-from plotfeed.models.joined_sets import OUTSIDE, Detections, JoinedSets, SetFinder
-from plotfeed.models.multilateration import Sightings, covariance, linearised, range_sums_m
+from plotfeed.models.joined_sets import (
+    OUTSIDE,
+    Detections,
+    JoinedSets,
+    SetFinder,
+    Sightings,
+    covariance,
+    linearised,
+    range_sums_m,
+)
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.active_radar import MimoRadar
 from plotfeed.models.sensors.passive_radar import PassiveRadar

@@ -32,9 +32,8 @@ from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Texts, endl
 from plotfeed.models.truth import Emissions, EmitterTable
 
 if TYPE_CHECKING:
-    from plotfeed.models.effects.city import City
     from plotfeed.models.effects.classification import Confusion
-    from plotfeed.models.effects.surroundings import OnTheWay
+    from plotfeed.models.effects.surroundings import City, OnTheWay
 
 
 def emissions_of(targets: Targets) -> Emissions:

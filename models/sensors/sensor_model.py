@@ -19,10 +19,8 @@ if TYPE_CHECKING:
     from plotfeed.models.dwell_agenda import Agenda, PointedBeams
     from plotfeed.models.effects.classification import Confusion, HeldClaims
     from plotfeed.models.effects.decorrelation import TargetStrengths
-    from plotfeed.models.effects.degradation import Degradation
-    from plotfeed.models.effects.multipath import Multipath
     from plotfeed.models.effects.readings import Readings
-    from plotfeed.models.effects.surroundings import OnTheWay, Surroundings
+    from plotfeed.models.effects.surroundings import Multipath, OnTheWay, Surroundings
 
 
 # Sensors of a kind in one model: what differs between them is a column, the rest a number.
@@ -405,6 +403,21 @@ def mean_prediction(found: Sequence[Prediction]) -> Prediction:
         sigma_elevation_deg=rms("sigma_elevation_deg"),
         sigma_range_rate_m_s=rms("sigma_range_rate_m_s") if tells_rates else None,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Degradation:
+    """What a sensor does worse than it takes itself to do: in one respect, and in no other.
+
+    Factors on the Pd of every look, on the number of false alarms, and on errors by noise.
+
+    What plots state of their errors stays, and so do the ratios of detections. Of many sensors,
+    columns (n,).
+    """
+
+    pd_factor: float | Floats = 1.0
+    false_alarm_factor: float = 1.0
+    error_factor: float | Floats = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from support.significance import assert_chance
 
-from plotfeed.models.constant_velocity import distances2, predicted, updated
+from plotfeed.models.plain_tracker import distances2, predicted, updated
 
 SIGMA_M = 3.0
 

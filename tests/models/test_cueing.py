@@ -8,15 +8,18 @@ import numpy as np
 
 from plotfeed.models.cueing import (
     HOME,
+    Aim,
     CueBatch,
     CuedState,
     CueRule,
+    Motor,
+    Mount,
     advanced,
     after_dwell,
     after_plots,
+    at_rest,
     turned_to,
 )
-from plotfeed.models.pointing import Aim, Motor, Mount, at_rest
 
 NS = 1_000_000_000
 MOTOR = Motor(rate_deg_s=90.0, acceleration_deg_s2=180.0)

@@ -8,8 +8,13 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from plotfeed.models.beam import AzimuthCover
-from plotfeed.models.beam_grid import BeamGrid
-from plotfeed.models.dwell_agenda import BeamTracks, frame_s, revisit_interval_s, search_outcome
+from plotfeed.models.dwell_agenda import (
+    BeamGrid,
+    BeamTracks,
+    frame_s,
+    revisit_interval_s,
+    search_outcome,
+)
 from plotfeed.models.state import NS
 
 GRID = BeamGrid(

@@ -11,7 +11,7 @@ from support.one_sample import add_sample
 from plotfeed.models.beam import Borders
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
 from plotfeed.models.state import NS, Emitter, Signature, renamed
-from plotfeed.models.track_lives import TrackLives, TrackRule
+from plotfeed.models.tracks import TrackLives, TrackRule
 from plotfeed.models.truth import Trajectories
 
 T0 = 1_767_268_800 * NS

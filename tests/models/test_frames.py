@@ -340,4 +340,4 @@ def test_whoever_is_within_reach_of_any_frame_is_about_and_who_is_far_from_all_i
     assert (
         are_all_within(frames, positions_m[:, 3:], within_m) <= (apart_m[:, 3:] <= within_m).all()
     )
-    assert are_all_within(frames, origins_m, np.full(len(every), 2 * size_m + 1.0))
+    assert are_all_within(frames, origins_m, np.full(len(every), 2 * size_m + 1.001))

@@ -7,7 +7,7 @@ import pytest
 from support.significance import assert_standard_normal, assert_sum
 
 from plotfeed.models.clutter import inside
-from plotfeed.models.effects.pillars import Pillar
+from plotfeed.models.effects.surroundings import Pillar
 from plotfeed.models.movers import Wander, airspeed_m_s, cars_on, rotor_knots, wander_variance_m2
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from plotfeed.models.multilateration import Sightings, covariance, linearised, range_sums_m, solved
+from plotfeed.models.joined_sets import Sightings, covariance, linearised, range_sums_m, solved
 from plotfeed.models.state import Floats
 
 MASTS_M = np.array(

@@ -12,8 +12,7 @@ from scipy import stats
 from support.significance import Array, assert_sum
 
 from plotfeed.models.plain_tracker import LocatedPlots, PlainMotion, PlainTracker, least_sum
-from plotfeed.models.track_lives import TrackRule
-from plotfeed.models.tracks import TrackStates
+from plotfeed.models.tracks import TrackRule, TrackStates
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180, wrap_360
-from plotfeed.models.pointing import (
+from plotfeed.models.cueing import (
     Aim,
     Motor,
     Mount,
@@ -19,6 +18,7 @@ from plotfeed.models.pointing import (
     slew_s,
     to_mount,
 )
+from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180, wrap_360
 
 NS = 1_000_000_000
 RATE, ACCELERATION = 60.0, 120.0

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.models.track_lives import LivingTracks, TrackLives, TrackRule
+from plotfeed.models.tracks import LivingTracks, TrackLives, TrackRule
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S

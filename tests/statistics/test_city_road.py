@@ -10,7 +10,7 @@ from support.every_kind import FAR_SENSORS
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import Simulation, simulate
-from plotfeed.models.effects.city import CITIES
+from plotfeed.models.effects.surroundings import CITIES
 from plotfeed.testing import START_NS, held, scene
 
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}

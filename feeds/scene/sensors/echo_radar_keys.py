@@ -21,8 +21,8 @@ from plotfeed.models.sensors.polar_radar import EchoRadar
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
-    from plotfeed.models.effects.antenna import Antenna, BeamCut, Pattern
     from plotfeed.models.effects.doppler import Doppler
+    from plotfeed.models.effects.echo_effects import Antenna, BeamCut, Pattern
     from plotfeed.models.effects.jamming import Jammer
     from plotfeed.models.effects.merging import Merging
 
@@ -60,7 +60,7 @@ class GaussianCutKeys(_Beam):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
-        from plotfeed.models.effects.antenna import GaussianCut
+        from plotfeed.models.effects.echo_effects import GaussianCut
 
         width_deg = self.beamwidth_deg or cover.beamwidth_deg
         return GaussianCut(beamwidth_deg=width_deg, boresight_deg=self._boresight_deg(cover))
@@ -81,7 +81,7 @@ class BeamsCutKeys(SceneTable):
         width_deg = self.beamwidth_deg or cover.beamwidth_deg
         span_deg = cover.max_deg - cover.min_deg
         beams = max(int(np.ceil(span_deg / (self.spacing_deg or width_deg) * (1 - 1e-12))), 1)
-        from plotfeed.models.effects.antenna import GaussianCut
+        from plotfeed.models.effects.echo_effects import GaussianCut
 
         return GaussianCut(
             beamwidth_deg=width_deg,
@@ -111,7 +111,7 @@ class CosecantSquaredKeys(SceneTable):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
-        from plotfeed.models.effects.antenna import CosecantSquaredCut
+        from plotfeed.models.effects.echo_effects import CosecantSquaredCut
 
         width_deg = self.beamwidth_deg or cover.beamwidth_deg
         return self.made(CosecantSquaredCut, beamwidth_deg=width_deg)
@@ -137,7 +137,7 @@ class TableCutKeys(_Beam):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
-        from plotfeed.models.effects.antenna import TableCut
+        from plotfeed.models.effects.echo_effects import TableCut
 
         return TableCut(
             angles_deg=self.angle_deg,
@@ -164,7 +164,7 @@ class PatternKeys(SceneTable):
 
     def model(self, azimuth: BeamCover, elevation: BeamCover) -> Pattern:
         """The pattern of a sensor with those covers."""
-        from plotfeed.models.effects.antenna import Pattern
+        from plotfeed.models.effects.echo_effects import Pattern
 
         return self.made(
             Pattern,
@@ -190,7 +190,7 @@ class AntennaKeys(SceneTable):
             None if part is None else part.model(azimuth, elevation)
             for part in (self.transmit, self.receive)
         )
-        from plotfeed.models.effects.antenna import Antenna
+        from plotfeed.models.effects.echo_effects import Antenna
 
         return Antenna(transmit=transmit, receive=receive, shows_sidelobes=self.sidelobe_plots)
 
@@ -206,7 +206,7 @@ class AntennaKeys(SceneTable):
         cut = None if self.receive is None else self.receive.elevation
         if not isinstance(cut, CosecantSquaredKeys):
             return 0.0
-        from plotfeed.models.effects.antenna import cosecant_peak_loss_db
+        from plotfeed.models.effects.echo_effects import cosecant_peak_loss_db
 
         return float(cosecant_peak_loss_db(cut.from_deg, cut.to_deg))
 

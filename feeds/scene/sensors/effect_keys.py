@@ -128,7 +128,7 @@ class DriftKeys(SceneTable):
 class DegradationKeys(ModelTable):
     """What a sensor does worse than it claims; for events above all."""
 
-    makes = "effects.degradation:Degradation"
+    makes = "sensors.sensor_model:Degradation"
 
     pd_factor: Annotated[float, Field(ge=0, le=1)] = 1.0
     """Factor on each look's probability of detection."""
@@ -141,7 +141,7 @@ class DegradationKeys(ModelTable):
 class MultipathKeys(ModelTable):
     """Two rays: straight, and by way of a flat ground."""
 
-    makes = "effects.multipath:Multipath"
+    makes = "effects.surroundings:Multipath"
 
     reflection: Annotated[float, Field(ge=-1, le=1)] = -0.9
     """Reflection coefficient of the ground; at grazing it is near -1 for either polarisation."""

@@ -29,8 +29,7 @@ from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
     from plotfeed.feeds.scene.sensors.sensor_keys import SensorKeys
-    from plotfeed.models.cueing import CueRule
-    from plotfeed.models.pointing import Aim
+    from plotfeed.models.cueing import Aim, CueRule
 
 Rate = Annotated[float, Field(gt=0, le=3600)]
 Seconds = Annotated[float, Field(ge=0, le=3600)]
@@ -74,7 +73,7 @@ class LookAt(SceneTable):
             place = np.array([self.latitude_deg, self.longitude_deg, self.height_m], np.float64)
             seen = enu_to_aer(frame_at(site, position_enu_m).from_ecef(geodetic_to_ecef(*place)))
             azimuth_deg, elevation_deg = float(np.nan_to_num(seen[0])), float(seen[1])
-        from plotfeed.models.pointing import Aim
+        from plotfeed.models.cueing import Aim
 
         return Aim(
             pan_deg=azimuth_deg,
@@ -138,7 +137,7 @@ class MountKeys(SceneTable):
         """The mount for a model of a sensor that looks there without cues."""
         narrow_deg = home.field_deg if self.fov_min_deg is None else self.fov_min_deg
         wide_deg = home.field_deg if self.fov_max_deg is None else self.fov_max_deg
-        from plotfeed.models.pointing import Motor, Mount
+        from plotfeed.models.cueing import Motor, Mount
 
         mount = self.made(
             Mount,
@@ -197,7 +196,7 @@ def mount_of(sensor: SensorKeys) -> MountKeys | None:
 
 def home_of(sensor: SensorKeys) -> Aim:
     """Where a sensor with a mount looks without cues."""
-    from plotfeed.models.pointing import Aim
+    from plotfeed.models.cueing import Aim
 
     return Aim(
         pan_deg=getattr(sensor, "pan_deg", 0.0),

@@ -200,7 +200,7 @@ class RfKeys(AzimuthCoverKeys):
         """What is received at once, the beams of its cover, and the path's loss."""
         path_loss, city = self.path_loss, None
         if isinstance(path_loss, CityLoss):
-            from plotfeed.models.effects.city import CITIES
+            from plotfeed.models.effects.surroundings import CITIES
 
             city = replace(CITIES[path_loss.environment], shadowing_db=path_loss.shadowing_db)
         if not isinstance(path_loss, LogDistance):  # free space is log-distance with exponent 2

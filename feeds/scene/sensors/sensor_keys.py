@@ -37,7 +37,7 @@ from plotfeed.feeds.scene.sensors.scan_keys import AnyScan, Event
 from plotfeed.feeds.scene.world_keys import JammerKeys, WeatherKeys
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.sensors.sensor_model import SensorModel
-from plotfeed.models.track_lives import MAX_TRACKS
+from plotfeed.models.tracks import MAX_TRACKS
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:

@@ -8,14 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.effect_values import values_of
 
-from plotfeed.models.effects.antenna import (
+from plotfeed.models.effects.echo_effects import (
+    CELL_SHAPES,
     CosecantSquaredCut,
     GaussianCut,
     TableCut,
+    cell_factor,
     cosecant_peak_loss_db,
     gaussian_loss_db,
 )
-from plotfeed.models.effects.echo_effects import CELL_SHAPES, cell_factor
 
 
 def one(*values: float) -> np.ndarray:

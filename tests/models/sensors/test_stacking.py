@@ -13,7 +13,7 @@ from support.random_sensors import SENSOR_MAKERS
 from plotfeed.models.beam import AzimuthCover
 from plotfeed.models.chance import Chance, Purpose, ScanDraws
 from plotfeed.models.effects.doppler import Doppler
-from plotfeed.models.effects.multipath import Multipath
+from plotfeed.models.effects.surroundings import Multipath
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.sensors.range_gate import RangeGate
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets, grouping_key, stacked
