@@ -190,31 +190,16 @@ class BrokerSource:
         self, address: BrokerAddress, topic_filter: str, name: str = "plotfeed-record"
     ) -> None:
         """`name` is how the client calls itself."""
-        self.topic_filter = topic_filter
         self.shown = f"{address}/{topic_filter}"  # Where messages come from, without secrets
-        self._address = address
-        self._name = name
+        self._address, self._topic_filter, self._name = address, topic_filter, name
         self._running: asyncio.Task[None] | None = None
-
-    @classmethod
-    def parse(cls, url: str, access: dict[str, Any], name: str, *, expected: str) -> BrokerSource:
-        """The source at mqtt://HOST:PORT/FILTER; raises `PlotfeedError`.
-
-        `access` holds the keyword arguments of `BrokerAddress.parse`, `expected` is for the error.
-        """
-        scheme, _, rest = url.partition("://")
-        if scheme not in DEFAULT_PORTS:
-            raise AddressError(f"{without_secrets(url)!r}: expected {expected}")
-        place, _, topic_filter = rest.partition("/")
-        address = BrokerAddress.parse(f"{scheme}://{place}", **access)
-        return cls(address, topic_filter or DEFAULT_FILTER, name)
 
     async def open(self, receive: Callable[[Recorded], None]) -> None:
         """Call `receive` with each message from now on; raises `PlotfeedError` without a broker."""
         link = MqttTransport(
             self._address,
             self._name,
-            subscribe=[self.topic_filter],
+            subscribe=[self._topic_filter],
             on_received=lambda message: receive(recorded_of(message, time.time_ns())),
         )
         self._running = asyncio.create_task(link.run(), name=f"link[{self._name}]")
@@ -276,9 +261,13 @@ def source_of(
             return UdpSource(Endpoint.parse(place.rstrip("/")), interface if mark else None)
         except ValueError as error:
             raise AddressError(f"{without_secrets(url)}: {error}") from None
-    source = BrokerSource.parse(url, access, name, expected=expected)
-    checked_topic_filter(source.topic_filter)
-    return source
+    if scheme not in DEFAULT_PORTS:
+        raise AddressError(f"{without_secrets(url)!r}: expected {expected}")
+    place, _, topic_filter = rest.partition("/")
+    address = BrokerAddress.parse(f"{scheme}://{place}", **access)
+    topic_filter = topic_filter or DEFAULT_FILTER
+    checked_topic_filter(topic_filter)
+    return BrokerSource(address, topic_filter, name)
 
 
 def record_source(url: str, target: Path, access: dict[str, Any], settings: RecordSettings) -> int:
@@ -398,23 +387,13 @@ class _Recording:
 MAX_WAITING_LINES = 100_000
 
 
-def show_live(
+async def show_live(
     source: CaptureSource,
     lines_of: Callable[[Recorded], Iterator[str]],
-    *,
     count: int | None,
     duration_s: float | None,
 ) -> int:
     """Print so many of the lines of its messages, for so long; the exit code."""
-    return asyncio.run(_shown(source, lines_of, count, duration_s))
-
-
-async def _shown(
-    source: CaptureSource,
-    lines_of: Callable[[Recorded], Iterator[str]],
-    count: int | None,
-    duration_s: float | None,
-) -> int:
     lines: asyncio.Queue[str] = asyncio.Queue(MAX_WAITING_LINES)
     dropped = 0
 

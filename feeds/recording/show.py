@@ -276,6 +276,8 @@ def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> 
         return show_file(Path(source), settings)
     if settings.stages:
         raise PlotfeedError("--stage: only of a file")
+    import asyncio
+
     from plotfeed.feeds.recording.record import LIVE, show_live, source_of  # and what sends
 
     live = source_of(source, access, "plotfeed-show", f"a file, {LIVE}")
@@ -283,7 +285,7 @@ def show_source(source: str, access: dict[str, Any], settings: ShowSettings) -> 
     def lines_of(message: Recorded) -> Iterator[str]:
         return _content_lines(message, settings) if settings.chooses(message) else iter(())
 
-    return show_live(live, lines_of, count=settings.count, duration_s=settings.duration)
+    return asyncio.run(show_live(live, lines_of, settings.count, settings.duration))
 
 
 def show_file(path: Path, settings: ShowSettings) -> int:
