@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any, TypeVar
@@ -214,11 +213,13 @@ def send_all(departures: Sequence[Departure[T]], complete: Callable[[Sequence[T]
     passes no link goes first, else the order is that of the departures. `complete` is told of
     departures of whose messages it is known what became of all.
     """
-    over_link = [each for each in departures if each[1] and each[1][0].over_link]
     past_link = [each for each in departures if not (each[1] and each[1][0].over_link)]
+    in_order = departures
+    if len(past_link) < len(departures):
+        in_order = [*past_link, *(each for each in departures if each[1] and each[1][0].over_link)]
     of_transport: dict[Transport, list[Message]] = {}
     leaving: list[Sequence[Message]] = []
-    for outbox, messages, _ in [*past_link, *over_link]:
+    for outbox, messages, _ in in_order:
         settles = len(outbox.transports)
         for one in messages:
             one.client, one.unsettled = outbox, settles
@@ -230,16 +231,17 @@ def send_all(departures: Sequence[Departure[T]], complete: Callable[[Sequence[T]
             of_transport.setdefault(transport, []).extend(now)
     taken = given(of_transport.items())
     done: list[T] = []
-    sent: Counter[tuple[SessionCounters, int]] = Counter()
+    sent: dict[tuple[SessionCounters, int], int] = {}
     transports: Sequence[Transport] | None = None
     now_ns = departures[0][0].now_ns() if departures else 0
-    for (outbox, messages, what), now in zip([*past_link, *over_link], leaving, strict=True):
-        if transports != outbox.transports:  # which clients of a session often have alike
-            transports = outbox.transports
+    for (outbox, messages, what), now in zip(in_order, leaving, strict=True):
+        if transports is not outbox.transports and transports != outbox.transports:
+            transports = outbox.transports  # which clients of a session often have alike
             sent_ns = [taken[transport] for transport in transports if transport in taken]
             at_utc_ns = max(sent_ns, default=now_ns)
         if count := outbox._note_taken(now, sent_ns, at_utc_ns):
-            sent[outbox.totals, at_utc_ns - now[0].leaves_utc_ns] += count
+            alike = outbox.totals, at_utc_ns - now[0].leaves_utc_ns
+            sent[alike] = sent.get(alike, 0) + count
         outbox._tell(messages, now)
         if count < len(messages) and (waiting := [one for one in messages if not one.fate]):
             outbox._open.update(dict.fromkeys(waiting))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
 SPARE_NS = 1_000_000  # Less than this before a deadline, nothing else is begun
-# What can wait is done together, at multiples of this, after what is due just then.
+# What can wait is done together, at multiples of this or longer, after what is due just then.
 LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
 NEVER_NS = 1 << 63
 # Messages sent in simulated time, and entries written, before anything else has its turn.
@@ -48,7 +48,9 @@ class SessionLoop(Generic[T]):
         self.schedule = schedule
         self.waited = 0  # How often the session waited for a way out to have room
         self.slept_ns = 0  # For how long nothing was due
-        self._clock = clock
+        # What is worked out at once: what can wait is done no more often than that.
+        self.stretch_ns = 0
+        self._clock, self._is_simulated = clock, isinstance(clock, InstantClock)
         self._inputs = inputs
         # Called when something has come in, after nothing waited.
         self.on_input: Callable[[], object] | None = None
@@ -67,14 +69,15 @@ class SessionLoop(Generic[T]):
 
     def later(self, items: Sequence[T]) -> None:
         """Write them with others, soon, when nothing is due; or when too much waits for that."""
-        waiting, is_simulated = self._later, isinstance(self._clock, InstantClock)
+        waiting = self._later
         begins = not waiting
         for item in items:
             if len(waiting) >= MAX_LATER:
-                self._do_later(MAX_LATER if is_simulated else ENTRIES_AT_ONCE)
+                self._do_later(MAX_LATER if self._is_simulated else ENTRIES_AT_ONCE)
             waiting.append(item)
         if self._later_ns is None:
-            every_ns = LATER_EVERY_SIMULATED_NS if is_simulated else LATER_EVERY_NS
+            least_ns = LATER_EVERY_SIMULATED_NS if self._is_simulated else LATER_EVERY_NS
+            every_ns = max(least_ns, self.stretch_ns)
             self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns
             self.schedule.put(self._later_ns, self._begin_later, ActionKind.BETWEEN)
         if begins and self._stands_still():
@@ -123,7 +126,7 @@ class SessionLoop(Generic[T]):
     def _begin_later(self) -> None:
         """Let it be the turn of what waits; simulated time has all the time for that."""
         self._later_ns, self._is_turn_of_later = None, True
-        if isinstance(self._clock, InstantClock):
+        if self._is_simulated:
             self.do_all_later()
 
     def _do_later(self, most: int) -> None:
@@ -178,8 +181,7 @@ class SessionLoop(Generic[T]):
     def _stands_still(self) -> bool:
         """Whether the next deadline waits for somebody who lets time go on."""
         due_ns, clock = self.schedule.next_due_ns(), self._clock
-        is_instant = isinstance(clock, InstantClock)
-        return not is_instant and due_ns is not None and clock.stands_before(due_ns)
+        return not self._is_simulated and due_ns is not None and clock.stands_before(due_ns)
 
 
 async def first_of(work: Coroutine[None, None, None], stop: asyncio.Event) -> None:

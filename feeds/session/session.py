@@ -65,7 +65,7 @@ STAND_BY_S = 0.02
 # Real time that a tick spends on what has come in; the rest waits for the next.
 INTAKE_NS = TICK_NS // 2
 # Worked out by one tick where time is simulated: beyond, a sector hardly costs less any more.
-MOST_SECTORS, MOST_TICKS = 512, 1000
+MOST_SECTORS, MOST_TICKS = 512, 4000
 # Of real time, 50 ms: at most so much is worked out by one tick where the clock is held back.
 TICKS_BEHIND = 5
 
@@ -538,6 +538,7 @@ class Session:
         if too_late_ns:  # by steps as long as when it joins: else it would be late for ever
             ticks = max(ticks, min(now_ns // TICK_NS - k, LONGEST_NS // TICK_NS))
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
+        self._loop.stretch_ns = ticks * TICK_NS
         due: dict[int, list[tuple[int, Departure[Kept]]]] = defaultdict(list)
         engine = self.engine
         if engine.cooperative is not None and not self.clock.can_wait:
