@@ -33,7 +33,7 @@ LOWEST := tests/replay/mcap/test_mcap_reader.py tests/replay/test_parquet.py \
 # Where that is set, every command that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test environments test-lowest lint audit bench fuzz mutations soak verdicts proto pages pictures docs lock clean
+.PHONY: demo test environments test-lowest lint audit bench fuzz mutations mutants soak verdicts proto pages pictures docs lock clean
 
 demo: .venv/.ready
 	$(BIN)/plotfeed demo $(ARGS)
@@ -90,7 +90,7 @@ audit: .venv-audit/.ready
 	mkdir -p .node && touch $@
 
 # Each with what may not be in one environment with the rest.
-APART := $(patsubst %,.venv-%/.ready,audit docs tables utm lowest)
+APART := $(patsubst %,.venv-%/.ready,audit docs mutants tables utm lowest)
 $(APART): .venv-%/.ready: requirements/%.txt .venv/.ready
 	test -x $(@D)/bin/python || $(BIN)/uv --quiet venv --python $(BIN)/python $(@D)
 	$(UV) sync --python $(@D)/bin/python --require-hashes $<
@@ -123,6 +123,10 @@ verdicts: .venv/.ready-test
 # Which of the faults in tools/mutations/faults.toml no test notices: an hour; ARGS chooses some.
 mutations: .venv/.ready-test
 	$(BIN)/python tools/mutations/plant_faults.py $(ARGS)
+
+# Which changes of a sign, a number or a comparison no test notices, drawn from lines that are new.
+mutants: .venv/.ready-test .venv-mutants/.ready
+	.venv-mutants/bin/python tools/mutations/mutate_changes.py $(ARGS)
 
 # What of the documentation is written from the code alone, in seconds.
 pages: .venv/.ready-test
