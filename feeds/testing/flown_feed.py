@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -21,7 +21,15 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.ledger import entries_in
+from plotfeed.proto.errors import DecodeError
+from plotfeed.proto.ledger import (
+    LedgerTables,
+    ToldEntries,
+    ToldLooks,
+    ToldPlots,
+    entries_in,
+    tables_of,
+)
 from plotfeed.proto.utc import NS
 
 START_NS = 1_700_000_000 * NS
@@ -99,35 +107,48 @@ class Feed:
         return [record for block in blocks for record in decode(block)]
 
     @cached_property
+    def _told(self) -> LedgerTables:
+        payloads = self.payloads("truth")
+        told = tables_of(payloads)
+        if len(np.unique(told.entries.payload)) < len(payloads):
+            raise DecodeError("a message on the truth topic is no ledger")
+        return told
+
+    @cached_property
     def _looks(self) -> dict[str, FeedTable]:
-        names = [f.name for f in pb.Look.DESCRIPTOR.fields]
-        rows: dict[str, list[tuple[Any, ...]]] = {entry.sensor: [] for entry in self.ledgers}
-        for entry in self.ledgers:
-            rows[entry.sensor] += [
-                (entry.scan, entry.sector, *(getattr(look, name) for name in names))
-                for look in entry.looks
-            ]
-        return {sensor: _table(of, ["scan", "sector", *names]) for sensor, of in rows.items()}
+        told = self._told
+        names = [field.name for field in pb.Look.DESCRIPTOR.fields]
+        looks = FeedTable(_columns(told.looks, told.entries, names))
+        sensors = told.entries.sensor
+        return {of: looks.rows(sensors[told.looks.entry] == of) for of in set(sensors.tolist())}
 
     def _plots(self, sensor: str) -> FeedTable:
-        truths = [entry for entry in self.ledgers if entry.sensor == sensor]
+        told = self._told.of(np.flatnonzero(self._told.entries.sensor == sensor))
+        true = _columns(told.plots, told.entries, ["drone", *_known(pb.PlotTruth)])
         batches = [pb.PlotBatch.FromString(p) for p in self.payloads(f"{sensor}/plots")]
-        measured, true = _known(pb.Plot), ["drone", *_known(pb.PlotTruth)]
-        rows = []
-        for entry, batch in zip(truths, batches, strict=True):
-            for plot, truth in zip(batch.plots, entry.plots, strict=True):
-                of = (entry.scan, entry.sector), (batch.scan, batch.sector)
-                if of[0] != of[1] or plot.time_utc_ns != truth.time_utc_ns:
-                    raise ValueError(f"{sensor}: {of}: plots and ledger are of different sectors")
-                rows.append((*of[0], *_values(plot, measured), *_values(truth, true)))
-        table = _table(rows, ["scan", "sector", *measured, *(f"true_{name}" for name in true)])
-        table.columns["drone"] = table.columns.pop("true_drone")
+        plots = [
+            {"scan": batch.scan, "sector": batch.sector}
+            | {field.name: value for field, value in plot.ListFields()}
+            for batch in batches
+            for plot in batch.plots
+        ]
+        columns = {
+            name: np.array([plot.get(name, np.nan) for plot in plots])
+            for name in ("scan", "sector", *_known(pb.Plot))
+        }
+        sectors = [*zip(told.entries.scan.tolist(), told.entries.sector.tolist(), strict=True)]
+        if sectors != [(batch.scan, batch.sector) for batch in batches] or not all(
+            np.array_equal(columns[name], true[name]) for name in ("scan", "sector", "time_utc_ns")
+        ):
+            raise ValueError(f"{sensor}: plots and ledger are of different sectors")
+        drone = true.pop("drone")
+        columns |= {f"true_{name}": column for name, column in true.items()} | {"drone": drone}
         if records := self.records(sensor, 48):
-            table.columns.update(
-                (name, np.array([r.get(path) for r in records], dtype=np.float64))
+            columns |= {
+                name: np.array([r.get(path) for r in records], dtype=np.float64)
                 for name, path in ASTERIX_048.items()
-            )
-        return table
+            }
+        return FeedTable(columns)
 
 
 def fly(
@@ -167,12 +188,11 @@ def _known(message: type[pb.Plot | pb.PlotTruth]) -> list[str]:
     return ["time_utc_ns", *(f.name for f in message.DESCRIPTOR.fields if f.has_presence)]
 
 
-def _values(message: pb.Plot | pb.PlotTruth, names: Sequence[str]) -> Iterator[Any]:
-    for name in names:
-        is_there = name in ("drone", "time_utc_ns") or message.HasField(name)
-        yield getattr(message, name) if is_there else np.nan
-
-
-def _table(rows: list[tuple[Any, ...]], names: list[str]) -> FeedTable:
-    columns = list(zip(*rows, strict=True)) or [()] * len(names)
-    return FeedTable({name: np.array(column) for name, column in zip(names, columns, strict=True)})
+def _columns(
+    table: ToldLooks | ToldPlots, of: ToldEntries, names: Sequence[str]
+) -> dict[str, Array]:
+    """Columns by the names of the messages' fields, with the scan and the sector of each row."""
+    held = vars(table) | {"time_utc_ns": table.t_utc_ns}
+    columns = {"scan": of.scan[table.entry], "sector": of.sector[table.entry]}
+    texts = ("drone", "other")
+    return columns | {n: held[n].astype(str) if n in texts else held[n] for n in names}

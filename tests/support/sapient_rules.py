@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import Any
 
+from google.protobuf.descriptor import Descriptor
 from google.protobuf.message import Message
 from sapient_msg import proto_options_pb2 as options
 from sapient_msg.bsi_flex_335_v2_0.detection_report_pb2 import DetectionReport
@@ -65,22 +67,30 @@ def checked_together(messages: Sequence[SapientMessage]) -> None:
             assert message.status_report.system == system
 
 
+@cache
+def _marks(kind: Descriptor) -> tuple[list[str], dict[str, Any]]:
+    """What the standard marks in a kind of message: its mandatory choices, and of each field."""
+    oneofs: Any = options.oneof_options
+    fields: Any = options.field_options
+    return (
+        [one.name for one in kind.oneofs if one.GetOptions().Extensions[oneofs].is_mandatory],
+        {field.name: field.GetOptions().Extensions[fields] for field in kind.fields},
+    )
+
+
 def _faults(message: Message, path: str) -> Iterator[str]:
-    present = {field.name: value for field, value in message.ListFields()}
-    for oneof in message.DESCRIPTOR.oneofs:
-        marked: Any = oneof.GetOptions().Extensions[options.oneof_options]  # type: ignore[index]
-        if marked.is_mandatory and message.WhichOneof(oneof.name) is None:
-            yield f"{path}: none of {oneof.name}"
-    for field in message.DESCRIPTOR.fields:
-        here = f"{path}.{field.name}"
-        marks: Any = field.GetOptions().Extensions[options.field_options]  # type: ignore[index]
-        if field.name not in present:
-            if marks.is_mandatory:
-                yield f"{here}: missing"
-            continue
-        values = list(present[field.name]) if field.is_repeated else [present[field.name]]
-        for value in values:
-            yield from _value_faults(field, marks, value, here)
+    choices, marks = _marks(message.DESCRIPTOR)
+    present = {field.name: (field, value) for field, value in message.ListFields()}
+    for name in choices:
+        if message.WhichOneof(name) is None:
+            yield f"{path}: none of {name}"
+    for name, of_field in marks.items():
+        if name in present:
+            field, value = present[name]
+            for each in value if field.is_repeated else [value]:
+                yield from _value_faults(field, of_field, each, f"{path}.{name}")
+        elif of_field.is_mandatory:
+            yield f"{path}.{name}: missing"
 
 
 def _value_faults(field: Any, marks: Any, value: Any, here: str) -> Iterator[str]:

@@ -97,10 +97,10 @@ def test_the_list_of_commands_has_whole_summaries() -> None:
 
 # What makes an example end soon, or go to the broker of the test.
 ENDS = {
-    "demo --duration 60": SIMULATED,
+    "demo --duration 60": f"{SIMULATED} --duration 5",
     "demo stadium": f"{SIMULATED} --duration 5",
     "run here.toml --record there.mcap": f"{SIMULATED} --duration 70",
-    "run here.toml --speed max --duration 60 --write here.ast": "--broker none",
+    "run here.toml --speed max --duration 60 --write here.ast": "--broker none --duration 20",
     "fleet here.toml --workers 2 --broker mqtt://127.0.0.1:1883": "--duration 2",
     "inject flight.srt --now --set takeoff_height_m=650": "--broker {broker}",
     "inject mavlink:udpin:127.0.0.1:14550 --set ask_hz=5": "--broker {broker} --duration 2",
@@ -109,6 +109,14 @@ ENDS = {
     ),
     "sweep here.toml there.toml --vary link.latency_ms=0,250 --out two": (
         "--runs 1 --duration 1 --processes 1"
+    ),
+    **dict.fromkeys(
+        (
+            "needs here.toml --matters 5% --runs 4 --duration 10",
+            "needs here.toml --runs 4 --duration 10 --lean lean.toml",
+            "chart here.toml --runs 4 --duration 10 --chart choices.png",
+        ),
+        "--runs 2 --duration 2",
     ),
     "show mqtt://127.0.0.1:1883/plotfeed/#": "--count 3",
     "record mqtt://127.0.0.1:1883/plotfeed/# heard.mcap": "--count 3",

@@ -59,10 +59,14 @@ SENSORS: dict[str, dict[str, Any]] = {
     },
     **{name: {"preset": name} | ZOOMED_OUT.get(name, {}) for name in names()},
 }  # fmt: skip
+# The nearest have all emissions.
 DRONES = [
-    held(f"d{i}", 30.0 * i, 6.0, range_m, rcs_m2=1.0, sound_power_db=110.0, emitters=EMITTERS)
+    held(
+        f"d{i}", 30.0 * i, 6.0, range_m, rcs_m2=1.0, sound_power_db=110.0,
+        emitters=EMITTERS if range_m == 90.0 else EMITTERS[:1],
+    )
     for i, range_m in enumerate((90.0, 200.0, 400.0, 1000.0) * 3)
-]
+]  # fmt: skip
 MANNERS: dict[str, dict[str, Any]] = {
     "plain": {},
     "of a class": {"default_class": "Air Vehicle", "default_class_confidence": 0.8},
@@ -145,10 +149,10 @@ def confidences(name: str, **settings: Any) -> tuple[NDArray[Any], NDArray[Any]]
     """Of detections of drones, and of false alarms."""
     sensor = {**SENSORS[name.replace("-", " ")], "id": name, "report": ["sapient"]}
     if "pfa" in sensor:
-        sensor["pfa"] = 1e-3 if name == "names-all" else 1e-4
+        sensor["pfa"] = 1e-3 if name == "names-all" else 1e-5
     road = fly(scene([sensor], DRONES, seed=10, sapient=settings), 4.0)
     plots = [plot for entry in road.ledgers for plot in entry.plots]
-    reports = [checked(payload) for payload in road.payloads(f"{name}/sapient")]
+    reports = [SapientMessage.FromString(p) for p in road.payloads(f"{name}/sapient")]
     told = np.array(
         [m.detection_report.detection_confidence for m in reports if m.HasField("detection_report")]
     )
