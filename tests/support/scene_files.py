@@ -8,6 +8,9 @@ from typing import Any
 
 from support.brokers import free_port
 
+ORIGIN = "http://127.0.0.1:8000"
+FOR_BROWSERS = f'[mqtt.embedded]\nwebsocket_origins = ["{ORIGIN}"]'  # Lets a page of that origin in
+
 RADAR = """
 [[sensor]]
 id = "{id}"

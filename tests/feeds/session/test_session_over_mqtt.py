@@ -15,8 +15,7 @@ import pytest
 from support import command
 from support.brokers import free_port, is_listening, mosquitto, wait_until_silent
 from support.command import Running
-from support.mqtt_websocket import FOR_BROWSERS
-from support.scene_files import radar, scene_file, scene_text
+from support.scene_files import FOR_BROWSERS, radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.link.counters import SessionCounters

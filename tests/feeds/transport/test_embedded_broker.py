@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 from support.brokers import deaf_server, free_port, port_is_taken, wait_until_silent
 from support.command import plotfeed, running
-from support.mqtt_websocket import FOR_BROWSERS
-from support.scene_files import radar, scene_file, scene_text
+from support.scene_files import FOR_BROWSERS, radar, scene_file, scene_text
 from support.waiting import wait_until
 
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
