@@ -7,6 +7,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Self
 from uuid import uuid4
@@ -45,6 +46,7 @@ class MqttReceiver:
         self.version = version
         self.heard: list[MqttMessage] = []  # All that came, in order
         self.ended = False  # Whether the broker has ended the connection
+        self._has_left = False
         self._news = threading.Condition()
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
         try:
@@ -132,12 +134,14 @@ class MqttReceiver:
             return [m.payload for m in self.heard if m.topic == topic]
 
     def close(self) -> None:
-        """Say goodbye and end the connection."""
-        try:
+        """Say goodbye, and end the connection once the broker has: it has read what was published.
+
+        What it still sends is read: a connection that ends with octets unread is reset.
+        """
+        with suppress(OSError):
+            self._has_left = True
             self._send(0xE0, b"")
-            self._socket.shutdown(socket.SHUT_RDWR)
-        except OSError:
-            pass
+            self._socket.shutdown(socket.SHUT_WR)
         self._reader.join(PATIENCE_S)
         self._socket.close()
 
@@ -183,7 +187,8 @@ class MqttReceiver:
             return
         topic, rest = _take_text(body)
         if kind & 0x06:
-            self._send(0x40, rest[:2])
+            if not self._has_left:
+                self._send(0x40, rest[:2])
             rest = rest[2:]
         properties: dict[str, Any] = {}
         if self.version == 5:
