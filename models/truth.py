@@ -8,11 +8,11 @@ that one flight can be seen from any number of sites.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections import UserList
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from heapq import heapify, heappop
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Self, overload
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,54 +56,46 @@ class Emissions(Columns):
     share: Floats | None = None
 
 
-class EmitterTable(Sequence[tuple[Emitter, ...]]):
-    """The emitters of every drone, by its index; a drone's may be set anew at little cost."""
+class EmitterTable(UserList[tuple[Emitter, ...]]):
+    """The emitters of every drone, by its index; a drone's may be set anew at little cost.
+
+    Their columns are made when they are asked for. What is put anew is put behind all others, as
+    long as there is room for it: else all are made again.
+    """
 
     def __init__(self, emitters: Iterable[tuple[Emitter, ...]] = ()) -> None:
-        self._of_drones = list(emitters)
-        self._columns: _EmitterColumns | None = None
+        super().__init__(emitters)
+        self._numbers: Floats | None = None  # (3, rows)
+        self._texts: NDArray[np.object_] = np.zeros((2, 0), np.object_)
+        # Of each drone's, which follow each other.
+        self._first: Ints = np.zeros(0, np.int64)
+        self._count: Ints = np.zeros(0, np.int64)
+        self._used = 0
 
     @classmethod
     def of(cls, emitters: Sequence[tuple[Emitter, ...]]) -> EmitterTable:
         """The table that those are, or one of them."""
         return emitters if isinstance(emitters, EmitterTable) else cls(emitters)
 
-    def __len__(self) -> int:
-        return len(self._of_drones)
-
-    @overload
-    def __getitem__(self, drone: int) -> tuple[Emitter, ...]: ...
-    @overload
-    def __getitem__(self, drone: slice) -> list[tuple[Emitter, ...]]: ...
-    def __getitem__(self, drone: Any) -> Any:
-        return self._of_drones[drone]
-
-    def __iter__(self) -> Iterator[tuple[Emitter, ...]]:
-        return iter(self._of_drones)
-
-    def __setitem__(self, drone: int, emitters: tuple[Emitter, ...]) -> None:
-        if emitters == self._of_drones[drone]:
-            return
-        self._of_drones[drone] = emitters
-        if self._columns is not None and not self._columns.put(drone, emitters):
-            self._columns = None
+    def __setitem__(self, drone: Any, emitters: Any) -> None:
+        if emitters != self.data[drone]:
+            self.data[drone] = emitters
+            self._put(drone)
 
     def append(self, emitters: tuple[Emitter, ...]) -> None:
         """Add a drone's."""
-        self._of_drones.append(emitters)
-        drone = len(self._of_drones) - 1
-        if self._columns is not None and not self._columns.put(drone, emitters):
-            self._columns = None
+        self.data.append(emitters)
+        self._put(len(self.data) - 1)
 
     def cut(self, drones: int) -> None:
         """Keep those of so many drones, the first ones, and no room for more."""
-        del self._of_drones[drones:]
-        self._columns = None
+        del self.data[drones:]
+        self._numbers = None
 
     def emissions(self, drones: Ints) -> Emissions:
         """Emissions of targets that are those drones, a row an emitter, in the order of targets."""
-        columns = self._made()
-        first, count = columns.first[drones], columns.count[drones]
+        numbers = self._made()
+        first, count = self._first[drones], self._count[drones]
         if (count == 1).all():
             target, channel, emitter = np.arange(len(drones)), np.zeros(len(drones), int), first
         else:
@@ -114,68 +106,45 @@ class EmitterTable(Sequence[tuple[Emitter, ...]]):
             target=target,
             channel=channel,
             emitter=emitter,
-            frequency_hz=columns.numbers[0, emitter],
-            bandwidth_hz=columns.numbers[1, emitter],
-            eirp_dbm=columns.numbers[2, emitter],
+            frequency_hz=numbers[0, emitter],
+            bandwidth_hz=numbers[1, emitter],
+            eirp_dbm=numbers[2, emitter],
         )
 
     def kinds(self, emissions: Emissions) -> Texts:
         """Kinds of emissions that are from here; (n,)."""
-        return np.asarray(self._made().texts[0, emissions.emitter])
+        return np.asarray(self._texts[0, emissions.emitter])
 
     def identities(self, emissions: Emissions) -> Texts:
         """What emissions that are from here say when they are decoded; (n,)."""
-        return np.asarray(self._made().texts[1, emissions.emitter])
+        return np.asarray(self._texts[1, emissions.emitter])
 
-    def _made(self) -> _EmitterColumns:
-        if self._columns is None:
-            self._columns = _EmitterColumns.of(self._of_drones)
-        return self._columns
+    def _made(self) -> Floats:
+        """Numbers of all emitters, with room for as many again."""
+        if self._numbers is None:
+            rows, drones = 2 * sum(map(len, self.data)) + 16, len(self.data)
+            self._numbers, self._texts = np.zeros((3, rows)), np.full((2, rows), "", np.object_)
+            self._first, self._count = np.zeros((2, drones), np.int64)
+            self._used = 0
+            for drone, emitters in enumerate(self.data):
+                if emitters:
+                    self._put(drone)
+        return self._numbers
 
-
-@dataclass(slots=True)
-class _EmitterColumns:
-    """Numbers (3, rows) and texts (2, rows) of emitters; those of a drone follow each other.
-
-    What is put anew is put behind all others, as long as there is room for it.
-    """
-
-    numbers: Floats
-    texts: NDArray[np.object_]
-    first: Ints
-    count: Ints
-    used: int = 0
-
-    @classmethod
-    def of(cls, of_drones: Sequence[tuple[Emitter, ...]]) -> Self:
-        """Columns with room for as many emitters again."""
-        rows, drones = 2 * sum(map(len, of_drones)) + 16, len(of_drones)
-        made = cls(
-            np.zeros((3, rows)),
-            np.full((2, rows), "", np.object_),
-            np.zeros(drones, np.int64),
-            np.zeros(drones, np.int64),
+    def _put(self, drone: int) -> None:
+        """Put a drone's emitters into columns that are made already, if there is room."""
+        emitters, start = self.data[drone], self._used
+        end = start + len(emitters)
+        if self._numbers is None or end > self._numbers.shape[1]:
+            self._numbers = None
+            return
+        self._first, self._count = (
+            with_room(column, drone + 1) for column in (self._first, self._count)
         )
-        for drone, emitters in enumerate(of_drones):
-            if emitters:
-                made.put(drone, emitters)
-        return made
-
-    def put(self, drone: int, emitters: tuple[Emitter, ...]) -> bool:
-        """Put a drone's emitters in; False if there is no room."""
-        start, end = self.used, self.used + len(emitters)
-        if end > self.numbers.shape[1]:
-            return False
-        if drone >= len(self.first):
-            self.first, self.count = (
-                with_room(column, drone + 1) for column in (self.first, self.count)
-            )
         for i, e in enumerate(emitters, start):
-            self.numbers[:, i] = e.frequency_hz, e.bandwidth_hz, e.eirp_dbm
-            self.texts[:, i] = e.kind, e.identity
-        self.first[drone], self.count[drone] = start, len(emitters)
-        self.used = end
-        return True
+            self._numbers[:, i] = e.frequency_hz, e.bandwidth_hz, e.eirp_dbm
+            self._texts[:, i] = e.kind, e.identity
+        self._first[drone], self._count[drone], self._used = start, len(emitters), end
 
 
 COLUMNS = ("_rcs_m2", "_sound_power_db", "_size_m", "_target_class", "_model")
@@ -550,19 +519,19 @@ MAX_TRACKS = 256
 _NOWHERE = np.zeros((4, 3))
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class KnownTrack:
-    """Samples of a drone, in the order of time."""
+    """Samples of a drone, (n, 3) in the order of time."""
 
+    t_utc_ns: list[int]
+    position_ecef_m: Floats
+    velocity_ecef_m_s: Floats
     max_gap_ns: int
     """A longer gap between samples is not bridged: the drone was gone meanwhile."""
     tail_ns: int
     """How long the drone lives on past its last sample."""
     period_ns: int = 0
     """The path starts again after this; 0 for never."""
-    t_utc_ns: list[int] = field(default_factory=list)
-    position_ecef_m: list[Floats] = field(default_factory=list)
-    velocity_ecef_m_s: list[Floats] = field(default_factory=list)
     starts: frozenset[int] = frozenset()
     """Indices of samples to which no path leads from the one before."""
 
@@ -571,13 +540,14 @@ class KnownTrack:
         cls, t_utc_ns: Sequence[int], position_ecef_m: Floats, *, repeat: bool = False
     ) -> Self:
         """A path of constant velocity between knots (k, 3), gone after the last one."""
-        track = cls(FOREVER_NS, 0)
-        for (t0, p0), (t1, p1) in pairwise(zip(t_utc_ns, position_ecef_m, strict=True)):
-            velocity = (p1 - p0) / ((t1 - t0) / NS)
-            track.append(t0, p0, velocity)
-            track.append(t1, p1, velocity)
-        track.period_ns = t_utc_ns[-1] - t_utc_ns[0] if repeat else 0
-        return track
+        velocity_m_s = np.diff(position_ecef_m, axis=0) / (np.diff(t_utc_ns) / NS)[:, None]
+        begins_and_ends = np.repeat(np.arange(len(t_utc_ns)), 2)[1:-1]
+        return cls.smooth(
+            [t_utc_ns[i] for i in begins_and_ends.tolist()],
+            position_ecef_m[begins_and_ends],
+            np.repeat(velocity_m_s, 2, axis=0),
+            repeat=repeat,
+        )
 
     @classmethod
     def smooth(
@@ -589,21 +559,12 @@ class KnownTrack:
         repeat: bool = False,
     ) -> Self:
         """A path by the cubics through knots with velocities (k, 3), gone after the last one."""
-        track = cls(FOREVER_NS, 0)
-        track.t_utc_ns = [*t_utc_ns]
-        track.position_ecef_m, track.velocity_ecef_m_s = [*position_ecef_m], [*velocity_ecef_m_s]
-        track.period_ns = t_utc_ns[-1] - t_utc_ns[0] if repeat else 0
-        return track
+        period_ns = t_utc_ns[-1] - t_utc_ns[0] if repeat else 0
+        return cls([*t_utc_ns], position_ecef_m, velocity_ecef_m_s, FOREVER_NS, 0, period_ns)
 
     def later(self, by_ns: int) -> KnownTrack:
         """A path that is the same, so much later."""
         return replace(self, t_utc_ns=[t_utc_ns + by_ns for t_utc_ns in self.t_utc_ns])
-
-    def append(self, t_utc_ns: int, position_ecef_m: Floats, velocity_ecef_m_s: Floats) -> None:
-        """Add a sample, later than all others."""
-        self.t_utc_ns.append(t_utc_ns)
-        self.position_ecef_m.append(position_ecef_m)
-        self.velocity_ecef_m_s.append(velocity_ecef_m_s)
 
     def span_ns(self, _drone: int) -> tuple[int, int]:
         """The times of the first and the last sample."""
@@ -876,9 +837,14 @@ class Trajectories:
         fitted = within_speed(fitted, self._max_speed_m_s)
         axes = axes_enu(latitude_deg, longitude_deg)
         velocity_ecef_m_s = _velocity_ecef(axes, velocity_enu_m_s, to_fit, fitted)
-        track = KnownTrack(self.stale_after_ns, self.stale_after_ns, starts=frozenset(starts))
-        for sample in zip(t_utc_ns.tolist(), position_ecef_m, velocity_ecef_m_s, strict=True):
-            track.append(*sample)
+        track = KnownTrack(
+            t_utc_ns.tolist(),
+            position_ecef_m,
+            velocity_ecef_m_s,
+            self.stale_after_ns,
+            self.stale_after_ns,
+            starts=frozenset(starts),
+        )
         self.add_track(drone, track, signature)
         return track
 
