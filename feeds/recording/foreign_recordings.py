@@ -19,7 +19,13 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from plotfeed.feeds.console.posix import confine_process
-from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, MIB, broken_or_beyond, process_apart
+from plotfeed.feeds.telemetry.foreign_files import (
+    FILE_LIMITS,
+    MIB,
+    broken_or_beyond,
+    process_apart,
+    why_not,
+)
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.asterix_files import RawReader
 from plotfeed.replay.files import FileFormat, Recording, format_of, reading
@@ -222,17 +228,9 @@ def main() -> None:
             _write(out, recording, asked, together=MOST_TOGETHER if file.seekable() else 1)
     except BrokenPipeError:  # nobody wants more
         return
-    except PlotfeedError as error:
-        why = str(error)
-    except MemoryError:
-        why = f"reading it takes more than {limits.memory_mib} MiB"
     except Exception as error:  # noqa: BLE001 - of what unpacks it, which raises what it likes
-        line = " ".join(str(error).split())[:200] or type(error).__name__
-        why = f"not a recording that can be read: {line}"
-    else:
-        return
-    out.write(json.dumps({"error": why}).encode() + b"\n")
-    out.flush()
+        out.write(json.dumps({"error": why_not(KIND, KIND, error)}).encode() + b"\n")
+        out.flush()
 
 
 def _write(out: BinaryIO, recording: Recording, asked: Wanted, *, together: int) -> None:

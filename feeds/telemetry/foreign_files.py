@@ -87,6 +87,16 @@ def broken_or_beyond(kind: str) -> str:
     )
 
 
+def why_not(kind: str, what: str, error: Exception) -> str:
+    """Why a process that reads that kind finds nothing, in a line, by what its reader raised."""
+    if isinstance(error, PlotfeedError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"reading it takes more than {FILE_LIMITS[kind].memory_mib} MiB"
+    line = " ".join(str(error).split())[:200] or type(error).__name__
+    return f"not a {what} that can be read: {line}"
+
+
 def file_octets(path: Path, kind: str) -> bytes:
     """All octets of a file of that kind; raises `PlotfeedError`."""
     most = FILE_LIMITS[kind].octets

@@ -16,7 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.console.posix import confine_process
-from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, MIB, MOST_UNPACKED, SPARE_OCTETS
+from plotfeed.feeds.telemetry.foreign_files import (
+    FILE_LIMITS,
+    MIB,
+    MOST_UNPACKED,
+    SPARE_OCTETS,
+    why_not,
+)
 from plotfeed.proto.errors import PlotfeedError
 
 MARKUP, ULOG = FILE_LIMITS["GPX or KML"], FILE_LIMITS["ULog"]
@@ -226,13 +232,8 @@ def found_in(kind: str, source: bytes | str) -> dict[str, Any]:
     """What the reader of that kind finds, as `found`; or why it finds nothing, as `error`."""
     try:
         return {"found": READERS[kind](source)}
-    except PlotfeedError as error:
-        return {"error": str(error)}
-    except MemoryError:
-        return {"error": f"reading it takes more than {FILE_LIMITS[kind].memory_mib} MiB"}
     except Exception as error:  # noqa: BLE001 - of the libraries, which raise what they like
-        line = " ".join(str(error).split())[:200] or type(error).__name__
-        return {"error": f"not a {kind} file that can be read: {line}"}
+        return {"error": why_not(kind, f"{kind} file", error)}
 
 
 def main() -> None:

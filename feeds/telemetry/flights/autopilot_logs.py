@@ -63,10 +63,10 @@ _LEAP_SECONDS = [
 ]
 
 STAMP_OCTETS = 8
+US_NS = 1000
 _GLOBAL_POSITION_INT = 33
 
 Record = dict[str, float]
-Sender = tuple[int, int]
 Decode = Callable[[bytes | bytearray], Any | None]
 
 
@@ -185,36 +185,22 @@ def _tell_damage(start: int, end: int, log: Log) -> None:
         log.skip(f"offset {start}", f"{end - start} octets that are no known record")
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """One MAVLink frame, and where in the file its stamp stands."""
-
-    offset: int
-    t_utc_ns: int
-    octets: bytes
-
-    @property
-    def sender(self) -> Sender:
-        return sender(self.octets)
-
-
 def read_tlog(data: bytes, options: FlightOptions, log: Log) -> None:
     """Take every GLOBAL_POSITION_INT of the vehicle that sent most of them."""
     reference = options.altitude_reference or AltitudeReference.MEAN_SEA_LEVEL
     decode = mavlink_decoder()
-    frames = [f for f in _frames(data, decode, log) if message_id(f.octets) == _GLOBAL_POSITION_INT]
-    senders = Counter(frame.sender for frame in frames)
-    vehicle = senders.most_common(1)[0][0] if senders else None
-    for frame in frames:
-        where = f"offset {frame.offset}"
-        if frame.sender != vehicle:
-            log.skip(where, f"from system {frame.sender[0]}, not the one with most positions")
-        elif (message := decode(frame.octets)) is None:
+    found = [f for f in _frames(data, decode, log) if message_id(f[2]) == _GLOBAL_POSITION_INT]
+    senders = Counter(sender(frame) for _, _, frame in found).most_common(1)
+    for offset, t_utc_ns, frame in found:
+        where, whose = f"offset {offset}", sender(frame)
+        if whose != senders[0][0]:
+            log.skip(where, f"from system {whose[0]}, not the one with most positions")
+        elif (message := decode(frame)) is None:
             log.skip(where, "damaged: its checksum is wrong")
         else:
             log.take(
                 where,
-                frame.t_utc_ns,
+                t_utc_ns,
                 (message.lat * 1e-7, message.lon * 1e-7),
                 (message.alt * 1e-3, reference),
                 # vx is north, vy east, vz down, cm/s
@@ -239,8 +225,8 @@ def mavlink_decoder() -> Decode:
     return decode
 
 
-def _frames(data: bytes, decode: Decode, log: Log) -> Iterator[_Frame]:
-    """Every stamped frame; octets between them that are none are passed over and told."""
+def _frames(data: bytes, decode: Decode, log: Log) -> Iterator[tuple[int, int, bytes]]:
+    """Where each stamp is, its UTC, nanoseconds, and its frame; what is none is told."""
     bad_from = search_from = 0
     while (found := FRAME_START.search(data, search_from + STAMP_OCTETS)) is not None:
         offset = found.start() - STAMP_OCTETS
@@ -254,7 +240,7 @@ def _frames(data: bytes, decode: Decode, log: Log) -> Iterator[_Frame]:
         if offset > bad_from:
             log.skip(f"offset {bad_from}", f"{offset - bad_from} octets that are no frame")
         stamp_us = int.from_bytes(data[offset : found.start()], "big")
-        yield _Frame(offset, stamp_us * 1000, frame)
+        yield offset, stamp_us * US_NS, frame
         search_from = bad_from = found.start() + octets
     if len(data) > bad_from:
         log.skip(f"offset {bad_from}", f"{len(data) - bad_from} octets that are no frame")
@@ -282,7 +268,6 @@ def looks_like_tlog(data: bytes) -> bool:
     return after >= len(data) or data[after] in (MAGIC_V1, MAGIC_V2)
 
 
-US_NS = 1000
 # 2001: a receiver that has no time yet says 0, or the beginning of its own.
 EARLIEST_UTC_US = 10**15
 

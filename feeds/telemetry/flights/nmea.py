@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from datetime import datetime
 from functools import reduce
 
-from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log, utc_ns
+from plotfeed.feeds.telemetry.flights.file_times import midnight_ns, time_of_day_ns
+from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.utc import DAY_NS, NS, nearest_utc_ns
+from plotfeed.proto.utc import DAY_NS, nearest_utc_ns
 
 _SENTENCE = re.compile(r"[$!]([A-Z]{2})([A-Z]{3}),([^*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
-_TIME = re.compile(r"(\d{2})(\d{2})(\d{2})(?:\.(\d{1,9}))?")
+_TIME = re.compile(r"(\d{2})(\d{2})(\d{2}(?:\.\d{1,9})?)")
 _ANGLE = re.compile(r"(\d{2,3})(\d{2}(?:\.\d{1,12})?)")
 # Qualities of GGA that are measured, and not dead reckoning, entered by hand or simulated.
 _FIXED = frozenset("123459")
@@ -72,30 +72,23 @@ def _sentences(text: str, log: Log) -> list[tuple[int, str, list[str]]]:
 
 def _date_ns(kind: str, fields: list[str]) -> int | None:
     """The UTC of a sentence with a date."""
-    try:
-        if kind == "RMC" and len(fields) > 8 and len(fields[8]) == 6:
-            day, month, year = (int(fields[8][n : n + 2]) for n in (0, 2, 4))
-            year += 2000 if year < 80 else 1900
-        elif kind == "ZDA" and len(fields) > 3:
-            day, month, year = int(fields[1]), int(fields[2]), int(fields[3])
-        else:
-            return None
-        midnight = datetime(year, month, day)  # noqa: DTZ001 - it is of UTC
-    except ValueError:
+    if kind == "RMC" and len(fields) > 8 and len(fields[8]) == 6:
+        day, month, year = (fields[8][n : n + 2] for n in (0, 2, 4))
+        year = ("20" if year < "80" else "19") + year
+    elif kind == "ZDA" and len(fields) > 3:
+        day, month, year = fields[1:4]
+    else:
         return None
-    midnight_ns, since_ns = utc_ns(midnight, 0.0), _time_of_day_ns(fields[0])
-    return midnight_ns + (DAY_NS // 2 if since_ns is None else since_ns)
+    midnight, since_ns = midnight_ns(f"{year}-{month}-{day}"), _time_of_day_ns(fields[0])
+    if midnight is None:
+        return None
+    return midnight + (DAY_NS // 2 if since_ns is None else since_ns)
 
 
 def _time_of_day_ns(text: str) -> int | None:
     """Nanoseconds since midnight of hhmmss.ss."""
     found = _TIME.fullmatch(text)
-    if found is None:
-        return None
-    hour, minute, second = (int(found[n]) for n in (1, 2, 3))
-    if hour > 23 or minute > 59 or second > 60:
-        return None
-    return ((hour * 60 + minute) * 60 + second) * NS + int((found[4] or "").ljust(9, "0"))
+    return None if found is None else time_of_day_ns(":".join(found.groups()))
 
 
 def _place(fields: list[str]) -> tuple[float, float] | None:

@@ -35,49 +35,60 @@ _DATE = re.compile(
 _FRAME_TIME = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{3})[ \t]{0,9}-->")
 
 
-STATED = "height_m"
+STATED = "height_m"  # The source of heights that the user states
+# Where heights of a block are, and above what that is; None where the file does not say.
+_HEIGHTS = {
+    "BAROMETER": AltitudeReference.ABOVE_TAKEOFF,
+    "rel_alt": AltitudeReference.ABOVE_TAKEOFF,
+    "abs_alt": AltitudeReference.MEAN_SEA_LEVEL,
+    "altitude": None,
+    "GPS altitude": None,
+}
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Block:
     """The text of one subtitle, and what was read in it."""
 
     line: int
     text: str
+    gps: re.Match[str] | None
+    values: dict[str, float]  # By the name in front of them; heights by those above
 
-    @property
-    def gps(self) -> re.Match[str] | None:
-        return _GPS.search(self.text)
-
-    @property
-    def named(self) -> dict[str, float]:
-        """Values by the name in front of them."""
-        found = {name: float(value) for name, value in _NAMED.findall(self.text)}
-        if "longtitude" in found:
-            found["longitude"] = found.pop("longtitude")
-        return found
+    @classmethod
+    def of(cls, line: int, lines: list[str]) -> _Block:
+        """The block of those lines, of which the first has that number."""
+        text = "\n".join(lines)
+        gps, barometer = _GPS.search(text), _BAROMETER.search(text)
+        named = _NAMED.findall(text)
+        values = {name.replace("longt", "long"): float(value) for name, value in named}
+        if barometer:
+            values["BAROMETER"] = float(barometer[1] or barometer[2])
+        if gps and gps[4]:  # without its unit: satellites
+            values["GPS altitude"] = float(gps[3])
+        return cls(line, text, gps, values)
 
 
 def read_srt(text: str, options: FlightOptions, log: Log) -> None:
     """Take every block of a DJI subtitle file that has a position and a time."""
     blocks = list(_blocks(text))
-    if not any(block.gps or "latitude" in block.named for block in blocks):
+    if not any(block.gps or "latitude" in block.values for block in blocks):
         raise PlotfeedError("no positions: expected GPS(...) or [latitude: ...] in the subtitles")
     order = _gps_order(blocks, options, log)
-    heights = _height_source(blocks, options)
-    log.state(f"height in metres, {REFERENCE_WORDS[heights.reference]}: {heights.name}")
+    source, reference = _height_source(blocks, options)
+    log.state(f"height in metres, {REFERENCE_WORDS[reference]}: {source}")
     for block, t_utc_ns in zip(blocks, _times(blocks, options, log), strict=True):
         where = f"line {block.line}"
         position = _position(block, order)
-        height_m = heights.read(block)
+        height_m = options.height_m if source == STATED else block.values.get(source)
         if t_utc_ns is None:
             log.skip(where, "no time that can be read")
         elif position is None:
             log.skip(where, "no GPS position that can be read")
         elif any(position) and height_m is None:
-            log.skip(where, f"no {heights.name}, which other blocks have")
+            log.skip(where, f"no {source}, which other blocks have")
         else:
-            log.take(where, t_utc_ns, position, (height_m or 0.0, heights.reference))
+            log.take(where, t_utc_ns, position, (height_m or 0.0, reference))
 
 
 def _blocks(text: str) -> Iterator[_Block]:
@@ -89,16 +100,16 @@ def _blocks(text: str) -> Iterator[_Block]:
     for number, line in enumerate(text.splitlines(), start=1):
         if "-->" in line:
             if lines and not lines[-1].strip().isdigit() and "".join(lines).strip():
-                yield _Block(start, "\n".join(lines))
+                yield _Block.of(start, lines)
             start, lines = number, [line]
         elif line.strip():
             start = start if lines else number
             lines.append(line)
         elif lines:
-            yield _Block(start, "\n".join(lines))
+            yield _Block.of(start, lines)
             lines = []
     if lines:
-        yield _Block(start, "\n".join(lines))
+        yield _Block.of(start, lines)
 
 
 def _times(blocks: list[_Block], options: FlightOptions, log: Log) -> list[int | None]:
@@ -144,59 +155,29 @@ def _gps_order(blocks: list[_Block], options: FlightOptions, log: Log) -> GpsOrd
 
 def _position(block: _Block, order: GpsOrder | None) -> tuple[float, float] | None:
     """Latitude and longitude, degrees."""
-    named = block.named
-    if "latitude" in named and "longitude" in named:
-        return named["latitude"], named["longitude"]
+    if {"latitude", "longitude"} <= block.values.keys():
+        return block.values["latitude"], block.values["longitude"]
     if (gps := block.gps) is None:
         return None
     first, second = float(gps[1]), float(gps[2])
     return (first, second) if order == "lat-lon" else (second, first)
 
 
-@dataclass(frozen=True, slots=True)
-class _Heights:
-    """A height's place in a block, and what it is measured from."""
-
-    name: str
-    reference: AltitudeReference
-    height_m: float = 0.0  # That of all blocks, where the user states it
-
-    def read(self, block: _Block) -> float | None:
-        if self.name == STATED:
-            return self.height_m
-        if self.name == "BAROMETER":
-            found = _BAROMETER.search(block.text)
-            return float(found[1] or found[2]) if found else None
-        if self.name == "GPS altitude":
-            gps = block.gps
-            return float(gps[3]) if gps and gps[4] else None  # without its unit: satellites
-        return block.named.get(self.name)
-
-
-_DECLARED = (
-    _Heights("BAROMETER", AltitudeReference.ABOVE_TAKEOFF),
-    _Heights("rel_alt", AltitudeReference.ABOVE_TAKEOFF),
-    _Heights("abs_alt", AltitudeReference.MEAN_SEA_LEVEL),
-)
-
-
-def _height_source(blocks: list[_Block], options: FlightOptions) -> _Heights:
+def _height_source(blocks: list[_Block], options: FlightOptions) -> tuple[str, AltitudeReference]:
     """The height to use: one of a known reference, the wanted one first, or as the user says."""
     wanted = options.altitude_reference
-    undeclared = wanted or AltitudeReference.ELLIPSOID
-    sources = sorted(_DECLARED, key=lambda source: source.reference is not wanted)
-    sources += [_Heights("altitude", undeclared), _Heights("GPS altitude", undeclared)]
-    for source in sources:
-        if any(source.read(block) is not None for block in blocks):
-            if wanted is None and source not in _DECLARED:
+    sources = sorted(_HEIGHTS.items(), key=lambda each: (each[1] is None, each[1] is not wanted))
+    for name, declared in sources:
+        if any(name in block.values for block in blocks):
+            reference = declared or wanted
+            if reference is None:
                 raise PlotfeedError(
-                    f"{source.name} does not say what it is measured from; say so with "
+                    f"{name} does not say what it is measured from; say so with "
                     "--set altitude_reference=above_takeoff, mean_sea_level or ellipsoid"
                 )
-            return source
+            return name, reference
     if options.stated_height is not None:
-        height_m, reference = options.stated_height
-        return _Heights(STATED, reference, height_m)
+        return STATED, options.stated_height[1]
     raise PlotfeedError(
         "no heights: expected BAROMETER, Hb, H, rel_alt, abs_alt or altitude; "
         "give one height with --set height_m"

@@ -21,6 +21,7 @@ from plotfeed.feeds.telemetry.flights.file_times import (
     time_of_day_ns,
 )
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
+from plotfeed.feeds.telemetry.position_report import VELOCITY
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.units import FOOT_M, KNOT_M_S, MILE_H_M_S
@@ -127,52 +128,37 @@ def plain(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
 
 
-@dataclass(frozen=True, slots=True)
-class AltitudeColumn:
-    """Where a table's altitudes are, in which unit, and above what."""
-
-    column: TableColumn
-    factor: float
-    reference: AltitudeReference
-
-    def __str__(self) -> str:
-        unit = IN_WORDS.get(self.factor, "metres")
-        return f"height in {unit}, {REFERENCE_WORDS[self.reference]}: column {self.column.header!r}"
-
-
 def altitude_column(
     columns: Sequence[TableColumn],
     wanted: AltitudeReference | None,
     named: TableColumn | None,
     implied: AltitudeReference | None,
-) -> AltitudeColumn | None:
-    """The column of altitudes: what the user names, one above what is wanted, one that says it.
+) -> tuple[TableColumn, AltitudeReference] | None:
+    """The column of altitudes, and above what they are: what the user names or wants comes first.
 
     `implied` is what an exporter's plain "altitude" is above. None where there is no altitude;
     raises `PlotfeedError` where nobody says above what it is.
     """
-    found = [(c, ALTITUDES[c.name]) for c in columns if c.name in ALTITUDES]
-    if named is not None:
-        found = [(named, ALTITUDES.get(named.name))]
-    found = [(c, r) for c, r in found if not c.unit or c.unit in METRES]
+    of_names = [column for name in ALTITUDES for column in columns if column.name == name]
+    of_names = of_names if named is None else [named]
+    found = [(c, ALTITUDES.get(c.name)) for c in of_names if not c.unit or c.unit in METRES]
     if not found:
         return None
-    order = list(ALTITUDES)
-    found.sort(key=lambda pair: order.index(pair[0].name) if pair[0].name in order else 0)
-    for column, reference in found:
-        if wanted is not None and reference is wanted:
-            return AltitudeColumn(column, column.factor(METRES), wanted)
-    for column, reference in found:
-        above = wanted or implied if reference is None else reference
-        if above is not None and (wanted is None or reference is None):
-            return AltitudeColumn(column, column.factor(METRES), above)
-    column, reference = found[0]
+
+    def rank(pair: tuple[TableColumn, AltitudeReference | None]) -> tuple[bool, bool]:
+        reference = pair[1]
+        if wanted is None:
+            return (reference or implied) is None, False
+        return reference is not wanted, reference is not None
+
+    column, stated = min(found, key=rank)
+    reference = stated or wanted or implied
     if reference is None:
         raise PlotfeedError(
             f"column {column.header!r} does not say what its altitudes are measured from; say so "
             "with --set altitude_reference=above_takeoff, mean_sea_level or ellipsoid"
         )
-    return AltitudeColumn(column, column.factor(METRES), reference)
+    return column, reference
 
 
 def missing(quantity: str, columns: Sequence[TableColumn]) -> PlotfeedError:
@@ -312,7 +298,6 @@ def _holds(rows: Sequence[Row], column: TableColumn, read: Callable[[str], int |
     return read(next((cell for cell in cells if cell), "")) is not None
 
 
-_VELOCITY = ("velocity_east_m_s", "velocity_north_m_s", "velocity_up_m_s")
 _ACCURACIES = ("horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s")
 # Columns that Litchi's log has beside each other; its altitude is above take-off.
 LITCHI = frozenset({"altitude", "velocityx", "velocityy", "velocityz"})
@@ -326,12 +311,22 @@ def read_table(text: str, options: FlightOptions, log: Log) -> None:
     columns, rows = _rows(text, log)
     named = _named(columns, options.columns)
     found = _quantities(columns, named)
-    altitude = _altitude(columns, named, options)
+    is_litchi = {column.name for column in columns} >= LITCHI
+    implied = AltitudeReference.ABOVE_TAKEOFF if is_litchi else None
+    altitude = altitude_column(
+        columns, options.altitude_reference, named.get("altitude_m"), implied
+    )
+    if altitude is None and options.stated_height is None:
+        error = missing("altitude_m", columns)
+        raise PlotfeedError(f"{error}; or give one height with --set height_m")
     times, cells = times_of(columns, named, rows, options, log)
     reference = AltitudeReference.ABOVE_TAKEOFF
     if altitude is not None:
-        reference = altitude.reference
-        log.state(str(altitude))
+        column, reference = altitude
+        factor = column.factor(METRES)
+        found["altitude_m"] = column, factor
+        words = f"{IN_WORDS.get(factor, 'metres')}, {REFERENCE_WORDS[reference]}"
+        log.state(f"height in {words}: column {column.header!r}")
     elif options.stated_height is not None:
         height_m, reference = options.stated_height
         log.state(f"height {height_m:g} m, {REFERENCE_WORDS[reference]}: no column has one")
@@ -341,7 +336,8 @@ def read_table(text: str, options: FlightOptions, log: Log) -> None:
             expected = "expected ISO 8601 or seconds since 1970"
             log.skip(where, f"time is {cell[:40]!r}; {expected}")
         else:
-            values = _values(row, found, altitude, options)
+            values = {q: _number(cell_of(row, c)) * factor for q, (c, factor) in found.items()}
+            values.setdefault("altitude_m", options.height_m or 0.0)
             _take(where, t_utc_ns, values, reference, log)
 
 
@@ -414,34 +410,6 @@ def _quantities(
     return found
 
 
-def _altitude(
-    columns: Sequence[TableColumn], named: Mapping[str, TableColumn], options: FlightOptions
-) -> AltitudeColumn | None:
-    """The column of altitudes; None where the height is the user's."""
-    is_litchi = {column.name for column in columns} >= LITCHI
-    implied = AltitudeReference.ABOVE_TAKEOFF if is_litchi else None
-    found = altitude_column(columns, options.altitude_reference, named.get("altitude_m"), implied)
-    if found is None and options.height_m is None:
-        error = missing("altitude_m", columns)
-        raise PlotfeedError(f"{error}; or give one height with --set height_m")
-    return found
-
-
-def _values(
-    row: Sequence[str],
-    found: Mapping[str, Place],
-    altitude: AltitudeColumn | None,
-    options: FlightOptions,
-) -> dict[str, float]:
-    """Quantities of a row in our units; NaN for what is no number there."""
-    values = {q: _number(cell_of(row, c)) * factor for q, (c, factor) in found.items()}
-    if altitude is not None:
-        values["altitude_m"] = _number(cell_of(row, altitude.column)) * altitude.factor
-    elif options.height_m is not None:
-        values["altitude_m"] = options.height_m
-    return values
-
-
 def _take(
     where: str, t_utc_ns: int, values: Mapping[str, float], reference: AltitudeReference, log: Log
 ) -> None:
@@ -454,7 +422,7 @@ def _take(
         t_utc_ns,
         (values["latitude_deg"], values["longitude_deg"]),
         (values["altitude_m"], reference),
-        velocity_enu_m_s=tuple(values.get(q, math.nan) for q in _VELOCITY),
+        velocity_enu_m_s=tuple(values.get(q, math.nan) for q in VELOCITY),
         **{q: values.get(q, math.nan) for q in _ACCURACIES},
     )
 

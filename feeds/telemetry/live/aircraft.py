@@ -116,18 +116,6 @@ class _Aircraft:
     geometric_less_pressure_m: float = math.nan
 
 
-class _Heights:
-    """Heights of aircraft: over the ellipsoid where they say it, else by pressure."""
-
-    def __init__(self, qnh_hpa: float | None) -> None:
-        self._over_sea_m = ((qnh_hpa or STANDARD_HPA) - STANDARD_HPA) * METRES_PER_HPA
-
-    def of(self, geometric_m: float, pressure_m: float) -> tuple[float, AltitudeReference]:
-        if not math.isnan(geometric_m):
-            return geometric_m, AltitudeReference.ELLIPSOID
-        return pressure_m + self._over_sea_m, AltitudeReference.MEAN_SEA_LEVEL
-
-
 class AircraftReports(Listener):
     """Hears one of three protocols, of several receivers; an aircraft is one, whoever heard it."""
 
@@ -136,7 +124,9 @@ class AircraftReports(Listener):
 
         `qnh_hpa` is the pressure at sea level, by which altitudes of pressure become such above it.
         """
-        self._kind, self._template, self._heights = kind, template, _Heights(qnh_hpa)
+        self._kind, self._template = kind, template
+        # What the pressure altitude 0 is above the sea.
+        self._over_sea_m = ((qnh_hpa or STANDARD_HPA) - STANDARD_HPA) * METRES_PER_HPA
         self._aircraft: dict[str, _Aircraft] = {}
         self._lines: dict[str, bytes] = {}
         self._frames: dict[str, BeastSplitter] = {}
@@ -275,7 +265,9 @@ class AircraftReports(Listener):
     ) -> HeardReport:
         names: Mapping[str, str] = {"icao": icao, "callsign": aircraft.callsign or icao}
         name = named(self._template, names)
-        altitude_m, reference = self._heights.of(*heights_m)
+        (altitude_m, pressure_m), reference = heights_m, AltitudeReference.ELLIPSOID
+        if math.isnan(altitude_m):  # by pressure, where it does not say it above the ellipsoid
+            altitude_m, reference = pressure_m + self._over_sea_m, AltitudeReference.MEAN_SEA_LEVEL
         if math.isnan(altitude_m):
             return HeardReport(name, Refused(Reason.ALTITUDE, "it says no altitude"))
         has_velocity = abs(t_utc_ns - aircraft.velocity_ns) <= VELOCITY_NS
