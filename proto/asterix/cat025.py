@@ -98,4 +98,4 @@ class StatusEncoder025:
 
     def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
         """A data block for each of these times, (m,), of systems by their numbers, (m,)."""
-        return one_block_each(self._reports, "I025/070", t_utc_ns, sources)
+        return one_block_each(self._reports, {"I025/070": t_utc_ns}, sources)

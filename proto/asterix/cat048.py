@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING
 from plotfeed.proto.asterix.codec.encode import (
     UDP_OCTETS,
     Constant,
-    Encoder,
     Parts,
     ReportEncoder,
     Reports,
-    blocks_of_one,
     checked_position,
     measured,
+    one_block_each,
 )
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.lazy_numpy import np
@@ -225,26 +224,26 @@ class ServiceEncoder034:
             "I034/120/LAT": latitude_deg.tolist(),
             "I034/120/LON": longitude_deg.tolist(),
         }
-        self._north = Encoder(
+        self._north = Reports(
             CAT034,
             ("I034/010", "I034/000", "I034/030", "I034/041", "I034/120"),
             constants=source | of_north,
             lsb=lsb,
         )
-        self._sector = Encoder(
+        self._sector = Reports(
             CAT034,
             ("I034/010", "I034/000", "I034/030", "I034/020"),
             constants=source | {"I034/000": SECTOR_CROSSING},
             lsb=lsb,
         )
 
-    def north_markers(self, t_utc_ns: ArrayLike, sources: Ints | None = None) -> list[bytes]:
+    def north_markers(self, t_utc_ns: ArrayLike, sources: Ints) -> list[bytes]:
         """Antennas pass north; I034/010, 000, 030, 041, 120."""
-        return blocks_of_one(self._north, self._north.records({"I034/030": t_utc_ns}, sources))
+        return one_block_each(self._north, {"I034/030": t_utc_ns}, sources)
 
     def sector_crossings(
-        self, t_utc_ns: ArrayLike, azimuth_deg: ArrayLike, sources: Ints | None = None
+        self, t_utc_ns: ArrayLike, azimuth_deg: ArrayLike, sources: Ints
     ) -> list[bytes]:
         """Antennas pass the azimuths at which sectors end; I034/010, 000, 030, 020."""
         columns = {"I034/030": t_utc_ns, "I034/020": azimuth_deg}
-        return blocks_of_one(self._sector, self._sector.records(columns, sources))
+        return one_block_each(self._sector, columns, sources)

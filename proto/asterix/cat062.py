@@ -263,4 +263,4 @@ class StatusEncoder063:
 
     def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
         """A data block for each of these times, (m,), of sensors by their numbers, (m,)."""
-        return one_block_each(self._reports, "I063/030", t_utc_ns, sources)
+        return one_block_each(self._reports, {"I063/030": t_utc_ns}, sources)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from plotfeed.proto.asterix.codec.encode import Reports, checked_position
+from plotfeed.proto.asterix.codec.encode import Reports, checked_position, one_block_each
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
@@ -76,7 +76,6 @@ class TargetEncoder129:
             ("I129/090", "I129/100", "I129/110", "I129/185", "I129/220"),
             constants=constants,
             lsb={"I129/070": TIME_LSB_NS},
-            one_a_block=True,
         )
 
     def blocks(
@@ -111,7 +110,7 @@ class TargetEncoder129:
             velocity = np.asarray(velocity_m_s, dtype=np.float64).reshape(-1, 3)
             axes = ("I129/185/VX", "I129/185/VY", "I129/220")
             columns |= dict(zip(axes, velocity.T, strict=True))
-        return self._reports.blocks(columns) if len(serials) else []
+        return one_block_each(self._reports, columns, np.zeros(len(serials), np.int64))
 
 
 def _padded(text: str, length: int, path: str) -> str:

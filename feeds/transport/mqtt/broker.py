@@ -39,6 +39,7 @@ from plotfeed.feeds.transport.mqtt.packets import (
     USERNAME,
     WILL,
     BrokenPacketError,
+    PacketSplitter,
     packet,
     read_length,
     read_octets,
@@ -422,8 +423,7 @@ class Connection:
         self.heard_s = broker.now_s
         self.is_over = False
         self._broker = broker
-        self._rest = bytearray()
-        self._needs = 2
+        self._splitter = PacketSplitter(self._check)
         self._is_told = False
 
     @property
@@ -436,21 +436,11 @@ class Connection:
         if self.is_over:
             return
         self.heard_s = self._broker.now_s
-        self._rest += octets
-        if len(self._rest) < self._needs:
-            return
-        data, at = bytes(self._rest), 0
-        self._rest.clear()
         try:
-            while at < len(data) and not self.is_over:
-                end, begin = self._end_of_packet(data, at)
-                if end > len(data):
-                    self._needs = end - at
-                    self._rest += data[at:]
+            for first, body in self._splitter.split(octets):
+                if self.is_over:
                     return
-                self._take(data[at], data[begin:end])
-                at = end
-            self._needs = 2
+                self._take(first, body)
         except (BrokenPacketError, IndexError, UnicodeDecodeError) as error:
             self.cut(MALFORMED, f"it does not speak MQTT ({error or 'a packet is cut short'})")
 
@@ -480,21 +470,15 @@ class Connection:
         self.end()
         self._close()
 
-    def _end_of_packet(self, data: bytes, at: int) -> tuple[int, int]:
-        """Where the packet at that place ends, or is known to end at the earliest; its body."""
-        if self.session is None and data[at] != CONNECT:
-            raise BrokenPacketError("its first packet is no CONNECT")
-        try:
-            length, begin = read_length(data, at + 1)
-        except IndexError:
-            return len(data) + 1, at
+    def _check(self, first: int, length: int) -> None:
+        """Wait for no packet that may not come; raises `BrokenPacketError`."""
         most = MAX_CONNECT_OCTETS
         if self.session is not None:
             most += self._broker.limits.payload_octets
+        elif first != CONNECT:
+            raise BrokenPacketError("its first packet is no CONNECT")
         if length > most:
             self.cut(TOO_LARGE, f"a packet of {length} octets")
-            return len(data) + 1, at
-        return begin + length, begin
 
     def _take(self, first: int, body: bytes) -> None:
         session, kind = self.session, first & 0xF0

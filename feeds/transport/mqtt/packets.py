@@ -6,7 +6,7 @@ What a client writes is made by a function for each packet. What a broker writes
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -20,7 +20,7 @@ PINGREQ, PINGRESP, DISCONNECT = b"\xc0\x00", 0xD0, 0xE0
 GOODBYE = b"\xe0\x00"
 CLEAN, WILL, RETAIN, PASSWORD, USERNAME = 0x02, 0x04, 0x20, 0x40, 0x80
 REFUSED = 128  # Reason codes from here on are refusals, in 3.1.1 of a subscription
-EXPIRY, CONTENT_TYPE = b"\x02", b"\x03"
+EXPIRY, CONTENT_TYPE = b"\x02" + MESSAGE_EXPIRY_S.to_bytes(4, "big"), b"\x03"
 OF_CONTENT_TYPE, SERVER_KEEP_ALIVE, RECEIVE_MAXIMUM, MAXIMUM_PACKET_SIZE = 0x03, 0x13, 0x21, 0x27
 OF_USER, OF_SUBSCRIPTION, TOPIC_ALIAS = 0x26, 0x0B, 0x23
 # Octets of properties that are numbers, by their identifiers (2.2.2.2).
@@ -135,9 +135,7 @@ def acknowledgements(numbers: Iterable[int]) -> bytes:
     return b"".join(b"\x40\x02" + number.to_bytes(2, "big") for number in numbers)
 
 
-def publish_packet(
-    message: Message, version: int, expiry_s: int = MESSAGE_EXPIRY_S, *, number: int | None = None
-) -> bytes:
+def publish_packet(message: Message, version: int, *, number: int | None = None) -> bytes:
     """The PUBLISH of a message (3.3); what is retained does not expire.
 
     With `number` as its id it is of QoS 1, without of QoS 0.
@@ -148,9 +146,7 @@ def publish_packet(
     if version >= 5:
         octets, properties = message.packed_properties()
         if not message.retain:
-            expiry = USUAL_EXPIRY
-            if expiry_s != MESSAGE_EXPIRY_S:
-                expiry = EXPIRY + expiry_s.to_bytes(4, "big")
+            expiry = EXPIRY
             octets += len(expiry)
     front = _front(message.topic, message.content_type, octets, version)
     if number is not None:
@@ -159,9 +155,6 @@ def publish_packet(
         front = front[:end] + number.to_bytes(2, "big") + front[end:]
     head = _head(first, len(front) + octets + len(payload))
     return b"".join([head, front, *properties, expiry, payload])
-
-
-USUAL_EXPIRY = EXPIRY + MESSAGE_EXPIRY_S.to_bytes(4, "big")
 
 
 @lru_cache(maxsize=1 << 14)  # what all messages of a sensor and kind have alike
@@ -222,20 +215,19 @@ class BrokerAnswer:
     properties: PacketProperties = NO_PROPERTIES
 
 
-class BrokerReader:
-    """Reads what a broker sends to a client that asks for no more than QoS 1, and no aliases."""
+class PacketSplitter:
+    """Cuts what comes over a connection into packets, however it was cut on its way."""
 
-    def __init__(self, version: int) -> None:
-        self._has_properties = version >= 5
+    def __init__(self, check: Callable[[int, int], object] = lambda _first, _length: None) -> None:
+        """`check` is given the first octet and the length of a packet before it is there."""
+        self._check = check
         self._rest = bytearray()
         self._needs = 2
-        # Properties by their octets: those of most messages are those of one before.
-        self._known: dict[bytes, PacketProperties] = {}
 
-    def receive(self, octets: bytes | memoryview) -> Iterator[Publication | BrokerAnswer]:
-        """What is complete with these octets; raises `BrokenPacketError` behind the last good one.
+    def split(self, octets: bytes | memoryview) -> Iterator[tuple[int, bytes]]:
+        """First octet and body of each packet that is complete with these octets.
 
-        All of it must be taken before the next call.
+        All of it must be taken before the next call; raises `BrokenPacketError`.
         """
         self._rest += octets
         if len(self._rest) < self._needs:
@@ -245,6 +237,7 @@ class BrokerReader:
         while True:
             try:
                 length, begin = read_length(data, at + 1)
+                self._check(data[at], length)
                 end = begin + length
             except IndexError:
                 end = len(data) + 1
@@ -252,7 +245,25 @@ class BrokerReader:
                 self._rest += data[at:]
                 self._needs = end - at
                 return
-            first, body, at = data[at], data[begin:end], end
+            yield data[at], data[begin:end]
+            at = end
+
+
+class BrokerReader:
+    """Reads what a broker sends to a client that asks for no more than QoS 1, and no aliases."""
+
+    def __init__(self, version: int) -> None:
+        self._has_properties = version >= 5
+        self._splitter = PacketSplitter()
+        # Properties by their octets: those of most messages are those of one before.
+        self._known: dict[bytes, PacketProperties] = {}
+
+    def receive(self, octets: bytes | memoryview) -> Iterator[Publication | BrokerAnswer]:
+        """What is complete with these octets; raises `BrokenPacketError` behind the last good one.
+
+        All of it must be taken before the next call.
+        """
+        for first, body in self._splitter.split(octets):
             try:
                 event = self._publication(first, body) or self._answer(first, body)
             except IndexError:

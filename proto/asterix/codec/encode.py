@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate, chain, groupby, pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from plotfeed.proto.asterix.codec.layout import (
     HEADER_OCTETS,
@@ -145,7 +145,7 @@ class _Deviations:
             if whose[path] not in paths:
                 raise EncodeError("a standard deviation of what is not sent", field=path)
         lsb = np.array(columns.lsb, np.float64)[:, None]
-        most = [[_rule(columns.slots[place].part).high] for place in self._places]
+        most = [[_rule(columns.slots[place].part)[2]] for place in self._places]
         self._most = np.array(most, np.float64).reshape(-1, 1)
         self._lsb = lsb[self._places]
         self._value_lsb = lsb[[paths.index(whose[paths[place]]) for place in self._places]]
@@ -207,15 +207,10 @@ class _Numbers:
         self._is_whole = isinstance(lsb[0], int)
         self._lsb = self._each(lsb)
         self._counts_lsb = not self._is_whole or bool((self._lsb != 1).any())
-        rules = [_rule(slot.part) for slot in slots]
-        self._wrapped = [
-            (i, rule.high + 1) for i, rule in enumerate(rules) if rule.overflow is Overflow.WRAP
-        ]
-        self._low, self._high = (
-            self._each([rule.low for rule in rules]),
-            self._each([rule.high for rule in rules]),
-        )
-        self._refused = np.array([[rule.overflow is Overflow.REFUSE] for rule in rules])
+        treated, low, high = zip(*(_rule(slot.part) for slot in slots), strict=True)
+        self._low, self._high = self._each(low), self._each(high)
+        self._wrapped = [(i, high[i] + 1) for i, how in enumerate(treated) if how is Overflow.WRAP]
+        self._refused = np.array([[how is Overflow.REFUSE] for how in treated])
         self._mask = np.array([[(1 << slot.part.bits) - 1] for slot in slots], np.uint64)
         sizes, offsets, shifts = zip(*(_word(slot, octets) for slot in slots), strict=True)
         self._shift = np.array(shifts, np.uint64)[:, None]
@@ -279,20 +274,13 @@ class _Numbers:
         raise EncodeError(f"{shown} {what.format(*limits)}", field=slot.path)
 
 
-class _Rule(NamedTuple):
-    """What becomes of an integer that is not from `low` to `high`."""
-
-    overflow: Overflow
-    low: int
-    high: int
-
-
-def _rule(part: Named) -> _Rule:
+def _rule(part: Named) -> tuple[Overflow, int, int]:
+    """What becomes of an integer that is not within the two numbers."""
+    if isinstance(part, Quantity) and part.overflow is Overflow.WRAP:
+        return part.overflow, 0, (part.modulus or 1 << part.bits) - 1
     if isinstance(part, Quantity):
-        if part.overflow is Overflow.WRAP:
-            return _Rule(part.overflow, 0, (part.modulus or 1 << part.bits) - 1)
-        return _Rule(part.overflow, *part.limits)
-    return _Rule(Overflow.REFUSE, 0, (1 << part.bits) - 1)
+        return part.overflow, *part.limits
+    return Overflow.REFUSE, 0, (1 << part.bits) - 1
 
 
 def _width(octets: int) -> int:
@@ -477,13 +465,6 @@ def blocks_of(
     ]
 
 
-def blocks_of_one(encoder: Encoder, records: bytes) -> list[bytes]:
-    """A data block for each of an encoder's records, in their order."""
-    length = encoder.record_length
-    head = header(encoder.category, length)
-    return [head + records[start : start + length] for start in range(0, len(records), length)]
-
-
 def records_a_block(record_length: int, max_octets: int) -> int:
     """How many records of that length a data block holds; none is an `EncodeError`."""
     if not HEADER_OCTETS + record_length <= max_octets <= MAX_OCTETS:
@@ -525,10 +506,6 @@ class Parts:
     def __len__(self) -> int:
         """How many there are."""
         return len(self.sources)
-
-    def edges(self) -> Iterator[tuple[int, int]]:
-        """The first row of each part, and the one after its last."""
-        return pairwise(self.by.tolist())
 
     def lengths(self) -> Ints:
         """How many rows each part has; (m,)."""
@@ -576,20 +553,11 @@ class Reports:
         records_a_block(everything.record_length, min(self._max_octets))
         records_a_block(everything.record_length, max(self._max_octets))
 
-    def blocks(self, columns: Mapping[str, ArrayLike]) -> list[bytes]:
-        """Data blocks of the rows of columns by path, in their order, all of the one source."""
-        encoder = self._encoder_for(columns)
-        records, length = encoder.records(columns), encoder.record_length
-        return blocks_of(encoder.category, records, length, self._limit(0, length))
-
     def blocks_by(self, columns: Mapping[str, ArrayLike], parts: Parts) -> list[list[bytes]]:
         """Data blocks of each part of the rows of columns by path, in their order."""
         encoder = self._encoder_for(columns)
         records = encoder.records(columns, parts.of_rows() if encoder.sources > 1 else None)
         number, length = encoder.category, encoder.record_length
-        if self._one_a_block:
-            blocks = blocks_of_one(encoder, records)
-            return [blocks[start:end] for start, end in parts.edges()]
         found: list[list[bytes]] = [[] for _ in range(len(parts))]
         filled = np.flatnonzero(parts.lengths())
         of_filled = zip(
@@ -669,9 +637,11 @@ class ReportEncoder(ABC):
         return self._reports.blocks_by(self._columns(rows, parts, *more), parts)
 
 
-def one_block_each(reports: Reports, path: str, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
-    """A data block for each of these times at a path, (m,), of sources by their numbers, (m,)."""
-    return [block for (block,) in reports.blocks_by({path: t_utc_ns}, Parts.one_each(sources))]
+def one_block_each(
+    reports: Reports, columns: Mapping[str, ArrayLike], sources: Ints
+) -> list[bytes]:
+    """A data block for each row of columns by path, (m,), of sources by their numbers, (m,)."""
+    return [block for (block,) in reports.blocks_by(columns, Parts.one_each(sources))]
 
 
 def measured(columns: Columns, names: Mapping[str, str]) -> dict[str, Floats]:

@@ -24,6 +24,8 @@ from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
 from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
 from plotfeed.proto.units import FOOT_M, NM_M
 
+FIRST = np.array([0])
+
 # Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers.
 REGISTERS = "I048/250"
 
@@ -206,7 +208,7 @@ def test_it_reads_plots_to_half_an_lsb() -> None:
 
 def test_it_reads_service_messages() -> None:
     encoder = ServiceEncoder034(25, 3, antenna_period_s=2.5, place=(40.45, -3.73, 650.0))
-    sent = [*encoder.north_markers([10**9]), *encoder.sector_crossings([0], [45.0])]
+    sent = [*encoder.north_markers([10**9], FIRST), *encoder.sector_crossings([0], [45.0], FIRST)]
     north, sector = (
         {name: values_of(item) for name, item in items_of(record).items()}
         for block in read_blocks(sent)

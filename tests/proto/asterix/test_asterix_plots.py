@@ -11,6 +11,8 @@ from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.asterix.codec.decode import Record, decode
 from plotfeed.proto.errors import EncodeError
 
+FIRST = np.array([0])
+
 MIDNIGHT_NS = 1_700_006_400 * 10**9
 PLACE = (40.45, -3.73, 650.0)
 THREE_D = {"height_m": 700.0, "run_length_deg": 1.4, "amplitude_dbm": -71.6}
@@ -127,8 +129,8 @@ def test_a_bad_block_length_is_refused_at_once(octets: int) -> None:
 
 def test_service_messages() -> None:
     encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0, place=PLACE)
-    (marker,) = encoder.north_markers([MIDNIGHT_NS + 10**9])
-    (crossing,) = encoder.sector_crossings([MIDNIGHT_NS - 1], [348.75])
+    (marker,) = encoder.north_markers([MIDNIGHT_NS + 10**9], FIRST)
+    (crossing,) = encoder.sector_crossings([MIDNIGHT_NS - 1], [348.75], FIRST)
     north, sector = decode(marker + crossing)
     source = {"SAC": 25, "SIC": 3}
     place = {
@@ -148,7 +150,7 @@ def test_service_messages() -> None:
 
 def test_the_sector_at_north_is_0() -> None:
     encoder = ServiceEncoder034(25, 3, antenna_period_s=4.0, place=PLACE)
-    assert decode(encoder.sector_crossings([0], [360.0])[0])[0].get("I034/020") == 0.0
+    assert decode(encoder.sector_crossings([0], [360.0], FIRST)[0])[0].get("I034/020") == 0.0
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,9 @@ def test_blocks_of_parts_are_those_of_each_by_itself(
 
     together = reports(sics, most).blocks_by({"I048/140": times}, Parts(by, sources))
     alone = [
-        reports(sics[source], most[source]).blocks({"I048/140": times[by[i] : by[i + 1]]})
+        reports(sics[source], most[source]).blocks_by(
+            {"I048/140": times[by[i] : by[i + 1]]}, Parts.whole(int(lengths[i]))
+        )[0]
         for i, source in enumerate(sources.tolist())
     ]
     assert together == [blocks if n else [] for blocks, n in zip(alone, lengths, strict=True)]
@@ -114,9 +116,9 @@ def test_service_messages_of_several_radars() -> None:
         np.array([1, 0, 1]),
     )
     assert encoder.north_markers(times, which) == [
-        alone[i].north_markers([t])[0] for i, t in zip(which, times, strict=True)
+        alone[i].north_markers([t], np.array([0]))[0] for i, t in zip(which, times, strict=True)
     ]
     assert encoder.sector_crossings(times, azimuths, which) == [
-        alone[i].sector_crossings([t], [azimuth])[0]
+        alone[i].sector_crossings([t], [azimuth], np.array([0]))[0]
         for i, t, azimuth in zip(which, times, azimuths, strict=True)
     ]

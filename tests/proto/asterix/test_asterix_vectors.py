@@ -6,10 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from support.asterix_input import plots
 
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
+
+FIRST = np.array([0])
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "vectors.json").read_text())
 SOURCE = VECTORS["sac"], VECTORS["sic"]
@@ -31,8 +34,8 @@ def test_service_messages(vector: dict[str, Any]) -> None:
     )
     t_utc_ns, azimuth_deg = vector["t_utc_ns"], vector["azimuth_deg"]
     (block,) = (
-        encoder.north_markers([t_utc_ns])
+        encoder.north_markers([t_utc_ns], FIRST)
         if azimuth_deg is None
-        else encoder.sector_crossings([t_utc_ns], [azimuth_deg])
+        else encoder.sector_crossings([t_utc_ns], [azimuth_deg], FIRST)
     )
     assert block == bytes.fromhex(vector["block"])

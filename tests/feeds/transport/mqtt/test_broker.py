@@ -18,6 +18,7 @@ from plotfeed.feeds.transport.mqtt.broker import (
     Rights,
 )
 from plotfeed.feeds.transport.mqtt.packets import (
+    EXPIRY,
     BrokerAnswer,
     BrokerReader,
     Publication,
@@ -195,7 +196,7 @@ def test_what_is_kept_for_a_while_says_how_long_it_has_left_and_then_is_gone() -
     one = broker()
     voice = Peer(one, 5)
     message = Message("a", b"x", "", 0)
-    octets = bytearray(publish_packet(message, 5, expiry_s=30))
+    octets = bytearray(publish_packet(message, 5).replace(EXPIRY, b"\x02" + bytes([0, 0, 0, 30])))
     octets[0] |= 1  # which publish_packet leaves without an end
     voice.say(bytes(octets))
     for now_s, left in ((10.0, [20]), (29.0, [1]), (31.0, [])):
