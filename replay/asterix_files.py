@@ -119,7 +119,16 @@ def raw_topic(category: int) -> str:
     return f"asterix/{category:03d}"
 
 
-class RawReader(OctetsReader):
+class _DatedReader(OctetsReader):
+    """Reads a file that has times of day alone; its first day begins at `date_utc_ns`."""
+
+    def __init__(self, file: BinaryIO, *, date_utc_ns: int = 0) -> None:
+        super().__init__(file)
+        self._clock = DayClock(date_utc_ns)
+        self._last_utc_ns = date_utc_ns  # Of the message before
+
+
+class RawReader(_DatedReader):
     """The data blocks of a file, each a message. Nothing tells where the next one is after damage.
 
     A message is of the time of day of its block's first record, and if that has none, or one that
@@ -127,23 +136,17 @@ class RawReader(OctetsReader):
     the one before it, so that they stay in their order.
     """
 
-    def __init__(self, file: BinaryIO, *, date_utc_ns: int = 0) -> None:
-        super().__init__(file)
-        self._clock = DayClock(date_utc_ns)
-        self._first_utc_ns = date_utc_ns
-
     def messages(self) -> Iterator[Recorded]:
         """Each data block, on the topic asterix/CATEGORY."""
-        last_utc_ns = self._first_utc_ns
         timed = ((block, time_of_day_ns(block)) for block, _ in self.blocks())
-        for block, time_ns in without_outliers(timed):
+        for block, time_ns in _without_outliers(timed):
             if time_ns is not None:
-                last_utc_ns = max(last_utc_ns, self._clock.utc_ns(time_ns))
+                self._last_utc_ns = max(self._last_utc_ns, self._clock.utc_ns(time_ns))
             yield Recorded(
                 topic=raw_topic(block[0]),
                 payload=block,
-                log_time_ns=last_utc_ns,
-                publish_time_ns=last_utc_ns,
+                log_time_ns=self._last_utc_ns,
+                publish_time_ns=self._last_utc_ns,
                 content_type=asterix_content_type(block[0]),
             )
 
@@ -168,22 +171,17 @@ class RawReader(OctetsReader):
             yield block, at
 
 
-def without_outliers(timed: Iterable[Timed]) -> Iterator[Timed]:
+def _without_outliers(timed: Iterable[Timed]) -> Iterator[Timed]:
     """None in place of a time of day far from the one before where the one after is near that."""
     last_ns: int | None = None
     for (block, time_ns), (_, next_ns) in pairwise(chain(timed, [(b"", None)])):
-        if time_ns is not None and _alone(last_ns, time_ns, next_ns):
-            yield block, None
-            continue
+        if time_ns is not None and last_ns is not None and next_ns is not None:
+            next_is_near = ahead_ns(last_ns, next_ns) <= BEHIND_NS
+            if next_is_near and ahead_ns(last_ns, time_ns) > BEHIND_NS:
+                yield block, None
+                continue
         last_ns = last_ns if time_ns is None else time_ns
         yield block, time_ns
-
-
-def _alone(before_ns: int | None, time_ns: int, after_ns: int | None) -> bool:
-    if before_ns is None or after_ns is None:
-        return False
-    near_by = ahead_ns(before_ns, after_ns) <= BEHIND_NS
-    return near_by and ahead_ns(before_ns, time_ns) > BEHIND_NS
 
 
 class BlocksWriter(RecordingWriter):
@@ -240,13 +238,8 @@ _HEADER = struct.Struct(">HBBBBH")
 ERROR, LINE, DAY = "final-error", "final-line", "final-day"
 
 
-class FinalReader(OctetsReader):
+class FinalReader(_DatedReader):
     """The frames of a file, each a message. After damage it goes on behind the next trailer."""
-
-    def __init__(self, file: BinaryIO, *, date_utc_ns: int = 0) -> None:
-        super().__init__(file)
-        self._clock = DayClock(date_utc_ns)
-        self._last_utc_ns = date_utc_ns
 
     def messages(self) -> Iterator[Recorded]:
         """Each frame, on the topic line/LINE/asterix."""
@@ -323,7 +316,8 @@ class FinalWriter(BlocksWriter):
         kept = dict(message.properties)
         error, day = _octet(kept.get(ERROR), 0), _octet(kept.get(DAY), 0)
         line = _octet(kept.get(LINE), self._line(message.topic))
-        ticks = ticks_of_day(message.log_time_ns)
+        # The nearest; half of one is rounded up.
+        ticks = (message.log_time_ns + TICK_NS // 2) // TICK_NS % TICKS_A_DAY
         head = _HEADER.pack(length, error, line, day, ticks >> 16, ticks & 0xFFFF)
         return head + blocks + TRAILER
 
@@ -331,11 +325,6 @@ class FinalWriter(BlocksWriter):
         if len(self._lines) > 0xFF and topic not in self._lines:
             return 0xFF
         return self._lines.setdefault(topic, len(self._lines))
-
-
-def ticks_of_day(t_utc_ns: int) -> int:
-    """The nearest 10 ms of the day; half of one is rounded up."""
-    return (t_utc_ns + TICK_NS // 2) // TICK_NS % TICKS_A_DAY
 
 
 def _octet(text: str | None, otherwise: int) -> int:

@@ -73,9 +73,14 @@ def from_json(line: bytes) -> Recorded:
         raise DecodeError("a line that is no JSON object")
     log_time_ns = _time(fields, "log_time_ns")
     due = "publish_time_ns" in fields
+    try:
+        encoded = _text(fields.get("payload_base64"), "payload_base64")
+        payload = base64.b64decode(encoded, validate=True)
+    except ValueError:
+        raise DecodeError("payload_base64: expected base64") from None
     return Recorded(
         topic=_text(fields.get("topic"), "topic"),
-        payload=_payload(fields.get("payload_base64")),
+        payload=payload,
         log_time_ns=log_time_ns,
         publish_time_ns=_time(fields, "publish_time_ns") if due else log_time_ns,
         content_type=_text(fields.get("content_type", ""), "content_type"),
@@ -147,13 +152,6 @@ def _text(value: Any, name: str) -> str:
     except UnicodeEncodeError:
         raise DecodeError(f"{name}: half of a surrogate pair is no character") from None
     return value
-
-
-def _payload(value: Any) -> bytes:
-    try:
-        return base64.b64decode(_text(value, "payload_base64"), validate=True)
-    except ValueError:
-        raise DecodeError("payload_base64: expected base64") from None
 
 
 def _properties(value: Any) -> tuple[tuple[str, str], ...]:
@@ -275,7 +273,8 @@ class FormatFacts:
     begins: Callable[[bytes], bool] = lambda _: False
     # Reads a file whose first day begins at that time, UTC in ns; None if it is only written.
     reader: Callable[[BinaryIO, int], RecordingReader] | None = None
-    writer: Callable[[BinaryIO], RecordingWriter] | None = None  # None if the format is only read
+    # Writes one, of that table or selection of plots if it holds such; None if it is only read.
+    writer: Callable[[BinaryIO, TableName, Selection | None], RecordingWriter] | None = None
     has_dates: bool = True  # Whether there is more than times of day
     holds_stages: bool = False  # Whether messages before their link stand beside those after it
 
@@ -303,21 +302,19 @@ def _mcap_reader(file: BinaryIO, _date_utc_ns: int) -> RecordingReader:
     return McapReader(file)
 
 
-def _mcap_writer(file: BinaryIO) -> RecordingWriter:
+def _mcap_writer(file: BinaryIO, *_: object) -> RecordingWriter:
     from plotfeed.replay.mcap.mcap_writer import McapWriter
 
     return McapWriter(file)
 
 
-def _csv_writer(file: BinaryIO, select: Selection | None = None) -> RecordingWriter:
+def _csv_writer(file: BinaryIO, _table: TableName, select: Selection | None) -> RecordingWriter:
     from plotfeed.replay.plots_csv import PlotsCsvWriter
 
     return PlotsCsvWriter(file, select)
 
 
-def _parquet_writer(
-    file: BinaryIO, table: TableName, select: Selection | None = None
-) -> RecordingWriter:
+def _parquet_writer(file: BinaryIO, table: TableName, select: Selection | None) -> RecordingWriter:
     try:
         from plotfeed.replay.parquet_tables import ParquetWriter
     except ModuleNotFoundError as error:
@@ -340,7 +337,7 @@ FORMATS: Mapping[FileFormat, FormatFacts] = {
         suffixes=(".pcap", ".cap"),
         begins=lambda head: head[:4] in PCAP_FORMATS,
         reader=lambda file, _: PcapReader(file),
-        writer=PcapWriter,
+        writer=lambda file, *_: PcapWriter(file),
     ),
     FileFormat.PCAPNG: FormatFacts(
         suffixes=(".pcapng", ".ntar"),
@@ -351,28 +348,26 @@ FORMATS: Mapping[FileFormat, FormatFacts] = {
         suffixes=(".jsonl", ".ndjson"),
         begins=lambda head: head.lstrip().startswith((b'{"', b"{ ")),
         reader=lambda file, _: JsonLinesReader(file),
-        writer=JsonLinesWriter,
+        writer=lambda file, *_: JsonLinesWriter(file),
         holds_stages=True,
     ),
     FileFormat.FINAL: FormatFacts(
         suffixes=(".ff", ".final"),
         begins=_is_final,
         reader=lambda file, date_utc_ns: FinalReader(file, date_utc_ns=date_utc_ns),
-        writer=FinalWriter,
+        writer=lambda file, *_: FinalWriter(file),
         has_dates=False,
     ),
     FileFormat.RAW: FormatFacts(
         suffixes=(".ast", ".asterix", ".raw"),
         begins=_is_raw,
         reader=lambda file, date_utc_ns: RawReader(file, date_utc_ns=date_utc_ns),
-        writer=RawWriter,
+        writer=lambda file, *_: RawWriter(file),
         has_dates=False,
     ),
     FileFormat.CSV: FormatFacts(suffixes=(".csv",), writer=_csv_writer),
     FileFormat.PARQUET: FormatFacts(
-        suffixes=(".parquet",),
-        begins=lambda head: head.startswith(b"PAR1"),
-        writer=lambda file: _parquet_writer(file, TableName.PLOTS),
+        suffixes=(".parquet",), begins=lambda head: head.startswith(b"PAR1"), writer=_parquet_writer
     ),
 }
 SUFFIXES = {suffix: form for form in FileFormat for suffix in FORMATS[form].suffixes}
@@ -436,14 +431,10 @@ def writer_to(
 
     `table` is for Parquet, which holds one; `select` takes plots for a table of them.
     """
-    if form is FileFormat.PARQUET:
-        return _parquet_writer(file, table, select)
-    if form is FileFormat.CSV:
-        return _csv_writer(file, select)
     writer = FORMATS[form].writer
     if writer is None:
         raise PlotfeedError(f"{form} is only read; pcap holds the same")
-    return writer(file)
+    return writer(file, table, select)
 
 
 @contextmanager

@@ -143,11 +143,6 @@ def address(octets: bytes) -> str:
     return str(IPv6Address(octets))
 
 
-def holds(link_type: int, address_octets: int) -> bool:
-    """Whether packets of that link type carry IP with addresses of so many octets."""
-    return link_type != (ONLY_IPV6 if address_octets == 4 else ONLY_IPV4)
-
-
 TTL = 64
 DO_NOT_FRAGMENT = 0x4000
 LONGEST = 0xFFFF
@@ -473,7 +468,7 @@ class PcapWriter(RecordingWriter):
             return place
         kept = kept_in(message.properties)
         header = self._header or self._begin(ns_header(ETHERNET) if kept is None else kept.header)
-        if not holds(header.link_type, len(place[0])):
+        if header.link_type == (ONLY_IPV6 if len(place[0]) == 4 else ONLY_IPV4):
             return f"of an IP that link type {header.link_type} of the capture does not hold"
         packet, length = _as_it_was(header, message, place, kept) or _anew(header, message, place)
         if not packet:

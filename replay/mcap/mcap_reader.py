@@ -340,37 +340,18 @@ CHUNK_OCTETS = HEAD.size + CHUNK_FIELDS.size + 4 + 4 + 8  # At most, up to its c
 _KINDS = frozenset(Opcode)
 
 
-def scan(source: McapSource, damages: Damages) -> Contents:
-    """All that can be read of the file; what cannot is noted."""
-    found = _Scan(source, damages)
-    found.run()
-    return found.contents
-
-
-def records_of(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, first octet and end of each record's body; raises `DecodeError` at a broken one."""
-    at, end = 0, len(data)
-    unpack, head = HEAD.unpack_from, HEAD.size
-    while at + head <= end:
-        opcode, length = unpack(data, at)
-        body, at = at + head, at + head + length
-        if at > end:
-            raise DecodeError("a record that does not end", at_octet=body - head)
-        yield opcode, body, at
-    if at != end:
-        raise DecodeError("a record that does not end", at_octet=at)
-
-
 class _Scan:
+    """Finds all that can be read of a file; what cannot is noted."""
+
     def __init__(self, source: McapSource, damages: Damages) -> None:
-        self.contents = Contents()
+        self._contents = Contents()
         self._source = source
         self._damages = damages
         self._loose: TimeSpan | None = None
         self._wasted = 0  # Octets read in vain
 
-    def run(self) -> None:
-        """Record after record; after a broken one, wherever the next can be found."""
+    def run(self) -> Contents:
+        """What is in it, record after record; after a broken one, wherever the next is found."""
         at, source = len(MAGIC), self._source
         if source.at(0, at) != MAGIC:
             self._damages.add(0, "the beginning: it is not that of an MCAP file")
@@ -394,6 +375,7 @@ class _Scan:
         magic = source.at(max(0, source.octets - len(MAGIC)), len(MAGIC))
         if opcode != Opcode.DATA_END or magic != MAGIC:
             self._damages.add(source.octets, "the end: cut, or still being written")
+        return self._contents
 
     def _take(self, opcode: int, at: int, end: int) -> None:
         """One record; raises `DecodeError`."""
@@ -402,17 +384,23 @@ class _Scan:
         elif opcode == Opcode.CHUNK:
             first_ns, last_ns = self._take_records(at, self._source.chunk(at))
             if first_ns <= last_ns:
-                self.contents.spans.append(TimeSpan(first_ns, last_ns, at, end - at))
-        elif opcode == Opcode.ATTACHMENT:
-            self._take_attachment(at)
-        elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-            self.contents.define(opcode, Fields(self._source.body(at)[1]))
+                self._contents.spans.append(TimeSpan(first_ns, last_ns, at, end - at))
         else:
-            self._pass_over(opcode, at)
+            self._take_other(opcode, at, self._source.body(at)[1])
 
-    def _pass_over(self, opcode: int, at: int) -> None:
-        """A record that is not needed, unless it is none; raises `DecodeError`."""
-        fields = Fields(self._source.body(at)[1])
+    def _take_other(self, opcode: int, at: int, body: bytes) -> None:
+        """A record without messages, unless it is none; raises `DecodeError`."""
+        fields = Fields(body)
+        if opcode == Opcode.ATTACHMENT:
+            found = attachment_of(body)
+            entry = AttachmentEntry(
+                name=found.name, media_type=found.media_type, octets=len(found.data), offset=at
+            )
+            self._contents.attachments.append(entry)
+            return
+        if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+            self._contents.define(opcode, fields)
+            return
         if opcode == Opcode.DATA_END:
             fields.skip(4)
         elif opcode == Opcode.MESSAGE_INDEX:
@@ -428,30 +416,26 @@ class _Scan:
 
     def _take_records(self, at: int, data: bytes) -> tuple[int, int]:
         """First and last log time of the messages in a chunk."""
-        first_ns, last_ns, counts = LATEST_NS, 0, self.contents.counts
-        unpack = MESSAGE.unpack_from
+        first_ns, last_ns, counts = LATEST_NS, 0, self._contents.counts
+        unpack, unpack_head = MESSAGE.unpack_from, HEAD.unpack_from
+        place = 0
         try:
-            for opcode, body, end in records_of(data):
-                if opcode == Opcode.MESSAGE and end - body >= MESSAGE_FIELDS_OCTETS:
-                    _, _, channel_id, _, log_ns, _ = unpack(data, body - HEAD.size)
+            while place < len(data):
+                body = place + HEAD.size
+                opcode, length = unpack_head(data, place) if body <= len(data) else (0, 0)
+                end = body + length
+                if end > len(data):
+                    raise DecodeError("a record that does not end", at_octet=place)
+                if opcode == Opcode.MESSAGE and length >= MESSAGE_FIELDS_OCTETS:
+                    _, _, channel_id, _, log_ns, _ = unpack(data, place)
                     counts[channel_id] = counts.get(channel_id, 0) + 1
                     first_ns, last_ns = min(first_ns, log_ns), max(last_ns, log_ns)
                 elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                    self.contents.define(opcode, Fields(data, body, end))
+                    self._contents.define(opcode, Fields(data, body, end))
+                place = end
         except DecodeError as error:  # what is before it is whole
             self._damages.add(at, f"in a chunk: {error}")
         return first_ns, last_ns
-
-    def _take_attachment(self, at: int) -> None:
-        attachment = attachment_of(self._source.body(at)[1])
-        self.contents.attachments.append(
-            AttachmentEntry(
-                name=attachment.name,
-                media_type=attachment.media_type,
-                octets=len(attachment.data),
-                offset=at,
-            )
-        )
 
     def _take_loose(self, at: int, end: int) -> None:
         """A message outside chunks."""
@@ -459,9 +443,9 @@ class _Scan:
         if end - at < MESSAGE.size:
             raise DecodeError("a message that is too short")
         _, _, channel_id, _, log_ns, _ = MESSAGE.unpack(head)
-        if channel_id not in self.contents.channels:
+        if channel_id not in self._contents.channels:
             raise DecodeError(f"a message of channel {channel_id}, which is unknown")
-        self.contents.counts[channel_id] = self.contents.counts.get(channel_id, 0) + 1
+        self._contents.counts[channel_id] = self._contents.counts.get(channel_id, 0) + 1
         loose = self._loose
         if loose is None or loose.offset + loose.octets != at or loose.octets > LOOSE_OCTETS:
             self._end_loose()
@@ -476,7 +460,7 @@ class _Scan:
 
     def _end_loose(self) -> None:
         if self._loose is not None:
-            self.contents.spans.append(self._loose)
+            self._contents.spans.append(self._loose)
             self._loose = None
 
     def _after_broken(self, at: int, end: int, what: str) -> int:
@@ -550,10 +534,14 @@ class McapReader(RecordingReader):
         self._own = open(source, "rb") if isinstance(source, (Path, str)) else None  # noqa: SIM115, PTH123
         try:
             self._source = McapSource(self._own or source)  # type: ignore[arg-type]
-            self._check_magic()
+            # A file that is cut may have no magic, and one that begins wrongly may go on rightly.
+            head = self._source.head(len(MAGIC))
+            is_begun = MAGIC.startswith(self._source.at(0, len(MAGIC)))
+            if not is_begun and (head is None or head[0] != Opcode.HEADER):
+                raise DecodeError("expected an MCAP file", at_octet=0)
             contents = read_index(self._source, self.damage)
             self._indexed = contents is not None
-            self._contents = contents or scan(self._source, self.damage)
+            self._contents = contents or _Scan(self._source, self.damage).run()
         except BaseException:
             self.close()
             raise
@@ -633,15 +621,6 @@ class McapReader(RecordingReader):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _check_magic(self) -> None:
-        """A file that is cut may have none, and one that begins wrongly may go on rightly."""
-        beginning = self._source.at(0, len(MAGIC))
-        if MAGIC.startswith(beginning):
-            return
-        head = self._source.head(len(MAGIC))
-        if head is None or head[0] != Opcode.HEADER:
-            raise DecodeError("expected an MCAP file", at_octet=0)
 
     def _wanted(
         self, topics: Collection[str] | None, stages: Collection[Stage] | None

@@ -82,7 +82,9 @@ class ChunkFile:
         begin = at = self._octets + len(chunk)
         indexes, index_offsets = [], {}
         for channel_id, times in entries.items():
-            indexes.append(_message_index(channel_id, times))
+            octets = 8 * len(times)
+            head = (Opcode.MESSAGE_INDEX, 6 + octets, channel_id, octets)
+            indexes.append(struct.pack(f"<BQHI{len(times)}Q", *head, *times))
             index_offsets[channel_id] = at
             at += len(indexes[-1])
         index = mcap.ChunkIndex(
@@ -245,14 +247,6 @@ def record_of(record: mcap.McapRecord) -> bytes:
     return octets
 
 
-def _message_index(channel_id: int, entries: Sequence[int]) -> bytes:
-    """The record that says where a channel's messages are: log time, offset, log time, ..."""
-    octets = 8 * len(entries)
-    return struct.pack(
-        f"<BQHI{len(entries)}Q", Opcode.MESSAGE_INDEX, 6 + octets, channel_id, octets, *entries
-    )
-
-
 CHUNK_OCTETS = 256 << 10
 MAX_PAYLOAD_OCTETS = MAX_RECORD_OCTETS // 2
 # Chunks: where there is no index, the loss of one shall not make others unreadable for long.
@@ -311,9 +305,15 @@ class McapWriter(RecordingWriter):
         stage = message.stage._value_  # a text: its hash is much quicker than that of an enum
         key = (message.topic, message.content_type, stage, message.retain, message.qos)
         try:
-            channel = self._channels.get(key) or self._new_channel(key, ChannelKey.of(message))
-            if message.properties:
-                self._add_properties(channel, key, message)
+            channel = self._channels.get(key) or self._new_channel(key, message)
+            if message.properties:  # a message of their own, with the same number and times
+                beside = channel.properties
+                if beside is None:
+                    beside = self._new_channel(("properties", *key), message, of_properties=True)
+                    channel.properties = beside
+                beside.messages = channel.messages
+                told = properties_to_json(message.properties)
+                self._add(beside, message.log_time_ns, message.publish_time_ns, told)
             self._add(channel, message.log_time_ns, message.publish_time_ns, message.payload)
         except UnicodeEncodeError as error:
             return f"{ascii(error.object)[:60]}: expected text that UTF-8 can hold"
@@ -373,22 +373,10 @@ class McapWriter(RecordingWriter):
         self._parts += (head, payload)
         self._octets += MESSAGE.size + octets
 
-    def _add_properties(
-        self, channel: _Channel, key: tuple[object, ...], message: Recorded
-    ) -> None:
-        """A message of its own before the message itself, with the same number and times."""
-        beside = channel.properties
-        if beside is None:
-            beside = channel.properties = self._new_channel(
-                ("properties", *key), ChannelKey.of(message), of_properties=True
-            )
-        beside.messages = channel.messages
-        payload = properties_to_json(message.properties)
-        self._add(beside, message.log_time_ns, message.publish_time_ns, payload)
-
     def _new_channel(
-        self, key: tuple[object, ...], series: ChannelKey, *, of_properties: bool = False
+        self, key: tuple[object, ...], message: Recorded, *, of_properties: bool = False
     ) -> _Channel:
+        series = ChannelKey.of(message)
         if self._last_id == MAX_CHANNELS:
             raise EncodeError(f"more than {MAX_CHANNELS} channels", field="topic")
         schema_id = 0 if of_properties else self._schema_of(series)
