@@ -86,34 +86,27 @@ def kind_of(topic: str, content_type: str, payload: bytes) -> str:
     is_block = len(payload) >= int.from_bytes(payload[1:HEADER_OCTETS], "big") > HEADER_OCTETS
     if is_block and payload[0] in OPEN_TO[kind]:
         return ASTERIX
-    return SAPIENT_MESSAGE if kind == TRACK_BATCH and not _is_batch(payload) else kind
-
-
-def _is_batch(payload: bytes) -> bool:
-    """Whether octets are a TrackBatch; a time stands where SAPIENT would have the sensor's name."""
-    try:
-        return pb.TrackBatch.FromString(payload).sensor.isprintable()
-    except ProtobufDecodeError:
-        return False
+    if kind == TRACK_BATCH:  # unless a time stands where that has the sensor's name
+        try:
+            is_batch = pb.TrackBatch.FromString(payload).sensor.isprintable()
+        except ProtobufDecodeError:
+            is_batch = False
+        return kind if is_batch else SAPIENT_MESSAGE
+    return kind
 
 
 @lru_cache(maxsize=1024)
 def _told(topic: str, content_type: str) -> tuple[str, bool]:
     """What content type and topic tell, and whether the payload may still say otherwise."""
-    if by_type := _told_by_type(content_type):
-        return by_type, False
+    named, media_type = message_type(content_type), content_type.partition(";")[0].strip()
+    if named in OUR_MESSAGES:
+        return named, False
+    if named.startswith("sapient_msg."):
+        return SAPIENT_MESSAGE, False
+    if media_type in MEDIA_TYPES:
+        return media_type, False
     by_topic = _told_by_topic(topic)
     return by_topic, by_topic in OPEN_TO
-
-
-def _told_by_type(content_type: str) -> str:
-    named = message_type(content_type)
-    if named in OUR_MESSAGES:
-        return named
-    if named.startswith("sapient_msg."):
-        return SAPIENT_MESSAGE
-    media_type = content_type.partition(";")[0].strip()
-    return media_type if media_type in MEDIA_TYPES else ""
 
 
 def _told_by_topic(topic: str) -> str:

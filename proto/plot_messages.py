@@ -119,11 +119,6 @@ _SCAN, _SECTOR = (
 MANY = 8  # Plots from which on it is faster to fill rows of octets than objects of protobuf
 
 
-def plot_batch(sensor: str, scan: int, sector: int, plots: Plots) -> bytes:
-    """A serialised PlotBatch; what is NaN is left out."""
-    return plot_batches([sensor], [scan], [sector], plots, [0, len(plots)])[0]
-
-
 def plot_batches(
     sensors: Sequence[str],
     scans: Sequence[int],

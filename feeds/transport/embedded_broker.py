@@ -97,7 +97,10 @@ class EmbeddedBroker:
         self.ports, self._settings = ports, settings
         at_home = ServedAddress(settings.host).is_loopback
         rights = rights_by_user(prefix)
-        self.users = {name: User(_password_of(name), may) for name, may in rights.items()}
+        self.users = {}
+        for name, may in rights.items():
+            fixed = fixed_token(os.environ, PASSWORD_VARIABLE_OF.format(name.upper()))
+            self.users[name] = User(fixed or drawn_token(), may)
         own = User(drawn_token(), Rights())
         known = {**self.users, SESSION_USER: own}
         self.access = BrokerAccess(username=SESSION_USER, password=own.password)
@@ -207,10 +210,6 @@ class EmbeddedBroker:
         except TimeoutError:
             process.kill()
             await process.wait()
-
-
-def _password_of(user: str) -> str:
-    return fixed_token(os.environ, PASSWORD_VARIABLE_OF.format(user.upper())) or drawn_token()
 
 
 async def _wait_for_ports(first: int, websocket: bool, host: str) -> None:

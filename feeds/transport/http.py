@@ -16,18 +16,13 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
-from plotfeed.feeds.transport.octet_sources import OctetSource, OctetsTaker, SourceError
-from plotfeed.feeds.transport.peers import PEER_LIMITS
+from plotfeed.feeds.transport.octet_sources import OctetSource, SourceError
+from plotfeed.feeds.transport.peers import PEER_LIMITS, PeerTurns
 from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError
-from plotfeed.proto.errors import PlotfeedError
 
 DEFAULT_PORTS = {"http": 80, "https": 443}
 MAX_HEAD_OCTETS = 1 << 16
 STATUS = re.compile(rb"HTTP/1\.[01] (\d{3})(?: .*)?")
-
-
-class HttpError(PlotfeedError):
-    """A server that gave no answer, and why."""
 
 
 class HttpClient:
@@ -49,20 +44,20 @@ class HttpClient:
     async def ask(
         self, method: str, fields: Sequence[str], body: bytes, *, timeout_s: float, most: int
     ) -> tuple[int, bytes | None]:
-        """Status and body of the answer, this None if longer than `most`; raises `HttpError`."""
+        """Status and body of the answer, this None if longer than `most`; raises `SendError`."""
         answered = False
         try:
             async with asyncio.timeout(timeout_s):
                 found = await self._answer(method, fields, body, most)
             answered = True
         except TimeoutError:
-            raise HttpError(f"no answer within {timeout_s:g} s") from None
+            raise SendError(f"no answer within {timeout_s:g} s") from None
         except ssl.SSLCertVerificationError as error:
-            raise HttpError(f"its certificate: {error.verify_message}") from None
+            raise SendError(f"its certificate: {error.verify_message}") from None
         except OSError as error:
-            raise HttpError(error.strerror or str(error)) from None
+            raise SendError(error.strerror or str(error)) from None
         except (EOFError, ValueError):  # of a stream that ends, or of a line without end
-            raise HttpError("it hung up, or its answer is not HTTP") from None
+            raise SendError("it hung up, or its answer is not HTTP") from None
         finally:
             if not answered:
                 self.hang_up()
@@ -172,12 +167,9 @@ class HttpTransport(QueuedTransport):
         """Post a message and read the answer; raises `SendError` unless it is one of 200 to 299."""
         kind = message.content_type.partition(";")[0]
         fields = [f"Content-Type: {kind}", f"Content-Length: {len(message.payload)}"]
-        try:
-            status, _ = await self._server.ask(
-                "POST", fields, message.payload, timeout_s=self._timeout_s, most=MAX_BODY_OCTETS
-            )
-        except HttpError as error:
-            raise SendError(str(error)) from None
+        status, _ = await self._server.ask(
+            "POST", fields, message.payload, timeout_s=self._timeout_s, most=MAX_BODY_OCTETS
+        )
         if 200 <= status < 300:
             return
         if 300 <= status < 400:
@@ -217,9 +209,7 @@ WHY = {
 class PolledOctets(OctetSource):
     """GET {base}/uss/flights?view=..., each answer whole to the taker."""
 
-    def __init__(
-        self, address: SourceAddress, taker: OctetsTaker, view: str, every_s: float
-    ) -> None:
+    def __init__(self, address: SourceAddress, taker: PeerTurns, view: str, every_s: float) -> None:
         self._address, self._taker, self._every_s = address, taker, every_s
         self._url = f"{address.path.rstrip('/')}/uss/flights?view={quote(view, safe=',')}"
         self._is_told = False
@@ -236,7 +226,7 @@ class PolledOctets(OctetSource):
         while True:
             try:
                 answer = await self._get()
-            except PlotfeedError as error:
+            except SendError as error:
                 if not self._is_told:
                     log.warning("%s: %s; asked again", self._address, error)
                     self._is_told = True
@@ -265,7 +255,7 @@ class PolledOctets(OctetSource):
         finally:
             server.hang_up()
         if status != 200:
-            raise HttpError(f"status {status}" + (f", {WHY[status]}" if status in WHY else ""))
+            raise SendError(f"status {status}" + (f", {WHY[status]}" if status in WHY else ""))
         if answer is None:
-            raise HttpError(f"an answer of more than {ANSWER.octets} octets")
+            raise SendError(f"an answer of more than {ANSWER.octets} octets")
         return answer

@@ -17,7 +17,6 @@ from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.transport.http import PolledOctets
 from plotfeed.feeds.transport.octet_sources import (
     OctetSource,
-    OctetsTaker,
     PipedOctets,
     SerialOctets,
     TcpOctets,
@@ -130,7 +129,7 @@ def listener_of(settings: TelemetrySource) -> Listener:
 
 
 def octets_of(
-    address: SourceAddress, taker: OctetsTaker, interface: str | None = None
+    address: SourceAddress, taker: PeerTurns, interface: str | None = None
 ) -> OctetSource:
     """The way in to a source's octets."""
     if address.transport in ("udpin", "udpout"):

@@ -58,19 +58,17 @@ class ServedAddress:
     @property
     def is_loopback(self) -> bool:
         """Says whether only this machine can get there."""
-        if self.host in LOOPBACK_NAMES:
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
+        address = _address(self.host)
+        return self.host in LOOPBACK_NAMES or (address is not None and address.is_loopback)
 
     def host_is_ours(self, header: str) -> bool:
         """Says whether a request with that header Host was made to a name of this machine."""
         name = name_in_host(header)
         if name in LOOPBACK_NAMES or name == self.host.lower():
             return True
-        return not self.is_loopback and (name == socket.gethostname().lower() or _is_address(name))
+        return not self.is_loopback and (
+            name == socket.gethostname().lower() or _address(name) is not None
+        )
 
     def url(self, path: str, token: str | None) -> str:
         """Where to find a path there, with the token if there is one."""
@@ -98,9 +96,8 @@ def drawn_token() -> str:
     return secrets.token_urlsafe(TOKEN_OCTETS)
 
 
-def _is_address(name: str) -> bool:
+def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     try:
-        ipaddress.ip_address(name)
+        return ipaddress.ip_address(name)
     except ValueError:
-        return False
-    return True
+        return None

@@ -15,13 +15,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from functools import partial
 from io import FileIO
-from typing import Protocol
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import HAS_POSIX, watched
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.telemetry.live.heard import remember
-from plotfeed.feeds.transport.peers import PEER_LIMITS, SLICE_OCTETS, Places
+from plotfeed.feeds.transport.peers import PEER_LIMITS, SLICE_OCTETS, PeerTurns, Places
 from plotfeed.feeds.transport.udp import lost_of, receiver_at
 from plotfeed.proto.errors import PlotfeedError
 
@@ -40,24 +39,8 @@ class SourceError(PlotfeedError):
     exit_code = 1
 
 
-class OctetsTaker(Protocol):
-    """Whoever is told what comes."""
-
-    def put(self, peer: str, data: bytes) -> None:
-        """A peer has sent these, and cannot be told to wait."""
-
-    async def hear(self, peer: str, data: bytes) -> None:
-        """A peer has sent these; returns when there is room for more."""
-
-    def gone(self, peer: str) -> None:
-        """A peer's connection has ended."""
-
-    def refuse(self, why: str, number: int = 1) -> None:
-        """Something of a peer was not taken, so many times."""
-
-
 class OctetSource(ABC):
-    """A way in for octets, by who sends them."""
+    """A way in for octets, by who sends them; a taker has them wait for their turn."""
 
     bound_port = 0  # At which it listens, if it does
 
@@ -85,7 +68,7 @@ class UdpOctets(OctetSource):
     """A socket that is bound to a port, or sends to one, and takes what comes."""
 
     def __init__(
-        self, address: SourceAddress, taker: OctetsTaker, interface: str | None = None
+        self, address: SourceAddress, taker: PeerTurns, interface: str | None = None
     ) -> None:
         """`interface` is where a multicast group is joined."""
         self._address, self._taker, self._interface = address, taker, interface
@@ -158,7 +141,7 @@ class UdpOctets(OctetSource):
 class TcpOctets(OctetSource):
     """A connection to somebody, made again whenever it ends, or connections that others make."""
 
-    def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
+    def __init__(self, address: SourceAddress, taker: PeerTurns) -> None:
         self._address, self._taker = address, taker
         self._writers: dict[str, asyncio.StreamWriter] = {}
         self._places = Places[str](TCP)
@@ -268,7 +251,7 @@ REOPEN_S = 1.0  # Between attempts to open a port
 class SerialOctets(OctetSource):
     """A serial port, raw, 8 bits, no parity, 1 stop bit; opened again when it comes back."""
 
-    def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
+    def __init__(self, address: SourceAddress, taker: PeerTurns) -> None:
         """Raises `PlotfeedError` without pyserial."""
         need_extra("serial", "a serial port", "serial")
         self._address, self._taker = address, taker
@@ -341,7 +324,7 @@ class PipedOctets(OctetSource):
     Nothing else waits for what blocks, such as a pipe to which nobody writes.
     """
 
-    def __init__(self, address: SourceAddress, taker: OctetsTaker) -> None:
+    def __init__(self, address: SourceAddress, taker: PeerTurns) -> None:
         self._address, self._taker = address, taker
         self._peer = address.path or "-"
         self._is_taken = threading.Event()

@@ -16,15 +16,9 @@ from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.cat016 import CAT016
 from plotfeed.proto.asterix.cat025 import CAT025, STATUS
-from plotfeed.proto.asterix.codec.encode import (
-    UDP_OCTETS,
-    Parts,
-    ReportEncoder,
-    Reports,
-    looked_up,
-    measured,
-)
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Parts, ReportEncoder, Reports, measured
 from plotfeed.proto.asterix.codec.layout import category
+from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
 from plotfeed.proto.units import TIME_LSB_NS, decibels
@@ -230,7 +224,10 @@ class PlotEncoder015(ReportEncoder):
             columns["I015/400/ON"] = parts.numbered_from(first) % OBSERVATIONS
         if self._classes is not None and any(plots.kind):
             path = "I015/300/0/CLS"
-            columns[path] = looked_up(self._classes, plots.kind, "class for kind", path)
+            try:
+                columns[path] = np.array([self._classes[kind] for kind in plots.kind.tolist()])
+            except KeyError as error:
+                raise EncodeError(f"no class for kind {error}", field=path) from None
             stated = plots.kind_probability
             columns["I015/300/0/PRB"] = (
                 np.full(len(plots), SURE_PCT)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 from plotfeed.proto.asterix.cat129 import CAT129
 from plotfeed.proto.asterix.codec.decode import Record, decode
@@ -72,12 +73,14 @@ def read_021(data: bytes) -> list[AircraftReport]:
     return [report for report in map(_aircraft, records) if report is not None]
 
 
-def _aircraft(record: Record) -> AircraftReport | None:
-    def number(*paths: str) -> float:
-        """The first of the numbers that was sent."""
-        found = (value for path in paths if isinstance(value := record.get(path), float))
-        return next(found, math.nan)
+def _number(record: Record, *paths: str) -> float:
+    """The first of the numbers that was sent."""
+    found = (value for path in paths if isinstance(value := record.get(path), float))
+    return next(found, math.nan)
 
+
+def _aircraft(record: Record) -> AircraftReport | None:
+    number = partial(_number, record)
     address, emitter, callsign = map(record.get, ("I021/080", "I021/020", "I021/170"))
     latitude_deg, longitude_deg = (
         number(*(f"{position}/{name}" for position in POSITIONS)) for name in ("LAT", "LON")
@@ -101,7 +104,7 @@ def _aircraft(record: Record) -> AircraftReport | None:
     )
 
 
-CATEGORY = 129
+CATEGORY = CAT129.number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,9 +155,7 @@ def read_129(data: bytes) -> list[UasReport]:
 
 
 def _unmanned(record: Record) -> UasReport:
-    def number(path: str) -> float:
-        value = record.get(path)
-        return value if isinstance(value, float) else math.nan
+    number = partial(_number, record)
 
     def text(path: str) -> str:
         value = record.get(path)
@@ -164,7 +165,7 @@ def _unmanned(record: Record) -> UasReport:
         readable = name.isascii() and name.isprintable()
         return name if readable else value.encode("latin-1").hex()
 
-    if record.category != CAT129.number:
+    if record.category != CATEGORY:
         raise DecodeError(f"category {record.category}, not 129", at_octet=record.at_octet)
     for path in ("I129/070", "I129/080/LAT"):
         if record.get(path) is None:

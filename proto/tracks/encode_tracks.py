@@ -106,10 +106,10 @@ class TrackOrigin:
         """Name a track so that no other of the session has it."""
         return f"{self.sensor}-{number}"
 
-    def short_name_of(self, number: int, most: int = 24) -> str:
-        """Name a track in so many characters; what does not fit gives way to a digest of it."""
+    def short_name_of(self, number: int) -> str:
+        """Name a track in 24 characters; what does not fit gives way to a digest of it."""
         name = self.name_of(number)
-        if len(name) <= most and name.isascii():
+        if len(name) <= 24 and name.isascii():
             return name
         digest = blake2b(self.sensor.encode(), digest_size=4).hexdigest()
         return f"{digest}-{number}"
@@ -325,7 +325,7 @@ def f3411_flights(tracks: ToldTracks, origin: TrackOrigin) -> bytes:
     told = one_by_one(tracks)
     at_ns = max(one["t_utc_ns"] for one in told)
     flights = [_flight(one, origin) for one in told]
-    return _json({"timestamp": _time(at_ns), "flights": flights})
+    return _json({"timestamp": rfc3339(at_ns), "flights": flights})
 
 
 def _flight(told: Told, origin: TrackOrigin) -> dict[str, Any]:
@@ -336,7 +336,7 @@ def _flight(told: Told, origin: TrackOrigin) -> dict[str, Any]:
         "aircraft_type": "NotDeclared",
         "simulated": True,
         "current_state": {
-            "timestamp": _time(told["t_utc_ns"]),
+            "timestamp": rfc3339(told["t_utc_ns"]),
             "timestamp_accuracy": 0.0,
             "operational_status": "Undeclared",
             "position": {
@@ -370,7 +370,8 @@ def _bound(classes: Mapping[str, float], of_sigma: float, sigma: float | None) -
     return f"{bounded[0]}Plus"
 
 
-def _time(t_utc_ns: int) -> dict[str, str]:
+def rfc3339(t_utc_ns: int) -> dict[str, str]:
+    """A time as F3411 has it."""
     return {"value": iso_utc_ms(t_utc_ns), "format": "RFC3339"}
 
 

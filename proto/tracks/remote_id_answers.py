@@ -12,7 +12,8 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
-from plotfeed.proto.utc import NS, iso_utc_ms, utc_ns
+from plotfeed.proto.tracks.encode_tracks import rfc3339
+from plotfeed.proto.utc import NS, utc_ns
 
 # NetMaxNearRealTimeDataPeriod: a flight of which nothing came for longer is not told of.
 KEPT_S = 60
@@ -128,13 +129,13 @@ class KnownFlights:
                 since_ns = now_utc_ns - round(min(recent_s, KEPT_S) * NS)
                 flight = flight | {
                     "recent_positions": [
-                        {"time": _time(t_utc_ns), "position": place}
+                        {"time": rfc3339(t_utc_ns), "position": place}
                         for t_utc_ns, place in known.places
                         if t_utc_ns >= since_ns
                     ]
                 }
             found.append(flight)
-        return {"timestamp": _time(now_utc_ns), "flights": found}
+        return {"timestamp": rfc3339(now_utc_ns), "flights": found}
 
     def display_data(self, view: DisplayArea, now_utc_ns: int) -> Json:
         """The answer to GET /display_data: flights of a small view, clusters of a larger one."""
@@ -174,7 +175,3 @@ def _cluster(view: DisplayArea, row: int, column: int, number: int) -> Json:
 def _position(place: Json) -> Json:
     """A place as displays have it."""
     return {name: place[name] for name in ("lat", "lng", "alt")}
-
-
-def _time(t_utc_ns: int) -> dict[str, str]:
-    return {"value": iso_utc_ms(t_utc_ns), "format": "RFC3339"}

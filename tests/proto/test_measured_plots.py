@@ -11,7 +11,7 @@ from plotfeed.proto.asterix.cat048 import PlotEncoder048
 from plotfeed.proto.asterix.decode_plots import plots_in_asterix
 from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
-from plotfeed.proto.plot_messages import plot_batch, plots_in_batch
+from plotfeed.proto.plot_messages import plot_batches, plots_in_batch
 from plotfeed.proto.utc import DAY_NS
 
 T_NS = 1_767_268_800 * NS
@@ -25,7 +25,7 @@ PLOTS = Plots.of(
 
 
 def test_a_batch_says_all_that_is_measured_and_no_more() -> None:
-    found = plots_in_batch(plot_batch("north", 3, 1, PLOTS))
+    found = plots_in_batch(plot_batches(["north"], [3], [1], PLOTS, [0, len(PLOTS)])[0])
     assert found.t_utc_ns.tolist() == PLOTS.t_utc_ns.tolist()
     assert found.sensor.tolist() == ["north"] * 2
     assert found.bistatic_range_m.tolist() == [2000.0, 3000.0]
@@ -62,7 +62,10 @@ def test_heights_of_048_are_altitudes() -> None:
 
 
 def test_no_plots_join_with_others_to_those() -> None:
-    none, some = MeasuredPlots.of(()), plots_in_batch(plot_batch("north", 3, 1, PLOTS))
+    none, some = (
+        MeasuredPlots.of(()),
+        plots_in_batch(plot_batches(["north"], [3], [1], PLOTS, [0, len(PLOTS)])[0]),
+    )
     assert len(none) == 0
     assert len(MeasuredPlots.joined([none, some, some])) == 4
 

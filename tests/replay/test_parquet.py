@@ -16,7 +16,7 @@ from support.recordings import plots
 
 from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.plot_messages import plot_batch
+from plotfeed.proto.plot_messages import plot_batches
 from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.parquet_tables import FIELDS
 from plotfeed.replay.recorded import Recorded, TableName
@@ -75,7 +75,11 @@ def test_plots_have_a_column_for_each_measure_and_null_for_what_was_not_told() -
     )
     rows, said = table(
         TableName.PLOTS,
-        message("p/radar/plots", plot_batch("radar", 1, 2, measured), "PlotBatch"),
+        message(
+            "p/radar/plots",
+            plot_batches(["radar"], [1], [2], measured, [0, len(measured)])[0],
+            "PlotBatch",
+        ),
         message("p/radar/plots", b"\xff\xff", "PlotBatch"),
         message("p/radar/status", b"{}"),
     )

@@ -45,8 +45,9 @@ def item_by_rule(item: Item, octets: bytes) -> Value:
         case Explicit() | Undecoded():
             return octets[isinstance(item, Explicit) :]
         case Compound():
-            places = ItemPlaces(octets).of_compound(item, 0)
-            return {each.name: item_by_rule(each, octets[at:end]) for each, at, end in places}
+            places = ItemPlaces(octets)
+            subfields = places._each(*places._present(item.subfields, item.name, 0))
+            return {each.name: item_by_rule(each, octets[at:end]) for each, at, end in subfields}
 
 
 def _extended(groups: Sequence[Group], octets: bytes) -> dict[str, Value]:
@@ -74,7 +75,7 @@ def _value(part: Named, raw: int) -> Value:
         case Quantity():
             if part.signed and raw >> part.bits - 1:
                 raw -= 1 << part.bits
-            return part.value(raw)
+            return of_quantity(part, raw)
         case Characters():
             each = part.bits_each
             mask = (1 << each) - 1
@@ -82,3 +83,8 @@ def _value(part: Named, raw: int) -> Value:
             return "".join(part.alphabet[raw >> place & mask] for place in places)
         case _:
             return raw
+
+
+def of_quantity(part: Quantity, raw: int) -> float:
+    """The float nearest to an integer that was sent."""
+    return raw / part.divisor if part.divisor else raw * float(part.lsb)

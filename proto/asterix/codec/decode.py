@@ -557,10 +557,6 @@ class ItemPlaces:
             raise self._error(f"{name} has no items", behind)
         yield from self._each(items, behind)
 
-    def of_compound(self, item: Compound, at: int) -> Iterator[ItemPlace]:
-        """The subfields of the item that begins there, in the same way."""
-        yield from self._each(*self._present(item.subfields, item.name, at))
-
     def _each(self, items: Sequence[Item], at: int) -> Iterator[ItemPlace]:
         for item in items:
             end = self._end(item, at)

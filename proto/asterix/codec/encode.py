@@ -666,12 +666,3 @@ def checked_position(latitude_deg: Any, longitude_deg: Any, *, field: str) -> No
         if not inside.all():
             worst = np.asarray(degrees)[~inside].flat[0]
             raise EncodeError(f"{worst} is not within ±{limit} degrees", field=f"{field}/{name}")
-
-
-def looked_up(values: Mapping[Any, Any], keys: NDArray[Any], what: str, path: str) -> NDArray[Any]:
-    """The value of each key; `what` says what they are of where one has none."""
-    try:
-        found = [values[key] for key in keys.tolist()]
-    except KeyError as error:
-        raise EncodeError(f"no {what} {error}", field=path) from None
-    return np.array(found, np.object_ if isinstance(found[0], str) else None)

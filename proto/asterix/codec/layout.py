@@ -96,11 +96,6 @@ class Quantity:
         each = round(1 / self.lsb)
         return each if each & each - 1 and 1 / each == self.lsb else 0
 
-    def value(self, raw: int) -> float:
-        """The float nearest to an integer that was sent."""
-        divisor = self.divisor
-        return raw / divisor if divisor else raw * float(self.lsb)
-
 
 @dataclass(frozen=True, slots=True)
 class Characters:

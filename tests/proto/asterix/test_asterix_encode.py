@@ -11,6 +11,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from support.asterix_input import every_path, numeric_slots, text_constants
+from support.asterix_rule import of_quantity
 
 from plotfeed.proto.asterix.cat048 import CAT048
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -83,7 +84,9 @@ def test_every_item_comes_back_as_it_went(category: Category, seed: int) -> None
         if isinstance(part, Quantity) and part.modulus:
             high = part.modulus - 1
         drawn = [draw.choice([low, high, 0, draw.randint(low, high)]) for _ in range(2)]
-        columns[slot.path] = [part.value(n) if isinstance(part, Quantity) else n for n in drawn]
+        columns[slot.path] = [
+            of_quantity(part, n) if isinstance(part, Quantity) else n for n in drawn
+        ]
     assert tuple(columns) == encoder.columns
     records = encoded(encoder, columns)
     texts = text_constants(category)
