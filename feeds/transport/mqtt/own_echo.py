@@ -11,13 +11,10 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-
-if TYPE_CHECKING:
-    from plotfeed.feeds.transport.mqtt.connection import MqttConnection
 
 log = logging.getLogger(__name__)
 
@@ -28,6 +25,16 @@ MOST_WAITS = 20
 QUIET_S = 30.0  # A topic on which nothing was published for so long gives way to the next one
 NEXT_S, ROUND_S = 1.0, 60.0  # Between two topics, and from the last one to the first again
 MOST_TOPICS, MOST_SENT, MOST_COMPLAINTS = 10_000, 10_000, 10
+
+
+class Subscriber(Protocol):
+    """A connection, which may be asked for other topics."""
+
+    def subscribe(self, topic_filter: str) -> None:
+        """Ask for a topic."""
+
+    def unsubscribe(self, topic_filter: str) -> None:
+        """Ask for it no more."""
 
 
 class OwnEcho:
@@ -41,7 +48,7 @@ class OwnEcho:
         self.topic = ""  # The one that is sampled now; empty for none
         self._address, self._counts = address, counts
         self._subscribed = frozenset(subscribed)
-        self._connection: MqttConnection | None = None
+        self._connection: Subscriber | None = None
         self._seen: set[str] = set()
         self._done: set[str] = set()
         self._asked: set[str] = set()  # Topics that this connection has subscribed to for a sample
@@ -53,7 +60,7 @@ class OwnEcho:
         self._has_heard = False
         self._timer: asyncio.TimerHandle | None = None
 
-    def begin(self, connection: MqttConnection | None) -> None:
+    def begin(self, connection: Subscriber | None) -> None:
         """Sample over this connection from now on, or with None no more."""
         self._connection, self.topic, self.wants = connection, "", False
         self._asked.clear()
