@@ -17,10 +17,9 @@ from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.fleet.fleet_watch import SILENT, UNKNOWN, FleetWatch, gap_words
-from plotfeed.feeds.fleet.kubernetes import manifests
-from plotfeed.feeds.fleet.local_parts import LocalParts
 from plotfeed.feeds.fleet.part_asked import check_scene, start_of
 from plotfeed.feeds.fleet.partition import partition
+from plotfeed.feeds.fleet.starters import LocalParts, manifests, start_parts, stop_parts
 from plotfeed.feeds.page.page_access import PageAddress, fixed_tokens
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.transport.brokers import NO_BROKER, broker_address
@@ -54,7 +53,6 @@ def run_fleet(path: Path, settings: FleetSettings) -> int:
         say(manifests(path, **asked).rstrip())
         return 0
     if settings.ray is not None:
-        from plotfeed.feeds.fleet.ray_parts import start_parts
         from plotfeed.feeds.lab.runs import connected
 
         with connected(settings.ray) as ray:
@@ -95,7 +93,6 @@ def broker_of(scene: Scene, settings: FleetSettings) -> str:
 
 def stop_fleet(path: Path, ray_address: str | None) -> int:
     """End the parts that Ray runs; the exit code."""
-    from plotfeed.feeds.fleet.ray_parts import stop_parts
     from plotfeed.feeds.lab.runs import connected
 
     if ray_address is None:

@@ -14,17 +14,16 @@ import click
 
 from plotfeed.feeds.cli.help_texts import GONE, SUMMARIES_AND_EXAMPLES, epilog_of
 from plotfeed.feeds.cli.options import (
-    DEFAULT_BROKER,
     NEW_FILE,
     POSITIVE,
     AccessOptions,
     FleetSettings,
     InjectSettings,
+    ReplayOptions,
     RunSettings,
     force_option,
     options_of,
 )
-from plotfeed.feeds.cli.replay_options import ReplayOptions
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import STANDARD_OUTPUT, PrintableFormatter, naming, say
 from plotfeed.feeds.lab.lab_settings import (
@@ -335,7 +334,7 @@ def replay(options: ReplayOptions, access: AccessOptions, recording: Path) -> in
     """
     from plotfeed.feeds.cli.replay import replay_as_asked
 
-    return replay_as_asked(recording, DEFAULT_BROKER, access.parsed(), options)
+    return replay_as_asked(recording, access.parsed(), options)
 
 
 @cli.command()

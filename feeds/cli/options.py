@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_or
 
 import click
 
-from plotfeed.feeds.console.option_fields import keys_given, option
+from plotfeed.feeds.console.option_fields import MAX_SEED, keys_given, option
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
@@ -275,6 +275,81 @@ class RunSettings:
     start: str | None = None  # When all parts begin
     # Whether time can be paused and hurried although nobody asked for another than the world's.
     can_be_held: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayOptions:
+    """What the options of `replay` ask for."""
+
+    broker: str | None = option(
+        None,
+        "Send to the broker at mqtt://HOST:PORT or mqtts://HOST:PORT; without it and without "
+        "--udp to mqtt://127.0.0.1:1883.",
+        metavar="URL",
+    )
+    udp: tuple[str, ...] = option(
+        (),
+        "Send ASTERIX there by UDP, or by 'recorded' each datagram to where it once went, with "
+        "keys of a scene's [[udp]] such as ?ttl=4&interface=eth0 behind either; may be repeated.",
+        metavar="ADDRESS:PORT[?KEYS]",
+    )
+    topics: tuple[str, ...] = option(
+        (),
+        "Let topics that begin with the levels of OLD begin with NEW; may be repeated.",
+        metavar="OLD=NEW",
+        name="--topic",
+    )
+    speed: str = option(
+        "1",
+        "Replay so many times as fast as it was recorded (0.001 to 10000), or with 'max' as fast "
+        "as possible, without deadlines.",
+        metavar="FACTOR",
+    )
+    start: str | None = option(
+        None,
+        "Begin so many seconds after the beginning, or at a time as 2026-01-01T12:00:00Z.",
+        metavar="TIME",
+    )
+    end: str | None = option(
+        None,
+        "End before that time, given as for --start; what was recorded at it is left out.",
+        metavar="TIME",
+    )
+    laps: int = option(
+        1,
+        "Replay N times over; without N, until it is stopped.",
+        low=0,
+        metavar="[N]",
+        name="--loop",
+        tells_default=False,
+        bare=0,
+    )
+    stage: Literal["after", "before", "telemetry"] = option(
+        "after",
+        "Send what left or was heard (after), what sensors handed to their links (before), or "
+        "what came in (telemetry).",
+    )
+    truth: bool = option(False, "Send the ledger too, which says whose plot is whose.")
+    stamps: str | None = option(
+        None,
+        "Write times inside messages anew: keep leaves them alone, now makes them as much later "
+        "as the message is, and +SECONDS so much later; without it keep, but now for telemetry.",
+        metavar="HOW",
+    )
+    as_json: bool = option(False, "Print nothing but the counts at the end, as one JSON object.")
+    links: tuple[str, ...] = option(
+        (),
+        "Put the messages of each sensor on a link by the keys of a scene's [sensor.link] in "
+        "this TOML file; with TOPIC= only those whose topics begin so. May be repeated.",
+        metavar="[TOPIC=]FILE",
+        name="--link",
+    )
+    seed: int = option(
+        0,
+        "Draw delays and losses of links by this seed; with the same seed they are the same.",
+        low=0,
+        high=MAX_SEED,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

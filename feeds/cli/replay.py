@@ -7,13 +7,16 @@ import json
 import signal
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from plotfeed.feeds.cli.replay_options import ReplayOptions
+from pydantic import ValidationError
+
+from plotfeed.feeds.cli.options import DEFAULT_BROKER, ReplayOptions, udp_destination
 from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.posix import keys_of
 from plotfeed.feeds.console.printed import say, say_damage, show_last_status, show_status
@@ -22,12 +25,25 @@ from plotfeed.feeds.link.counters import lateness_us
 from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.recording.foreign_recordings import RecordingFile
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports
-from plotfeed.feeds.replaying.replay_settings import ReplaySettings
+from plotfeed.feeds.replaying.replay_settings import (
+    LinkRule,
+    Moment,
+    ReplayError,
+    ReplaySettings,
+    Selection,
+    Stamps,
+    TopicRule,
+)
 from plotfeed.feeds.replaying.replayer import ReplayControl, replay
 from plotfeed.feeds.replaying.routes import ReplayCounters
+from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.feeds.scene.output_keys import UdpDestination
+from plotfeed.feeds.scene.problems import problems_of
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.files import RepeatableRecording
-from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED
+from plotfeed.replay.pacing import MAX_SPEED, MIN_SPEED, speed_of
 
 SKIP_S = 10.0
 HELP = "space pauses, left and right seek 10 s, + and - change the speed, q ends"
@@ -58,13 +74,78 @@ def press(control: ReplayControl, typed: bytes) -> None:
             KEYS[key](control)
 
 
-def replay_as_asked(
-    path: Path, default_broker: str, access: dict[str, Any], options: ReplayOptions
-) -> int:
-    """Replay a file until it ends or is stopped; the exit code. Raises `PlotfeedError`."""
-    to, settings = options.destinations(default_broker, access), options.settings()
+MAX_OCTETS = 1 << 20  # Of a file with the keys of a link
+RECORDED = "recorded"  # In place of an address: where each datagram once went
+ANY_GROUP = "239.0.0.0:1"  # Stands for the groups that they once went to, whose keys are given
+FASTEST = "max"  # In place of a speed
+
+
+def replay_as_asked(path: Path, access: dict[str, Any], options: ReplayOptions) -> int:
+    """Replay a file until it ends or is stopped; the exit code. Raises `PlotfeedError`.
+
+    `access` is all but the URL of a broker's address.
+    """
+    to, settings = _destinations(options, access), _settings(options)
     source = RecordingFile(path)
     return asyncio.run(_replay(path, source, to, settings, as_json=options.as_json))
+
+
+def _destinations(options: ReplayOptions, access: dict[str, Any]) -> Destinations:
+    url = options.broker or (None if options.udp else DEFAULT_BROKER)
+    udp: list[UdpDestination] = []
+    recorded: UdpDestination | None = None
+    for text in options.udp:
+        place, mark, keys = text.partition("?")
+        if place == RECORDED:
+            recorded = udp_destination(f"{ANY_GROUP}{mark}{keys}")
+        else:
+            udp.append(udp_destination(text))
+    brokers = () if url is None else (BrokerAddress.parse(url, **access),)
+    return Destinations(brokers=brokers, udp=tuple(udp), recorded=recorded)
+
+
+def _settings(options: ReplayOptions) -> ReplaySettings:
+    """What is replayed, and how."""
+    fastest = options.speed == FASTEST
+    try:
+        speed = speed_of(1.0 if fastest else float(options.speed))
+    except ValueError:
+        raise PlotfeedError("--speed: expected 0.001 to 10000, or max") from None
+    usual_stamps = "now" if options.stage == "telemetry" else "keep"
+    return ReplaySettings(
+        selection=Selection(stage=options.stage, truth=options.truth),
+        speed=speed,
+        fastest=fastest,
+        start=None if options.start is None else Moment.parse(options.start),
+        end=None if options.end is None else Moment.parse(options.end),
+        laps=options.laps or None,
+        stamps=Stamps.parse(options.stamps or usual_stamps),
+        topics=tuple(TopicRule.parse(text) for text in options.topics),
+        # Those of topics before those of all, whatever their order on the command line.
+        links=tuple(sorted(map(_link_rule, options.links), key=lambda rule: -len(rule.topic))),
+        seed=options.seed,
+    )
+
+
+def _link_rule(text: str) -> LinkRule:
+    """The link in FILE, for all topics, or TOPIC=FILE: the keys of a scene's [sensor.link]."""
+    topic, equals, name = text.rpartition("=")
+    if equals and not topic:
+        raise ReplayError(f"link: expected FILE or TOPIC=FILE, not {text!r}")
+    path = Path(name)
+    try:
+        with path.open("rb") as file:
+            tree = tomllib.loads(file.read(MAX_OCTETS).decode("utf-8-sig"))
+    except OSError as error:
+        raise ReplayError(f"{path}: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise ReplayError(f"{path}: not TOML: {error}") from None
+    try:
+        return LinkRule(topic, LinkSettings.model_validate(tree))
+    except ValidationError as error:
+        problems = ((f"{key}: " if key else "", text) for key, text in problems_of(error, tree))
+        lines = [f"{path}: {key}{text}" for key, text in problems]
+        raise ReplayError("\n".join(lines)) from None
 
 
 async def _replay(

@@ -16,7 +16,7 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.waiting import wait_until
 
 from plotfeed.feeds.fleet.part_asked import start_of
-from plotfeed.feeds.fleet.ray_parts import start_parts, stop_parts
+from plotfeed.feeds.fleet.starters import start_parts, stop_parts
 from plotfeed.feeds.lab.runs import QUIET
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto.errors import PlotfeedError
