@@ -10,8 +10,7 @@ import heapq
 import json
 import re
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC
 from functools import partial
@@ -19,7 +18,6 @@ from hashlib import blake2b
 from itertools import repeat
 from operator import attrgetter
 from pathlib import Path
-from typing import BinaryIO
 
 from plotfeed.feeds.console.printed import say, say_damage, with_progress
 from plotfeed.feeds.console.process import made_of
@@ -105,7 +103,16 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     with opened() as recording, made_of([source], target, force=settings.force) as (file, keep):
         if not recording.has_dates and date is None:
             counts.notes.append(f"{recording.format} has no date: its first day is 1970-01-01")
-        writer = _writer(file, form, table, partial(_asked_of, opened, settings, form))
+        selection = None
+        if form in TABLES and table in PLOT_TABLES:  # whose plots depend on all that is asked for
+            from plotfeed.replay.plots_csv import selection_of
+
+            def asked() -> Iterator[Recorded]:
+                with opened() as ahead:
+                    yield from _chosen(ahead.reader.messages(), settings, form, ConversionCounts())
+
+            selection = selection_of(table, asked())
+        writer = writer_to(file, form, table, selection)
         reader = recording.reader
         for name in dict.fromkeys(entry.name for entry in reader.attachments()):
             attachment = reader.attachment(name)
@@ -143,27 +150,6 @@ def _table_of(target: Path, form: FileFormat) -> TableName:
     ends = (t for t in TableName if re.search(rf"(^|[-_. ]){t}$", target.stem.lower()))
     table = next(ends, TableName.PLOTS)
     return table if form is FileFormat.PARQUET or table in PLOT_TABLES else TableName.PLOTS
-
-
-def _asked_of(
-    opened: Callable[[], AbstractContextManager[Recording]],
-    settings: ConvertSettings,
-    form: FileFormat,
-) -> Iterator[Recorded]:
-    """What is asked of a recording, read for this alone."""
-    with opened() as recording:
-        yield from _chosen(recording.reader.messages(), settings, form, ConversionCounts())
-
-
-def _writer(
-    file: BinaryIO, form: FileFormat, table: TableName, asked: Callable[[], Iterator[Recorded]]
-) -> RecordingWriter:
-    """Writes a format; `asked` is read ahead where the plots of a table depend on all of it."""
-    if form not in TABLES or table not in PLOT_TABLES:
-        return writer_to(file, form, table)
-    from plotfeed.replay.plots_csv import selection_of
-
-    return writer_to(file, form, table, selection_of(table, asked()))
 
 
 def _between(

@@ -169,14 +169,7 @@ class SessionRecorder(Observer):
     def received(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:
         """Telemetry and commands, as of the time that counts."""
         self.recorder.write(
-            Recorded(
-                topic=topic,
-                payload=payload,
-                log_time_ns=t_utc_ns,
-                publish_time_ns=t_utc_ns,
-                content_type=content_type or "",
-                stage=Stage.TELEMETRY,
-            )
+            Recorded(topic, payload, t_utc_ns, t_utc_ns, content_type or "", stage=Stage.TELEMETRY)
         )
 
     def tracked(self, topic: str, payload: bytes, content_type: str | None, t_utc_ns: int) -> None:

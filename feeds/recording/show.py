@@ -8,7 +8,6 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -48,9 +47,9 @@ class SeriesSummary:
     """Messages of one topic, stage and kind."""
 
     messages: int = 0
-    octets: int = 0
     # Of ASTERIX, those that are whole; None where nothing tells where they end.
     records: int | None = 0
+    octets: int = 0
 
 
 class Lateness:
@@ -231,14 +230,7 @@ def figures(path: Path, recording: Recording, summary: Summary) -> dict[str, Any
             for stage, late in summary.lateness.items()
         },
         "series": [
-            {
-                "topic": topic,
-                "stage": str(stage),
-                "kind": kind,
-                "messages": series.messages,
-                "records": series.records,
-                "octets": series.octets,
-            }
+            {"topic": topic, "stage": str(stage), "kind": kind, **asdict(series)}
             for (topic, stage, kind), series in sorted(summary.series.items())
         ],
         "attachments": [
@@ -335,25 +327,28 @@ def _say_all(lines: Iterator[str]) -> int:
 def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:
     """Lines of every message; records of raw ASTERIX stand for themselves."""
     reader = recording.reader
-    if recording.format is not FileFormat.RAW:
-        line_of = partial(
-            _message_lines,
-            settings=settings,
-            dated=recording.has_dates,
-            # Where one stage is asked for, every line would have the same.
-            staged=recording.has_stages and len(settings.stages) != 1,
-        )
-        chosen = filter(settings.chooses, reader.messages())
-        return (line for message in chosen for line in line_of(message))
-    if settings.stages and Stage.RECEIVED not in settings.stages:
-        return iter(())
-    blocks = ((each.payload, each.log_time_ns) for each in reader.messages())
-    return _raw_lines(blocks, reader.damage, settings)
+    if recording.format is FileFormat.RAW:
+        if not settings.stages or Stage.RECEIVED in settings.stages:
+            blocks = ((each.payload, each.log_time_ns) for each in reader.messages())
+            yield from _raw_lines(blocks, reader.damage, settings)
+        return
+    # Where one stage is asked for, every line would have the same.
+    staged = recording.has_stages and len(settings.stages) != 1
+    for message in filter(settings.chooses, reader.messages()):
+        when = shown_time(message.log_time_ns, dated=recording.has_dates)
+        stage = f"{message.stage}  " if staged and message.stage is not Stage.RECEIVED else ""
+        told = f', "stage": "{message.stage}"' if staged else ""
+        for line in _content_lines(message, settings):
+            if settings.as_json:  # an object that message_lines makes has members
+                yield f'{{"time_utc": "{when}"{told}, {line[1:]}'
+            else:
+                yield f"{when}  {stage}{line}"
 
 
 def _raw_lines(
     blocks: Iterable[tuple[bytes, int]], damage: Damages, settings: ShowSettings
 ) -> Iterator[str]:
+    """Lines of the records in data blocks, each with its place in the file."""
     chosen = [n for n in range(256) if is_chosen(raw_topic(n), settings.topics)]
     for octets, at in blocks:
         if octets[0] not in chosen:
@@ -366,19 +361,6 @@ def _raw_lines(
         except DecodeError as error:
             where = block.at_octet if error.at_octet is None else error.at_octet
             damage.add(where, str(error).removeprefix(f"octet {where}: "))
-
-
-def _message_lines(
-    message: Recorded, *, settings: ShowSettings, dated: bool, staged: bool
-) -> Iterator[str]:
-    when = shown_time(message.log_time_ns, dated=dated)
-    stage = f"{message.stage}  " if staged and message.stage is not Stage.RECEIVED else ""
-    told = f', "stage": "{message.stage}"' if staged else ""
-    for line in _content_lines(message, settings):
-        if settings.as_json:  # an object that message_lines makes has members
-            yield f'{{"time_utc": "{when}"{told}, {line[1:]}'
-        else:
-            yield f"{when}  {stage}{line}"
 
 
 def _content_lines(message: Recorded, settings: ShowSettings) -> Iterator[str]:
