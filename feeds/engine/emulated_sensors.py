@@ -6,10 +6,10 @@ what comes out depends neither on how long the stretches are nor on who else is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,13 +58,12 @@ from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS, NS_IN_MS
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.engine.steered_sensors import Aims, Cueing
+    from plotfeed.feeds.engine.steered_sensors import Cueing
     from plotfeed.models.clutter import ClutterMap
     from plotfeed.models.cueing import CuedState
     from plotfeed.models.dwell_agenda import PointedBeams
     from plotfeed.models.effects.classification import ClaimDraws
     from plotfeed.models.effects.decorrelation import TargetStrengths
-    from plotfeed.models.effects.readings import Readings
 
 
 OfSensor = tuple[int, Plots]
@@ -81,23 +80,22 @@ class FalseAlarmsDue:
         self._scan = np.full(len(chances), NO_SCAN, np.int64)
         self._next_ns = np.full(len(chances), NONE_DUE_NS, np.int64)
         self._due: dict[int, Plots] = {}
-        # Maps of sensors that see any, whose plots come as false alarms do.
-        self.clutter: dict[int, Sequence[ClutterMap]] = {}
+        # Maps of clutter that sensors see, whose plots come as false alarms do.
+        self._clutter: list[Sequence[ClutterMap]] = [()] * len(chances)
 
-    def forget(self, sensor: int) -> None:
-        """Draw those of the scan under way anew: the sensor's model is another one now."""
+    def begin_anew(self, sensor: int, clutter: Sequence[ClutterMap]) -> None:
+        """Draw those of the scan under way anew, and with them what that clutter adds."""
+        self._clutter[sensor] = clutter
         self._scan[sensor] = NO_SCAN
-        self._next_ns[sensor] = NONE_DUE_NS
-        self._due.pop(sensor, None)
+        self._keep(sensor, NO_PLOTS)
 
     def of_scans(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
         """False alarms of scans of sensors that stare, by sensor."""
-        found = []
-        for row, sensor in enumerate(sectors.sensor.tolist()):
-            alarms = self._drawn(sensor, int(sectors.scan[row]), sectors.one(row), models[sensor])
-            if len(alarms):
-                found.append((sensor, alarms))
-        return found
+        return [
+            (sensor, alarms)
+            for row, sensor in enumerate(sectors.sensor.tolist())
+            if len(alarms := self._drawn(sensor, sectors.one(row), models[sensor]))
+        ]
 
     def of_turns(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
         """False alarms within sectors of rotating sensors, of which each one's are in order."""
@@ -105,39 +103,31 @@ class FalseAlarmsDue:
         if begun.any():
             which = zip(sectors.sensor[begun].tolist(), sectors.scan[begun].tolist(), strict=True)
             for sensor, scan in dict.fromkeys(which):
-                if scan != self._scan[sensor]:
-                    turn = self._timetables[sensor].turn(scan)
-                    alarms = self._drawn(sensor, scan, turn, models[sensor])
-                    self._scan[sensor] = scan
-                    if len(alarms):
-                        kept = [self._due.get(sensor, NO_PLOTS), alarms]
-                        self._keep(sensor, Plots.joined(kept))
+                turn = self._timetables[sensor].turn(scan)
+                alarms = self._drawn(sensor, turn, models[sensor])
+                self._scan[sensor] = scan
+                if len(alarms):
+                    self._keep(sensor, Plots.joined([self._due.get(sensor, NO_PLOTS), alarms]))
         is_due = self._next_ns[sectors.sensor] < sectors.end_ns
         if not is_due.any():
             return []
-        due = np.unique(sectors.sensor[is_due])
-        return [
-            (sensor, alarms)
-            for sensor in due.tolist()
-            if len(alarms := self._taken(sensor, sectors))
-        ]
+        found = []
+        for sensor in np.unique(sectors.sensor[is_due]).tolist():
+            alarms, of_sensor = self._due[sensor], np.flatnonzero(sectors.sensor == sensor)
+            limits_ns = sectors.start_ns[of_sensor[0]], sectors.end_ns[of_sensor[-1]]
+            first, end = np.searchsorted(alarms.t_utc_ns, limits_ns).tolist()
+            self._keep(sensor, alarms.between(end, len(alarms)))
+            found.append((sensor, alarms.between(first, end)))
+        return found
 
-    def _drawn(self, sensor: int, scan: int, sector: Sector, model: SensorModel) -> Plots:
+    def _drawn(self, sensor: int, sector: Sector, model: SensorModel) -> Plots:
         """False alarms of a scan, and what clutter adds to them."""
-        chance = self._chances[sensor]
-        alarms = model.draw_false_alarms(sector, chance.rng(Purpose.FALSE_ALARMS, scan))
-        if sensor not in self.clutter or not isinstance(model, PolarRadar):
+        chance, clutter = self._chances[sensor], self._clutter[sensor]
+        alarms = model.draw_false_alarms(sector, chance.rng(Purpose.FALSE_ALARMS, sector.scan))
+        if not (clutter and isinstance(model, PolarRadar)):
             return alarms
-        rng = chance.rng(Purpose.CLUTTER, scan)
-        found = [each.plots(model, sector, rng) for each in self.clutter[sensor]]
-        return Plots.joined([alarms, *found])
-
-    def _taken(self, sensor: int, sectors: Sectors) -> Plots:
-        of_sensor = sectors.sensor == sensor
-        alarms, start_ns = self._due[sensor], sectors.start_ns[of_sensor][0]
-        a, b = np.searchsorted(alarms.t_utc_ns, (start_ns, sectors.end_ns[of_sensor][-1]))
-        self._keep(sensor, alarms.between(int(b), len(alarms)))
-        return alarms.between(int(a), int(b))
+        rng = chance.rng(Purpose.CLUTTER, sector.scan)
+        return Plots.joined([alarms, *(each.plots(model, sector, rng) for each in clutter)])
 
     def _keep(self, sensor: int, alarms: Plots) -> None:
         if len(alarms):
@@ -148,101 +138,37 @@ class FalseAlarmsDue:
             self._next_ns[sensor] = NONE_DUE_NS
 
 
-class SidelobeLooks:
-    """Sensors that report what comes by their side lobes, by their index; at least one."""
+class SensorSite:
+    """Where a sensor stands among the drones, and what it reads in place of what it finds."""
 
     def __init__(
-        self, radars: Mapping[int, PolarRadar], whose: Mapping[int, int], chances: Sequence[Chance]
+        self, sensor: Sensor, frame: LocalFrame, trajectories: Trajectories, chance: Chance
     ) -> None:
-        """`whose` are rows among drones in which the plots of each stand."""
-        self._radars, self._whose, self._chances = radars, whose, chances
+        """`frame` is that of its place; it errs, stands askew and tells heights as its keys say."""
+        self.frame = frame
+        self._trajectories = trajectories
+        # Its own axes: another frame than that of its place only if it stands askew.
+        self.axes = frame if sensor.bias is None else sensor.bias.axes(frame)
+        # Rotation from true east, north and up to its own, (3, 3); None if it stands right.
+        self.own_axes: Floats | None = None
+        if self.axes is not frame:
+            self.own_axes = np.asarray(self.axes.rotation_from_ecef @ frame.rotation_from_ecef.T)
+        # What it reads in place of what it finds; None if that is the same.
+        self.readings = readings_of(sensor.bias, sensor.drift, chance, sensor.scan.period_ns)
+        # How strong targets are, where they stay so from scan to scan.
+        self.strengths: TargetStrengths | None = None
+        tau_s: float | None = getattr(sensor, "decorrelation_s", None)
+        if tau_s is not None:
+            from plotfeed.models.effects.decorrelation import TargetStrengths
 
-    @classmethod
-    def of(
-        cls,
-        models: Mapping[int, SensorModel],
-        names: Sequence[str],
-        trajectories: Trajectories,
-        chances: Sequence[Chance],
-    ) -> Self | None:
-        """Looks of such sensors; None if there are none. Each gets a name among the drones."""
-        radars = {
-            i: model
-            for i, model in models.items()
-            if isinstance(model, PolarRadar) and model.shows_sidelobes
-        }
-        if not radars:
-            return None
-        from plotfeed.models.movers import other_name
-        from plotfeed.models.sidelobe_echoes import SIDELOBE
-
-        whose = {i: trajectories.add_other(other_name(SIDELOBE, names[i])) for i in radars}
-        return cls(radars, whose, chances)
-
-    def plots(self, sectors: Sectors, targets_of: Callable[[Sectors], Targets]) -> list[OfSensor]:
-        """Plots of sectors, by sensor; `targets_of` gives targets at the end of one of them."""
-        from plotfeed.models.sidelobe_echoes import sidelobe_plots
-
-        found = []
-        for k, sensor in enumerate(sectors.sensor.tolist()):
-            if sensor not in self._radars:
-                continue
-            one = sectors.rows(np.array([k]))
-            sector = one.one(0)
-            rng = self._chances[sensor].rng(Purpose.SIDELOBES, sector.scan, sector.index)
-            plots = sidelobe_plots(
-                self._radars[sensor], targets_of(one), sector, self._whose[sensor], rng
-            )
-            if len(plots):
-                found.append((sensor, plots))
-        return found
-
-
-@dataclass(frozen=True, slots=True)
-class SensorSite:
-    """Where a sensor stands among the drones.
-
-    `axes` are its own: another frame than `frame` only if it stands askew. `readings` are what it
-    reads in place of what it finds, None if that is the same, `strengths` those of targets where
-    they last from scan to scan. Its clock may be ahead. `errs` says
-    whether there is any of this; `tells_heights`, whether any of its formats has heights.
-    """
-
-    frame: LocalFrame
-    axes: LocalFrame
-    readings: Readings | None
-    strengths: TargetStrengths | None
-    clock_ahead_ns: int
-    reads_bistatic_ranges: bool
-    errs: bool
-    tells_heights: bool
-    is_steered: bool  # Whether a mount turns it
-    trajectories: Trajectories
-
-    @classmethod
-    def of(
-        cls, sensor: Sensor, frame: LocalFrame, trajectories: Trajectories, chance: Chance
-    ) -> Self:
-        """The site of a sensor that stands at a frame's place, with its systematic errors."""
-        return cls(
-            frame=frame,
-            axes=frame if sensor.bias is None else sensor.bias.axes(frame),
-            readings=readings_of(sensor.bias, sensor.drift, chance, sensor.scan.period_ns),
-            strengths=strengths_of(sensor, chance),
-            reads_bistatic_ranges=sensor.geometry is SensorGeometry.BISTATIC,
-            clock_ahead_ns=sensor.clock_ahead_ns,
-            errs=sensor.bias is not None or sensor.drift is not None,
-            tells_heights=any(REPORT_FORMATS[name].tells_heights for name in sensor.report),
-            is_steered=mount_of(sensor) is not None,
-            trajectories=trajectories,
-        )
-
-    @property
-    def own_axes(self) -> Floats | None:
-        """Rotation from true east, north and up to its own, (3, 3); None if it stands right."""
-        if self.axes is self.frame:
-            return None
-        return np.asarray(self.axes.rotation_from_ecef @ self.frame.rotation_from_ecef.T)
+            step_ns, constant_ns = sensor.scan.period_ns, tau_s * NS
+            self.strengths = TargetStrengths(chance, step_ns=step_ns, time_constant_ns=constant_ns)
+        self.clock_ahead_ns = sensor.clock_ahead_ns
+        self.errs = sensor.bias is not None or sensor.drift is not None
+        self._reads_bistatic_ranges = sensor.geometry is SensorGeometry.BISTATIC
+        # Whether any of its formats has heights.
+        self.tells_heights = any(REPORT_FORMATS[name].tells_heights for name in sensor.report)
+        self.is_steered = mount_of(sensor) is not None  # Whether a mount turns it
 
     def as_they_truly_were(self, looks: Looks) -> Looks:
         """Looks along the sensor's own axes, by true east, north and up."""
@@ -256,12 +182,12 @@ class SensorSite:
 
         Errors of bistatic ranges are left out: the sensor's tracks take the place as it is.
         """
-        truth = self.trajectories.state_at(t_utc_ns - self.clock_ahead_ns, drones)
+        truth = self._trajectories.state_at(t_utc_ns - self.clock_ahead_ns, drones)
         place_enu_m = self.axes.from_ecef(truth.position_ecef_m)
         if self.readings is not None:
             azimuth_deg, elevation_deg, range_m = enu_to_aer(place_enu_m)
             azimuth_deg = self.readings.azimuth_deg(azimuth_deg, truth.t_utc_ns)
-            if not self.reads_bistatic_ranges:
+            if not self._reads_bistatic_ranges:
                 range_m = self.readings.range_m(range_m, truth.t_utc_ns)
             place_enu_m = aer_to_enu(np.nan_to_num(azimuth_deg), elevation_deg, range_m)
         velocity_enu_m_s = self.axes.rotate_from_ecef(truth.velocity_ecef_m_s)
@@ -272,24 +198,6 @@ class SensorSite:
         )
 
 
-def strengths_of(sensor: Sensor, chance: Chance) -> TargetStrengths | None:
-    """How strong targets are to a sensor for which they stay so for a while; None to others."""
-    tau_s: float | None = getattr(sensor, "decorrelation_s", None)
-    if tau_s is None:
-        return None
-    from plotfeed.models.effects.decorrelation import TargetStrengths
-
-    return TargetStrengths(chance, step_ns=sensor.scan.period_ns, time_constant_ns=tau_s * NS)
-
-
-def with_heights(plots: Plots, frames: Axes) -> Plots:
-    """Heights of plots of sensors in those frames, if they have a place in three dimensions."""
-    if not (plots.measures("elevation_deg") and plots.measures("range_m")):
-        return plots
-    height_m = frames.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-    return plots.but(height_m=height_m)
-
-
 # Of the fixed point for when a sound left: they leave 3 cm at 60 m/s and 1 km.
 TRAVEL_TIME_STEPS = 5
 # By which a drone may be further away when its sound arrives: at half the speed of that.
@@ -298,21 +206,35 @@ WHILE_IT_TRAVELS = 1.5
 C = TypeVar("C", bound=Columns)
 
 
-@dataclass(frozen=True, slots=True)
 class SensorsAtWork:
     """What all sensors of a scene have in common, each thing by the index of the sensor."""
 
-    names: Sequence[str]
-    frames: Axes
-    trajectories: Trajectories
-    chances: Sequence[Chance]
-    timetables: Sequence[Timetable]
-    draws: ScanDraws
-    pairs: PairDraws
-    claims: ClaimDraws
-    borders: Borders
-    false_alarms: FalseAlarmsDue
-    cueing: Cueing
+    def __init__(self, scene: Scene, sensors: Sequence[Sensor], trajectories: Trajectories) -> None:
+        self.names = [sensor.id for sensor in sensors]
+        self.trajectories = trajectories
+        self.chances = [Chance(scene.scene.seed, name) for name in self.names]
+        self.timetables = [
+            Timetable(s.scan.period_ns, s.scan.sectors, s.scan.jitter_ms * NS_IN_MS, chance)
+            for s, chance in zip(sensors, self.chances, strict=True)
+        ]
+        self.places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors]
+        self.frames = LocalFrames.of(self.places)
+        self.draws = ScanDraws(self.chances, Purpose.DETECTION)
+        self.pairs = PairDraws(self.chances)
+        self.claims = ClaimDraws(self.chances)
+        self.borders = Borders(len(sensors))
+        self.false_alarms = FalseAlarmsDue(self.chances, self.timetables)
+        self.cueing = Cueing(scene.scene.site, sensors, self.places)
+        self._drones: Sequence[str] = ()  # Names of the drones that it last knew of, by row
+
+    def follow_drones(self) -> None:
+        """Forget drones that are gone, or whose rows are others' now."""
+        names = self.trajectories.names
+        if names is not self._drones:
+            self.borders.forget(renamed(self._drones, names), len(names))
+            self.draws.trim(len(names))
+            self.claims.trim(len(names))
+            self._drones = names
 
 
 class SensorGroup:
@@ -329,6 +251,7 @@ class SensorGroup:
         self.sensors = np.array(sensors, np.int64)
         self.models = dict(zip(sensors, models, strict=True))
         self.site = sites[0]
+        self.rank = at_work.cueing.rank[sensors[0]]
         self._at_work = at_work
         # Of one sensor, its own, which stand for all rows; else by the index of the sensor.
         is_one = len(sensors) == 1
@@ -337,17 +260,20 @@ class SensorGroup:
         self._model = stacked(models)
         # A kind of which each sensor is alone knows of no columns that say whose a row is.
         self._shares = self._model.alike is not None
-        self._measures_rates = self._model.measures_range_rate
         self._travels = self._model.signal_speed_m_s is not None
-        self._held_ns = self._model.claims_held_ns
         self._merges = getattr(self._model, "merging", None) is not None
         from plotfeed.models.dwell_agenda import Agenda
 
         self._agenda = Agenda.empty()
-        self._sidelobes: SidelobeLooks | None = None
-        if any(model.shows_sidelobes for model in models):
-            of_scene = at_work.names, at_work.trajectories, at_work.chances
-            self._sidelobes = SidelobeLooks.of(self.models, *of_scene)
+        # Radars that report what comes by their side lobes, and the row of that among drones.
+        self._sidelobes: dict[int, tuple[PolarRadar, int]] = {}
+        for i, model in self.models.items():
+            if isinstance(model, PolarRadar) and model.shows_sidelobes:
+                from plotfeed.models.movers import other_name
+                from plotfeed.models.sidelobe_echoes import SIDELOBE
+
+                name = other_name(SIDELOBE, at_work.names[i])
+                self._sidelobes[i] = model, at_work.trajectories.add_other(name)
         self._place = np.zeros(max(sensors) + 1, np.int64)
         self._place[self.sensors] = np.arange(len(sensors))
         self._reach_m = np.zeros(max(sensors) + 1)
@@ -366,11 +292,8 @@ class SensorGroup:
                 return self._turn(sectors)
             # A look is compared with its nearest neighbours: those of other turns are none.
             n = self._at_work.timetables[int(sectors.sensor[0])].sectors
-            turns = [
-                sectors.rows(np.arange(i, min(i + n, len(sectors))))
-                for i in range(0, len(sectors), n)
-            ]
-            return Batch.joined([self._turn(turn) for turn in turns])
+            starts = range(0, len(sectors), n)
+            return Batch.joined([self._turn(sectors.between(i, i + n)) for i in starts])
         scans = []
         while len(sectors):  # one scan of each sensor after the other
             first = sectors.first_of_sensors()
@@ -395,52 +318,62 @@ class SensorGroup:
             targets = aims.by_mount(targets, row)
         rng: Any = generators[0]
         if isinstance(self._model, DwellingSensor):
-            looks, detections, self._agenda = self._model.observe_period(
+            looks, plots, self._agenda = self._model.observe_period(
                 self._agenda, targets, sectors.one(0), rng
             )
-            looks = self._as_they_were(looks)
         elif isinstance(self._model, JointSensor):
-            looks, detections = self._model.observe_scan(targets, sectors.one(0), rng)
-            looks = self._as_they_were(looks)
+            looks, plots = self._model.observe_scan(targets, sectors.one(0), rng)
         else:
             if self._shares:  # else it may draw as it likes
                 rng = DrawsBySensor(generators, row)
-            looks, detections = self._observed(targets, sectors.sensor[row], rng, aims)
+            model = self._model.rows(self._place[sectors.sensor[row]])
+            looks, plots = model.observe(targets, rng)
         alarms = self._at_work.false_alarms.of_scans(sectors, self.models)
-        alarms += self._by_sidelobes(sectors)
+        if self._sidelobes:
+            alarms += self._by_sidelobes(sectors)
         if aims is not None:
+            looks, plots = aims.back(looks), aims.back(plots)
             alarms = [
                 (sensor, aims.of_alarms(found, sensor, self.models[sensor]))
                 for sensor, found in alarms
                 if aims.sees[np.searchsorted(sectors.sensor, sensor)]
             ]
-        return self._batch(sectors, looks, detections, alarms)
+        return self._batch(sectors, looks, plots, alarms)
 
     def _turn(self, sectors: Sectors) -> Batch:
         """Looks at the drones that beams pass in their sectors."""
         at_work = self._at_work
         met = meetings(sectors, self._axes, at_work.trajectories, at_work.borders, self._reach_m)
-        alarms = at_work.false_alarms.of_turns(sectors, self.models) + self._by_sidelobes(sectors)
-        if not len(met.truth):
-            looks, detections = NO_LOOKS, NO_PLOTS
-        elif self._merges:
-            looks, detections = self._observed_among_neighbours(sectors, met.truth)
-        else:
-            looks, detections = self._met(sectors, met.truth, met.row)
-        return self._batch(sectors, looks, detections, alarms)
+        looks, plots = NO_LOOKS, NO_PLOTS
+        if self._merges and len(met.truth):
+            looks, plots = self._observed_among_neighbours(sectors, met.truth)
+        elif len(met.truth):
+            looks, plots = self._observed(sectors, met.truth, met.row)
+        alarms = at_work.false_alarms.of_turns(sectors, self.models)
+        if self._sidelobes:
+            alarms += self._by_sidelobes(sectors)
+        return self._batch(sectors, looks, plots, alarms)
 
-    def _met(self, sectors: Sectors, truth: TruthState, row: Ints) -> tuple[Looks, Plots]:
+    def _observed(self, sectors: Sectors, truth: TruthState, row: Ints) -> tuple[Looks, Plots]:
         """What the model makes of drones, each met within a sector, by its row."""
         targets, row = self._targets(truth, row, sectors.sensor)
-        draws = self._at_work.draws.of(sectors.sensor[row], sectors.scan[row], targets.drone)
-        return self._observed(targets, sectors.sensor[row], draws)
+        sensor = sectors.sensor[row]
+        draws: Any = self._at_work.draws.of(sensor, sectors.scan[row], targets.drone)
+        return self._model.rows(self._place[sensor]).observe(targets, draws)
 
-    def _by_sidelobes(self, sectors: Sectors) -> list[OfSensor]:
-        return self._sidelobes.plots(sectors, self._all_at_the_end) if self._sidelobes else []
+    def _by_sidelobes(self, sectors: Sectors) -> Iterator[OfSensor]:
+        """Plots of sectors by side lobes, of targets as they are at the end of each, by sensor."""
+        from plotfeed.models.sidelobe_echoes import sidelobe_plots
 
-    def _all_at_the_end(self, sectors: Sectors) -> Targets:
-        row, truth = self._there_at_the_end(sectors)
-        return self._targets(truth, row, sectors.sensor)[0]
+        for k, sensor in enumerate(sectors.sensor.tolist()):
+            if sensor in self._sidelobes:
+                (radar, whose), one = self._sidelobes[sensor], sectors.between(k, k + 1)
+                sector = one.one(0)
+                row, truth = self._there_at_the_end(one)
+                targets, _ = self._targets(truth, row, one.sensor)
+                chance = self._at_work.chances[sensor]
+                rng = chance.rng(Purpose.SIDELOBES, sector.scan, sector.index)
+                yield sensor, sidelobe_plots(radar, targets, sector, whose, rng)
 
     def _observed_among_neighbours(
         self, sectors: Sectors, truth: TruthState
@@ -462,7 +395,7 @@ class SensorGroup:
         everybody = TruthState.joined([others_of(before), truth, others_of(after)])
         all_sectors = Sectors.joined([before, sectors, after])
         row = np.searchsorted(all_sectors.end_ns, everybody.t_utc_ns, side="right")
-        looks, plots = self._met(all_sectors, everybody, row)
+        looks, plots = self._observed(all_sectors, everybody, row)
         of_looks, of_plots = (
             (found.t_utc_ns >= start_ns) & (found.t_utc_ns < end_ns) for found in (looks, plots)
         )
@@ -472,7 +405,7 @@ class SensorGroup:
     def _needs_velocities(self) -> bool:
         """Whether what is seen of drones depends on how they fly."""
         echoes = self._at_work.trajectories.signatures.echoes
-        return self._measures_rates or (echoes is not None and echoes.has_aspects)
+        return self._model.measures_range_rate or (echoes is not None and echoes.has_aspects)
 
     def _there_at_the_end(self, sectors: Sectors) -> tuple[Ints, PlaceState]:
         """Drones within reach at the ends of scans: the row of each, and its state."""
@@ -504,7 +437,7 @@ class SensorGroup:
             sensed, position_enu_m, there = self._when_it_left(truth, position_enu_m, sensors[row])
             t_utc_ns, true_position_enu_m = t_utc_ns[there], true_position_enu_m[there]
             row = row[there]
-        if self.site.axes is not self.site.frame:
+        if self.site.own_axes is not None:
             position_enu_m = self.site.axes.from_ecef(sensed.position_ecef_m)
         velocity_enu_m_s = None
         if self._needs_velocities and isinstance(sensed, TruthState):
@@ -522,10 +455,11 @@ class SensorGroup:
             emitted_utc_ns=None if sensed is truth else sensed.t_utc_ns,
             sensor=sensors[row] if self._shares else None,
         )
-        if self._held_ns:
+        held_ns = self._model.claims_held_ns
+        if held_ns:
             from plotfeed.models.effects.classification import HeldClaims
 
-            held = HeldClaims(self._at_work.claims, int(self.sensors[0]), self._held_ns)
+            held = HeldClaims(self._at_work.claims, int(self.sensors[0]), held_ns)
             targets = replace(targets, claims=held)
         if self._model.draws_by_pair:
             pairs, names = self._at_work.pairs, self._at_work.trajectories.names
@@ -543,7 +477,7 @@ class SensorGroup:
         there = np.arange(len(truth))
         departure_ns, position_ecef_m = truth.t_utc_ns, truth.position_ecef_m
         for _ in range(TRAVEL_TIME_STEPS):
-            speed_m_s = self._model_of(sensor[there]).signal_speed_m_s
+            speed_m_s = self._model.rows(self._place[sensor[there]]).signal_speed_m_s
             travel_ns = np.linalg.norm(position_enu_m, axis=1) / speed_m_s * NS
             departure_ns = truth.t_utc_ns[there] - np.rint(travel_ns).astype(np.int64)
             position_ecef_m = self._at_work.trajectories.position_at(
@@ -559,37 +493,28 @@ class SensorGroup:
         )
         return sensed, position_enu_m, there
 
-    def _model_of(self, sensor: Ints) -> SensorModel:
-        return self._model.rows(self._place[sensor])
-
-    def _observed(
-        self, targets: Targets, sensor: Ints, rng: Any, aims: Aims | None = None
-    ) -> tuple[Looks, Plots]:
-        looks, plots = self._model_of(sensor).observe(targets, rng)
-        if aims is not None:
-            looks, plots = aims.back(looks), aims.back(plots)
-        return self._as_they_were(looks), plots
-
-    def _as_they_were(self, looks: Looks) -> Looks:
-        skew = self.site.axes is not self.site.frame
-        return self.site.as_they_truly_were(looks) if skew else looks
-
     def _batch(
         self, sectors: Sectors, looks: Looks, plots: Plots, alarms: Sequence[OfSensor]
     ) -> Batch:
-        """Looks and plots by sector, plots with heights if any format tells them."""
+        """Looks and plots by sector, with false alarms, and with heights if any format tells them.
+
+        Looks are along the sensors' own axes.
+        """
         if alarms:
-            if self._shares:
-                alarms = [
-                    (sensor, found.but(sensor=np.full(len(found), sensor)))
-                    for sensor, found in alarms
-                ]
-            plots = Plots.joined([plots, *(found for _, found in alarms)])
+            parts = [plots]
+            for sensor, found in alarms:
+                whose = np.full(len(found), sensor) if self._shares else None
+                parts.append(found if whose is None else found.but(sensor=whose))
+            plots = Plots.joined(parts)
+        if self.site.own_axes is not None and len(looks):
+            looks = self.site.as_they_truly_were(looks)
         looks, looks_by = self._by_sector(sectors, looks)
         plots, plots_by = self._by_sector(sectors, plots)
-        if self.site.tells_heights and len(plots):
-            sensor = np.repeat(sectors.sensor, np.diff(plots_by))
-            plots = with_heights(plots, self._frames.rows(sensor))
+        has_place = plots.measures("elevation_deg") and plots.measures("range_m")
+        if self.site.tells_heights and has_place and len(plots):
+            frames = self._frames.rows(np.repeat(sectors.sensor, np.diff(plots_by)))
+            height_m = frames.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+            plots = plots.but(height_m=height_m)
         names = self._at_work.trajectories.names
         return Batch(
             sectors, plots, plots_by, looks, looks_by, sensors=self._at_work.names, names=names
@@ -645,40 +570,17 @@ class EmulatedSensors:
         """Put the sensors of the scene to work, or some of them; raises `PlotfeedError`."""
         self.sensors = list(scene.sensor if sensors is None else sensors)  # As they are now
         self._scripted = tuple(self.sensors)
-        self._names = [sensor.id for sensor in self.sensors]
         self._controlled: list[Mapping[str, Any]] = [{} for _ in self.sensors]
-        self._scene_site = scene.scene.site
-        self._trajectories = trajectories
-        self._drones: Sequence[str] = ()  # Names of the drones that it last knew of, by row
         self._formats = SceneFormats(scene.model_copy(update={"sensor": self.sensors}))
-        chances = [Chance(scene.scene.seed, sensor.id) for sensor in self.sensors]
-        timetables = [
-            Timetable(s.scan.period_ns, s.scan.sectors, s.scan.jitter_ms * NS_IN_MS, chance)
-            for s, chance in zip(self.sensors, chances, strict=True)
-        ]
-        frames = [frame_at(self._scene_site, s.position_enu_m) for s in self.sensors]
-        self._frames = frames
-        self.cueing = Cueing(self._scene_site, self.sensors, frames)
-        self._at_work = SensorsAtWork(
-            names=self._names,
-            frames=LocalFrames.of(frames),
-            trajectories=trajectories,
-            chances=chances,
-            timetables=timetables,
-            draws=ScanDraws(chances, Purpose.DETECTION),
-            pairs=PairDraws(chances),
-            claims=ClaimDraws(chances),
-            borders=Borders(len(frames)),
-            false_alarms=FalseAlarmsDue(chances, timetables),
-            cueing=self.cueing,
-        )
-        self._next = Timetables(timetables)
+        self._at_work = SensorsAtWork(scene, self.sensors, trajectories)
+        self.cueing = self._at_work.cueing
+        self.upcoming = Timetables(self._at_work.timetables)  # The next sector of each
         self._enabled = np.array([s.enabled for s in self.sensors], np.bool_)
-        self.sites = [self._site_of(i) for i in range(len(self.sensors))]
         self.world = World(scene)
-        self.models = [self.world.model_of(sensor) for sensor in self.sensors]
-        for i in range(len(self.sensors)):
-            self._see_clutter(i)
+        self.sites: dict[int, SensorSite] = {}
+        self.models: dict[int, SensorModel] = {}
+        for i, sensor in enumerate(self.sensors):
+            self._put(i, sensor)
         self._group_of = np.full(len(self.sensors), NO_GROUP, np.int64)
         self._numbers: dict[Any, int] = {}  # Of groups, by what their sensors have in common
         self._keys: list[Any] = [None] * len(self.sensors)
@@ -693,7 +595,7 @@ class EmulatedSensors:
     def start(self, start_utc_ns: int) -> None:
         """Begin each with its first whole sector after that time."""
         self.start_ns = start_utc_ns
-        self._next.start(start_utc_ns)
+        self.upcoming.start(start_utc_ns)
         self.cueing.start(start_utc_ns)
         self._script = sorted(
             (
@@ -714,8 +616,8 @@ class EmulatedSensors:
             if not self.remembers(i):
                 from_ns = until_utc_ns - SCANS_AGAIN * sensor.scan.period_ns
                 sector = self._at_work.timetables[i].sector_at(from_ns)
-                if sector.start_ns > self._next.sector(i).start_ns:
-                    self._next.go_on_with(i, sector)
+                if sector.start_ns > self.upcoming.sector(i).start_ns:
+                    self.upcoming.go_on_with(i, sector)
         while (end_ns := self.next_end_ns) is not None and end_ns <= until_utc_ns:
             for batch in self.seen(min(end_ns + NS, until_utc_ns + 1)):
                 self.messages(batch)  # of which formats remember some
@@ -724,15 +626,7 @@ class EmulatedSensors:
     @property
     def next_end_ns(self) -> int | None:
         """When the next sector of any of them ends; None if there is no sensor."""
-        return int(self._next.next_end_ns.min()) if self.sensors else None
-
-    def next_sector(self, i: int) -> Sector:
-        """The next one of a sensor."""
-        return self._next.sector(i)
-
-    def go_on_with(self, i: int, sector: Sector) -> None:
-        """Let that be the next one of a sensor, whatever was worked out before."""
-        self._next.go_on_with(i, sector)
+        return int(self.upcoming.next_end_ns.min()) if self.sensors else None
 
     def control(self, i: int, controlled: Mapping[str, Any], at_utc_ns: int) -> None:
         """Let a sensor have those keys, over its script, in all sectors not worked out yet.
@@ -750,43 +644,38 @@ class EmulatedSensors:
 
     def late(self, now_ns: int) -> list[int]:
         """Sensors whose next sector is late by more than a period."""
-        return np.flatnonzero(now_ns - self._next.next_end_ns > self._next.period_ns).tolist()
+        return np.flatnonzero(now_ns - self.upcoming.next_end_ns > self.upcoming.period_ns).tolist()
 
     def skip(self, i: int, now_ns: int) -> MissedScans:
         """Leave out what a sensor is late with: what it has missed.
 
         The next sector is then the last one that has ended: nothing is made up for in a burst.
         """
-        sector = self._next.sector(i)
+        sector = self.upcoming.sector(i)
         last = self._at_work.timetables[i].sector_at(now_ns - (sector.end_ns - sector.start_ns))
-        self._next.go_on_with(i, last)
+        self.upcoming.go_on_with(i, last)
         return MissedScans(last.scan - sector.scan, sector.end_ns, last.start_ns)
 
     def skip_scan(self, i: int) -> MissedScans:
         """Leave out the scan that a sensor is in or begins next, to its end: what it has missed."""
-        sector = self._next.sector(i)
+        sector = self.upcoming.sector(i)
         following = self._at_work.timetables[i].sector(sector.scan + 1, 0)
-        self._next.go_on_with(i, following)
+        self.upcoming.go_on_with(i, following)
         return MissedScans(1, sector.end_ns, following.start_ns)
-
-    @property
-    def period_ns(self) -> Ints:
-        """Period of each; (n,)."""
-        return self._next.period_ns
 
     @property
     def sectors_per_ns(self) -> Floats:
         """How many sectors each has to work out in a nanosecond; none that is not enabled; (n,)."""
-        return np.where(self._enabled, self._next.sectors / self._next.period_ns, 0.0)
+        return np.where(self._enabled, self.upcoming.sectors / self.upcoming.period_ns, 0.0)
 
     def begins_before(self, before_ns: int) -> Bools:
         """Which begin a scan next, of which the first sector ends before that time; (n,)."""
-        return self._next.begins_scan & (self._next.next_end_ns < before_ns) & self._enabled
+        return self.upcoming.begins_scan & (self.upcoming.next_end_ns < before_ns) & self._enabled
 
     @property
     def amid_scans(self) -> Bools:
         """Which have begun a scan that is not over; (n,)."""
-        return ~self._next.begins_scan & self._enabled
+        return ~self.upcoming.begins_scan & self._enabled
 
     def pointed(self, i: int) -> CuedState | PointedBeams | None:
         """Where a sensor's mount or beams pointed in the last scan; None where nothing turns."""
@@ -801,47 +690,34 @@ class EmulatedSensors:
 
         The script's changes come meanwhile.
         """
-        names = self._trajectories.names
-        if names is not self._drones:  # some were forgotten, or their rows are others' now
-            self._at_work.borders.forget(renamed(self._drones, names), len(names))
-            self._at_work.draws.trim(len(names))
-            self._at_work.claims.trim(len(names))
-            self._drones = names
-        while len(sectors := self._next.ending_before(before_ns)):
+        self._at_work.follow_drones()
+        while len(sectors := self.upcoming.ending_before(before_ns)):
             later = None
             if self._script:
                 known_ns = np.maximum(sectors.end_ns - AHEAD_NS, sectors.start_ns)
                 later = known_ns >= self._script[-1][0]
                 sectors = sectors.rows(~later)
-            self._next.take(sectors)
-            yield from self._seen(sectors.rows(self._enabled[sectors.sensor]))
+            self.upcoming.take(sectors)
+            sectors = sectors.rows(self._enabled[sectors.sensor])
+            of_group = self._group_of[sectors.sensor]
+            numbers = np.unique(of_group).tolist()
+            if len(numbers) > 1:  # those that cue before those that are cued
+                numbers.sort(key=lambda number: self._groups[number].rank)
+            for number in numbers:
+                mine = sectors if len(numbers) == 1 else sectors.rows(of_group == number)
+                batch = self._groups[number].look(mine)
+                if self.cueing.cued_by:
+                    self.cueing.take(batch)
+                yield batch
             if later is None or not later.any():
                 return
             self._follow_script_until(self._script[-1][0])
 
-    def _seen(self, sectors: Sectors) -> Iterator[Batch]:
-        if not len(sectors):
-            return
-        if len(self._groups) == 1:
-            (group,) = self._groups.values()
-            yield group.look(sectors)
-            return
-        of_group = self._group_of[sectors.sensor]
-        numbers = np.unique(of_group).tolist()
-        if len(self.cueing):  # those that cue before those that are cued
-            numbers.sort(key=lambda number: self.cueing.rank[self._groups[number].sensors[0]])
-        for number in numbers:
-            mine = of_group == number
-            seen = self._groups[number].look(sectors if mine.all() else sectors.rows(mine))
-            if len(self.cueing):
-                self.cueing.take(seen)
-            yield seen
-
     def messages(self, batch: Batch) -> list[list[Message]]:
         """What sensors say of each of their sectors, which were seen just now."""
-        site = self.sites[batch.sectors.sensor[0]]
+        site = self.sites[int(batch.sectors.sensor[0])]
         # A sensor that errs is alone, and its clock and axes are its own.
-        truth_at = site.apparent_at if site.errs else self._trajectories.state_at
+        truth_at = site.apparent_at if site.errs else self._at_work.trajectories.state_at
         return self._formats.messages(batch.by_clock(site.clock_ahead_ns, truth_at))
 
     def _follow_script_until(self, t_utc_ns: int) -> None:
@@ -856,26 +732,21 @@ class EmulatedSensors:
     def _change(self, sensors: Mapping[int, Sensor]) -> None:
         """Let those be so from the next sector on."""
         for i, sensor in sensors.items():
-            self.sensors[i] = sensor
             if self._enabled[i] and not sensor.enabled:
                 self._formats.switched_off(i)
-            self._enabled[i] = sensor.enabled
-            self.sites[i] = self._site_of(i)
-            self.models[i] = self.world.model_of(sensor)
-            self._see_clutter(i)
-            self._at_work.false_alarms.forget(i)
+            self._put(i, sensor)
             self.cueing.change(i, sensor)
         self._group(sensors)
 
-    def _see_clutter(self, i: int) -> None:
-        maps = self.world.clutter_of(self.models[i], self.sites[i].axes, self._trajectories)
-        self._at_work.false_alarms.clutter[i] = maps
-        if not maps:
-            del self._at_work.false_alarms.clutter[i]
-
-    def _site_of(self, i: int) -> SensorSite:
-        chance = self._at_work.chances[i]
-        return SensorSite.of(self.sensors[i], self._frames[i], self._trajectories, chance)
+    def _put(self, i: int, sensor: Sensor) -> None:
+        """Let the sensor of that index be this one."""
+        at_work, trajectories = self._at_work, self._at_work.trajectories
+        site = SensorSite(sensor, at_work.places[i], trajectories, at_work.chances[i])
+        model = self.world.model_of(sensor)
+        clutter = self.world.clutter_of(model, site.axes, trajectories)
+        at_work.false_alarms.begin_anew(i, clutter)
+        self.sensors[i], self.sites[i], self.models[i] = sensor, site, model
+        self._enabled[i] = sensor.enabled
 
     def _group(self, which: Iterable[int]) -> None:
         """Put sensors with those of their kind; groups that they leave and join are made anew."""

@@ -108,11 +108,12 @@ class Cueing:
             for i, sensor in enumerate(sensors)
             if (mount := mount_of(sensor)) is not None
         }
-        self._cued_by: dict[int, list[int]] = {}
+        # Sensors whose plots cue others, and which these are.
+        self.cued_by: dict[int, list[int]] = {}
         for i, steered in self._steered.items():
             for name in steered.keys.cuers:
                 if name in self._names:
-                    self._cued_by.setdefault(self._names.index(name), []).append(i)
+                    self.cued_by.setdefault(self._names.index(name), []).append(i)
         self._number = count()
 
     def __contains__(self, sensor: int) -> bool:
@@ -123,7 +124,7 @@ class Cueing:
 
     def cues(self, sensor: int) -> bool:
         """Whether plots of that sensor cue another."""
-        return sensor in self._cued_by
+        return sensor in self.cued_by
 
     def start(self, start_utc_ns: int) -> None:
         """Let all mounts be at rest then, where they look without cues."""
@@ -164,13 +165,13 @@ class Cueing:
     def take(self, batch: Batch) -> None:
         """Hand the plots of sensors to the mounts that they cue."""
         for row, i in enumerate(batch.sectors.sensor.tolist()):
-            if i not in self._cued_by:
+            if i not in self.cued_by:
                 continue
             plots = batch.one(row).plots
             plots = plots.rows(~np.isnan(plots.azimuth_deg))
             if not len(plots):
                 continue
-            for other in self._cued_by[i]:
+            for other in self.cued_by[i]:
                 steered = self._steered[other]
                 end_ns = int(batch.sectors.end_ns[row])
                 self._put(steered, end_ns, self._batch(i, other, steered, plots))

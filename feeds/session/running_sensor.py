@@ -67,7 +67,7 @@ class RunningSensor:
 
     def start(self, start_utc_ns: int, now_utc_ns: int) -> None:
         """Say what there is to say of the sensor, now and from now on; its script began before."""
-        self._scan = self._sensors.next_sector(self._i).scan
+        self._scan = self._sensors.upcoming.sector(self._i).scan
         self._since_ns = now_utc_ns
         for after_ns in instants_ns(self.sensor.event):
             at_utc_ns = start_utc_ns + after_ns

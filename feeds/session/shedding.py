@@ -129,7 +129,7 @@ class Shedding:
         per_ns = self._sensors.sectors_per_ns
         overdue = self._sensors.begins_before(now_ns)
         amid = self._may & (self._sensors.amid_scans | overdue)
-        amid &= self._sensors.period_ns <= WORTH_WAITING * late_ns
+        amid &= self._sensors.upcoming.period_ns <= WORTH_WAITING * late_ns
         late = np.flatnonzero(amid)
         late = late[np.lexsort((self._owed[late], self._lost_ns[late]))]
         per_ns, all_ns = per_ns[late], per_ns.sum()

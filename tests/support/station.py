@@ -41,6 +41,6 @@ class Station:
         return self._timetable.next_sector(sector)
 
     def report(self, sector: Sector) -> Batch:
-        self._emulated.go_on_with(0, sector)
+        self._emulated.upcoming.go_on_with(0, sector)
         [batch] = self._emulated.seen(sector.end_ns + 1)
         return replace(batch, messages=self._emulated.messages(batch))

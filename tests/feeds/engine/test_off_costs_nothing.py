@@ -28,7 +28,7 @@ QUESTIONS = re.compile(
     r"is_in_free_space|self\.jammers|surroundings is|\bmultipath is|\bdoppler is|\bmerging is"
     r"|groups is|echo_effects is|strengths|intervals is|_with_effects"
     r"|readings is|\.errs\b|bias is|drift is|degradation is"
-    r"|pd_factor|_sidelobes is|claims_held_ns|axes is not|layout is|classifier is"
+    r"|pd_factor|if self._sidelobes|held_ns|own_axes is not|layout is|classifier is"
     r"|elevation_baseline_m is|measures_range_rate"
     r"|velocity_enu_m_s=?|readings="
     r"|true_geometry|true_position_enu_m is not|range_rate_m_s is None|merged_drones is None"
