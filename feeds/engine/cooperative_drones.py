@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,86 +37,6 @@ AS_TELEMETRY: dict[str, tuple[str, Callable[[PositionReport], bytes]]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class DroneClaim:
-    """What one drone says once: where it was, when, and how it flew; height over the ellipsoid."""
-
-    drone: str
-    t_utc_ns: int
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float
-    velocity_enu_m_s: Floats
-
-
-class ClaimMessages:
-    """Messages of claims, in the formats that the scene names."""
-
-    def __init__(self, scene: Scene, settings: CooperativeKeys) -> None:
-        """Encode as [cooperative] says; raises `PlotfeedError` where sea level is not known."""
-        self._formats = settings.report
-        self._accuracy_m = settings.accuracy_m
-        self._sea_level = scene.sea_level()
-        self._encoder = TargetEncoder129(settings.sac, settings.sic, country=settings.country)
-        self._prefix, self._qos = scene.mqtt.prefix, scene.mqtt.qos
-        self._source = f"{self._prefix}/{COOPERATIVE}"
-
-    def messages(self, number: int, due_utc_ns: int, claims: Sequence[DroneClaim]) -> list[Message]:
-        """All of one time, in the order of drones; `number` is that of the period."""
-        by_format = [
-            self._as_129(claims) if name == "asterix-129" else self._as_telemetry(name, claims)
-            for name in self._formats
-        ]
-        found = []
-        for claim, *said in zip(claims, *by_format, strict=True):
-            for kind, topic, content_type, payload in said:
-                what = attributes(
-                    self._source, kind, f"{number}-{claim.drone}", due_utc_ns, drone=claim.drone
-                )
-                found.append(Message(topic, payload, content_type, due_utc_ns, what, qos=self._qos))
-        return found
-
-    def _as_129(self, claims: Sequence[DroneClaim]) -> list[tuple[str, str, str, bytes]]:
-        if not claims:
-            return []
-        places = [(c.latitude_deg, c.longitude_deg, c.height_m) for c in claims]
-        latitude_deg, longitude_deg, height_m = np.array(places).T
-        accuracy_m = np.full(len(claims), self._accuracy_m * HALF_OF_POSITIONS)
-        blocks = self._encoder.blocks(
-            [claim.drone for claim in claims],
-            np.array([claim.t_utc_ns for claim in claims], np.int64),
-            latitude_deg,
-            longitude_deg,
-            altitude_m=height_m - self._sea_level.undulation_m(latitude_deg, longitude_deg),
-            accuracy_m=accuracy_m if self._accuracy_m else None,
-            velocity_m_s=np.array([claim.velocity_enu_m_s for claim in claims]),
-        )
-        head = "asterix/129", f"{self._source}/asterix/129", asterix_content_type(129)
-        return [(*head, block) for block in blocks]
-
-    def _as_telemetry(
-        self, name: str, claims: Sequence[DroneClaim]
-    ) -> list[tuple[str, str, str, bytes]]:
-        content_type, encode = AS_TELEMETRY[name]
-        accuracy_m = self._accuracy_m or np.nan
-        found = []
-        for claim in claims:
-            east, north, up = claim.velocity_enu_m_s.tolist()
-            report = PositionReport(
-                t_utc_ns=claim.t_utc_ns,
-                latitude_deg=claim.latitude_deg,
-                longitude_deg=claim.longitude_deg,
-                altitude_m=claim.height_m,
-                altitude_reference=AltitudeReference.ELLIPSOID,
-                velocity_enu_m_s=(east, north, up),
-                horizontal_accuracy_m=accuracy_m,
-                vertical_accuracy_m=accuracy_m,
-            )
-            topic = f"{self._prefix}/{CLAIMED}/{claim.drone}"
-            found.append((CLAIMED, topic, content_type, encode(report)))
-        return found
-
-
 WALK, DROP_OUT = 1, 2  # Streams of draws beside those of the positions' errors
 
 
@@ -124,7 +44,6 @@ WALK, DROP_OUT = 1, 2  # Streams of draws beside those of the positions' errors
 class _Speaker:
     """A drone that says where it is."""
 
-    name: str
     row: int
     chance: Chance
     first_ns: int = 0  # When it sets out
@@ -134,17 +53,20 @@ class _Speaker:
     # When a walk began, the number of its last step, and how far it is.
     walked: tuple[int, int, Floats] | None = None
 
-    def fault_at(self, t_utc_ns: int) -> tuple[int, ClaimFault] | None:
+    def fault_at(self, t_utc_ns: int) -> tuple[int, ClaimFault | None]:
         """What makes it speak otherwise then, and since when."""
         controlled = () if self.controlled is None else (self.controlled,)
         for begin_ns, end_ns, fault in (*controlled, *reversed(self.faults)):
             if begin_ns <= t_utc_ns and (end_ns is None or t_utc_ns < end_ns):
                 return begin_ns, fault
-        return None
+        return t_utc_ns, None
 
 
 class CooperativeDrones:
-    """What the cooperative drones say at the k-th period since 1970."""
+    """What the cooperative drones say at the k-th period since 1970, in the scene's formats.
+
+    A claim is a report of a position above the ellipsoid, as telemetry is.
+    """
 
     def __init__(
         self,
@@ -153,18 +75,20 @@ class CooperativeDrones:
         trajectories: Trajectories,
         drones: SceneDrones,
     ) -> None:
+        """Have them say it as [cooperative] has it; raises `PlotfeedError` without sea level."""
         self.period_ns = round(settings.period_s * NS)
         self._settings = settings
         self._trajectories, self._drones = trajectories, drones
         self._site: Site = scene.scene.site
-        seed, index = scene.scene.seed, trajectories.names.index
         self._faults = {d.id: d.claim for d in scene.fleet.drones}
-        speakers = [
-            _Speaker(name, index(name), Chance(seed, f"{COOPERATIVE}/{name}"))
-            for name in dict.fromkeys(scene.fleet.cooperative_names)
-        ]
-        self._speakers = {each.name: each for each in sorted(speakers, key=lambda s: s.row)}
-        self._encoded = ClaimMessages(scene, settings)
+        row_of = {name: row for row, name in enumerate(trajectories.names)}
+        self._speakers = {
+            name: _Speaker(row_of[name], Chance(scene.scene.seed, f"{COOPERATIVE}/{name}"))
+            for name in sorted(set(scene.fleet.cooperative_names), key=row_of.__getitem__)
+        }
+        self._sea_level = scene.sea_level()
+        self._encoder = TargetEncoder129(settings.sac, settings.sic, country=settings.country)
+        self._prefix, self._qos = scene.mqtt.prefix, scene.mqtt.qos
 
     def start(self, start_utc_ns: int) -> None:
         """Faults of the scene count from that time."""
@@ -189,32 +113,77 @@ class CooperativeDrones:
 
     def said(self, number: int) -> tuple[list[Message], list[pb.Claim]]:
         """Messages that are due then, and what is true of what is said or not said."""
-        claims, truths = [], []
-        for claim, truth in self._claims(number * self.period_ns, number):
-            truths.append(truth)
-            if claim is not None:
-                claims.append(claim)
-        return self._encoded.messages(number, number * self.period_ns, claims), truths
-
-    def _claims(self, t_utc_ns: int, number: int) -> Iterator[tuple[DroneClaim | None, pb.Claim]]:
-        """What each says at a time, None for nothing, and what is true of that."""
-        for speaker in self._speakers.values():
-            begun = speaker.fault_at(t_utc_ns)
-            begin_ns, fault = begun or (t_utc_ns, None)
-            at_ns = t_utc_ns - (0 if fault is None else round(fault.delay_s * NS))
+        due_utc_ns, claims, truths = number * self.period_ns, {}, []
+        for name, speaker in self._speakers.items():
+            begin_ns, fault = speaker.fault_at(due_utc_ns)
+            at_ns = due_utc_ns - (0 if fault is None else round(fault.delay_s * NS))
             true = self._state(speaker.row, at_ns)
             if true is None:
                 continue
-            told, truth = true, self._truth(speaker, true, () if fault is None else fault.names)
+            truth = pb.Claim(
+                drone=name,
+                time_utc_ns=at_ns,
+                latitude_deg=true.latitude_deg,
+                longitude_deg=true.longitude_deg,
+                height_m=true.altitude_m,
+                faults=() if fault is None else fault.names,
+                contingency=self._drones.doing(name, at_ns),
+            )
+            truths.append(truth)
+            told = true
             if fault is not None:
-                is_dropped = fault.drop_out and _draw(speaker, number) < fault.drop_out
+                rng = speaker.chance.rng(Purpose.COOPERATION, number, DROP_OUT)
+                is_dropped = fault.drop_out and rng.random() < fault.drop_out
                 if is_dropped or at_ns < begin_ns:  # or still on its way
-                    yield None, truth
                     continue
                 told = self._faulty(speaker, true, fault, begin_ns)
-            yield self._erring(speaker, told, number, truth), truth
+            claims[name] = told = self._erring(speaker, told, number)
+            place = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, told.altitude_m)
+            error_m = _frame(true).from_ecef(place).tolist()
+            truth.error_east_m, truth.error_north_m, truth.error_up_m = error_m
+        return self._messages(number, due_utc_ns, claims), truths
 
-    def _state(self, row: int, t_utc_ns: int) -> DroneClaim | None:
+    def _messages(
+        self, number: int, due_utc_ns: int, claims: Mapping[str, PositionReport]
+    ) -> list[Message]:
+        """All of one time, in the order of drones."""
+        source = f"{self._prefix}/{COOPERATIVE}"
+        by_format = []
+        for name in self._settings.report if claims else ():
+            if name == "asterix-129":
+                head = ("asterix/129", f"{source}/asterix/129", asterix_content_type(129))
+                by_format.append([(*head, block) for block in self._as_129(claims)])
+            else:
+                content_type, encode = AS_TELEMETRY[name]
+                by_format.append(
+                    [
+                        (CLAIMED, f"{self._prefix}/{CLAIMED}/{drone}", content_type, encode(claim))
+                        for drone, claim in claims.items()
+                    ]
+                )
+        found = []
+        for drone, *said in zip(claims, *by_format, strict=True):
+            for kind, topic, content_type, payload in said:
+                what = attributes(source, kind, f"{number}-{drone}", due_utc_ns, drone=drone)
+                found.append(Message(topic, payload, content_type, due_utc_ns, what, qos=self._qos))
+        return found
+
+    def _as_129(self, claims: Mapping[str, PositionReport]) -> list[bytes]:
+        reports, accuracy_m = list(claims.values()), self._settings.accuracy_m
+        places = [(each.latitude_deg, each.longitude_deg, each.altitude_m) for each in reports]
+        latitude_deg, longitude_deg, height_m = np.array(places).T
+        half_within_m = np.full(len(reports), accuracy_m * HALF_OF_POSITIONS)
+        return self._encoder.blocks(
+            list(claims),
+            np.array([each.t_utc_ns for each in reports], np.int64),
+            latitude_deg,
+            longitude_deg,
+            altitude_m=height_m - self._sea_level.undulation_m(latitude_deg, longitude_deg),
+            accuracy_m=half_within_m if accuracy_m else None,
+            velocity_m_s=np.array([each.velocity_enu_m_s for each in reports]),
+        )
+
+    def _state(self, row: int, t_utc_ns: int) -> PositionReport | None:
         """Where a drone truly is, and how it flies; None if it is not there."""
         state = self._trajectories.state_at(t_utc_ns, np.array([row]))
         if not len(state):
@@ -222,31 +191,28 @@ class CooperativeDrones:
         at = (float(x[0]) for x in ecef_to_geodetic(state.position_ecef_m))
         latitude_deg, longitude_deg, height_m = at
         frame = LocalFrame(latitude_deg, longitude_deg, height_m)
-        velocity = frame.rotate_from_ecef(state.velocity_ecef_m_s[0])
-        name = self._trajectories.names[row]
-        return DroneClaim(name, t_utc_ns, latitude_deg, longitude_deg, height_m, velocity)
-
-    def _truth(self, speaker: _Speaker, true: DroneClaim, faults: Sequence[str]) -> pb.Claim:
-        return pb.Claim(
-            drone=speaker.name,
-            time_utc_ns=true.t_utc_ns,
-            latitude_deg=true.latitude_deg,
-            longitude_deg=true.longitude_deg,
-            height_m=true.height_m,
-            faults=faults,
-            contingency=self._drones.doing(speaker.name, true.t_utc_ns),
+        east, north, up = frame.rotate_from_ecef(state.velocity_ecef_m_s[0]).tolist()
+        accuracy_m = self._settings.accuracy_m or np.nan
+        return PositionReport(
+            t_utc_ns=t_utc_ns,
+            latitude_deg=latitude_deg,
+            longitude_deg=longitude_deg,
+            altitude_m=height_m,
+            altitude_reference=AltitudeReference.ELLIPSOID,
+            velocity_enu_m_s=(east, north, up),
+            horizontal_accuracy_m=accuracy_m,
+            vertical_accuracy_m=accuracy_m,
         )
 
     def _faulty(
-        self, speaker: _Speaker, true: DroneClaim, fault: ClaimFault, begin_ns: int
-    ) -> DroneClaim:
+        self, speaker: _Speaker, true: PositionReport, fault: ClaimFault, begin_ns: int
+    ) -> PositionReport:
         """The claim of a drone that takes what is wrong for true."""
         told, since_s = true, (true.t_utc_ns - begin_ns) / NS
         error_m = np.array(fault.bias_enu_m)
-        velocity = true.velocity_enu_m_s
         if fault.freeze:
             told = self._state(speaker.row, max(begin_ns, speaker.first_ns)) or true
-            velocity = told.velocity_enu_m_s
+        velocity = np.array(told.velocity_enu_m_s)
         if fault.spoof is not None:
             place = geodetic_to_ecef(*geodetic(self._site, fault.spoof))
             way_m = _frame(true).from_ecef(place)
@@ -260,7 +226,9 @@ class CooperativeDrones:
             error_m = error_m + way_m * (gone_m / length_m if length_m else 0.0)
         if fault.walk_m:
             error_m = error_m + fault.walk_m * self._walk(speaker, begin_ns, true.t_utc_ns)
-        return _moved(told, error_m, t_utc_ns=true.t_utc_ns, velocity=velocity)
+        east, north, up = velocity.tolist()
+        told = told._replace(t_utc_ns=true.t_utc_ns, velocity_enu_m_s=(east, north, up))
+        return _moved(told, error_m)
 
     def _walk(self, speaker: _Speaker, begin_ns: int, t_utc_ns: int) -> Floats:
         """A random walk of 1 m after a second, step by step of the period; (3,)."""
@@ -277,46 +245,22 @@ class CooperativeDrones:
         speaker.walked = begin_ns, max(last, done), at_m
         return at_m
 
-    def _erring(
-        self, speaker: _Speaker, told: DroneClaim, number: int, truth: pb.Claim
-    ) -> DroneClaim:
-        """The claim with the error that every report has; the truth is told how far it is off."""
+    def _erring(self, speaker: _Speaker, told: PositionReport, number: int) -> PositionReport:
+        """The claim with the error that every report has, at an altitude that reports may have."""
         if self._settings.accuracy_m:
             rng = speaker.chance.rng(Purpose.COOPERATION, number)
             told = _moved(told, self._settings.accuracy_m * rng.standard_normal(3))
         least_m, greatest_m = LIMITS["altitude_m"]
-        if not least_m <= told.height_m <= greatest_m:
-            told = replace(told, height_m=min(max(told.height_m, least_m), greatest_m))
-        true = LocalFrame(truth.latitude_deg, truth.longitude_deg, truth.height_m)
-        place = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, told.height_m)
-        east_m, north_m, up_m = true.from_ecef(place).tolist()
-        truth.error_east_m, truth.error_north_m, truth.error_up_m = east_m, north_m, up_m
-        return told
+        return told._replace(altitude_m=min(max(told.altitude_m, least_m), greatest_m))
 
 
-def _draw(speaker: _Speaker, number: int) -> float:
-    """A number from 0 to 1 that decides whether a report is dropped."""
-    return float(speaker.chance.rng(Purpose.COOPERATION, number, DROP_OUT).random())
+def _frame(claim: PositionReport) -> LocalFrame:
+    return LocalFrame(claim.latitude_deg, claim.longitude_deg, claim.altitude_m)
 
 
-def _frame(claim: DroneClaim) -> LocalFrame:
-    return LocalFrame(claim.latitude_deg, claim.longitude_deg, claim.height_m)
-
-
-def _moved(
-    claim: DroneClaim,
-    by_enu_m: Floats,
-    *,
-    t_utc_ns: int | None = None,
-    velocity: Floats | None = None,
-) -> DroneClaim:
-    """The claim of a place so far off, or of another time or velocity."""
+def _moved(claim: PositionReport, by_enu_m: Floats) -> PositionReport:
+    """The claim of a place so far off."""
     latitude_deg, longitude_deg, height_m = (float(x) for x in _frame(claim).to_geodetic(by_enu_m))
-    return replace(
-        claim,
-        t_utc_ns=claim.t_utc_ns if t_utc_ns is None else t_utc_ns,
-        latitude_deg=latitude_deg,
-        longitude_deg=longitude_deg,
-        height_m=height_m,
-        velocity_enu_m_s=claim.velocity_enu_m_s if velocity is None else velocity,
+    return claim._replace(
+        latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=height_m
     )

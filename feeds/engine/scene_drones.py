@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING
+from operator import attrgetter
 
 import numpy as np
 
@@ -31,16 +31,13 @@ from plotfeed.feeds.scene.drones import (
 )
 from plotfeed.feeds.scene.fields import Enu, Location, Site, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, AltitudeDatum, PositionReport
+from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, AltitudeDatum
+from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity, to_ecef
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import DRONE, Bools, Emitter, Floats, Ints, Signature
 from plotfeed.models.truth import FOREVER_NS, MAX_TRACKS, KnownTrack, Segment, Trajectories
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
-
-if TYPE_CHECKING:
-    from plotfeed.models.flight_plan import FlightPlan
-
 
 MAX_LEG_M = 500.0  # A straight line this long leaves the curve of constant height by 5 mm
 
@@ -77,37 +74,38 @@ class SceneSpace:
             at = np.array([place.east_m, place.north_m, place.above_site_m], np.float64)
             return at + offset_enu_m
         moved = geodetic(self.site, place, offset_enu_m)
-        from plotfeed.models.flight_plan import level_from_ecef
-
         return level_from_ecef(self.frame, geodetic_to_ecef(*moved))
 
     def track(self, plan: FlightPlan, begin_ns: int = 0, *, repeat: bool = False) -> KnownTrack:
         """A plan as it is flown from then on."""
-        from plotfeed.models.flight_plan import to_ecef
-
         t_s, position_m, velocity_m_s = to_ecef(self.frame, plan.knots())
         times_ns = [begin_ns + round(t * NS) for t in t_s.tolist()]
         return KnownTrack.smooth(times_ns, position_m, velocity_m_s, repeat=repeat)
 
 
 def planned(space: SceneSpace, drone: Drone) -> DroneRoute:
-    """A drone's way along its waypoints or by its legs."""
+    """A drone's way along its waypoints, on the curved Earth, or by its legs."""
     if drone.leg:
         return _by_legs(space, drone)
-    times_s, positions = knots(space.site, drone)
-    times_ns = [round(t * NS) for t in times_s]
-    places = len(drone.path) - 1 + drone.repeat
-    ways = (len(list(_along(a, b))) for a, b in pairwise(_places(space.site, drone)))
-    ends = [times_ns[k] for k in accumulate(ways)][:places]
+    places = [geodetic(space.site, waypoint, drone.offset_enu_m) for waypoint in drone.path]
+    speeds_m_s = [w.speed_m_s or drone.speed_m_s or 0.0 for w in drone.path]
+    if drone.repeat:
+        places.append(places[0])
+        speeds_m_s.append(drone.speed_m_s or speeds_m_s[-1])
+    ways = [list(_along(a, b)) for a, b in pairwise(places)]
+    positions = geodetic_to_ecef(*np.array([places[0], *(p for way in ways for p in way)]).T)
+    lengths_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    at_m_s = np.repeat(speeds_m_s[1:], [len(way) for way in ways])
+    times_s = np.cumsum(np.maximum(lengths_m / at_m_s, 1e-6))
+    times_ns = [0, *(round(t * NS) for t in times_s.tolist())]
+    ends_ns = [times_ns[k] for k in accumulate(map(len, ways))]
     track = KnownTrack.straight(times_ns, positions, repeat=drone.repeat)
-    return DroneRoute(track, tuple((end_ns, end_ns) for end_ns in ends))
+    return DroneRoute(track, tuple((end_ns, end_ns) for end_ns in ends_ns))
 
 
 def _by_legs(space: SceneSpace, drone: Drone) -> DroneRoute:
     offset_m = drone.offset_enu_m
     home_m = np.zeros(3) if drone.home is None else space.level_m(drone.home, offset_m)
-    from plotfeed.models.flight_plan import FlightPlan
-
     plan = FlightPlan(drone.limits.model(), home_m)
     ends = []
     for leg in drone.leg:
@@ -137,20 +135,6 @@ def _by_legs(space: SceneSpace, drone: Drone) -> DroneRoute:
     return DroneRoute(space.track(plan, repeat=drone.repeat), tuple(ends))
 
 
-def knots(site: Site, drone: Drone) -> tuple[list[float], Floats]:
-    """Times from the start of a path, and ECEF positions (k, 3), on the curved Earth."""
-    places = _places(site, drone)
-    speeds = [w.speed_m_s or drone.speed_m_s or 0.0 for w in drone.path]
-    if drone.repeat:
-        speeds.append(drone.speed_m_s or speeds[-1])
-    legs = [list(_along(a, b)) for a, b in pairwise(places)]
-    positions = geodetic_to_ecef(*np.array([places[0], *(p for leg in legs for p in leg)]).T)
-    lengths_m = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    leg_speeds_m_s = np.repeat(speeds[1:], [len(leg) for leg in legs])
-    times_s = np.cumsum(np.maximum(lengths_m / leg_speeds_m_s, 1e-6))
-    return [0.0, *times_s.tolist()], positions
-
-
 def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:
     """The places between two, short legs apart, without the first; the short way in longitude.
 
@@ -164,63 +148,42 @@ def _along(start: Floats, end: Floats) -> Iterator[Sequence[float]]:
         yield start + share * change
 
 
-def _places(site: Site, drone: Drone) -> list[Floats]:
-    """Geodetic places of a path, the first once more at the end of one that is repeated."""
-    places = [geodetic(site, waypoint, drone.offset_enu_m) for waypoint in drone.path]
-    return [*places, places[0]] if drone.repeat else places
-
-
 def fly_recorded(
-    trajectories: Trajectories, scene: Scene, drone: Drone, flight: FlightFile, begin_ns: int
+    trajectories: Trajectories, scene: Scene, drone: Drone, recorded: FlightFile, begin_ns: int
 ) -> KnownTrack:
     """Put a recorded flight on its way; its track from 0 ns on. Raises `PlotfeedError`."""
-    reports, heights_m, starts = _recorded_reports(scene, flight, begin_ns)
-    track = trajectories.add_flight(
-        drone.id,
-        np.array([report.t_utc_ns for report in reports], np.int64),
-        latitude_deg=np.array([report.latitude_deg for report in reports]),
-        longitude_deg=np.array([report.longitude_deg for report in reports]),
-        height_m=heights_m,
-        velocity_enu_m_s=np.array([report.velocity_enu_m_s for report in reports]),
-        sigma_m=np.array([report.sigma_m for report in reports]),
-        signature=signature_of(scene, drone),
-        starts=starts,
-    )
-    return track.later(-begin_ns)
-
-
-def _recorded_reports(
-    scene: Scene, recorded: FlightFile, begin_ns: int
-) -> tuple[list[PositionReport], Floats, Sequence[int]]:
-    """The reports of a flight that begins then, and their heights above the ellipsoid.
-
-    And to which of them no flight leads from before.
-    """
+    from plotfeed.feeds.telemetry.flights import read, smoothed
     from plotfeed.feeds.telemetry.flights.flight import FlightOptions
 
+    settings = scene.telemetry
     options = recorded.made(
-        FlightOptions, start_utc_ns=begin_ns, max_speed_m_s=scene.telemetry.max_speed_m_s
+        FlightOptions, start_utc_ns=begin_ns, max_speed_m_s=settings.max_speed_m_s
     )
-    from plotfeed.feeds.telemetry.flights import read, smoothed
-
     flight = smoothed(read(scene.file(recorded.file), options))
     takeoff_height_m = recorded.takeoff_height_m
     if takeoff_height_m is None:
-        takeoff_height_m = scene.telemetry.takeoff_height_m
-    sea_level = scene.sea_level(stated_m=recorded.geoid_undulation_m)
-    datum = AltitudeDatum(takeoff_height_m, sea_level)
-    references = [report.altitude_reference for report in flight.reports]
+        takeoff_height_m = settings.takeoff_height_m
+    datum = AltitudeDatum(takeoff_height_m, scene.sea_level(stated_m=recorded.geoid_undulation_m))
+    reports = flight.reports
+    references = [report.altitude_reference for report in reports]
     for reference in dict.fromkeys(references):
         datum.check(reference)
-    heights_m = datum.heights_m(
-        [report.latitude_deg for report in flight.reports],
-        [report.longitude_deg for report in flight.reports],
-        [report.altitude_m for report in flight.reports],
-        references,
+    latitude_deg = [report.latitude_deg for report in reports]
+    longitude_deg = [report.longitude_deg for report in reports]
+    altitude_m = [report.altitude_m for report in reports]
+    shift_ns = begin_ns - reports[0].t_utc_ns
+    track = trajectories.add_flight(
+        drone.id,
+        np.array([report.t_utc_ns + shift_ns for report in reports], np.int64),
+        latitude_deg=np.array(latitude_deg),
+        longitude_deg=np.array(longitude_deg),
+        height_m=datum.heights_m(latitude_deg, longitude_deg, altitude_m, references),
+        velocity_enu_m_s=np.array([report.velocity_enu_m_s for report in reports]),
+        sigma_m=np.array([report.sigma_m for report in reports]),
+        signature=signature_of(scene, drone),
+        starts=flight.starts,
     )
-    shift_ns = begin_ns - flight.reports[0].t_utc_ns
-    shifted = [report._replace(t_utc_ns=report.t_utc_ns + shift_ns) for report in flight.reports]
-    return shifted, heights_m, flight.starts
+    return track.later(-begin_ns)
 
 
 def tells_echoes(scene: Scene) -> bool:
@@ -241,21 +204,16 @@ def usual_signature(scene: Scene) -> Signature:
 
 def signature_of(scene: Scene, drone: Drone) -> Signature:
     """What there is of a drone to sense, by the scene where the drone states nothing."""
-    settings = scene.telemetry
-    return Signature(
-        rcs_m2=settings.rcs_m2 if drone.rcs_m2 is None else drone.rcs_m2,
-        sound_power_db=(
-            settings.sound_power_db if drone.sound_power_db is None else drone.sound_power_db
-        ),
+    usual = usual_signature(scene)
+    told = {name: getattr(drone, name) for name in ("rcs_m2", "sound_power_db", "size_m")}
+    if usual.echoes is not None:
+        told["echoes"] = echoes_of(scene.target, drone.target_class, drone.swerling)
+    return replace(
+        usual,
         emitters=tuple(Emitter(**e.model_dump()) for e in drone.emitters),
-        size_m=settings.size_m if drone.size_m is None else drone.size_m,
         target_class=drone.target_class,
         model=drone.model,
-        echoes=(
-            echoes_of(scene.target, drone.target_class, drone.swerling)
-            if tells_echoes(scene)
-            else None
-        ),
+        **{name: value for name, value in told.items() if value is not None},
     )
 
 
@@ -317,7 +275,7 @@ class SceneDrones:
         """Have everything so much later."""
         self._trajectories.put_off(by_ns)
         for flying in self._flying.values():
-            flying.put_off(by_ns)
+            flying.start_ns += by_ns
 
     def join(self, drones: Iterable[Drone], at_utc_ns: int) -> None:
         """Put others on their way then; raises `PlotfeedError` where a name is somebody else's."""
@@ -340,11 +298,13 @@ class SceneDrones:
 
     def happen(self, drone: str, contingency: Contingency, at_utc_ns: int) -> None:
         """Let something happen to a drone then; raises `PlotfeedError` where it cannot."""
-        self._flying[drone].happen(contingency, at_utc_ns)
+        flying = self._flying[drone]
+        flying.happen(contingency, at_utc_ns - flying.start_ns)
 
     def doing(self, drone: str, t_utc_ns: int) -> str:
         """What had last happened to a drone by then, until it is on its way again, or empty."""
-        return self._flying[drone].doing(t_utc_ns)
+        flying = self._flying[drone]
+        return flying.doing(t_utc_ns - flying.start_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,7 +320,10 @@ class _Conduct:
 
 
 class _FlyingDrone:
-    """One drone: the way that it was to fly, and what it does instead, by time."""
+    """One drone: the way that it was to fly, and what it does instead, by the time since a start.
+
+    The start is UTC, and may be put off; trajectories are told of all by UTC.
+    """
 
     def __init__(
         self,
@@ -370,39 +333,27 @@ class _FlyingDrone:
         trajectories: Trajectories,
         start_ns: int,
     ) -> None:
+        self.start_ns = start_ns
         self._drone, self._space, self._trajectories = drone, space, trajectories
-        begin_ns = start_ns + round(drone.start_s * NS)
+        begin_ns = round(drone.start_s * NS)
         self._conduct = [_Conduct(begin_ns, begin_ns, drone.geofence)]
         if drone.flight is not None:
-            self._route = DroneRoute(
-                fly_recorded(trajectories, scene, drone, drone.flight, begin_ns)
-            )
+            first_ns = start_ns + begin_ns
+            track = fly_recorded(trajectories, scene, drone, drone.flight, first_ns)
+            self._route = DroneRoute(track)
         else:
             self._route = planned(space, drone)
-            if begin_ns + self._route.track.t_utc_ns[-1] > LATEST_UTC_NS:
+            if start_ns + begin_ns + self._route.track.t_utc_ns[-1] > LATEST_UTC_NS:
                 raise PlotfeedError(f"drone {drone.id!r}: path: it ends after the year 2262")
-            track = self._route.track.later(begin_ns)
+            track = self._route.track.later(start_ns + begin_ns)
             trajectories.add_track(drone.id, track, signature_of(scene, drone))
-        self._script = [(start_ns + round((c.at_s or 0.0) * NS), c) for c in drone.contingency]
+        self._script = [(round((c.at_s or 0.0) * NS), c) for c in drone.contingency]
         self._mind_fence(begin_ns)
         for n, (at_ns, happening) in enumerate(self._script):
             try:
                 self._leave(happening, at_ns)
             except PlotfeedError as error:
                 raise PlotfeedError(f"{error} (contingency[{n}])") from None
-
-    def put_off(self, by_ns: int) -> None:
-        """Have everything so much later."""
-        self._script = [(at_ns + by_ns, happening) for at_ns, happening in self._script]
-        self._conduct = [
-            replace(
-                conduct,
-                from_ns=conduct.from_ns + by_ns,
-                base_ns=conduct.base_ns + by_ns,
-                back_ns=conduct.back_ns + (by_ns if abs(conduct.back_ns) < FOREVER_NS else 0),
-            )
-            for conduct in self._conduct
-        ]
 
     def doing(self, t_ns: int) -> str:
         """What had last happened to it by then, until it is on its way again."""
@@ -418,14 +369,15 @@ class _FlyingDrone:
                     self._leave(foreseen, later_ns)
 
     def _conduct_at(self, t_ns: int) -> _Conduct:
-        return self._conduct[max(bisect_right(self._conduct, t_ns, key=_from_ns) - 1, 0)]
+        return self._conduct[
+            max(bisect_right(self._conduct, t_ns, key=attrgetter("from_ns")) - 1, 0)
+        ]
 
     def _leave(self, happening: Contingency, at_ns: int, doing: str = "") -> None:
         """Leave its way then, or whatever it does instead."""
-        from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity
-
         name, before = self._drone.id, self._conduct_at(at_ns)
-        segment = self._trajectories.segment_at(name, at_ns)
+        at_utc_ns = self.start_ns + at_ns
+        segment = self._trajectories.segment_at(name, at_utc_ns)
         if not segment.alive:
             raise PlotfeedError(f"drone {name!r}: {happening.kind}: it is not there then")
         is_on_route = at_ns >= before.back_ns
@@ -440,7 +392,7 @@ class _FlyingDrone:
         )
         if doing or isinstance(happening, FlyAway):
             now = replace(now, fence=None)
-        position_m, velocity_m_s = segment.between(at_ns, segment.end_ns).coefficients[:2]
+        position_m, velocity_m_s = segment.between(at_utc_ns, segment.end_ns).coefficients[:2]
         frame = self._space.frame
         plan = FlightPlan(
             self._drone.limits.model(),
@@ -450,12 +402,13 @@ class _FlyingDrone:
         self._plan(plan, happening)
         if isinstance(happening, Stray | Resume):
             back_ns = self._route.rejoined(now.left_ns)
-            plan.fly_to(self._on_route_m(back_ns), _speed_of(happening))
+            plan.fly_to(self._on_route_m(back_ns), getattr(happening, "speed_m_s", None))
             end_ns = at_ns + round(plan.end_s * NS)
             now = replace(now, back_ns=end_ns, base_ns=end_ns - back_ns)
-        self._trajectories.divert(name, at_ns, self._space.track(plan, at_ns))
+        self._trajectories.divert(name, at_utc_ns, self._space.track(plan, at_utc_ns))
         if now.back_ns < FOREVER_NS:
-            self._trajectories.divert(name, now.back_ns, self._route.track.later(now.base_ns))
+            route = self._route.track.later(self.start_ns + now.base_ns)
+            self._trajectories.divert(name, self.start_ns + now.back_ns, route)
         while self._conduct and self._conduct[-1].from_ns >= at_ns:
             del self._conduct[-1]
         self._conduct = [*self._conduct[1 - MAX_TRACKS :], now]
@@ -501,8 +454,6 @@ class _FlyingDrone:
 
     def _home_m(self) -> Floats:
         """The place where a drone lands when it comes home, as one of its scene."""
-        from plotfeed.models.flight_plan import level_from_ecef
-
         if self._drone.home is not None:
             return self._space.level_m(self._drone.home, self._drone.offset_enu_m)
         first_m = level_from_ecef(self._space.frame, self._route.track.position_ecef_m[0])
@@ -510,8 +461,6 @@ class _FlyingDrone:
 
     def _on_route_m(self, t_ns: int) -> Floats:
         """Where its route is after so long; at its end, the last place."""
-        from plotfeed.models.flight_plan import level_from_ecef
-
         segment = self._route.track.segment_at(t_ns)
         if not segment.alive:
             segment = self._route.track.segment_at(t_ns - 1)
@@ -522,9 +471,10 @@ class _FlyingDrone:
         conduct = self._conduct_at(from_ns)
         if conduct.fence is None:
             return
-        t_ns, until_ns = from_ns, FOREVER_NS
-        if self._route.track.period_ns:
-            until_ns = max(from_ns, conduct.base_ns, conduct.back_ns) + self._route.track.period_ns
+        t_ns, until_ns = self.start_ns + from_ns, FOREVER_NS
+        if period_ns := self._route.track.period_ns:
+            last_ns = max(from_ns, conduct.base_ns, conduct.back_ns)
+            until_ns = self.start_ns + last_ns + period_ns
         while t_ns < until_ns:
             segment = self._trajectories.segment_at(self._drone.id, t_ns)
             if segment.end_ns == FOREVER_NS and not segment.alive:
@@ -532,6 +482,7 @@ class _FlyingDrone:
             if segment.alive:
                 crossed_ns = self._crossing_ns(segment.between(t_ns, until_ns), conduct.fence)
                 if crossed_ns is not None:
+                    crossed_ns -= self.start_ns
                     self._leave(WITHIN[conduct.fence.does], crossed_ns, "geofence")
                     return
             t_ns = segment.end_ns
@@ -558,18 +509,8 @@ class _FlyingDrone:
         return outside_ns
 
     def _is_within(self, segment: Segment, times_ns: Ints, fence: GeofenceKeys) -> Bools:
-        from plotfeed.models.flight_plan import level_from_ecef
-
         away_m = level_from_ecef(self._space.frame, segment.position_m(times_ns)) - self._home_m()
         within: Bools = np.hypot(away_m[:, 0], away_m[:, 1]) <= fence.radius_m
         if fence.above_home_m is not None:
             within &= away_m[:, 2] <= fence.above_home_m
         return within
-
-
-def _from_ns(conduct: _Conduct) -> int:
-    return conduct.from_ns
-
-
-def _speed_of(happening: Stray | Resume) -> float | None:
-    return happening.speed_m_s if isinstance(happening, Stray) else None

@@ -19,7 +19,7 @@ from support.command import plotfeed
 from support.page_updates import Frame, read_frame
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
-from plotfeed.feeds.engine.scene_drones import knots
+from plotfeed.feeds.engine.scene_drones import SceneSpace, planned
 from plotfeed.feeds.page.page_replay import RecordedView
 from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE, RecordedSession
 from plotfeed.feeds.page.session_switch import MAX_LISTED, recordings_in
@@ -247,9 +247,9 @@ async def test_drones_are_where_they_were(session: Path) -> None:
         t_s = (step + 1) * 0.2
         for number, drone in enumerate(drawn.column(SectionKind.DRONES, "drone").tolist()):
             (flown,) = (d for d in scene.drone if d.id == shown.drones[drone])
-            times_s, places = knots(scene.scene.site, flown)
-            path_m = frame.from_ecef(places)
-            true_m = [np.interp(t_s, times_s, path_m[:, k]) for k in range(2)]
+            track = planned(SceneSpace(scene.scene.site), flown).track
+            path_m = frame.from_ecef(track.position_ecef_m)
+            true_m = [np.interp(t_s * NS, track.t_utc_ns, path_m[:, k]) for k in range(2)]
             east_m = drawn.column(SectionKind.DRONES, "east_m")[number]
             north_m = drawn.column(SectionKind.DRONES, "north_m")[number]
             assert np.hypot(east_m - true_m[0], north_m - true_m[1]) < 0.5
