@@ -147,7 +147,12 @@ class EmitterTable(UserList[tuple[Emitter, ...]]):
         self._first[drone], self._count[drone], self._used = start, len(emitters), end
 
 
-COLUMNS = ("_rcs_m2", "_sound_power_db", "_size_m", "_target_class", "_model")
+# Columns of signatures, and what stands in those that are not given.
+NOT_GIVEN: dict[str, float | str] = {
+    **dict.fromkeys(("rcs_m2", "sound_power_db", "size_m"), np.nan),
+    "target_class": DRONE,
+    "model": "",
+}
 
 
 class KnownSignatures:
@@ -157,11 +162,10 @@ class KnownSignatures:
         """`tells_echoes` where echoes of some drone may be stated."""
         self._echoes: list[TargetEcho | None] | None = [] if tells_echoes else None
         self._echo_columns: TargetEchoes | None = None
-        self._rcs_m2: Floats = np.zeros(0)
-        self._sound_power_db: Floats = np.zeros(0)
-        self._size_m: Floats = np.zeros(0)
-        self._target_class: Texts = np.zeros(0, np.object_)
-        self._model: Texts = np.zeros(0, np.object_)
+        self._columns: dict[str, NDArray[Any]] = {
+            name: np.zeros(0, np.object_ if isinstance(value, str) else np.float64)
+            for name, value in NOT_GIVEN.items()
+        }
         self._emitters = EmitterTable()
 
     def add_row(self) -> None:
@@ -172,8 +176,8 @@ class KnownSignatures:
 
     def make_room(self, rows: int) -> None:
         """Have columns for at least so many rows."""
-        for name in COLUMNS:
-            setattr(self, name, with_room(getattr(self, name), rows))
+        for name, column in self._columns.items():
+            self._columns[name] = with_room(column, rows)
 
     def forget(self, row: int) -> None:
         """Let a drone radiate no more: it is gone."""
@@ -185,17 +189,14 @@ class KnownSignatures:
         if self._echoes is not None:
             del self._echoes[rows:]
             self._echo_columns = None
-        for name in COLUMNS:
-            setattr(self, name, trimmed(getattr(self, name), rows))
+        for name, column in self._columns.items():
+            self._columns[name] = trimmed(column, rows)
 
     def put(self, rows: Ints, signatures: Signatures) -> None:
         """Put those of drones in their rows; (m,) each."""
-        self._rcs_m2[rows] = signatures.rcs_m2
-        self._sound_power_db[rows] = signatures.sound_power_db
-        self._size_m[rows] = np.nan if signatures.size_m is None else signatures.size_m
-        target_class, model = signatures.target_class, signatures.model
-        self._target_class[rows] = DRONE if target_class is None else target_class
-        self._model[rows] = "" if model is None else model
+        for name, column in self._columns.items():
+            given = getattr(signatures, name)
+            column[rows] = NOT_GIVEN[name] if given is None else given
         known, echoes = self._echoes, signatures.echoes
         for i, row in enumerate(() if known is None else rows.tolist()):
             from plotfeed.models.effects.target_echoes import NOT_STATED
@@ -215,15 +216,7 @@ class KnownSignatures:
             from plotfeed.models.effects.target_echoes import TargetEchoes
 
             echoes = self._echo_columns = TargetEchoes.of(self._echoes)
-        return Signatures(
-            rcs_m2=self._rcs_m2,
-            sound_power_db=self._sound_power_db,
-            emitters=self._emitters,
-            size_m=self._size_m,
-            target_class=self._target_class,
-            model=self._model,
-            echoes=echoes,
-        )
+        return Signatures(**self._columns, emitters=self._emitters, echoes=echoes)
 
 
 # Samples of drones that are heard of live, all in one log, and the stretches of path they make.

@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from plotfeed.models.cueing import CuedState
     from plotfeed.models.dwell_agenda import PointedBeams
     from plotfeed.models.effects.classification import ClaimDraws
-    from plotfeed.models.effects.decorrelation import TargetStrengths
+    from plotfeed.models.effects.target_echoes import TargetStrengths
 
 
 OfSensor = tuple[int, Plots]
@@ -159,7 +159,7 @@ class SensorSite:
         self.strengths: TargetStrengths | None = None
         tau_s: float | None = getattr(sensor, "decorrelation_s", None)
         if tau_s is not None:
-            from plotfeed.models.effects.decorrelation import TargetStrengths
+            from plotfeed.models.effects.target_echoes import TargetStrengths
 
             step_ns, constant_ns = sensor.scan.period_ns, tau_s * NS
             self.strengths = TargetStrengths(chance, step_ns=step_ns, time_constant_ns=constant_ns)
@@ -269,8 +269,8 @@ class SensorGroup:
         self._sidelobes: dict[int, tuple[PolarRadar, int]] = {}
         for i, model in self.models.items():
             if isinstance(model, PolarRadar) and model.shows_sidelobes:
+                from plotfeed.models.clutter import SIDELOBE
                 from plotfeed.models.movers import other_name
-                from plotfeed.models.sidelobe_echoes import SIDELOBE
 
                 name = other_name(SIDELOBE, at_work.names[i])
                 self._sidelobes[i] = model, at_work.trajectories.add_other(name)
@@ -363,7 +363,7 @@ class SensorGroup:
 
     def _by_sidelobes(self, sectors: Sectors) -> Iterator[OfSensor]:
         """Plots of sectors by side lobes, of targets as they are at the end of each, by sensor."""
-        from plotfeed.models.sidelobe_echoes import sidelobe_plots
+        from plotfeed.models.clutter import sidelobe_plots
 
         for k, sensor in enumerate(sectors.sensor.tolist()):
             if sensor in self._sidelobes:

@@ -12,11 +12,17 @@ from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.world_keys import HORIZONS, TerrainKeys
-from plotfeed.models.effects.line_of_sight import Horizon, HorizonSettings, Obstruction, horizon_of
+from plotfeed.models.effects.line_of_sight import (
+    Ground,
+    Horizon,
+    HorizonSettings,
+    Obstruction,
+    Walls,
+    horizon_of,
+)
 from plotfeed.models.frames import LocalFrame, distance_m
 from plotfeed.models.sensors.sensor_model import SensorModel
 from plotfeed.models.state import Floats
-from plotfeed.models.terrain import Ground, Walls
 from plotfeed.proto.errors import PlotfeedError
 
 AZIMUTHS = 1440

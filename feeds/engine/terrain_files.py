@@ -14,8 +14,8 @@ import numpy as np
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, file_octets, read_apart
+from plotfeed.models.effects.line_of_sight import ElevationTile, Ground, Walls
 from plotfeed.models.state import Floats
-from plotfeed.models.terrain import ElevationTile, Ground, Walls
 from plotfeed.proto.errors import PlotfeedError
 
 HGT_NAME = re.compile(r"([NS])(\d{2})([EW])(\d{3})", re.IGNORECASE)

@@ -34,11 +34,10 @@ from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance
-from plotfeed.models.clutter import CLUTTER
+from plotfeed.models.clutter import CLUTTER, SIDELOBE
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.sensor_model import JointSensor, SensorModel
-from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Floats, Ints, Texts
 from plotfeed.proto.asterix.decode_plots import told_of_plots_and_tracks
 from plotfeed.proto.content_types import LEDGER, LEDGER_BATCH, message_type

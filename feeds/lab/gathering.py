@@ -50,9 +50,8 @@ from plotfeed.feeds.lab.links import (
     link_figures,
     orders_of,
 )
-from plotfeed.models.clutter import CLUTTER
+from plotfeed.models.clutter import CLUTTER, SIDELOBE
 from plotfeed.models.residuals import Check
-from plotfeed.models.sidelobe_echoes import SIDELOBE
 from plotfeed.models.state import OTHER, Bools, Ints, Texts
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import LedgerTables, ToldMessages, ToldPlots

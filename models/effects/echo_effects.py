@@ -141,6 +141,22 @@ class Antenna:
     receive: Pattern | None = None
     shows_sidelobes: bool = False
 
+    def power_factor(self, paths: EchoPaths) -> Floats:
+        """Gain over the peak, out and back; (n, 1), or (n, K) of transmitters elsewhere."""
+        factor = np.ones((len(paths.azimuth_deg), 1))
+        if self.receive is not None:
+            factor[:, 0] = self.receive.gain(paths.azimuth_deg, paths.elevation_deg)
+        if self.transmit is None:
+            return factor
+        if paths.transmitters_enu_m is None:
+            out = self.transmit.gain(paths.azimuth_deg, paths.elevation_deg)
+            return np.asarray(factor * out[:, None])
+        gains = []
+        for place_enu_m in paths.transmitters_enu_m:
+            azimuth_deg, elevation_deg, _ = enu_to_aer(paths.place_enu_m - place_enu_m)
+            gains.append(self.transmit.gain(azimuth_deg, elevation_deg))
+        return np.asarray(factor * np.stack(gains, axis=-1))
+
     def turned_away(self, *, transmitter_too: bool) -> Antenna:
         """Patterns for targets that the beam does not point at, out and back or back alone."""
         out = self.transmit if not transmitter_too else _sidelobes_of(self.transmit)
@@ -215,23 +231,6 @@ class EchoEffect(Protocol):
         """Factor of the mean ratio; (n, 1) or (n, K)."""
 
 
-def antenna_factor(antenna: Antenna, paths: EchoPaths) -> Floats:
-    """Gain over the peak, out and back; (n, 1), or (n, K) of transmitters elsewhere."""
-    factor = np.ones((len(paths.azimuth_deg), 1))
-    if antenna.receive is not None:
-        factor[:, 0] = antenna.receive.gain(paths.azimuth_deg, paths.elevation_deg)
-    if antenna.transmit is None:
-        return factor
-    if paths.transmitters_enu_m is None:
-        out = antenna.transmit.gain(paths.azimuth_deg, paths.elevation_deg)
-        return np.asarray(factor * out[:, None])
-    gains = []
-    for place_enu_m in paths.transmitters_enu_m:
-        azimuth_deg, elevation_deg, _ = enu_to_aer(paths.place_enu_m - place_enu_m)
-        gains.append(antenna.transmit.gain(azimuth_deg, elevation_deg))
-    return np.asarray(factor * np.stack(gains, axis=-1))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EchoEffects:
     """Effects that a scene names, at least one."""
@@ -244,10 +243,7 @@ class EchoEffects:
     def power_factor(self, paths: EchoPaths) -> Floats:
         """The product of all; (n, 1) or (n, K)."""
         factor = np.ones((len(paths.azimuth_deg), 1))
-        if self.antenna is not None:
-            factor = factor * antenna_factor(self.antenna, paths)
-        if self.straddling is not None:
-            factor = factor * self.straddling.power_factor(paths)
-        for effect in self.in_the_world:
-            factor = factor * effect.power_factor(paths)
+        for effect in (self.antenna, self.straddling, *self.in_the_world):
+            if effect is not None:
+                factor = factor * effect.power_factor(paths)
         return factor

@@ -20,7 +20,7 @@ import numpy as np
 from plotfeed.models import detection, propagation
 from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import distance_m
-from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
+from plotfeed.models.propagation import C_M_S, NEAREST_M
 from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
 from plotfeed.models.sensors.sensor_model import sensor_property
 from plotfeed.models.state import Floats, rows_where
@@ -119,23 +119,15 @@ class MimoRadar(PolarRadar):
 
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean ratio of each transmitter's echo (eqs 17, 21); (n, 3) and (n,) in, (n, K) out."""
-        wavelength_m = C_M_S / self.frequency_hz
-        aperture_m4 = wavelength_m * wavelength_m * rcs_m2
-        range_rx_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
-        places_m = self._places_enu_m
-        integration_s, density_w_hz = self.integration_s, self._noise_density_w_hz
-        snrs = np.empty((len(position_enu_m), self.signals_each))
-        for k in range(self.signals_each):
-            place_enu_m = places_m[k].T
-            range_tx_m = np.maximum(distance_m(position_enu_m - place_enu_m), NEAREST_M)
-            way_m2 = range_tx_m * range_rx_m
-            echo_w = self._radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))  # eqs 17, 21
-            snr = echo_w * integration_s / density_w_hz
-            if not self.is_in_free_space:
-                snr *= self.way_factor(position_enu_m, wavelength_m)
-                snr *= self.way_factor(position_enu_m, wavelength_m, place_enu_m)
-            snrs[:, k] = snr
-        return snrs
+        return self._echoes(
+            position_enu_m,
+            rcs_m2,
+            self._radiated_w,
+            [C_M_S / self.frequency_hz] * self.signals_each,
+            self._places_enu_m,
+            self.integration_s,
+            self._noise_density_w_hz,
+        )
 
     @property
     def transmitters_enu_m(self) -> Sequence[Floats]:

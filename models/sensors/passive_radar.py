@@ -23,9 +23,9 @@ from plotfeed.models.detection import cells_across
 from plotfeed.models.effects.doppler import range_rate_m_s
 from plotfeed.models.effects.echo_effects import EchoPaths
 from plotfeed.models.fluctuation import FluctuatingCfar
-from plotfeed.models.frames import aer_to_enu, distance_m, enu_to_aer, wrap_360
+from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_360
 from plotfeed.models.numerics import as_floats
-from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
+from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.bistatic_places import FlatSolution, HeightPrior, flat_solution
 from plotfeed.models.sensors.polar_radar import EchoRadar, Hits
 from plotfeed.models.sensors.sensor_model import (
@@ -169,19 +169,8 @@ class PassiveRadar(Volume, EchoRadar):
 
     def target_power_w(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean echo of each target by each channel (eq 24); (n, 3), (n,) in, (n, channels) out."""
-        range_rx_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
-        powers_w = np.empty((len(position_enu_m), self.n_channels))
-        for k in range(self.n_channels):
-            place_enu_m, wavelength_m = self.positions_enu_m[k].T, self.wavelengths_m[k]
-            range_tx_m = np.maximum(distance_m(position_enu_m - place_enu_m), NEAREST_M)
-            way_m2 = range_tx_m * range_rx_m
-            aperture_m4 = wavelength_m * wavelength_m * rcs_m2
-            power_w = self._radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))
-            if not self.is_in_free_space:
-                power_w *= self.way_factor(position_enu_m, wavelength_m)
-                power_w *= self.way_factor(position_enu_m, wavelength_m, place_enu_m)
-            powers_w[:, k] = power_w
-        return powers_w
+        signals = self._radiated_w, self.wavelengths_m, self.positions_enu_m
+        return self._echoes(position_enu_m, rcs_m2, *signals)
 
     @sensor_property
     def _radiated_w(self) -> Floats:

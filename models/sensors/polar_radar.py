@@ -21,7 +21,7 @@ from plotfeed.models.chance import of_rows
 from plotfeed.models.detection import cells_across
 from plotfeed.models.fluctuation import FluctuatingCfar
 from plotfeed.models.frames import distance_m, enu_to_aer
-from plotfeed.models.propagation import C_M_S
+from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
 from plotfeed.models.sensors.sensor_model import (
     EVERY_ROW,
     NO_PLOTS,
@@ -152,6 +152,36 @@ class EchoRadar(RadioSensor, ABC):
                 paths.transmitters_enu_m,
             )
         return powers
+
+    def _echoes(  # noqa: PLR0917
+        self,
+        position_enu_m: Floats,
+        rcs_m2: Floats,
+        radiated_w: Floats,
+        wavelengths_m: Sequence[float] | Floats,
+        places_enu_m: Floats,
+        integration_s: float = 1.0,
+        noise_w_hz: float = 1.0,
+    ) -> Floats:
+        """Mean echoes of targets by transmitters elsewhere, watts or over noise (eqs 17, 21, 24).
+
+        (n, 3) and (n,) in, (n, K) out, of K signals: what each radiates with all gains, (K,), and
+        from where, (K, 3).
+        """
+        range_rx_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
+        echoes = np.empty((len(position_enu_m), len(radiated_w)))
+        for k, (wavelength_m, place_m) in enumerate(zip(wavelengths_m, places_enu_m, strict=True)):
+            place_enu_m = place_m.T
+            range_tx_m = np.maximum(distance_m(position_enu_m - place_enu_m), NEAREST_M)
+            way_m2 = range_tx_m * range_rx_m
+            aperture_m4 = wavelength_m * wavelength_m * rcs_m2
+            echo_w = radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))
+            echo = echo_w * integration_s / noise_w_hz
+            if not self.is_in_free_space:
+                echo *= self.way_factor(position_enu_m, wavelength_m)
+                echo *= self.way_factor(position_enu_m, wavelength_m, place_enu_m)
+            echoes[:, k] = echo
+        return echoes
 
     @abstractmethod
     def _odds(self, powers: Floats, channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from operator import eq
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -18,9 +19,9 @@ from plotfeed.models.state import Bools, Floats, Ints, Looks, Plots, Signature, 
 if TYPE_CHECKING:
     from plotfeed.models.dwell_agenda import Agenda, PointedBeams
     from plotfeed.models.effects.classification import Confusion, HeldClaims
-    from plotfeed.models.effects.decorrelation import TargetStrengths
     from plotfeed.models.effects.readings import Readings
     from plotfeed.models.effects.surroundings import Multipath, OnTheWay, Surroundings
+    from plotfeed.models.effects.target_echoes import TargetStrengths
 
 
 # Sensors of a kind in one model: what differs between them is a column, the rest a number.
@@ -52,21 +53,6 @@ else:
             return vars(model).setdefault(name, stack.gathered(name, vars(model)["_at"]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Column:
-    """Values that differ, the sensors on the last axis."""
-
-    values: NDArray[Any]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Parts:
-    """The fields of dataclasses that differ in some."""
-
-    kind: type[Any]
-    parts: dict[str, Any]
-
-
 class Stackable:
     """A dataclass of what the equations of a sensor need, which `stacked` can make of many.
 
@@ -88,13 +74,12 @@ class Stackable:
 
     def of_channel(self, name: str, channel: Ints) -> Floats:
         """A column (channels, ...) by the channel of each row; (n, ...)."""
-        held = vars(self)
-        stack: _Stack | None = held.get("_stack")
-        value = getattr(self, name) if stack is None else stack.whole(name)
-        if not isinstance(value, _Column):
+        stack: _Stack | None = vars(self).get("_stack")
+        value = getattr(self, name)
+        if stack is None or name not in stack.columns:
             return np.asarray(value[channel])
-        at, values = held["_at"], value.values
-        return np.asarray(values[channel, at] if values.ndim == 2 else values[channel, :, at])
+        rows = np.arange(value.shape[-1])
+        return np.asarray(value[channel, rows] if value.ndim == 2 else value[channel, :, rows])
 
     if not TYPE_CHECKING:
 
@@ -107,12 +92,12 @@ class Stackable:
 
 
 class _Stack:
-    """Several sensors: what they have alike, and columns of the rest."""
+    """Several sensors: what they have alike, and what gives the rest by their indices."""
 
-    def __init__(self, models: Sequence[Stackable], plain: dict[str, Any]) -> None:
+    def __init__(self, models: Sequence[Stackable]) -> None:
         self._models = models
-        self.plain = plain
-        self.columns: dict[str, Any] = {}
+        self.plain: dict[str, Any] = {}
+        self.columns: dict[str, Callable[[Ints], Any]] = {}
         # Fields that are columns and would be found on the class, by their defaults, unasked.
         self.defaulted: list[str] = []
 
@@ -122,22 +107,22 @@ class _Stack:
         made = object.__new__(kind)
         vars(made).update(self.plain, _stack=self, _at=at)
         for name in self.defaulted:
-            vars(made)[name] = self.gathered(name, at)
+            vars(made)[name] = self.columns[name](at)
         return made
-
-    def whole(self, name: str) -> Any:
-        """The values of all sensors, columns where they differ."""
-        if name in self.plain:
-            return self.plain[name]
-        if name not in self.columns:
-            value = _side_by_side([getattr(model, name) for model in self._models])
-            (self.columns if _differs(value) else self.plain)[name] = value
-            return value
-        return self.columns[name]
 
     def gathered(self, name: str, at: Ints) -> Any:
         """The values of the sensors at those indices."""
-        return _gathered(self.whole(name), at)
+        if name not in self.columns and name not in self.plain:
+            self.compare(name)
+        return self.plain[name] if name in self.plain else self.columns[name](at)
+
+    def compare(self, name: str) -> None:
+        """Find out whether the sensors have that alike."""
+        values = [getattr(model, name) for model in self._models]
+        if _are_alike(values):
+            self.plain[name] = values[0]
+        else:
+            self.columns[name] = _column(values)
 
 
 def grouping_key(model: Stackable) -> Hashable:
@@ -168,10 +153,9 @@ def stacked(models: Sequence[M]) -> M:
     first = models[0]
     if not is_dataclass(first) or all(model is first or model == first for model in models):
         return first
-    plain: dict[str, Any] = {}
-    stack = _Stack(models, plain)
+    stack = _Stack(models)
     for field in fields(first):
-        stack.whole(field.name)
+        stack.compare(field.name)
         if field.name in stack.columns and hasattr(type(first), field.name):
             stack.defaulted.append(field.name)
     made: M = stack.of(np.arange(len(models)))
@@ -189,42 +173,32 @@ def _form(value: object) -> Hashable:
     return value
 
 
-def _side_by_side(values: Sequence[Any]) -> Any:
-    """One value of several of one form, with columns in it where they differ."""
+def _are_alike(values: Sequence[Any]) -> bool:
+    """Whether values of one form are all the same."""
     first = values[0]
-    if isinstance(first, np.ndarray):
-        if all(value is first or np.array_equal(value, first) for value in values):
-            return first
-        together = np.concatenate if first.ndim > 1 and first.shape[-1] == 1 else np.stack
-        return _Column(together(values, axis=-1))
     if isinstance(first, tuple):
-        parts = tuple(_side_by_side(parts) for parts in zip(*values, strict=True))
-        return parts if any(_differs(part) for part in parts) else first
-    if all(value is first or value == first for value in values):
-        return first
+        return all(_are_alike(parts) for parts in zip(*values, strict=True))
+    equal = np.array_equal if isinstance(first, np.ndarray) else eq
+    return all(value is first or equal(value, first) for value in values)
+
+
+def _column(values: Sequence[Any]) -> Callable[[Ints], Any]:
+    """What gives values of one form by the indices of their sensors, these on the last axis."""
+    first: Any = values[0]
+    if _are_alike(values):
+        return lambda _at: first
+    if isinstance(first, np.ndarray):
+        together = np.concatenate if first.ndim > 1 and first.shape[-1] == 1 else np.stack
+        return partial(together(values, axis=-1).take, axis=-1)
+    if isinstance(first, tuple):
+        columns = [_column(parts) for parts in zip(*values, strict=True)]
+        return lambda at: tuple(column(at) for column in columns)
     if is_dataclass(first):
         names = [f.name for f in fields(first)]
-        return _Parts(
-            type(first), {n: _side_by_side([getattr(v, n) for v in values]) for n in names}
-        )
-    return _Column(np.array(values, np.float64))
-
-
-def _gathered(value: Any, at: Ints) -> Any:
-    if isinstance(value, _Column):
-        return value.values.take(at, axis=-1)
-    if isinstance(value, tuple):
-        return tuple(_gathered(part, at) for part in value)
-    if isinstance(value, _Parts):
-        return value.kind(**{name: _gathered(part, at) for name, part in value.parts.items()})
-    return value
-
-
-def _differs(value: object) -> bool:
-    """Whether there is a column in it."""
-    if isinstance(value, tuple):
-        return any(_differs(part) for part in value)
-    return isinstance(value, (_Column, _Parts))
+        parts = _column([tuple(getattr(value, name) for name in names) for value in values])
+        kind: Any = type(first)
+        return lambda at: kind(**dict(zip(names, parts(at), strict=True)))
+    return np.array(values, np.float64).take
 
 
 NO_PLOTS = Plots.of(t_utc_ns=np.zeros(0, np.int64))

@@ -133,7 +133,7 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
     if "pulses" in known:
         assert "pulse_intervals" in stems
     if "decorrelation_s" in known:
-        assert "decorrelation" in stems
+        assert "target_echoes" in stems
     if "antenna" in known:
         assert "echo_effects" in stems
     if "multipath" in known:

@@ -9,13 +9,15 @@ from scipy.special import fresnel
 from plotfeed.models.effects.line_of_sight import (
     EARTH_RADIUS_M,
     OPAQUE,
+    ElevationTile,
+    Ground,
     HorizonSettings,
     Obstruction,
+    Walls,
     horizon_of,
     knife_edge_loss_db,
 )
 from plotfeed.models.frames import LocalFrame, aer_to_enu
-from plotfeed.models.terrain import ElevationTile, Ground, Walls
 
 HERE = LocalFrame(40.5, -3.5, 700.0)
 STRAIGHT = HorizonSettings(azimuths=1440, step_m=20.0, reach_m=9000.0, k=1.0)
