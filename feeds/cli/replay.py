@@ -30,11 +30,10 @@ from plotfeed.feeds.replaying.replay_settings import (
     Moment,
     ReplayError,
     ReplaySettings,
-    Selection,
     Stamps,
     TopicRule,
 )
-from plotfeed.feeds.replaying.replayer import ReplayControl, replay
+from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.output_keys import UdpDestination
@@ -113,7 +112,8 @@ def _settings(options: ReplayOptions) -> ReplaySettings:
         raise PlotfeedError("--speed: expected 0.001 to 10000, or max") from None
     usual_stamps = "now" if options.stage == "telemetry" else "keep"
     return ReplaySettings(
-        selection=Selection(stage=options.stage, truth=options.truth),
+        stage=options.stage,
+        truth=options.truth,
         speed=speed,
         fastest=fastest,
         start=None if options.start is None else Moment.parse(options.start),
@@ -167,7 +167,7 @@ async def _replay(
             )
             began_s = time.monotonic()
             try:
-                await replay(source, outs, settings, control=control, totals=totals)
+                await Replayer(source, outs, settings, control=control, totals=totals).run()
             finally:
                 status.cancel()
                 await asyncio.gather(status, return_exceptions=True)

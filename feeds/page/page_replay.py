@@ -23,7 +23,7 @@ from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View, model_differs, tell_settings
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
-from plotfeed.feeds.replaying.replayer import ReplayControl, replay
+from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -183,7 +183,9 @@ class PageReplay:
             self._shown.open(shown)
             self._tell()
             async with open_transports(to, waits=False) as outs:
-                await self._play(replay(sent, outs, settings, control=self._control), ending)
+                await self._play(
+                    Replayer(sent, outs, settings, control=self._control).run(), ending
+                )
 
     async def _play(self, replaying: Coroutine[Any, Any, object], ending: asyncio.Event) -> None:
         """Replay until told to end; raises what goes wrong."""

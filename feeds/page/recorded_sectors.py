@@ -26,7 +26,7 @@ from plotfeed.feeds.lab.evidence import (
 )
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.recording.recorder import recorded_scene
-from plotfeed.feeds.replaying.replay_settings import Selection
+from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
@@ -150,7 +150,7 @@ class RecordedSession:
     def _of(cls, path: Path, log: McapReader) -> Self:
         summary = log.summary()
         scene = recorded_scene(path, log)
-        series, takes = summary.counts.keys(), Selection().takes
+        series, takes = summary.counts.keys(), ReplaySettings().takes
         are_sent = any(takes(s.topic, s.content_type, s.stage) for s in series)
         if summary.start_ns is None or summary.end_ns is None or not are_sent:
             raise PlotfeedError("expected messages that sensors sent; it holds none")

@@ -12,7 +12,7 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,9 @@ SETTLING_S = 1.0
 LAST_TURNS = 1000  # At the end, should they never cease to come
 
 
+Receive = Callable[[Recorded], None]
+
+
 class UdpSource:
     """What comes to one port, of one address, of a group, or of all addresses."""
 
@@ -71,7 +74,6 @@ class UdpSource:
         self._topic = _topic(endpoint.address, endpoint.port)
         self._is_any = endpoint.address.is_unspecified
         self._socket: socket.socket | None = None
-        self._receive: Callable[[Recorded], object] = lambda _: None
         self._lost: int | None = None
         self._latest_ns = 0
         self._settled_s = 0.0
@@ -81,31 +83,28 @@ class UdpSource:
         """Datagrams for which the socket had no room; None if the kernel does not tell."""
         return self._lost if self._socket is None else lost_of(self._socket)
 
-    async def open(self, receive: Callable[[Recorded], None]) -> None:
-        """Call `receive` with each datagram from now on; raises `UdpError`."""
+    @contextlib.asynccontextmanager
+    async def receiving(self, receive: Receive) -> AsyncIterator[None]:
+        """Call `receive` with each datagram, at the end with what is there; raises `UdpError`."""
         host, port = str(self._endpoint.address), self._endpoint.port
-        self._receive = receive
         try:
             opened = receiver_at(host, port, self._interface, BUFFER_OCTETS, self._prepare)
         except OSError as error:
             raise UdpError(f"{self.shown}: {error.strerror or error}") from None
-        self._socket = opened
-        self._settled_s = time.monotonic() + SETTLING_S
-        self._unwatch = watched(opened, partial(self._take, opened))
+        with opened:
+            self._socket = opened
+            self._settled_s = time.monotonic() + SETTLING_S
+            unwatch = watched(opened, partial(self._take, opened, receive))
+            try:
+                yield
+            finally:
+                unwatch()
+                for _ in range(LAST_TURNS):
+                    if self._take(opened, receive) < AT_ONCE:
+                        break
+                self._lost, self._socket = self.lost, None
 
-    async def close(self) -> None:
-        """Receive what is there already, and no more."""
-        opened = self._socket
-        if opened is None:
-            return
-        self._unwatch()
-        for _ in range(LAST_TURNS):
-            if self._take(opened) < AT_ONCE:
-                break
-        self._lost, self._socket = self.lost, None
-        opened.close()
-
-    def _take(self, opened: socket.socket) -> int:
+    def _take(self, opened: socket.socket, receive: Receive) -> int:
         """What has come, up to a number that takes no long time; how many."""
         is_settling = time.monotonic() < self._settled_s
         for n in range(AT_ONCE):
@@ -119,7 +118,7 @@ class UdpSource:
             topic, at_ns = self._kernel_told(extras)
             if is_settling:
                 at_ns = self._latest_ns = max(at_ns, self._latest_ns)
-            self._receive(
+            receive(
                 Recorded(
                     topic=topic,
                     payload=payload,
@@ -133,13 +132,15 @@ class UdpSource:
 
     def _kernel_told(self, extras: Sequence[tuple[int, int, bytes]]) -> tuple[str, int]:
         """Topic and time, as far as the kernel says them."""
-        topic, at_ns = self._topic, 0
+        topic, at_ns, port = self._topic, 0, self._endpoint.port
         for level, kind, data in extras:
-            if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
+            if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS):
                 seconds, ns = TIMESPEC.unpack(data[: TIMESPEC.size])
                 at_ns = seconds * NS + ns
-            elif self._is_any:
-                topic = self._topic_of(level, kind, data) or topic
+            elif self._is_any and (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO):
+                topic = _topic(ipaddress.IPv4Address(data[8:12]), port)  # of struct in_pktinfo
+            elif self._is_any and (level, kind) == (socket.IPPROTO_IPV6, IPV6_PKTINFO):
+                topic = _topic(ipaddress.IPv6Address(data[:16]), port)  # of struct in6_pktinfo
         return topic, at_ns or time.time_ns()
 
     def _prepare(self, receiver: socket.socket) -> None:
@@ -155,15 +156,6 @@ class UdpSource:
             receiver.setsockopt(socket.IPPROTO_IP, IP_PKTINFO, 1)
         elif self._is_any:
             receiver.setsockopt(socket.IPPROTO_IPV6, IPV6_RECVPKTINFO, 1)
-
-    def _topic_of(self, level: int, kind: int, data: bytes) -> str:
-        """The topic of a struct in_pktinfo or in6_pktinfo; empty if it is none."""
-        port = self._endpoint.port
-        if (level, kind) == (socket.IPPROTO_IP, IP_PKTINFO):
-            return _topic(ipaddress.IPv4Address(data[8:12]), port)
-        if (level, kind) == (socket.IPPROTO_IPV6, IPV6_PKTINFO):
-            return _topic(ipaddress.IPv6Address(data[:16]), port)
-        return ""
 
 
 def _place(address: object, port: int) -> str:
@@ -192,24 +184,18 @@ class BrokerSource:
         """`name` is how the client calls itself."""
         self.shown = f"{address}/{topic_filter}"  # Where messages come from, without secrets
         self._address, self._topic_filter, self._name = address, topic_filter, name
-        self._running: asyncio.Task[None] | None = None
 
-    async def open(self, receive: Callable[[Recorded], None]) -> None:
-        """Call `receive` with each message from now on; raises `PlotfeedError` without a broker."""
+    @contextlib.asynccontextmanager
+    async def receiving(self, receive: Receive) -> AsyncIterator[None]:
+        """Call `receive` with each message; raises `PlotfeedError` without a broker."""
         link = MqttTransport(
             self._address,
             self._name,
             subscribe=[self._topic_filter],
             on_received=lambda message: receive(recorded_of(message, time.time_ns())),
         )
-        self._running = asyncio.create_task(link.run(), name=f"link[{self._name}]")
-        await link.wait_until_up(CONNECT_S)
-
-    async def close(self) -> None:
-        """Receive no more."""
-        if self._running is not None:
-            self._running.cancel()
-            await asyncio.gather(self._running, return_exceptions=True)
+        async with link.connected(CONNECT_S):
+            yield
 
 
 def recorded_of(message: ReceivedMessage, now_utc_ns: int) -> Recorded:
@@ -300,17 +286,15 @@ class _Recording:
     async def run(self) -> int:
         """The exit code."""
         began_s = time.monotonic()
-        try:
-            await self._source.open(self._receive)
+        async with contextlib.AsyncExitStack() as source:
+            await source.enter_async_context(self._source.receiving(self._receive))
             with stopped_by_signals(self._stop.set) as signals:
                 recorder = self._recorder = Recorder(self._target, force=self._settings.force)
                 try:
                     await self._work(recorder)
-                    await self._source.close()
+                    await source.aclose()
                 finally:
                     await recorder.stop()
-        finally:
-            await self._source.close()
         self._conclude(recorder, time.monotonic() - began_s)
         if recorder.failure:
             return FAILED
@@ -405,15 +389,12 @@ async def show_live(
             else:
                 lines.put_nowait(line)
 
-    try:
-        await source.open(receive)
+    async with source.receiving(receive):
         printing = asyncio.create_task(_print(lines, count), name="print")
         with stopped_by_signals(printing.cancel) as signals:
             await asyncio.wait({printing}, timeout=duration_s)
         printing.cancel()
         await asyncio.gather(printing, return_exceptions=True)
-    finally:
-        await source.close()
     if dropped:
         say(f"plotfeed: {dropped} lines were not shown: the terminal is slower", err=True)
     return INTERRUPTED if signal.SIGINT in signals else 0

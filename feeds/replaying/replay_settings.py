@@ -22,29 +22,6 @@ class ReplayError(PlotfeedError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Selection:
-    """Which messages of a recording are replayed."""
-
-    # After: what left sensors, or was received. Before: what sensors handed to their links.
-    stage: Choice = "after"
-    truth: bool = False  # Whether the ledger is too
-
-    def takes(self, topic: str, content_type: str, stage: Stage) -> bool:
-        """Whether messages on that topic are replayed, of that type and at that stage."""
-        levels = topic.split("/")
-        is_telemetry = levels[-2:-1] == ["telemetry"]
-        if levels[-1] == "control" or is_inbox(topic):
-            return False
-        if self.stage == "telemetry":
-            return is_telemetry and stage in (Stage.TELEMETRY, Stage.RECEIVED)
-        if self.stage == "before":
-            return stage is Stage.BEFORE
-        if stage not in WHAT_LEFT or is_telemetry:
-            return False
-        return self.truth or not (levels[-1] == "truth" or "Ledger" in content_type)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Stamps:
     """The times inside messages: left alone, as late as they are replayed, or later by a time."""
 
@@ -125,7 +102,9 @@ class LinkRule:
 class ReplaySettings:
     """A replay."""
 
-    selection: Selection = Selection()
+    # After: what left sensors, or was received. Before: what sensors handed to their links.
+    stage: Choice = "after"
+    truth: bool = False  # Whether the ledger is replayed too
     speed: Fraction = Fraction(1)
     fastest: bool = False  # As fast as possible: time is simulated, at the recording's own pace
     start: Moment | None = None
@@ -139,6 +118,20 @@ class ReplaySettings:
     # The first that is for a topic counts; a link each for what has the same source.
     links: tuple[LinkRule, ...] = ()
     seed: int = 0  # Of the links' chance
+
+    def takes(self, topic: str, content_type: str, stage: Stage) -> bool:
+        """Whether messages on that topic are replayed, of that type and at that stage."""
+        levels = topic.split("/")
+        is_telemetry = levels[-2:-1] == ["telemetry"]
+        if levels[-1] == "control" or is_inbox(topic):
+            return False
+        if self.stage == "telemetry":
+            return is_telemetry and stage in (Stage.TELEMETRY, Stage.RECEIVED)
+        if self.stage == "before":
+            return stage is Stage.BEFORE
+        if stage not in WHAT_LEFT or is_telemetry:
+            return False
+        return self.truth or not (levels[-1] == "truth" or "Ledger" in content_type)
 
 
 def is_topic(text: str) -> bool:

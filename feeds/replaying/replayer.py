@@ -272,7 +272,7 @@ class ReplayReader:
     ) -> list[ReplayItem]:
         """The messages that are asked for and of that time."""
         offset_ns = self.laps.unrolled(lap, 0) if self.laps else 0
-        is_taken, takes = self._is_taken, self._settings.selection.takes
+        is_taken, takes = self._is_taken, self._settings.takes
         items: list[ReplayItem] = []
         for recorded in messages:
             stage = recorded.stage
@@ -390,38 +390,6 @@ AT_ONCE = 1024
 FAREWELL_S, PATIENT_FAREWELL_S = 1.0, 10.0
 
 
-async def replay(
-    source: RepeatableRecording,
-    transports: Sequence[Transport],
-    settings: ReplaySettings,
-    *,
-    control: ReplayControl | None = None,
-    clock: Clock | None = None,
-    totals: ReplayCounters | None = None,
-) -> ReplayCounters:
-    """Replay a recording over open transports, until its end or until it is stopped.
-
-    `clock` is the replay's own; without it, real time, or simulated time with `fastest`. `totals`
-    are filled in meanwhile. Raises what reading the source raises, and `ReplayError`.
-    """
-    totals = ReplayCounters() if totals is None else totals
-    own = InstantClock() if settings.fastest else WallClock()
-    replayer = Replayer(
-        source,
-        transports,
-        settings,
-        clock=clock or own,
-        totals=totals,
-        control=control or ReplayControl(),
-    )
-    try:
-        with undisturbed():
-            await replayer.run()
-    finally:
-        own.close()
-    return totals
-
-
 class Replayer:
     """One schedule for what is due and for what links delay, and a queue of what comes next."""
 
@@ -431,18 +399,20 @@ class Replayer:
         transports: Sequence[Transport],
         settings: ReplaySettings,
         *,
-        clock: Clock,
-        totals: ReplayCounters,
-        control: ReplayControl,
+        control: ReplayControl | None = None,
+        clock: Clock | None = None,
+        totals: ReplayCounters | None = None,
     ) -> None:
+        """`clock` is else one of real time, or simulated with `fastest`; `totals` are filled in."""
         self._transports = transports
         self._settings = settings
-        self.clock = clock
-        self._totals = totals
-        self._control = control
+        self._own_clock = InstantClock() if settings.fastest else WallClock()
+        self.clock = clock or self._own_clock
+        self._totals = totals = totals or ReplayCounters()
+        self._control = control or ReplayControl()
         self._schedule = Schedule()
         self._routes = Routes(
-            transports, settings, clock=clock, schedule=self._schedule, totals=totals
+            transports, settings, clock=self.clock, schedule=self._schedule, totals=totals
         )
         self._restamper = Restamper(totals.left)
         self._news = asyncio.Event()
@@ -452,20 +422,26 @@ class Replayer:
         self._ready: dict[int, ReplayItem] = {}
         self._numbers = count()
 
-    async def run(self) -> None:
-        """Replay it all."""
+    async def run(self) -> ReplayCounters:
+        """Replay the recording over open transports, until its end or until it is stopped.
+
+        Raises what reading the source raises, and `ReplayError`.
+        """
         try:
-            if self._settings.fastest and isinstance(self.clock, InstantClock):
-                await self._play(self.clock)
-            else:
-                await self._play_while_reading()
-            self._routes.flush()
-            patient = self._settings.fastest and not self._control.stopped
-            for transport in self._transports:
-                await transport.drain(PATIENT_FAREWELL_S if patient else FAREWELL_S)
+            with undisturbed():
+                if self._settings.fastest and isinstance(self.clock, InstantClock):
+                    await self._play(self.clock)
+                else:
+                    await self._play_while_reading()
+                self._routes.flush()
+                patient = self._settings.fastest and not self._control.stopped
+                for transport in self._transports:
+                    await transport.drain(PATIENT_FAREWELL_S if patient else FAREWELL_S)
         finally:
             self._routes.end()
             self._control.end()
+            self._own_clock.close()
+        return self._totals
 
     async def _play_while_reading(self) -> None:
         """Play and read ahead in two tasks; what went wrong in either is raised as it is."""

@@ -11,7 +11,7 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import ReplayControl, replay
+from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import iso_utc
@@ -134,7 +134,7 @@ async def simulated(
     clock = InstantClock(begin_utc_ns)
     ears = Ears(clock, on_message=on_message)
     async with asyncio.timeout(PATIENCE_S):
-        totals = await replay(
+        totals = await Replayer(
             Memory(messages), [ears], settings or ReplaySettings(), control=control, clock=clock
-        )
+        ).run()
     return ears, totals

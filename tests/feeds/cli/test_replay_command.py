@@ -27,7 +27,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying import destinations
 from plotfeed.feeds.replaying.destinations import ReplayMqtt
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import AT_ONCE, ReplayControl, replay
+from plotfeed.feeds.replaying.replayer import AT_ONCE, ReplayControl, Replayer
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.testing import MqttReceiver
@@ -197,7 +197,7 @@ async def test_a_broker_that_never_has_room_can_be_left() -> None:
         full, control = Full(), ReplayControl()
         asyncio.get_running_loop().call_later(0.05, control.stop)
         endless = ReplaySettings(fastest=True, laps=None)
-        await replay(Memory(SESSION), [full], endless, control=control)
+        await Replayer(Memory(SESSION), [full], endless, control=control).run()
     assert 0 < full.taken <= AT_ONCE
 
 

@@ -16,7 +16,7 @@ from support.page_sessions import Begun
 from support.waiting import until
 
 from plotfeed.feeds.page.updates import SectionKind
-from plotfeed.feeds.replaying.replay_settings import Moment, Selection
+from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
@@ -30,7 +30,7 @@ NS = 1_000_000_000
 @pytest.fixture(scope="module")
 def sent(record: Path) -> list[Recorded]:
     """What a replay sends of it."""
-    takes = Selection().takes
+    takes = ReplaySettings().takes
     with McapReader(record) as log:
         return [m for m in log.messages() if takes(m.topic, m.content_type, m.stage)]
 

@@ -29,20 +29,18 @@ BLOCK = bytes([48, 0, 6, 1, 2, 3])
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells of each datagram")
 
 
-class Listener:
+class Listener(contextlib.AsyncExitStack):
     """Keeps what a source hears."""
 
     def __init__(self, source: CaptureSource) -> None:
+        super().__init__()
         self.found: list[Recorded] = []
         self._source = source
         self._news = asyncio.Event()
 
     async def __aenter__(self) -> Listener:
-        await self._source.open(self._hear)
+        await self.enter_async_context(self._source.receiving(self._hear))
         return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self._source.close()
 
     def _hear(self, recorded: Recorded) -> None:
         self.found.append(recorded)

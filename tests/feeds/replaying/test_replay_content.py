@@ -14,7 +14,6 @@ from plotfeed.feeds.replaying.replay_settings import (
     Moment,
     ReplayError,
     ReplaySettings,
-    Selection,
     Stamps,
     TopicRule,
 )
@@ -49,20 +48,20 @@ HEARD = [
 
 
 @pytest.mark.parametrize(
-    ("selection", "of_a_session", "heard"),
+    ("settings", "of_a_session", "heard"),
     [
-        (Selection(), [1, 2], [2, 4]),
-        (Selection(truth=True), [1, 2, 3], [1, 2, 4, 5]),
-        (Selection(stage="before"), [0], []),
-        (Selection(stage="telemetry"), [4], [0]),
+        (ReplaySettings(), [1, 2], [2, 4]),
+        (ReplaySettings(truth=True), [1, 2, 3], [1, 2, 4, 5]),
+        (ReplaySettings(stage="before"), [0], []),
+        (ReplaySettings(stage="telemetry"), [4], [0]),
     ],
 )
 @pytest.mark.asyncio
 async def test_what_is_replayed_is_what_was_asked_for(
-    selection: Selection, of_a_session: list[int], heard: list[int]
+    settings: ReplaySettings, of_a_session: list[int], heard: list[int]
 ) -> None:
     for recorded, wanted in ((OF_A_SESSION, of_a_session), (HEARD, heard)):
-        ears, _ = await simulated(recorded, ReplaySettings(selection=selection))
+        ears, _ = await simulated(recorded, settings)
         topics = [m.topic for _, m in ears.heard]
         assert topics == [recorded[i].topic for i in wanted]
 
@@ -197,7 +196,7 @@ async def test_telemetry_of_every_kind_is_as_late_as_its_replay() -> None:
         message(0, "p/telemetry/a", telemetry(RECORDED), stage=Stage.TELEMETRY),
         message(S, "p/telemetry/b", as_json.encode(), stage=Stage.TELEMETRY),
     ]
-    settings = ReplaySettings(selection=Selection(stage="telemetry"), stamps=Stamps(to_now=True))
+    settings = ReplaySettings(stage="telemetry", stamps=Stamps(to_now=True))
     ears, totals = await simulated(recorded, settings)
     for (now_ns, got), was in zip(ears.heard, recorded, strict=True):
         assert decode(got.payload).t_utc_ns == RECORDED + now_ns - was.log_time_ns

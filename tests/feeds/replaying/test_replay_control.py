@@ -13,7 +13,7 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import SEEK_NS, ReplayControl, replay
+from plotfeed.feeds.replaying.replayer import SEEK_NS, ReplayControl, Replayer
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.replay.recorded import Recorded
 
@@ -166,6 +166,6 @@ async def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
 
         ears.on_message = left
         settings = ReplaySettings(fastest=True, laps=None)
-        await replay(Memory(REGULAR), [ears], settings, clock=clock, control=control)
+        await Replayer(Memory(REGULAR), [ears], settings, clock=clock, control=control).run()
     # As many as leave in one go, after the one with which it was stopped.
     assert ears.payloads()[:25] == [REGULAR[i % 10].payload for i in range(25)]

@@ -9,7 +9,7 @@ from support.command import plotfeed
 from support.replays import REPLAYED, simulated
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplaySettings, Selection, Stamps
+from plotfeed.feeds.replaying.replay_settings import LinkRule, ReplaySettings, Stamps
 from plotfeed.feeds.replaying.replayer import READY_NS
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto.asterix.codec.decode import decode
@@ -67,8 +67,7 @@ async def test_what_was_handed_to_a_link_meets_the_same_fate_on_the_same_link(
     links = tuple(LinkRule(f"plotfeed/{s.id}", s.link) for s in scene.sensor if s.link)
     before = [r for r in recorded if r.stage is Stage.BEFORE]
     ears, totals = await simulated(
-        recorded,
-        ReplaySettings(selection=Selection(stage="before"), links=links, seed=scene.scene.seed),
+        recorded, ReplaySettings(stage="before", links=links, seed=scene.scene.seed)
     )
     begin_ns = min(r.publish_time_ns for r in before)
     # Status and registrations went past the link, and were not handed to it.

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from support.replays import MS, REGULAR, REPLAYED, Ears, Memory, S, message, simulated, since
 from support.waiting import PATIENCE_S
 
-from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Selection
-from plotfeed.feeds.replaying.replayer import AHEAD, BATCH, READY_NS, ReplayControl, replay
+from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings
+from plotfeed.feeds.replaying.replayer import AHEAD, BATCH, READY_NS, ReplayControl, Replayer
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -73,7 +73,7 @@ async def test_before_a_link_the_time_counts_at_which_a_message_was_due() -> Non
         message(50 * MS + 90_000, stage=Stage.BEFORE, publish_since_ns=50 * MS),
         message(60 * MS),
     ]
-    ears, _ = await simulated(recorded, ReplaySettings(selection=Selection(stage="before")))
+    ears, _ = await simulated(recorded, ReplaySettings(stage="before"))
     assert ears.times() == since(0, 50)
 
 
@@ -135,7 +135,7 @@ async def test_without_deadlines_everything_leaves_in_order_at_simulated_times()
     clock = InstantClock(REPLAYED)
     ears = Ears(clock)
     settings = ReplaySettings(fastest=True, laps=2)
-    await replay(Memory(REGULAR), [ears], settings, clock=clock)
+    await Replayer(Memory(REGULAR), [ears], settings, clock=clock).run()
     dues = [m.due_utc_ns for _, m in ears.heard]
     assert [due - dues[0] for due in dues] == [i * 100 * MS for i in range(20)]
     assert ears.payloads() == [r.payload for r in REGULAR] * 2
@@ -159,7 +159,7 @@ async def test_no_more_is_read_ahead_than_there_is_room_for() -> None:
         source, control = Endless(), ReplayControl()
         ears = Ears(InstantClock(REPLAYED))
         ears.on_message = lambda _: control.stop() if len(ears.heard) == 10 else None
-        await replay(source, [ears], ReplaySettings(), clock=ears.clock, control=control)
+        await Replayer(source, [ears], ReplaySettings(), clock=ears.clock, control=control).run()
     assert source.read <= AHEAD + 2 * BATCH
 
 
@@ -172,7 +172,7 @@ async def test_what_reading_raises_ends_the_replay() -> None:
 
     for fastest in (False, True):
         with pytest.raises(OSError, match="Input/output"):
-            await replay(Torn(), [], ReplaySettings(fastest=fastest))
+            await Replayer(Torn(), [], ReplaySettings(fastest=fastest)).run()
 
 
 @pytest.mark.asyncio
@@ -181,7 +181,7 @@ async def test_real_time_keeps_the_order_and_is_never_early() -> None:
 
     clock = WallClock()
     ears = Ears(clock)
-    totals = await replay(Memory(recorded), [ears], ReplaySettings(), clock=clock)
+    totals = await Replayer(Memory(recorded), [ears], ReplaySettings(), clock=clock).run()
     clock.close()
     assert totals.messages == 50
     assert ears.payloads() == [r.payload for r in recorded]

@@ -19,7 +19,7 @@ from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.recording.foreign_recordings import RecordingFile
 from plotfeed.feeds.replaying.destinations import RecordedUdp, ReplayUdp, is_datagram
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
-from plotfeed.feeds.replaying.replayer import replay
+from plotfeed.feeds.replaying.replayer import Replayer
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.transport.udp import UdpError
@@ -32,7 +32,7 @@ ANYWHERE = UdpDestination(destination="239.0.0.0:1")
 async def sent_over(
     outs: Sequence[Transport], recorded: Sequence[Recorded], settings: ReplaySettings | None = None
 ) -> ReplayCounters:
-    running = replay(Memory(recorded), outs, settings or ReplaySettings(speed=100))  # type: ignore[arg-type]
+    running = Replayer(Memory(recorded), outs, settings or ReplaySettings(speed=100)).run()  # type: ignore[arg-type]
     return await asyncio.wait_for(running, PATIENCE_S)
 
 
@@ -206,7 +206,7 @@ async def test_a_file_of_others_goes_out_as_it_is(capture: RadarCapture) -> None
         recorded = list(source.messages(None, None))
         link = opened(place(ears))
         settings = ReplaySettings(fastest=True)
-        totals = await replay(source, [link], settings)
+        totals = await Replayer(source, [link], settings).run()
         link.close()
         assert heard(ears) == [r.payload for r in recorded]
     assert totals.messages == len(recorded) == capture.messages
