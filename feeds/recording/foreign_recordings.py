@@ -13,7 +13,7 @@ import subprocess
 import sys
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -126,11 +126,8 @@ class ForeignReader(RecordingReader):
 
     def attachment(self, name: str) -> Attachment | None:
         """The last attachment of that name that is whole; None if there is none."""
-        other = ForeignReader(self._path, self._form, attachment=name)
-        try:
+        with closing(ForeignReader(self._path, self._form, attachment=name)) as other:
             found = list(other.messages())
-        finally:
-            other.close()
         for damage in other.damage:
             self.damage.add(damage.offset, damage.what)
         if not found:
@@ -189,11 +186,8 @@ def open_recording(
     """
     form = form or format_of(path)
     blocks = blocks and form is FileFormat.RAW
-    reader = ForeignReader(path, form, date_utc_ns=date_utc_ns, blocks=blocks)
-    try:
+    with closing(ForeignReader(path, form, date_utc_ns=date_utc_ns, blocks=blocks)) as reader:
         yield Recording(reader, form, reader.octets)
-    finally:
-        reader.close()
 
 
 class RecordingFile:
@@ -209,12 +203,10 @@ class RecordingFile:
 
     def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
         """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
-        reader = ForeignReader(self._path, self._form, start_ns=start_ns, end_ns=end_ns)
-        self.damage = reader.damage
-        try:
+        asked = {"start_ns": start_ns, "end_ns": end_ns}
+        with closing(ForeignReader(self._path, self._form, **asked)) as reader:
+            self.damage = reader.damage
             yield from reader.messages()
-        finally:
-            reader.close()
 
 
 def main() -> None:

@@ -85,9 +85,8 @@ class TopicRule:
 
     def apply(self, topic: str) -> str | None:
         """The topic that it has instead; None if the rule is not for it."""
-        if topic == self.old:
-            return self.new
-        return self.new + topic[len(self.old) :] if topic.startswith(f"{self.old}/") else None
+        is_of_it = f"{topic}/".startswith(f"{self.old}/")
+        return self.new + topic[len(self.old) :] if is_of_it else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +95,10 @@ class LinkRule:
 
     topic: str
     link: LinkSettings
+
+    def holds_for(self, topic: str) -> bool:
+        """Whether it is for that topic."""
+        return not self.topic or f"{topic}/".startswith(f"{self.topic}/")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -170,8 +170,9 @@ class Routes:
         return Route(topic, over)
 
     def _link_of(self, topic: str) -> tuple[Uplink, Outbox] | None:
-        link = self._link(topic)
-        if link is None or topic.rpartition("/")[2] in NOT_OVER_LINKS:
+        rules = (rule for rule in self._settings.links if rule.holds_for(topic))
+        rule = next(rules, None)
+        if rule is None or topic.rpartition("/")[2] in NOT_OVER_LINKS:
             return None
         source = source_of(topic)
         if source not in self._over:
@@ -183,11 +184,5 @@ class Routes:
             outbox = Outbox(
                 self._clock, self._transports, schedule=self._schedule, totals=self._totals
             )
-            self._over[source] = Uplink(link, impair), outbox
+            self._over[source] = Uplink(rule.link, impair), outbox
         return self._over[source]
-
-    def _link(self, topic: str) -> LinkSettings | None:
-        for rule in self._settings.links:
-            if not rule.topic or topic == rule.topic or topic.startswith(f"{rule.topic}/"):
-                return rule.link
-        return None

@@ -36,9 +36,9 @@ MEMORY_NS = 10 * NS  # After so long without a report from elsewhere, there is n
 MAX_METRES_PER_DEG = 113_500.0  # Of latitude or longitude, up to 100 km above the ground
 
 
-def reach_m(seconds: float, max_speed_m_s: float, sigma_m: float = 0.0) -> float:
-    """How far two reports of a drone may be apart; `sigma_m` is the sum of what they state."""
-    return GRACE_M + SIGMAS * sigma_m + max_speed_m_s * seconds
+def reach_m(seconds: float, max_speed_m_s: float, *sigmas_m: float) -> float:
+    """How far two reports of a drone may be apart; `sigmas_m` are what they state, or NaN."""
+    return GRACE_M + SIGMAS * fsum(s for s in sigmas_m if not isnan(s)) + max_speed_m_s * seconds
 
 
 @dataclass(slots=True)
@@ -57,12 +57,11 @@ class Course:
 
     __slots__ = ("elsewhere", "is_single", "row", "since_utc_ns", "sources_are_told")
 
-    def __init__(self, row: PositionReport) -> None:
-        self.row = row
+    def __init__(self, row: PositionReport, since_utc_ns: int) -> None:
+        self.row, self.since_utc_ns = row, since_utc_ns  # When it became known
         self.elsewhere: _Elsewhere | None = None
         self.sources_are_told = False  # Whether it was said that two sources report under its name
         self.is_single = True  # Whether this is the only report of it that was taken
-        self.since_utc_ns = row.t_utc_ns  # When it became known
 
 
 class MotionGate:
@@ -72,11 +71,6 @@ class MotionGate:
         self._max_speed_m_s = max_speed_m_s
         self._max_m2_s2 = max_speed_m_s**2
         self._m_per_ns = max_speed_m_s / NS
-
-    def first(self, row: PositionReport) -> Course:
-        """The course of a drone that is new; raises `Refused`."""
-        self._check_speed(row)
-        return Course(row)
 
     def take(self, course: Course, row: PositionReport) -> bool:
         """Take a later report; whether the drone starts anew with it. Raises `Refused`."""
@@ -88,7 +82,7 @@ class MotionGate:
             + abs(row.longitude_deg - before.longitude_deg)
         ) * MAX_METRES_PER_DEG + abs(row.altitude_m - before.altitude_m)
         if not speed_m2_s2 <= self._max_m2_s2:  # or some of it is not known
-            self._check_speed(row)
+            self.check_speed(row)
         reach = GRACE_M + self._m_per_ns * (row.t_utc_ns - before.t_utc_ns)
         if away_m <= reach and course.elsewhere is None:
             course.row = row
@@ -137,11 +131,11 @@ class MotionGate:
         return Refused(Reason.IMPLAUSIBLE_MOTION, detail)
 
     def _is_within_reach(self, a: PositionReport, b: PositionReport) -> bool:
-        seconds = (b.t_utc_ns - a.t_utc_ns) / NS
-        stated_m = fsum(s for s in (a.sigma_m, b.sigma_m) if not isnan(s))
-        return dist(*_places_m(a, b)) <= reach_m(max(0.0, seconds), self._max_speed_m_s, stated_m)
+        seconds = max(0.0, (b.t_utc_ns - a.t_utc_ns) / NS)
+        most_m = reach_m(seconds, self._max_speed_m_s, a.sigma_m, b.sigma_m)
+        return dist(*_places_m(a, b)) <= most_m
 
-    def _check_speed(self, row: PositionReport) -> None:
+    def check_speed(self, row: PositionReport) -> None:
         """Raise `Refused` if the report itself says that it is too fast."""
         speed_m_s = sqrt(sum(v * v for v in row.velocity_enu_m_s if not isnan(v)))
         if speed_m_s > self._max_speed_m_s:
@@ -169,7 +163,7 @@ LOOK_EVERY_NS = NS // 10
 MAX_KNOCKED = 10_000  # Names that are remembered of those that were too many in their second
 
 
-class KnownDrones:
+class KnownDrones(dict[str, Course]):
     """Courses of drones by name: of a limited number, new ones at a limited rate.
 
     A drone is gone when no sensor can ask for it any more. After a longer time it is forgotten; one
@@ -177,7 +171,7 @@ class KnownDrones:
     """
 
     def __init__(self, keys: Telemetry, gone_after_ns: int) -> None:
-        self._courses: dict[str, Course] = {}
+        super().__init__()
         # Drones of which one report was taken, the oldest first.
         self._singles: dict[str, None] = {}
         self._max_drones = keys.max_drones
@@ -193,14 +187,7 @@ class KnownDrones:
         self._gone: list[str] = []
         self._forgotten: list[str] = []
 
-    def __len__(self) -> int:
-        return len(self._courses)
-
-    def get(self, drone: str) -> Course | None:
-        """The course of a drone, if it is known."""
-        return self._courses.get(drone)
-
-    def begin(self, drone: str, course: Course, now_utc_ns: int) -> None:
+    def begin(self, drone: str, row: PositionReport, now_utc_ns: int) -> None:
         """Know a new drone; raises `Refused` where there is no place for it, or not now."""
         if not self._may_come(drone, now_utc_ns):
             detail = (
@@ -208,38 +195,32 @@ class KnownDrones:
                 "most taken (telemetry.max_new_drones_per_s); its next report may be"
             )
             raise Refused(Reason.TOO_MANY_NEW_DRONES, detail)
-        if len(self._courses) >= self._max_drones:
+        if len(self) >= self._max_drones:
             self._forget(self._who_gives_way(drone, now_utc_ns))
-        course.is_single, course.since_utc_ns = True, now_utc_ns
-        self._courses[drone] = course
-        self._singles[drone] = None
+        self[drone], self._singles[drone] = Course(row, now_utc_ns), None
 
     def establish(self, drone: str, course: Course) -> None:
         """Note that a second report of a drone was taken."""
         course.is_single = False
         del self._singles[drone]
 
-    def forget_gone(self, now_utc_ns: int) -> None:
-        """Forget whom it is time to forget, as of the whole second."""
-        second = now_utc_ns // NS
-        if second <= self._swept_s:
-            return
-        self._swept_s, now_utc_ns = second, second * NS
-        silent = (self._forget_after_ns, self._gone_after_ns)
-        for drone in [
-            drone
-            for drone, course in self._courses.items()
-            if now_utc_ns - course.row.t_utc_ns > silent[course.is_single]
-        ]:
-            self._forget(drone)
+    def forgotten(self, now_utc_ns: int) -> list[str]:
+        """Who gave way since this was last asked, or is forgotten as of the whole second.
 
-    def take_forgotten(self) -> list[str]:
-        """Who was forgotten since this was last asked; they may be known again by now."""
+        They may be known again by now.
+        """
+        second = now_utc_ns // NS
+        if second > self._swept_s:
+            self._swept_s = second
+            silent_ns = (self._forget_after_ns, self._gone_after_ns)
+            for drone, course in [*self.items()]:
+                if second * NS - course.row.t_utc_ns > silent_ns[course.is_single]:
+                    self._forget(drone)
         forgotten, self._forgotten = self._forgotten, []
         return forgotten
 
     def _forget(self, drone: str) -> None:
-        if self._courses.pop(drone).is_single:
+        if self.pop(drone).is_single:
             del self._singles[drone]
         self._forgotten.append(drone)
 
@@ -265,14 +246,14 @@ class KnownDrones:
         """
         if now_utc_ns - self._looked_ns >= LOOK_EVERY_NS:
             self._looked_ns = now_utc_ns
-            gone = [(c.row.t_utc_ns, d) for d, c in self._courses.items() if self._is_gone(c)]
+            gone = [(c.row.t_utc_ns, d) for d, c in self.items() if self._is_gone(c)]
             self._gone = [name for _, name in sorted(gone, reverse=True)]
         while self._gone:
-            course = self._courses.get(name := self._gone.pop())
+            course = self.get(name := self._gone.pop())
             if course is not None and self._is_gone(course):
                 return name
         single = next(iter(self._singles), None)
-        if single is not None and self._courses[single].since_utc_ns < now_utc_ns:
+        if single is not None and self[single].since_utc_ns < now_utc_ns:
             return single
         detail = f"drone {drone!a} is new, and {self._max_drones} drones are the most taken"
         raise Refused(Reason.TOO_MANY_DRONES, detail)
@@ -315,20 +296,12 @@ class Admission:
         self._max_late_ns = round((keys.stale_after_s + look_back_s) * NS)
         self._surely_taken_ns = -min(self._max_age_ns, self._max_late_ns)
         self._gate = MotionGate(keys.max_speed_m_s)
-        self._known = KnownDrones(keys, self._max_late_ns)
-
-    def knows(self, drone: str) -> bool:
-        """Whether a report of that drone was taken, and it is not forgotten."""
-        return self._known.get(drone) is not None
-
-    def forgotten(self, now_utc_ns: int) -> list[str]:
-        """Who was forgotten, or gave way, since this was last asked; as of now."""
-        self._known.forget_gone(now_utc_ns)
-        return self._known.take_forgotten()
+        # Of whom a report was taken, and who is not forgotten.
+        self.known = KnownDrones(keys, self._max_late_ns)
 
     def admit(self, drone: str, row: PositionReport, now_utc_ns: int) -> bool:
         """Take a report as the drone's latest; whether it starts anew there. Raises `Refused`."""
-        t_utc_ns, course = row.t_utc_ns, self._known.get(drone)
+        t_utc_ns, course = row.t_utc_ns, self.known.get(drone)
         if course is None:
             good = 0 < len(drone) <= MAX_DRONE_NAME and drone.isprintable()
             if not good or NAME_SEPARATORS.intersection(drone):
@@ -337,7 +310,8 @@ class Admission:
                 raise Refused(Reason.NAME, f"drone name {shown}; expected {expected}")
             self._check_now(t_utc_ns, now_utc_ns)
             self._check_late(now_utc_ns - t_utc_ns)
-            self._known.begin(drone, self._gate.first(row), now_utc_ns)
+            self._gate.check_speed(row)
+            self.known.begin(drone, row, now_utc_ns)
             return False
         last_utc_ns = course.row.t_utc_ns
         if (
@@ -355,7 +329,7 @@ class Admission:
             self._check_late(now_utc_ns - t_utc_ns)
         starts = self._gate.take(course, row)
         if course.is_single:
-            self._known.establish(drone, course)
+            self.known.establish(drone, course)
         return starts
 
     def _check_now(self, t_utc_ns: int, now_utc_ns: int) -> None:

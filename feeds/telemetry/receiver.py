@@ -98,13 +98,13 @@ class TelemetryReceiver:
 
     def forget_gone(self, now_utc_ns: int) -> None:
         """Forget the drones whose time is over, and those that gave way to others."""
-        gone = self._admission.forgotten(now_utc_ns)
+        gone = self._admission.known.forgotten(now_utc_ns)
         if not gone:
             return
         self.forgotten += len(gone)
         self._trajectories.forget(gone)
         for drone in gone:
-            if not self._admission.knows(drone):
+            if drone not in self._admission.known:
                 self.part_with(f"{self._prefix}/telemetry/{drone}")
 
     def take_together(
@@ -121,7 +121,7 @@ class TelemetryReceiver:
         self.forget_gone(now_utc_ns)
         for topic, messages in waited:
             drone, first = topic.rpartition("/")[2], len(rows)
-            is_known = self._admission.knows(drone)
+            is_known = drone in self._admission.known
             for payload, content_type in messages:
                 try:
                     row = fast_decode(payload, content_type)

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from math import dist, fsum, isnan
+from math import dist
 from typing import Any, Literal
 
 import numpy as np
@@ -203,11 +203,10 @@ def courses(reports: Sequence[PositionReport], max_speed_m_s: float = MAX_SPEED_
     where_m = geodetic_to_ecef(*columns.reshape(-1, 3).T).tolist()
 
     def follows(chain: list[int], i: int) -> bool:
-        last = reports[chain[-1]]
-        seconds = (reports[i].t_utc_ns - last.t_utc_ns) / NS
-        accuracies_m = last.horizontal_accuracy_m, reports[i].horizontal_accuracy_m
-        stated_m = fsum(a for a in accuracies_m if not isnan(a))
-        return dist(where_m[chain[-1]], where_m[i]) <= reach_m(seconds, max_speed_m_s, stated_m)
+        last, report = reports[chain[-1]], reports[i]
+        seconds = (report.t_utc_ns - last.t_utc_ns) / NS
+        stated_m = last.horizontal_accuracy_m, report.horizontal_accuracy_m
+        return dist(where_m[chain[-1]], where_m[i]) <= reach_m(seconds, max_speed_m_s, *stated_m)
 
     def lasts(chain: list[int]) -> bool:
         lasted_ns = reports[chain[-1]].t_utc_ns - reports[chain[0]].t_utc_ns
