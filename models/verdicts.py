@@ -5,18 +5,83 @@ their lowest cosine coefficients, as few as the correlation leaves alike, and it
 as many degrees: Lazarus, Lewis, Stock and Watson, HAR Inference, Journal of Business and Economic
 Statistics 36 (2018). Shares have the exact interval of the trials that are left: Korn and Graubard,
 Survey Methodology 24 (1998).
+
+How far a figure of several runs may be off by chance says the bootstrap over runs, for these are
+independent and the steps within one are not: Efron and Tibshirani, An Introduction to the Bootstrap
+(1993), section 13.3, the percentile interval.
+
+What explains errors are systematic effects fitted together, one after the other, as far as they do:
+least squares by Huber's weights, with standard errors that hold where errors of one series hang
+together.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from plotfeed.models.numerics import as_floats, nan_without_warnings
+from plotfeed.models.state import Floats, Ints
 
 # SciPy takes three times as long to load as NumPy: functions that need it load it.
-from plotfeed.models.bootstrap import FEWEST, NOTHING, Interval
-from plotfeed.models.numerics import nan_without_warnings
-from plotfeed.models.state import Floats, Ints
+BOOTSTRAPS, FEWEST_SAMPLES = 2000, 200
+MAX_DRAWN = 2_000_000  # Runs times samples that are held
+SHARE = 0.95  # Of the interval
+FEWEST = 2  # Runs, below which there is no interval
+
+
+class Interval(NamedTuple):
+    """A figure, and between what it lies in 95 of 100 such experiments; NaN is not known."""
+
+    value: float
+    low: float
+    high: float
+
+
+NOTHING = Interval(np.nan, np.nan, np.nan)
+
+
+@nan_without_warnings
+def ratio_interval(parts: ArrayLike, wholes: ArrayLike, seed: int = 0) -> Interval:
+    """The sum of `parts` (n,) over that of `wholes` (n,), one of each a run.
+
+    Runs whose part is NaN are left out. The draws are those of `seed`, so that the same runs have
+    the same interval.
+    """
+    a, b = as_floats(parts), as_floats(wholes)
+    known = np.isfinite(a) & np.isfinite(b)
+    a, b = a[known], b[known]
+    if not len(a) or not b.sum():
+        return NOTHING
+    value = float(a.sum() / b.sum())
+    if len(a) < FEWEST:
+        return Interval(value, np.nan, np.nan)
+    drawn = _times_drawn(len(a), seed)
+    ratios = (drawn @ a) / (drawn @ b)
+    edges = [(1 - SHARE) / 2, (1 + SHARE) / 2]
+    low, high = np.quantile(ratios[np.isfinite(ratios)], edges)
+    return Interval(value, float(low), float(high))
+
+
+@lru_cache(maxsize=4)
+def _times_drawn(runs: int, seed: int) -> Floats:
+    """Counts of each run in each sample, (k, n): of many runs fewer samples, which differ less."""
+    samples = min(BOOTSTRAPS, max(MAX_DRAWN // runs, FEWEST_SAMPLES))
+    rng = np.random.default_rng(seed)
+    return as_floats(rng.multinomial(runs, np.full(runs, 1 / runs), samples))
+
+
+def mean_interval(values: ArrayLike, seed: int = 0) -> Interval:
+    """The mean of values (n,), one a run; infinite where that of any run is."""
+    values = as_floats(values)
+    if np.isinf(values).any():
+        return Interval(np.inf, np.inf, np.inf)
+    return ratio_interval(values, np.ones_like(values), seed)
+
 
 # Of the figure, whichever way it is wrong.
 RISK = 0.05
@@ -243,3 +308,111 @@ def breaking_level(
         found[1:] = [np.nan] * 2
     at = [x if np.isinf(x) else float(np.interp(x, range(len(levels)), levels)) for x in found]
     return Interval(*at)
+
+
+# That any effect is named of errors that have none.
+FAMILY = 0.01
+# Of the sum of squares that an effect must explain to matter.
+MATTERS = 0.1
+# Of what an effect explains, what another may leave and still be as good.
+AS_GOOD = 0.1
+# Of spreads, from which on a row weighs less: 95 % efficient of normal errors.
+HUBER = 1.345
+ROUNDS = 4
+
+
+class FittedEffect(NamedTuple):
+    """An effect, how large it is, in its unit, and which others explain the same as well."""
+
+    name: str
+    value: float
+    se: float
+    others: tuple[str, ...]
+
+
+def joint_fit(errors: Floats, effects: Mapping[str, Floats], series: Ints) -> list[FittedEffect]:
+    """The effects that errors (n, d) have, of those that are given as what a unit of each does.
+
+    Effects are (n, d) too, and NaN where they do nothing that is known. Rows are by series and
+    time. The largest comes first, all with the values that they have together.
+    """
+    given = {name: np.nan_to_num(column) for name, column in effects.items()}
+    known = np.isfinite(errors)
+    errors = np.where(known, errors, 0.0)
+    given = {name: np.where(known, column, 0.0) for name, column in given.items()}
+    chosen: list[str] = []
+    twins: dict[str, tuple[str, ...]] = {}
+    left = _left(errors, given, chosen)
+    while len(chosen) < len(given):
+        found = {n: _left(errors, given, [*chosen, n]) for n in given if n not in chosen}
+        best = min(found, key=lambda name: found[name])
+        saved = left - found[best]
+        if not saved > MATTERS * left or not _is_seen(errors, given, [*chosen, best], series):
+            break
+        twins[best] = tuple(
+            n for n in found if n != best and found[n] - found[best] < AS_GOOD * saved
+        )
+        chosen.append(best)
+        left = found[best]
+    found_all = [(name, _one_of(errors, given, chosen, name, series)) for name in chosen]
+    return [FittedEffect(name, value, se, twins[name]) for name, (value, se, _) in found_all]
+
+
+def _matrix(given: Mapping[str, Floats], chosen: list[str]) -> Floats:
+    n = next(iter(given.values())).size
+    return (
+        np.stack([given[name].ravel() for name in chosen], axis=1) if chosen else np.zeros((n, 0))
+    )
+
+
+def _fitted(
+    errors: Floats, given: Mapping[str, Floats], chosen: list[str]
+) -> tuple[Floats, Floats]:
+    """Values of the effects, (k,), and weights of the rows, (n,)."""
+    matrix, y = _matrix(given, chosen), errors.ravel()
+    d = errors.shape[1]
+    weights = np.ones(len(errors))
+    values: Floats = np.zeros(matrix.shape[1])
+    for _ in range(ROUNDS):
+        root = np.sqrt(np.repeat(weights, d))
+        values = np.asarray(np.linalg.lstsq(matrix * root[:, None], y * root, rcond=1e-9)[0])
+        apart = np.sqrt(((errors - (matrix @ values).reshape(errors.shape)) ** 2).sum(axis=1))
+        spread = max(float(np.median(apart)), 1e-9)
+        weights = np.minimum(1.0, HUBER * spread / np.maximum(apart, 1e-12))
+    return values, weights
+
+
+def _left(errors: Floats, given: Mapping[str, Floats], chosen: list[str]) -> float:
+    """The mean of squares that those effects leave, of which none counts more than others."""
+    values, _ = _fitted(errors, given, chosen)
+    rest = errors - (_matrix(given, chosen) @ values).reshape(errors.shape)
+    squares = np.sort((rest**2).sum(axis=1))
+    return float(squares[: max(int(0.9 * len(squares)), 1)].mean())
+
+
+def _is_seen(errors: Floats, given: Mapping[str, Floats], chosen: list[str], series: Ints) -> bool:
+    """Whether the last of those effects is more than chance."""
+    from scipy.special import stdtr
+
+    value, se, freedom = _one_of(errors, given, chosen, chosen[-1], series)
+    if not 0 < se < np.inf:
+        return bool(se == 0)
+    return bool(2 * stdtr(freedom, -abs(value) / se) < FAMILY / len(given))
+
+
+def _one_of(
+    errors: Floats, given: Mapping[str, Floats], chosen: list[str], name: str, series: Ints
+) -> tuple[float, float, float]:
+    """An effect among others, its standard error, and the degrees of freedom of that."""
+    (values, weights), k, d = _fitted(errors, given, chosen), chosen.index(name), errors.shape[1]
+    root = np.sqrt(np.repeat(weights, d))
+    matrix = _matrix(given, chosen)
+    others = np.delete(matrix, k, axis=1) * root[:, None]
+    own = matrix[:, k] * root
+    own = own - others @ np.linalg.lstsq(others, own, rcond=1e-9)[0]
+    power = float(own @ own)
+    if not power > 1e-9:
+        return float(values[k]), np.inf, 1.0
+    rows = (own * (errors.ravel() - matrix @ values) * root).reshape(-1, d).sum(axis=1)
+    se, freedom = deviation(rows, series)
+    return float(values[k]), se * len(rows) / power, freedom

@@ -12,10 +12,9 @@ from plotfeed.feeds.lab.flights import Truths
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings, nearest_drones, score_run, truth_beside
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, ReportedTracks, TracksRead
 from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
-from plotfeed.models.joint_fit import FittedEffect, joint_fit
 from plotfeed.models.state import Floats, Ints
 from plotfeed.models.track_metrics import Level, along_enu
-from plotfeed.models.verdicts import deviation
+from plotfeed.models.verdicts import FittedEffect, deviation, joint_fit
 from plotfeed.proto.units import FOOT_M
 from plotfeed.proto.utc import DAY_NS, NS
 

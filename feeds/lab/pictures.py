@@ -15,7 +15,7 @@ import numpy as np
 from plotfeed.feeds.console.extras import NO_DATE, save_figure
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.lab.runs import SweepLevel
-from plotfeed.models.bootstrap import Interval
+from plotfeed.models.verdicts import Interval
 
 DPI = 110
 INK, QUIET = "#1e293b", "#94a3b8"

@@ -44,9 +44,8 @@ from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells
 from plotfeed.feeds.lab.track_reports import read_tracks
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
-from plotfeed.models.bootstrap import Interval
 from plotfeed.models.state import Floats, Ints
-from plotfeed.models.verdicts import RISK, Decision, FigureSamples, decided, times_more
+from plotfeed.models.verdicts import RISK, Decision, FigureSamples, Interval, decided, times_more
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import DAY_NS, NS, iso_utc
 

@@ -78,9 +78,16 @@ from plotfeed.feeds.lab.tables import (
 )
 from plotfeed.feeds.lab.trackers import TrackerCommand, TrackerPlan, of_trackers, run_tracker
 from plotfeed.feeds.scene.fields import Enu
-from plotfeed.models.bootstrap import Interval, mean_interval
 from plotfeed.models.state import Floats
-from plotfeed.models.verdicts import POCOCK, RISK, breaking_level, look_risk, seeds_interval
+from plotfeed.models.verdicts import (
+    POCOCK,
+    RISK,
+    Interval,
+    breaking_level,
+    look_risk,
+    mean_interval,
+    seeds_interval,
+)
 from plotfeed.proto.errors import PlotfeedError
 
 # Of distance, at least, up to the furthest range.

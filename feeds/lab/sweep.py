@@ -17,9 +17,9 @@ from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.bootstrap import NOTHING, Interval, mean_interval, ratio_interval
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import FALSE_ALARM, OTHER, Bools, Floats, Ints
+from plotfeed.models.verdicts import NOTHING, Interval, mean_interval, ratio_interval
 from plotfeed.proto.utc import NS
 
 # 2026-01-01T00:00:00Z: when scenes begin that do not say when.

@@ -11,7 +11,7 @@ of the reference samples of all signals. Positions are measured from the receive
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from plotfeed.models import detection, propagation
 from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M
-from plotfeed.models.sensors.polar_radar import PolarRadar, mean_over_signals
+from plotfeed.models.sensors.polar_radar import FarTransmitters, PolarRadar, mean_over_signals
 from plotfeed.models.sensors.sensor_model import sensor_property
 from plotfeed.models.state import Floats, rows_where
 
@@ -35,11 +35,6 @@ class ActiveRadar(PolarRadar):
 
     power_w: float
     gain_tx_dbi: float
-
-    @property
-    def signals_each(self) -> int:
-        """A single signal."""
-        return 1
 
     @sensor_property
     def snr_of_unit(self) -> float:
@@ -97,13 +92,13 @@ class MimoTransmitter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MimoRadar(PolarRadar):
+class MimoRadar(FarTransmitters, PolarRadar):
     """`n_reference` counts the reference cells of the CFAR in each transmitter's signal."""
 
     transmitters: tuple[MimoTransmitter, ...]
 
     @sensor_property
-    def signals_each(self) -> int:
+    def n_looks(self) -> int:
         """A signal a transmitter."""
         return len(self.transmitters)
 
@@ -112,37 +107,17 @@ class MimoRadar(PolarRadar):
         """`OF_EACH`: echoes of transmitters far apart fluctuate by themselves (Swerling 2)."""
         return OF_EACH
 
-    @property
-    def n_looks(self) -> int:
-        """A look a transmitter."""
-        return self.signals_each
-
     def signal_snrs(self, position_enu_m: Floats, rcs_m2: Floats) -> Floats:
         """Mean ratio of each transmitter's echo (eqs 17, 21); (n, 3) and (n,) in, (n, K) out."""
         return self._echoes(
             position_enu_m,
             rcs_m2,
             self._radiated_w,
-            [C_M_S / self.frequency_hz] * self.signals_each,
-            self._places_enu_m,
+            [C_M_S / self.frequency_hz] * self.n_looks,
+            self.positions_enu_m,
             self.integration_s,
             self._noise_density_w_hz,
         )
-
-    @property
-    def transmitters_enu_m(self) -> Sequence[Floats]:
-        """Places of its transmitters, each (3,), or (n, 3) of several radars."""
-        return [place_m.T for place_m in self._places_enu_m]
-
-    @property
-    def other_ends_enu_m(self) -> Floats:
-        """Where its transmitters are; (K, 3)."""
-        return self._places_enu_m
-
-    @sensor_property
-    def _places_enu_m(self) -> Floats:
-        """Where its transmitters are; (K, 3)."""
-        return np.array([t.position_enu_m for t in self.transmitters], np.float64)
 
     @sensor_property
     def _radiated_w(self) -> Floats:
@@ -185,7 +160,7 @@ class MimoRadar(PolarRadar):
                 power[rows], threshold[rows] = self._cfar.draw_detected(
                     mean_over_signals(snrs[rows]), stated, own
                 )
-        return power / self.signals_each, threshold / self.signals_each
+        return power / self.n_looks, threshold / self.n_looks
 
     def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
         """Mean of 1/x over detections of power x a transmitter; (n, K) in, (n,) out."""
@@ -197,7 +172,7 @@ class MimoRadar(PolarRadar):
             else:
                 mean = mean_over_signals(snrs[rows])
                 inverse[rows] = self._cfar.inverse_detected(mean, stated)
-        return self.signals_each * inverse
+        return self.n_looks * inverse
 
 
 def _by_law(order: Floats | None) -> Iterator[tuple[Any, Floats | None]]:

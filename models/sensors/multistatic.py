@@ -48,11 +48,6 @@ class Receiver:
     signals: PassiveRadar | MimoRadar
     place_enu_m: tuple[float, float, float]
 
-    @cached_property
-    def transmitters_m(self) -> Floats:
-        """Places of transmitters as seen from the receiver; (K, 3)."""
-        return np.array([t.position_enu_m for t in self.signals.transmitters], np.float64)
-
     def snrs(self, targets: Targets, rows: Ints | slice) -> Floats:
         """Mean ratios of each transmitter's echoes of those rows of targets; (n, K)."""
         place_m = targets.true_position_enu_m[rows] - np.array(self.place_enu_m)
@@ -60,7 +55,7 @@ class Receiver:
         of_sides: float | Floats = 1.0
         if echoes is not None and echoes.has_aspects and targets.velocity_enu_m_s is not None:
             velocity_m_s = targets.velocity_enu_m_s[rows]
-            from_m = list(self.transmitters_m)
+            from_m = list(self.signals.positions_enu_m)
             of_sides = echoes.rcs_factor(targets.drone[rows], place_m, velocity_m_s, from_m)
         if isinstance(self.signals, MimoRadar):
             return np.asarray(self.signals.signal_snrs(place_m, rcs_m2) * of_sides)
@@ -69,7 +64,7 @@ class Receiver:
     @cached_property
     def cells_m(self) -> tuple[Floats, Floats]:
         """Widths of cells of the sum of ranges, and errors that remain; (K,) each."""
-        signals, n = self.signals, len(self.transmitters_m)
+        signals, n = self.signals, len(self.signals.transmitters)
         if isinstance(signals, MimoRadar):  # whose own is of the distance, half of the sum
             return np.full(n, 2 * signals.range_resolution_m), np.full(n, 2 * signals.range_floor_m)
         return signals.range_resolution_m, signals.range_floors_m
@@ -78,7 +73,7 @@ class Receiver:
     def alarm_cells(self) -> tuple[float, ...]:
         """Cells that can alarm, by transmitter."""
         if isinstance(self.signals, MimoRadar):
-            return (self.signals.alarm_cells,) * len(self.transmitters_m)
+            return (self.signals.alarm_cells,) * len(self.signals.transmitters)
         return self.signals.alarm_cells
 
 
@@ -112,20 +107,24 @@ class MultistaticRadar(Volume, JointSensor):
     def other_ends_enu_m(self) -> Floats:
         """Places of the other receivers, and of the transmitters."""
         here = np.array([each.place_enu_m for each in self.receivers])
-        return np.concatenate([here[1:], self.receivers[0].transmitters_m])
+        return np.concatenate([here[1:], self.receivers[0].signals.positions_enu_m])
 
     @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
         """Receiver and transmitter of each channel."""
         return tuple(
-            (m, k) for m, each in enumerate(self.receivers) for k in range(len(each.transmitters_m))
+            (m, k)
+            for m, each in enumerate(self.receivers)
+            for k in range(len(each.signals.transmitters))
         )
 
     @cached_property
     def stations_m(self) -> tuple[Floats, Floats]:
         """Transmitters and receivers of each pair, seen from the sensor; (p, 3) each."""
         receivers = np.array([self.receivers[m].place_enu_m for m, _ in self.pairs])
-        transmitters = np.array([self.receivers[m].transmitters_m[k] for m, k in self.pairs])
+        transmitters = np.array(
+            [self.receivers[m].signals.positions_enu_m[k] for m, k in self.pairs]
+        )
         return receivers + transmitters, receivers
 
     @property

@@ -27,7 +27,7 @@ from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_360
 from plotfeed.models.numerics import as_floats
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.bistatic_places import FlatSolution, HeightPrior, flat_solution
-from plotfeed.models.sensors.polar_radar import EchoRadar, Hits
+from plotfeed.models.sensors.polar_radar import FarTransmitters, Hits
 from plotfeed.models.sensors.sensor_model import (
     EVERY_ROW,
     NO_PLOTS,
@@ -57,7 +57,7 @@ class Illuminator:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PassiveRadar(Volume, EchoRadar):
+class PassiveRadar(Volume, FarTransmitters):
     """What the equations need. Side-lobe and cancellation levels are negative, losses positive.
 
     Without heights, targets are taken to be level.
@@ -84,16 +84,6 @@ class PassiveRadar(Volume, EchoRadar):
         """A channel a transmitter."""
         return len(self.transmitters)
 
-    @property
-    def other_ends_enu_m(self) -> Floats:
-        """Where its transmitters are; (channels, 3)."""
-        return self.positions_enu_m
-
-    @sensor_property
-    def positions_enu_m(self) -> Floats:
-        """Places of the transmitters; (channels, 3)."""
-        return np.array([t.position_enu_m for t in self.transmitters], dtype=np.float64)
-
     @sensor_property
     def range_resolution_m(self) -> Floats:
         """Resolution in bistatic range: c/B, not c/2B, for it sums two ways; (channels,)."""
@@ -115,11 +105,6 @@ class PassiveRadar(Volume, EchoRadar):
     def false_alarms_per_scan(self) -> float:
         """Mean number of false plots: what the detectors let through (eq 9) and has a place."""
         return float(self.pfa * np.array(self.alarm_cells) @ self.placed_shares)
-
-    @property
-    def alarm_pfa(self) -> float:
-        """Probability of a false alarm of a cell in a scan."""
-        return self.pfa
 
     @property
     def alarm_cells(self) -> tuple[float, ...]:
@@ -191,10 +176,6 @@ class PassiveRadar(Volume, EchoRadar):
         """Probability of detection (eqs 6, 7), by how targets fluctuate where they state it."""
         return self.cfar.pd(snr, order)
 
-    def inverse_detected(self, snr: Floats, order: Floats | None = None) -> Floats:
-        """Mean of 1/x over detections of power x; (...)."""
-        return self.cfar.inverse_detected(snr, order)
-
     def sigmas(
         self, snr: Floats, range_resolution_m: Floats, range_floor_m: Floats
     ) -> tuple[Floats, Floats]:
@@ -234,7 +215,7 @@ class PassiveRadar(Volume, EchoRadar):
     def _echo_paths(self, targets: Targets, rows: Ints | slice) -> EchoPaths:
         azimuth_deg, elevation_deg, _ = enu_to_aer(targets.position_enu_m[rows])
         place_enu_m = targets.true_position_enu_m[rows]
-        from_enu_m = [place_m.T for place_m in self.positions_enu_m]
+        from_enu_m = self.transmitters_enu_m
         excess_m = [propagation.bistatic_range(place_enu_m, each_m) for each_m in from_enu_m]
         rates_m_s = None
         if self.doppler is not None and targets.velocity_enu_m_s is not None:
@@ -339,7 +320,7 @@ class PassiveRadar(Volume, EchoRadar):
         order = self.orders(targets)
         order = None if order is None else np.repeat(order, snr.shape[1]).reshape(snr.shape)
         # Error variances go as one over the detection's own power.
-        effective_snr = 1.0 / self.inverse_detected(snr, order)
+        effective_snr = 1.0 / self.cfar.inverse_detected(snr, order)
         sigma_excess_m, sigma_azimuth_deg = (
             sigma * self.error_factor
             for sigma in self.sigmas(effective_snr, self.range_resolution_m, self.range_floors_m)

@@ -125,7 +125,7 @@ class EchoRadar(RadioSensor, ABC):
 
     @property
     def n_looks(self) -> int:
-        """Looks whose powers are summed."""
+        """Looks whose powers are summed, a signal each."""
         return 1
 
     def orders(self, targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats | None:
@@ -152,36 +152,6 @@ class EchoRadar(RadioSensor, ABC):
                 paths.transmitters_enu_m,
             )
         return powers
-
-    def _echoes(  # noqa: PLR0917
-        self,
-        position_enu_m: Floats,
-        rcs_m2: Floats,
-        radiated_w: Floats,
-        wavelengths_m: Sequence[float] | Floats,
-        places_enu_m: Floats,
-        integration_s: float = 1.0,
-        noise_w_hz: float = 1.0,
-    ) -> Floats:
-        """Mean echoes of targets by transmitters elsewhere, watts or over noise (eqs 17, 21, 24).
-
-        (n, 3) and (n,) in, (n, K) out, of K signals: what each radiates with all gains, (K,), and
-        from where, (K, 3).
-        """
-        range_rx_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
-        echoes = np.empty((len(position_enu_m), len(radiated_w)))
-        for k, (wavelength_m, place_m) in enumerate(zip(wavelengths_m, places_enu_m, strict=True)):
-            place_enu_m = place_m.T
-            range_tx_m = np.maximum(distance_m(position_enu_m - place_enu_m), NEAREST_M)
-            way_m2 = range_tx_m * range_rx_m
-            aperture_m4 = wavelength_m * wavelength_m * rcs_m2
-            echo_w = radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))
-            echo = echo_w * integration_s / noise_w_hz
-            if not self.is_in_free_space:
-                echo *= self.way_factor(position_enu_m, wavelength_m)
-                echo *= self.way_factor(position_enu_m, wavelength_m, place_enu_m)
-            echoes[:, k] = echo
-        return echoes
 
     @abstractmethod
     def _odds(self, powers: Floats, channel: Ints, order: Floats | None) -> tuple[Floats, Floats]:
@@ -263,6 +233,58 @@ def _of_rates(rate_m_s: Floats | None) -> dict[str, NDArray[Any]]:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FarTransmitters(EchoRadar, ABC):
+    """A radar whose transmitters, a signal each, stand elsewhere than its receiver."""
+
+    transmitters: tuple[Any, ...]
+
+    @sensor_property
+    def positions_enu_m(self) -> Floats:
+        """Places of the transmitters; (K, 3)."""
+        return np.array([t.position_enu_m for t in self.transmitters], np.float64)
+
+    @property
+    def other_ends_enu_m(self) -> Floats:
+        """Where its transmitters are; (K, 3)."""
+        return self.positions_enu_m
+
+    @property
+    def transmitters_enu_m(self) -> list[Floats]:
+        """Places of its transmitters, each (3,), or (n, 3) of several radars."""
+        return [place_m.T for place_m in self.positions_enu_m]
+
+    def _echoes(  # noqa: PLR0917
+        self,
+        position_enu_m: Floats,
+        rcs_m2: Floats,
+        radiated_w: Floats,
+        wavelengths_m: Sequence[float] | Floats,
+        places_enu_m: Floats,
+        integration_s: float = 1.0,
+        noise_w_hz: float = 1.0,
+    ) -> Floats:
+        """Mean echoes of targets by transmitters elsewhere, watts or over noise (eqs 17, 21, 24).
+
+        (n, 3) and (n,) in, (n, K) out, of K signals: what each radiates with all gains, (K,), and
+        from where, (K, 3).
+        """
+        range_rx_m = np.maximum(distance_m(position_enu_m), NEAREST_M)
+        echoes = np.empty((len(position_enu_m), len(radiated_w)))
+        for k, (wavelength_m, place_m) in enumerate(zip(wavelengths_m, places_enu_m, strict=True)):
+            place_enu_m = place_m.T
+            range_tx_m = np.maximum(distance_m(position_enu_m - place_enu_m), NEAREST_M)
+            way_m2 = range_tx_m * range_rx_m
+            aperture_m4 = wavelength_m * wavelength_m * rcs_m2
+            echo_w = radiated_w[k] * aperture_m4 / (SPREAD * (way_m2 * way_m2))
+            echo = echo_w * integration_s / noise_w_hz
+            if not self.is_in_free_space:
+                echo *= self.way_factor(position_enu_m, wavelength_m)
+                echo *= self.way_factor(position_enu_m, wavelength_m, place_enu_m)
+            echoes[:, k] = echo
+        return echoes
+
+
+@dataclass(frozen=True, kw_only=True)
 class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     """What the equations need. Beamwidths are those of the receive beam, at 3 dB.
 
@@ -295,18 +317,13 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         """Mean signal-to-noise ratios of each signal, linear; (n, 3) and (n,) in, (n, K) out."""
 
     @property
-    @abstractmethod
-    def signals_each(self) -> int:
-        """K, in one interval."""
-
-    @property
     def n_reference_total(self) -> int:
         """Reference samples of all signals together, in one interval."""
-        return self.n_reference * self.signals_each
+        return self.n_reference * self.n_looks
 
     @property
     def _cfar(self) -> FluctuatingCfar:
-        return FluctuatingCfar(self.pfa, self.signals_each, self.n_reference_total)
+        return FluctuatingCfar(self.pfa, self.n_looks, self.n_reference_total)
 
     @abstractmethod
     def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
@@ -325,7 +342,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     @property
     def n_signals(self) -> int:
         """Signals of a look, those of all intervals."""
-        return self.signals_each * (1 if self.intervals is None else self.intervals.count)
+        return self.n_looks * (1 if self.intervals is None else self.intervals.count)
 
     def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Probability that the look detects, or that enough of its intervals do."""
@@ -363,12 +380,12 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
 
     def _by_interval(self, snrs: Floats) -> Floats:
         """Ratios by interval and signal; (n, N, K)."""
-        return snrs.reshape(len(snrs), snrs.shape[1] // self.signals_each, self.signals_each)
+        return snrs.reshape(len(snrs), snrs.shape[1] // self.n_looks, self.n_looks)
 
     def _pd_each(self, snrs: Floats, order: Floats | None) -> Floats:
         """Probability of detection of each interval; (n, N)."""
-        each = snrs.reshape(-1, self.signals_each)
-        count = snrs.shape[1] // self.signals_each
+        each = snrs.reshape(-1, self.n_looks)
+        count = snrs.shape[1] // self.n_looks
         orders = None if order is None else np.repeat(order, count)
         return self.interval_pd(each, orders).reshape(-1, count)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from support.significance import assert_sum
 
-from plotfeed.models.bootstrap import mean_interval, ratio_interval
+from plotfeed.models.verdicts import mean_interval, ratio_interval
 
 
 def test_the_interval_of_a_mean_is_that_of_a_normal_law_where_runs_are_many() -> None:

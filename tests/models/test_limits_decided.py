@@ -7,13 +7,14 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from plotfeed.models.bootstrap import Interval, mean_interval
 from plotfeed.models.verdicts import (
     RISK,
     FigureSamples,
+    Interval,
     breaking_level,
     decided,
     look_risk,
+    mean_interval,
     seeds_interval,
     times_more,
 )

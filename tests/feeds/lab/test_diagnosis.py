@@ -16,7 +16,7 @@ from plotfeed.feeds.lab.diagnosis import diagnosed
 from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
 from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.joint_fit import joint_fit
+from plotfeed.models.verdicts import joint_fit
 
 FLIGHTS = {
     "a": Flight((-800.0, 600.0, 100.0), (10.0, -5.0, 0.0)),

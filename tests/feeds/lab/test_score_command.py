@@ -23,7 +23,7 @@ from plotfeed.feeds.lab.score import (
     shipped_profiles,
 )
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES
-from plotfeed.models.bootstrap import Interval
+from plotfeed.models.verdicts import Interval
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
