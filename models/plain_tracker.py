@@ -6,7 +6,9 @@ Systems, section 6.4), tracks that begin with M plots in N looks and end with mi
 
 A state is position and velocity, (n, 6), metres and m/s along three fixed axes, with its covariance
 (n, 6, 6). Acceleration is white noise of a density q, m2/s3: Bar-Shalom, Li and Kirubarajan,
-Estimation with Applications to Tracking and Navigation, section 6.2.2.
+Estimation with Applications to Tracking and Navigation, section 6.2.2. Each track has a density of
+its own, which falls while plots lie nearer than the track says of its errors, as those of a target
+that flies straight do, and rises when they do not (section 11.2.2, continuous adjustment).
 """
 
 from __future__ import annotations
@@ -23,6 +25,10 @@ from plotfeed.models.state import FALSE_ALARM, NS, Bools, Columns, Floats, Ints
 from plotfeed.models.tracks import TrackNumbers, TrackRule, TrackStates
 
 AXES = 3
+# With a plot, the density of a track changes by exp(ADJUSTMENT (d2 - 1)), where d2 is the plot's
+# squared statistical distance over its freedoms, counted up to MOST_D2; it is at least LEAST_SHARE
+# of the highest.
+ADJUSTMENT, MOST_D2, LEAST_SHARE = 0.3, 4.0, 3e-3
 
 
 def predicted(
@@ -93,7 +99,7 @@ class LocatedPlots(Columns):
 class PlainMotion:
     """What the filter takes for granted of targets, and how far off a plot of theirs may lie."""
 
-    density_m2_s3: float  # Of white acceleration
+    density_m2_s3: float  # Of white acceleration, at most
     initial_speed_m_s: float  # Standard deviation of a new track's velocity along each axis
     gate_probability: float  # That the right plot lies within the gate
 
@@ -106,6 +112,7 @@ class _Tracks(Columns):
     t_ns: Ints
     states: Floats
     covariances: Floats
+    density_m2_s3: Floats
     looked_ns: Ints
     looks: Ints
     hits: Ints
@@ -220,15 +227,19 @@ class PlainTracker:
     def _at(self, row: Ints, after_ns: Ints) -> tuple[Floats, Floats]:
         """Tracks so long after their last plots."""
         tracks = self._tracks
-        return predicted(
-            tracks.states[row], tracks.covariances[row], after_ns / NS, self._motion.density_m2_s3
-        )
+        density_m2_s3 = tracks.density_m2_s3[row, None]
+        return predicted(tracks.states[row], tracks.covariances[row], after_ns / NS, density_m2_s3)
 
     def _hit(self, row: Ints, plots: LocatedPlots, end_ns: int) -> None:
         """Take in the plots of tracks."""
         tracks = self._tracks
         states, spread = self._at(row, plots.t_utc_ns - tracks.t_ns[row])
-        better = updated(states, spread, plots.position_enu_m, plots.covariance_m2)
+        measured = plots.position_enu_m, plots.covariance_m2
+        d2 = distances2(states, spread, *measured) / np.where(plots.has_height, 3, 2)
+        better = updated(states, spread, *measured)
+        most = self._motion.density_m2_s3
+        density = tracks.density_m2_s3[row] * np.exp(ADJUSTMENT * (np.minimum(d2, MOST_D2) - 1))
+        tracks.density_m2_s3[row] = np.clip(density, LEAST_SHARE * most, most)
         is_new = ~tracks.is_hit[row]
         tracks.states[row], tracks.covariances[row] = better
         tracks.t_ns[row] = plots.t_utc_ns
@@ -253,6 +264,7 @@ class PlainTracker:
             t_ns=plots.t_utc_ns.copy(),
             states=np.concatenate([plots.position_enu_m, np.zeros((n, AXES))], axis=1),
             covariances=spread,
+            density_m2_s3=np.full(n, self._motion.density_m2_s3),
             looked_ns=looked_ns,
             looks=one,
             hits=one.copy(),

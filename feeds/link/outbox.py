@@ -213,10 +213,7 @@ def send_all(departures: Sequence[Departure[T]], complete: Callable[[Sequence[T]
     passes no link goes first, else the order is that of the departures. `complete` is told of
     departures of whose messages it is known what became of all.
     """
-    past_link = [each for each in departures if not (each[1] and each[1][0].over_link)]
-    in_order = departures
-    if len(past_link) < len(departures):
-        in_order = [*past_link, *(each for each in departures if each[1] and each[1][0].over_link)]
+    in_order = sorted(departures, key=lambda each: bool(each[1]) and each[1][0].over_link)
     of_transport: dict[Transport, list[Message]] = {}
     leaving: list[Sequence[Message]] = []
     for outbox, messages, _ in in_order:
@@ -224,7 +221,7 @@ def send_all(departures: Sequence[Departure[T]], complete: Callable[[Sequence[T]
         for one in messages:
             one.client, one.unsettled = outbox, settles
         now = messages
-        if len(leaving) >= len(past_link):
+        if messages and messages[0].over_link:
             now = [one for one in messages if outbox._begin(one)]
         leaving.append(now)
         for transport in outbox.transports:

@@ -142,6 +142,45 @@ def test_false_alarms_become_tracks_as_often_as_chance_brings_them_together() ->
     assert_sum(begun, n**3 * chance, n**3 * chance * (1 - chance), "tracks begun")
 
 
+def flown(turn_deg_s: float) -> tuple[float, float]:
+    """Mean squared errors of 40 drones' tracks, over what these claim and in m2, along each axis.
+
+    They fly at 10 m/s for 20 s and turn for 20 s, in turns; plots are off by 20 m along each axis.
+    """
+    rng, drones, heading = np.random.default_rng(34), 40, 0.0
+    motion = PlainMotion(density_m2_s3=9.0, initial_speed_m_s=15.0, gate_probability=0.999999)
+    tracker = PlainTracker(RULE, motion, turns=False)
+    place_m = np.column_stack([np.arange(drones) * 5000.0, np.zeros((drones, 2))])
+    errors_m2 = np.broadcast_to(400.0 * np.eye(3), (drones, 3, 3))
+    off, claimed = [], []
+    for k in range(150):
+        heading += np.radians(turn_deg_s) * (k // 20 % 2)
+        place_m = place_m + 10.0 * np.array([np.sin(heading), np.cos(heading), 0.0])
+        end_ns = START_NS + (k + 1) * S
+        found = plots(
+            place_m + 20.0 * rng.standard_normal((drones, 3)), end_ns, covariance_m2=errors_m2
+        )
+        told = tracker.take(found, start_ns=end_ns - S, end_ns=end_ns)
+        if k >= 20:
+            off.append(told.position_enu_m - place_m)
+            claimed.append(told.sigma_position_m)
+    off_m, sigma_m = np.array(off), np.array(claimed)
+    return float((off_m**2 / sigma_m**2).mean()), float((off_m**2).mean())
+
+
+def test_tracks_err_as_they_claim_and_less_where_drones_fly_straight(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Within the bounds of 150 correlated reports of 40 drones; beside a density that stays."""
+    straight, straight_m2 = flown(0.0)
+    turning, turning_m2 = flown(15.0)
+    assert 0.7 < straight < 1.0
+    assert 0.85 < turning < 1.3
+    monkeypatch.setattr("plotfeed.models.plain_tracker.LEAST_SHARE", 1.0)
+    assert straight_m2 < 0.7 * flown(0.0)[1]
+    assert turning_m2 < 1.1 * flown(15.0)[1]
+
+
 costs = st.lists(
     st.tuples(st.integers(0, 4), st.integers(0, 4), st.integers(-20, -1)),
     unique_by=lambda each: each[:2],

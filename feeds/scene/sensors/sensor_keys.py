@@ -322,7 +322,7 @@ class TracksKeys(SceneTable):
     smoothing_scans: Annotated[float, Field(ge=0.1, le=1000)] = 3.0
     """Memory of the filter of smoothed truth: scans until a plot weighs 1/e."""
     acceleration_m_s2: Annotated[float, Field(gt=0, le=1000)] = 3.0
-    """That a plain tracker expects of drones along each axis, anew every scan."""
+    """That a plain tracker expects of drones along each axis at most, anew every scan."""
     initial_speed_m_s: Annotated[float, Field(gt=0, le=1000)] = 15.0
     """Standard deviation along each axis of the velocity with which its tracks begin."""
     gate_probability: Annotated[float, Field(ge=0.5, le=0.999999)] = 0.999
