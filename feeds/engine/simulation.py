@@ -131,14 +131,14 @@ class _Found:
     def take(self, batches: Iterable[Batch]) -> None:
         """Sort what was seen by sensor."""
         for seen in batches:
-            looks = _of_sectors(SimulatedLooks, seen.looks, seen.of_looks, seen.sectors)
-            plots = _of_sectors(SimulatedPlots, seen.plots, seen.of_plots, seen.sectors)
+            looks = _of_sectors(SimulatedLooks, seen.looks, seen.looks_by, seen.sectors)
+            plots = _of_sectors(SimulatedPlots, seen.plots, seen.plots_by, seen.sectors)
             sensors, first = np.unique(seen.sectors.sensor, return_index=True)
             last = [*first[1:].tolist(), len(seen.sectors)]
             for i, a, b in zip(sensors.tolist(), first.tolist(), last, strict=True):
                 self._sectors[i].append(seen.sectors.between(a, b))
-                self._looks[i].append(looks.between(seen.of_looks[a], seen.of_looks[b]))
-                self._plots[i].append(plots.between(seen.of_plots[a], seen.of_plots[b]))
+                self._looks[i].append(looks.between(seen.looks_by[a], seen.looks_by[b]))
+                self._plots[i].append(plots.between(seen.plots_by[a], seen.plots_by[b]))
 
     def sensors(self, drones: Sequence[str]) -> dict[str, SimulatedSensor]:
         """All of each, by id; `drones` are names, by their numbers."""

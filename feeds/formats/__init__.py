@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from plotfeed.feeds.messages.message import Address, Message, SectorMessage, Sec
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
-from plotfeed.models.state import Ints
+from plotfeed.models.beam import Sectors
+from plotfeed.models.state import Bools, Ints
 from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.report_format import ReportFormat
@@ -265,12 +266,18 @@ def max_block_octets(scene: Scene, sensor: Sensor) -> int:
     return min((udp.max_octets for udp in to), default=MAX_BLOCK_OCTETS)
 
 
-Times = TypeVar("Times", int, Ints)
+def says_how_it_is(sectors: Sectors) -> Bools:
+    """Whether it is time, within each, for its sensor to say where it stands and that it works."""
+    periods: Ints = sectors.end_ns // SERVICE_PERIOD_NS - sectors.start_ns // SERVICE_PERIOD_NS
+    return periods > 0
 
 
-def periods_in(period_ns: int, start_ns: Times, end_ns: Times) -> Times:
-    """How often something periodic, at whole multiples of its period, is due within times."""
-    return end_ns // period_ns - start_ns // period_ns
+def among(sectors: int, which: Ints, blocks: Sequence[Sequence[bytes]]) -> list[Sequence[bytes]]:
+    """Blocks of so many sectors: those of the ones at these indices, (k,), of the others none."""
+    found: list[Sequence[bytes]] = [()] * sectors
+    for i, some in zip(which.tolist(), blocks, strict=True):
+        found[i] = some
+    return found
 
 
 # By the name that scenes have for it; the first are those that say most of plots. Formats that no

@@ -10,10 +10,11 @@ from plotfeed.feeds.formats import (
     Blocks,
     Format,
     Sensors,
+    among,
     limits_of,
     numbers_of,
-    periods_in,
     plots_in_asterix,
+    says_how_it_is,
     sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch
@@ -28,6 +29,7 @@ from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
+from plotfeed.proto.asterix.codec.encode import Parts
 from plotfeed.proto.utc import NS
 
 EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
@@ -60,17 +62,11 @@ class Status025:
 
     def blocks(self, sectors: Sectors) -> list[Blocks]:
         """The reports that are due in sectors, if any are."""
-        due = np.flatnonzero(
-            (periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns) > 0)
-            & (self._numbers[sectors.sensor] >= 0)
-        )
+        due = np.flatnonzero(says_how_it_is(sectors) & (self._numbers[sectors.sensor] >= 0))
         if not len(due):
             return []
-        found: list[list[bytes]] = [[] for _ in range(len(sectors))]
         blocks = self._encoder.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
-        for i, block in zip(due.tolist(), blocks, strict=True):
-            found[i].append(block)
-        return [(25, found)]
+        return [(25, among(len(sectors), due, [[block] for block in blocks]))]
 
 
 class Asterix015(AsterixFormat):
@@ -96,7 +92,7 @@ class Asterix015(AsterixFormat):
         """Blocks of category 015, then those of 016 and 025 where they are due."""
         sectors = batch.sectors
         found: list[Blocks] = [(15, batch.in_groups(self._manner[sectors.sensor], self._of_plots))]
-        due = periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns) > 0
+        due = says_how_it_is(sectors)
         if self._systems and due.any():
             of_sectors: list[list[bytes]] = [[] for _ in range(len(batch))]
             for of, encoder in self._systems:
@@ -111,7 +107,7 @@ class Asterix015(AsterixFormat):
     def _of_plots(self, manner: int, batch: Batch) -> list[list[bytes]]:
         """Blocks of category 015 of sensors of one geometry that call classes alike."""
         numbers, encoder = self._plots[manner]
-        parts = batch.parts(numbers[batch.sectors.sensor])
+        parts = Parts(batch.plots_by, numbers[batch.sectors.sensor])
         first = batch.sectors.scan * OBSERVATIONS_A_SCAN
         return encoder.blocks_by(batch.plots, parts, first)
 

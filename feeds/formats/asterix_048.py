@@ -9,6 +9,7 @@ from plotfeed.feeds.formats import (
     Blocks,
     Format,
     Sensors,
+    among,
     limits_of,
     numbers_of,
     plots_in_asterix,
@@ -58,7 +59,7 @@ class Asterix048(AsterixFormat):
     def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 048, then those of category 034."""
         sectors = batch.sectors
-        parts = batch.parts(self._numbers[sectors.sensor])
+        parts = Parts(batch.plots_by, self._numbers[sectors.sensor])
         plots = self._plots.blocks_by(batch.plots, parts, self._undulation_m(batch.plots, parts))
         if self._service is None:
             return [(48, plots)]
@@ -72,11 +73,9 @@ class Asterix048(AsterixFormat):
             markers = self._service.north_markers(end_ns[north], turning[north])
             for i, block in zip(north.tolist(), markers, strict=True):
                 service[i].insert(0, block)
-        if not isinstance(which, slice):
-            theirs, service = service, [[] for _ in range(len(batch))]
-            for i, blocks in zip(which.tolist(), theirs, strict=True):
-                service[i] = blocks
-        return [(48, plots), (34, service)]
+        if isinstance(which, slice):
+            return [(48, plots), (34, service)]
+        return [(48, plots), (34, among(len(batch), which, service))]
 
     def _undulation_m(self, plots: Plots, parts: Parts) -> Floats | float:
         """Height of mean sea level above the ellipsoid where the plots are; (n,)."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from plotfeed.feeds.formats import (
-    SERVICE_PERIOD_NS,
     AsterixFormat,
     Blocks,
     Format,
     Sensors,
+    among,
     limits_of,
     numbers_of,
-    periods_in,
+    says_how_it_is,
     sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch, of_parts
@@ -49,14 +49,11 @@ class Asterix062(AsterixFormat):
                 for i, blocks in zip(which.tolist(), blocks_by, strict=True):
                     tracks_of[i] = blocks
         sectors = batch.sectors
-        due = np.flatnonzero(periods_in(SERVICE_PERIOD_NS, sectors.start_ns, sectors.end_ns))
+        due = np.flatnonzero(says_how_it_is(sectors))
         if not len(due):
             return [(62, tracks_of)]
-        service: list[list[bytes]] = [[] for _ in range(len(batch))]
-        blocks = self._service.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
-        for i, block in zip(due.tolist(), blocks, strict=True):
-            service[i].append(block)
-        return [(62, tracks_of), (63, service)]
+        service = self._service.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
+        return [(62, tracks_of), (63, among(len(batch), due, [[block] for block in service]))]
 
 
 FORMAT = Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062, plots_in=None)

@@ -17,6 +17,7 @@ from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
+from plotfeed.proto.asterix.codec.encode import Parts
 
 # Numbers set aside for the reports of a scan, so that they do not depend on earlier ones.
 REPORTS_A_SCAN = 16
@@ -42,7 +43,7 @@ class Asterix205(AsterixFormat):
     def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 205, then 025 where it is due."""
         sectors = batch.sectors
-        parts = batch.parts(self._numbers[sectors.sensor])
+        parts = Parts(batch.plots_by, self._numbers[sectors.sensor])
         first = sectors.scan * REPORTS_A_SCAN
         bearings = self._bearings.blocks_by(batch.plots, parts, sectors.end_ns, first)
         return [(205, bearings), *self._status.blocks(sectors)]

@@ -31,7 +31,7 @@ class PlotBatches:
             [stamp.scan for stamp in stamps],
             [stamp.index for stamp in stamps],
             batch.plots,
-            batch.of_plots.tolist(),
+            batch.plots_by.tolist(),
         )
         every = zip(sensors, batches, stamps, strict=True)
         return [[SectorMessage(self._addresses[i], batch, stamp)] for i, batch, stamp in every]

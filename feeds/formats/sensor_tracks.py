@@ -61,16 +61,15 @@ class SceneTracks:
 
     def tracked(self, batch: Batch) -> Batch:
         """Add the tracks at the ends of its sectors to the batch."""
-        if not self._trackers:
+        states, lengths = [], np.zeros(len(batch), np.int64)
+        for i, sensor in enumerate(batch.sectors.sensor.tolist()):
+            if sensor in self._trackers:
+                states.append(self._trackers[sensor].take(batch.one(i)))
+                lengths[i] = len(states[-1])
+        if not states:
             return batch
-        trackers = [self._trackers.get(sensor) for sensor in batch.sectors.sensor.tolist()]
-        states = [
-            _NO_STATES if tracker is None else tracker.take(batch.one(i))
-            for i, tracker in enumerate(trackers)
-        ]
-        lengths = np.array([len(each) for each in states], np.int64)
         t_utc_ns = np.repeat(batch.sectors.end_ns, lengths)
-        tracks = self._told(TrackStates.joined(states or [_NO_STATES]), t_utc_ns)
+        tracks = self._told(TrackStates.joined(states), t_utc_ns)
         return replace(batch, tracks=tracks, tracks_by=edges(lengths))
 
     def _told(self, states: TrackStates, t_utc_ns: Ints) -> ToldTracks:
@@ -260,19 +259,3 @@ def _along_vertical(
     )
     climb_m_s: Floats = (frame.rotate_to_ecef(velocity_enu_m_s) * up).sum(axis=-1)
     return climb_m_s
-
-
-_NO_INTS, _NO_BOOLS, _NO_PLACES = np.zeros(0, np.int64), np.zeros(0, np.bool_), np.zeros((0, 3))
-_NO_STATES = TrackStates(
-    drone=_NO_INTS,
-    track=_NO_INTS,
-    misses=_NO_INTS,
-    age_s=np.zeros(0),
-    first=_NO_BOOLS,
-    last=_NO_BOOLS,
-    position_enu_m=_NO_PLACES,
-    velocity_enu_m_s=_NO_PLACES,
-    sigma_position_m=_NO_PLACES,
-    sigma_velocity_m_s=_NO_PLACES,
-    has_height=_NO_BOOLS,
-)

@@ -344,7 +344,7 @@ class _Sensed:
             if batch.claims is None
             for row in np.flatnonzero(batch.sectors.sensor == index).tolist()
         ]
-        parts = [b.plots.between(b.of_plots[row], b.of_plots[row + 1]) for b, row in rows]
+        parts = [b.plots.between(b.plots_by[row], b.plots_by[row + 1]) for b, row in rows]
         plots = Plots.joined(parts or [NO_PLOTS])
         return cls(
             engine=engine,
@@ -410,7 +410,7 @@ class _Sensed:
             end_ns = int(batch.sectors.end_ns[row])
             read = [plots_in(one.handed.payload, end_ns) for one in batch.messages[row]]
             found = MeasuredPlots.joined([each for each in read if len(each)] or [NOTHING_READ])
-            sent = batch.plots.between(batch.of_plots[row], batch.of_plots[row + 1])
+            sent = batch.plots.between(batch.plots_by[row], batch.plots_by[row + 1])
             if len(found) != len(sent):
                 return plots  # it leaves some out: whose is whose is not known
             parts.append(found.rows(np.isin(sent.drone, self.drones)))

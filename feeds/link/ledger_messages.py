@@ -81,8 +81,8 @@ def _octets(kept: Sequence[Kept]) -> tuple[bytes, int]:
         places.append(np.flatnonzero(number == id(batch)))
         own = rows[places[-1]]
         sectors.append(batch.sectors.rows(own))
-        looks.append(_of_rows(batch.looks, batch.of_looks, own, looks_in))
-        plots.append(_of_rows(batch.plots, batch.of_plots, own, plots_in))
+        looks.append(_of_rows(batch.looks, batch.looks_by, own, looks_in))
+        plots.append(_of_rows(batch.plots, batch.plots_by, own, plots_in))
     of = Sectors.joined(sectors)
     all_looks, looks_by = Looks.joined(looks), edges(_ints(looks_in))
     all_plots, plots_by = Plots.joined(plots), edges(_ints(plots_in))

@@ -14,7 +14,6 @@ from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.sensors.sensor_model import NO_LOOKS, NO_PLOTS
 from plotfeed.models.state import FALSE_ALARM, Columns, Ints, Looks, Plots, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.codec.encode import Parts
 from plotfeed.proto.tracks.encode_tracks import NO_TRACKS, ToldTracks
 
 C = TypeVar("C", bound=Columns)
@@ -35,12 +34,11 @@ class Batch:
     """
 
     sectors: Sectors
-    plots: Plots = NO_PLOTS
-    # None where no sector has plots; so are `looks_by` and `tracks_by` of looks and tracks.
-    plots_by: Ints | None = None
-    looks: Looks = NO_LOOKS
-    looks_by: Ints | None = None
-    # Tracks of sensors that report some, at the ends of their sectors.
+    plots: Plots
+    plots_by: Ints
+    looks: Looks
+    looks_by: Ints
+    # Tracks of sensors that report some, at the ends of their sectors; None where none does.
     tracks: ToldTracks = NO_TRACKS
     tracks_by: Ints | None = None
     sensors: Sequence[str] = ()  # Ids of sensors, by the index in `sectors.sensor`
@@ -99,8 +97,8 @@ class Batch:
             lengths = np.concatenate([np.diff(of_scan) for of_scan in offsets])
             return of_parts(type(parts[0]).joined(parts), edges(lengths), order)
 
-        looks, looks_by = in_order([s.looks for s in scans], [s.of_looks for s in scans])
-        plots, plots_by = in_order([s.plots for s in scans], [s.of_plots for s in scans])
+        looks, looks_by = in_order([s.looks for s in scans], [s.looks_by for s in scans])
+        plots, plots_by = in_order([s.plots for s in scans], [s.plots_by for s in scans])
         return replace(
             scans[0],
             sectors=sectors.rows(order),
@@ -111,23 +109,9 @@ class Batch:
         )
 
     @property
-    def of_plots(self) -> Ints:
-        """Where the plots of each sector begin, (m+1,)."""
-        return self._nothing if self.plots_by is None else self.plots_by
-
-    @property
-    def of_looks(self) -> Ints:
-        """Where the looks of each sector begin, (m+1,)."""
-        return self._nothing if self.looks_by is None else self.looks_by
-
-    @property
     def of_tracks(self) -> Ints:
         """Where the tracks of each sector begin, (m+1,)."""
-        return self._nothing if self.tracks_by is None else self.tracks_by
-
-    @property
-    def _nothing(self) -> Ints:
-        return np.zeros(len(self) + 1, np.int64)
+        return np.zeros(len(self) + 1, np.int64) if self.tracks_by is None else self.tracks_by
 
     @cached_property
     def stamps(self) -> list[SectorStamp]:
@@ -143,11 +127,11 @@ class Batch:
     @cached_property
     def counts(self) -> list[tuple[int, int, int, int]]:
         """Scan, and the number of looks, plots and false alarms of each sector, (m,)."""
-        looks, plots = np.diff(self.of_looks).tolist(), np.diff(self.of_plots).tolist()
+        looks, plots = np.diff(self.looks_by).tolist(), np.diff(self.plots_by).tolist()
         alarms = [0] * len(looks)
         if len(self.plots):
             before = edges(self.plots.drone == FALSE_ALARM)
-            alarms = np.diff(before[self.of_plots]).tolist()
+            alarms = np.diff(before[self.plots_by]).tolist()
         return list(zip(self.sectors.scan.tolist(), looks, plots, alarms, strict=True))
 
     @property
@@ -201,10 +185,6 @@ class Batch:
             clock_ahead_ns=ahead_ns,
             truth_at=truth_at,
         )
-
-    def parts(self, sources: Ints) -> Parts:
-        """The plots by sector, for encoders; `sources` are their sensors, (m,)."""
-        return Parts(self.of_plots, sources)
 
     def in_groups(self, groups: Ints, make: Callable[[int, Self], Sequence[T]]) -> list[T]:
         """What `make` makes of the sectors of each group, (m,), put in the sectors' order."""

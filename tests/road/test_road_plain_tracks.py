@@ -13,6 +13,7 @@ from support.seen_sectors import scene_of, sectors_of, seen_by
 from plotfeed.feeds.formats import SceneFormats
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.feeds.scene.sensors.sensor_keys import TracksKeys
+from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.proto.asterix.codec.decode import Record
 from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS, Feed, flown, fly, radar, rotating, scene, staring, waypoint
@@ -100,9 +101,9 @@ def test_what_it_says_follows_from_plots_and_not_from_whose_they_are() -> None:
     order = np.repeat([[0, 1]], 64, axis=0).ravel()
     sectors = sectors_of(made, order, np.arange(128) // 2)
     seen = seen_by("rotating", sectors, np.full(128, 20), rng)
-    others = replace(
-        seen, plots=seen.plots.but(drone=np.full(len(seen.plots), -1)), looks_by=None, names=["x"]
-    )
+    plots = seen.plots.but(drone=np.full(len(seen.plots), -1))
+    nothing = np.zeros_like(seen.looks_by)
+    others = replace(seen, plots=plots, looks=NO_LOOKS, looks_by=nothing, names=["x"])
     mine, theirs = (SceneFormats(made).messages(each) for each in (seen, others))
     assert mine == theirs
     assert any("asterix/062" in m.topic for each in mine for m in each)

@@ -40,8 +40,8 @@ def sensors_of(scene: Scene, seconds: int) -> Iterator[tuple[Sensor, Looks, Plot
             for row, i in enumerate(batch.sectors.sensor.tolist()):
                 sensor = keys.setdefault(id(engine.sensors.sensors[i]), engine.sensors.sensors[i])
                 looks, plots = found.setdefault(id(sensor), ([], []))
-                looks.append(batch.looks.between(*batch.of_looks[row : row + 2].tolist()))
-                plots.append(batch.plots.between(*batch.of_plots[row : row + 2].tolist()))
+                looks.append(batch.looks.between(*batch.looks_by[row : row + 2].tolist()))
+                plots.append(batch.plots.between(*batch.plots_by[row : row + 2].tolist()))
     names = np.array(engine.trajectories.names, np.object_)
     for which, (parts, reported) in found.items():
         sensor, looks = keys[which], Looks.joined(parts)

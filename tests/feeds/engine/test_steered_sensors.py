@@ -148,7 +148,7 @@ def test_what_is_seen_does_not_depend_on_how_much_is_worked_out_at_once() -> Non
         found = []
         for before_ns in range(START_NS + stretch_ns, START_NS + 12 * NS + 1, stretch_ns):
             for one in emulated.seen(before_ns):
-                sensor = np.repeat(one.sectors.sensor, np.diff(one.of_plots)).tolist()
+                sensor = np.repeat(one.sectors.sensor, np.diff(one.plots_by)).tolist()
                 times, azimuths = one.plots.t_utc_ns.tolist(), one.plots.azimuth_deg.tolist()
                 found += list(zip(sensor, times, azimuths, strict=True))
         return sorted(found)

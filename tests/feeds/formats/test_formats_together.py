@@ -129,15 +129,13 @@ def test_what_some_measure_and_others_do_not_is_encoded_apart() -> None:
     seen = seen_by("staring", sectors, np.array([2, 2]), rng)
     height_m = seen.plots.height_m.copy()
     height_m[:2] = np.nan
-    without = Batch(sectors, seen.plots.but(height_m=height_m), seen.plots_by)
+    without = replace(seen, plots=seen.plots.but(height_m=height_m))
     (first,), (second,) = SceneFormats(made).messages(without)
     assert len(first.payload) == len(second.payload) - 2 * 4  # heights and their flags
     assert [second] == SceneFormats(made).messages(seen)[1]
     height_m[1] = 0.0
     with pytest.raises(EncodeError, match="NaN"):
-        SceneFormats(made).messages(
-            Batch(sectors, seen.plots.but(height_m=height_m), seen.plots_by)
-        )
+        SceneFormats(made).messages(replace(seen, plots=seen.plots.but(height_m=height_m)))
 
 
 def test_properties_are_those_of_cloudevents_in_their_order() -> None:
