@@ -289,7 +289,7 @@ FORMATS: LoadedOnUse[Format] = LoadedOnUse(
             ("plots", "plot_batches:FORMAT"),
             ("asterix-015", "asterix_015:FORMAT"),
             ("asterix-048", "asterix_048:FORMAT"),
-            ("asterix-205", "asterix_205:FORMAT"),
+            ("asterix-205", "asterix_015:BEARINGS"),
             ("asterix-062", "asterix_062:FORMAT"),
             ("sapient", "sapient:FORMAT"),
             *(

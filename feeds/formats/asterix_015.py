@@ -1,4 +1,4 @@
-"""ASTERIX as staring, MIMO and passive radars and microphones speak it: 015, 016 and 025."""
+"""ASTERIX of staring, MIMO and passive radars, microphones, direction finders: 015 to 025, 205."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
 from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
+from plotfeed.proto.asterix.cat205 import BearingEncoder205
 from plotfeed.proto.asterix.codec.encode import Parts
 from plotfeed.proto.utc import NS
 
@@ -36,6 +37,7 @@ EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
 NO_CLASS = 0  # In I015/300, of what the sensor does not name
 # Numbers set aside for the observations of a scan, so that they do not depend on earlier ones.
 OBSERVATIONS_A_SCAN = 4096
+REPORTS_A_SCAN = 16  # Likewise, of bearings
 GEOMETRIES = {
     SensorGeometry.MONOSTATIC: Geometry.MONOSTATIC,
     SensorGeometry.BISTATIC: Geometry.MULTISTATIC,
@@ -178,4 +180,31 @@ def _component(identity: int, place: LocalFrame) -> Component:
     )
 
 
+class Asterix205(AsterixFormat):
+    """Sensor data of 205, a block a bearing, and 025 of sensors that 015 does not bring it of."""
+
+    def __init__(self, scene: Scene, sensors: Sensors) -> None:
+        super().__init__(scene, sensors)
+        self._numbers = numbers_of(sensors)
+        places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
+        self._bearings = BearingEncoder205(
+            *sources_of(sensors),
+            latitude_deg=[place.latitude_deg for place in places],
+            longitude_deg=[place.longitude_deg for place in places],
+        )
+        told_by_015 = {i for i, sensor in sensors.items() if "asterix-015" in sensor.report}
+        self._status = Status025(
+            scene, {i: sensor for i, sensor in sensors.items() if i not in told_by_015}
+        )
+
+    def blocks(self, batch: Batch) -> list[Blocks]:
+        """Blocks of category 205, then 025 where it is due."""
+        sectors = batch.sectors
+        parts = Parts(batch.plots_by, self._numbers[sectors.sensor])
+        first = sectors.scan * REPORTS_A_SCAN
+        bearings = self._bearings.blocks_by(batch.plots, parts, sectors.end_ns, first)
+        return [(205, bearings), *self._status.blocks(sectors)]
+
+
 FORMAT = Format(facts=REPORT_FORMATS["asterix-015"], maker=Asterix015, plots_in=plots_in_asterix)
+BEARINGS = Format(facts=REPORT_FORMATS["asterix-205"], maker=Asterix205, plots_in=plots_in_asterix)

@@ -20,8 +20,7 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from ulid import ULID
 
 from plotfeed.feeds.formats import Batch
-from plotfeed.feeds.formats.sapient.sapient_node import manner_of, node_of
-from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
+from plotfeed.feeds.formats.sapient.sapient_node import SapientReports, manner_of, node_of
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.beam import Timetable

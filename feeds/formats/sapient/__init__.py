@@ -1,7 +1,7 @@
 """SAPIENT's row of the formats, which loads plotfeed[sapient] when a scene asks for it.
 
-What a node is, is in `sapient_node`; what it says of itself and does when it is asked to in
-`sapient_announcer`, of detections in `sapient_reports`.
+What a node is and its detections are in `sapient_node`; what it says of itself and does when it is
+asked to in `sapient_announcer`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _does_not_load(error: Exception) -> PlotfeedError:
 
 def _reports(scene: Scene, sensors: Sensors) -> MessageFormat:
     need_sapient()
-    from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
+    from plotfeed.feeds.formats.sapient.sapient_node import SapientReports
 
     return SapientReports.of_sensors(scene, sensors)
 

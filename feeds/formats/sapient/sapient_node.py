@@ -1,14 +1,16 @@
-"""A sensor as a node of SAPIENT: what it is, what it looks at, and when it may report."""
+"""A sensor as a node of SAPIENT: what it is, when it may report, and its DetectionReports."""
 
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 import numpy as np
 
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.formats import SectorFormat
+from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.messages.message import Message, SectorMessage
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -16,21 +18,25 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
 from plotfeed.models.beam import Sector
 from plotfeed.models.confidence import Confidence, TargetPrior, confidence_of
-from plotfeed.models.frames import aer_to_enu, wrap_360
+from plotfeed.models.frames import WGS84_A_M, aer_to_enu, wrap_360
 from plotfeed.models.sensors.sensor_model import JointSensor, Targets
-from plotfeed.models.state import Emitter, Signature
+from plotfeed.models.state import Emitter, Floats, Plots, Signature
 from plotfeed.proto.errors import DecodeError, EncodeError
 from plotfeed.proto.sapient.decode_sapient import restamped_later
 from plotfeed.proto.sapient.encode_sapient import (
     AGE,
     BISTATIC_RANGE,
     BISTATIC_RANGE_RATE,
+    MAX_ERROR_DEG,
+    MAX_RANGE_M,
     RANGE_RATE,
     SNR,
     TRANSMITTER,
+    DetectionEncoder,
     FieldOfView,
     Manner,
     Node,
+    Positions,
     SapientQuantity,
 )
 from plotfeed.proto.sapient.envelope import node_id
@@ -40,6 +46,7 @@ CONTENT_TYPE = REPORT_FORMATS["sapient"].content_type
 # A stamp may be a group of sectors older, up to 94 ms, and the last way takes some time too.
 MAX_LATE_NS = 800_000_000
 MIN_GAP_NS = 80_000_000
+MAX_SIGMA_DEG = 180.0
 ROUNDING_NS = 2000  # By which rounding to nanoseconds and microseconds may shorten a gap
 
 SIGNALS = (
@@ -253,3 +260,107 @@ def as_it_may_leave(message: Message, t_utc_ns: int, rule: str) -> bytes | None:
     with contextlib.suppress(DecodeError, EncodeError):  # of a message that the link has corrupted
         return restamped_later(message.payload, late_ns)
     return message.payload
+
+
+def _sigmas_enu_m(plots: Plots) -> tuple[Floats, Floats, Floats]:
+    """Errors along east, north and up, to first order in those of range and angles.
+
+    Up is the sensor's: at 20 km the target's own is 0.2 degrees away.
+    """
+    azimuth, elevation = np.radians(plots.azimuth_deg), np.radians(plots.elevation_deg)
+    along_m = plots.sigma_range_m
+    across_m = plots.range_m * np.cos(elevation) * np.radians(plots.sigma_azimuth_deg)
+    upwards_m = plots.range_m * np.radians(plots.sigma_elevation_deg)
+    level_m = np.hypot(along_m * np.cos(elevation), upwards_m * np.sin(elevation))
+    return (
+        np.hypot(level_m * np.sin(azimuth), across_m * np.cos(azimuth)),
+        np.hypot(level_m * np.cos(azimuth), across_m * np.sin(azimuth)),
+        np.hypot(along_m * np.sin(elevation), upwards_m * np.cos(elevation)),
+    )
+
+
+def _degrees(metres: Floats, latitude_deg: Floats | None = None) -> Floats:
+    """Metres along a meridian, or along a parallel, as degrees; an error needs no ellipsoid."""
+    share = 1.0 if latitude_deg is None else np.cos(np.radians(latitude_deg))
+    with np.errstate(divide="ignore"):
+        degrees = np.degrees(metres / (WGS84_A_M * share))
+    return np.minimum(degrees, MAX_SIGMA_DEG)
+
+
+class SapientReports(SectorFormat):
+    """One message a plot, all of a group of sectors stamped with the end of the last.
+
+    The standard has no time of measurement, and a middleware may refuse detections whose stamps are
+    less than 80 ms apart: where sectors are shorter, plots wait for the end of their group.
+    """
+
+    def __init__(self, scene: Scene, sensor: Sensor) -> None:
+        super().__init__(scene, sensor)
+        self._address = self.topics.address("sapient", CONTENT_TYPE)
+        self._groups = groups_of(sensor)
+        self._encoder = DetectionEncoder(node_of(scene, sensor), manner_of(scene, sensor))
+        self._confidence = detection_confidence_of(scene, sensor)
+        self._frame = frame_at(scene.scene.site, sensor.position_enu_m)
+        self._range_max_m = sensor.range_max_m
+        measures = measures_of(scene, sensor)
+        self._on_earth = tells_location(scene, measures)
+        self._has_direction = measures.azimuth
+        self._group = -1
+        self._waiting: list[Plots] = []
+
+    def messages_of(self, batch: Batch) -> list[Message]:
+        """The messages of a group of sectors, if this one ends it."""
+        sector = batch.sector
+        group = self._groups.number(sector)
+        if group != self._group:  # of one that was not finished, the time is past
+            self._group, self._waiting = group, []
+        self._waiting.append(batch.plots)
+        if not self._groups.ends_with(sector):
+            return []
+        together, self._waiting = Plots.joined(self._waiting), []
+        together = replace(  # an error without bound, as of azimuth straight above, is left unsaid
+            together,
+            sigma_range_m=_bounded(together.sigma_range_m, MAX_RANGE_M),
+            sigma_azimuth_deg=_bounded(together.sigma_azimuth_deg, MAX_ERROR_DEG),
+            sigma_elevation_deg=_bounded(together.sigma_elevation_deg, MAX_ERROR_DEG),
+        )
+        payloads = self._encoder.messages(
+            sector.end_ns,
+            together,
+            self._positions(together),
+            None if self._confidence is None else self._confidence.of(together.snr),
+        )
+        return [
+            SectorMessage(self._address, payload, batch.stamp, n)
+            for n, payload in enumerate(payloads)
+        ]
+
+    def _positions(self, plots: Plots) -> Positions | None:
+        """Where plots are on the Earth; of those without a direction the sensor's own place.
+
+        Give or take its range then: a disc of even probability has a standard deviation of half its
+        radius along each axis. None where range and bearing are told instead.
+        """
+        if not self._on_earth:
+            return None
+        if self._has_direction:
+            enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
+            latitude_deg, longitude_deg, height_m = self._frame.to_geodetic(enu_m)
+            east_m, north_m, up_m = _sigmas_enu_m(plots)
+        else:
+            latitude_deg = np.full(len(plots), self._frame.latitude_deg)
+            longitude_deg = np.full(len(plots), self._frame.longitude_deg)
+            east_m = north_m = np.full(len(plots), self._range_max_m / 2)
+            height_m = up_m = np.full(len(plots), np.nan)
+        return Positions(
+            longitude_deg=longitude_deg,
+            latitude_deg=latitude_deg,
+            height_m=height_m,
+            sigma_longitude_deg=_degrees(east_m, latitude_deg),
+            sigma_latitude_deg=_degrees(north_m),
+            sigma_height_m=up_m,
+        )
+
+
+def _bounded(sigma: Floats, most: float) -> Floats:
+    return np.where(sigma <= most, sigma, np.nan)

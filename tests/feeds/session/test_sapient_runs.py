@@ -14,7 +14,7 @@ from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from support.sapient_rules import checked, checked_together
 
 from plotfeed.feeds.formats import Batch
-from plotfeed.feeds.formats.sapient.sapient_reports import SapientReports
+from plotfeed.feeds.formats.sapient.sapient_node import SapientReports
 from plotfeed.feeds.scene.scene import example, from_tree
 from plotfeed.models.beam import Timetable
 from plotfeed.models.state import Plots
