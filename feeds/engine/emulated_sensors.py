@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.feeds.engine.steered_sensors import Cueing
 from plotfeed.feeds.engine.world import World
 from plotfeed.feeds.formats import SceneFormats
 from plotfeed.feeds.messages.batch import Batch
@@ -25,11 +24,12 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
-from plotfeed.feeds.scene.sensors.mount_keys import mount_of
+from plotfeed.feeds.scene.sensors.mount_keys import cue_order, mount_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam import Borders, Sector, Sectors, Timetable, Timetables, meetings
 from plotfeed.models.chance import NO_SCAN, Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
-from plotfeed.models.effects.classification import ClaimDraws
+from plotfeed.models.dwell_agenda import Agenda, PointedBeams
+from plotfeed.models.effects.classification import ClaimDraws, HeldClaims
 from plotfeed.models.frames import Axes, LocalFrame, LocalFrames, aer_to_enu, enu_to_aer, rows_about
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.polar_radar import PolarRadar
@@ -61,8 +61,6 @@ if TYPE_CHECKING:
     from plotfeed.feeds.engine.steered_sensors import Cueing
     from plotfeed.models.clutter import ClutterMap
     from plotfeed.models.cueing import CuedState
-    from plotfeed.models.dwell_agenda import PointedBeams
-    from plotfeed.models.effects.classification import ClaimDraws
     from plotfeed.models.effects.target_echoes import TargetStrengths
 
 
@@ -224,17 +222,21 @@ class SensorsAtWork:
         self.claims = ClaimDraws(self.chances)
         self.borders = Borders(len(sensors))
         self.false_alarms = FalseAlarmsDue(self.chances, self.timetables)
-        self.cueing = Cueing(scene.scene.site, sensors, self.places)
-        self._drones: Sequence[str] = ()  # Names of the drones that it last knew of, by row
+        # How many cues stand behind each sensor: those with fewer are worked out first.
+        self.rank = cue_order(sensors)
+        self.cueing: Cueing | None = None  # Of scenes with mounts
+        if any(mount_of(sensor) is not None for sensor in sensors):
+            from plotfeed.feeds.engine.steered_sensors import Cueing
 
-    def follow_drones(self) -> None:
+            self.cueing = Cueing(scene.scene.site, sensors, self.places)
+        self.drones: Sequence[str] = ()  # Names of the drones that it last knew of, by row
+
+    def know(self, drones: Sequence[str]) -> None:
         """Forget drones that are gone, or whose rows are others' now."""
-        names = self.trajectories.names
-        if names is not self._drones:
-            self.borders.forget(renamed(self._drones, names), len(names))
-            self.draws.trim(len(names))
-            self.claims.trim(len(names))
-            self._drones = names
+        self.borders.forget(renamed(self.drones, drones), len(drones))
+        self.draws.trim(len(drones))
+        self.claims.trim(len(drones))
+        self.drones = drones
 
 
 class SensorGroup:
@@ -251,7 +253,7 @@ class SensorGroup:
         self.sensors = np.array(sensors, np.int64)
         self.models = dict(zip(sensors, models, strict=True))
         self.site = sites[0]
-        self.rank = at_work.cueing.rank[sensors[0]]
+        self.rank = at_work.rank[sensors[0]]
         self._at_work = at_work
         # Of one sensor, its own, which stand for all rows; else by the index of the sensor.
         is_one = len(sensors) == 1
@@ -262,8 +264,6 @@ class SensorGroup:
         self._shares = self._model.alike is not None
         self._travels = self._model.signal_speed_m_s is not None
         self._merges = getattr(self._model, "merging", None) is not None
-        from plotfeed.models.dwell_agenda import Agenda
-
         self._agenda = Agenda.empty()
         # Radars that report what comes by their side lobes, and the row of that among drones.
         self._sidelobes: dict[int, tuple[PolarRadar, int]] = {}
@@ -305,7 +305,7 @@ class SensorGroup:
         """Looks at all drones that are there when a scan ends; one scan of each sensor."""
         row, truth = self._there_at_the_end(sectors)
         aims = None
-        if self.site.is_steered:
+        if self._at_work.cueing is not None and self.site.is_steered:
             aims = self._at_work.cueing.at(sectors)
             row, truth = row[aims.sees[row]], truth.rows(aims.sees[row])
         chances, scans = self._at_work.chances, sectors.scan.tolist()
@@ -457,8 +457,6 @@ class SensorGroup:
         )
         held_ns = self._model.claims_held_ns
         if held_ns:
-            from plotfeed.models.effects.classification import HeldClaims
-
             held = HeldClaims(self._at_work.claims, int(self.sensors[0]), held_ns)
             targets = replace(targets, claims=held)
         if self._model.draws_by_pair:
@@ -596,7 +594,8 @@ class EmulatedSensors:
         """Begin each with its first whole sector after that time."""
         self.start_ns = start_utc_ns
         self.upcoming.start(start_utc_ns)
-        self.cueing.start(start_utc_ns)
+        if self.cueing is not None:
+            self.cueing.start(start_utc_ns)
         self._script = sorted(
             (
                 (start_utc_ns + after_ns, i)
@@ -677,20 +676,26 @@ class EmulatedSensors:
         """Which have begun a scan that is not over; (n,)."""
         return ~self.upcoming.begins_scan & self._enabled
 
+    def mount(self, i: int) -> CuedState | None:
+        """Where a sensor's mount pointed in the last scan; None without one."""
+        return None if self.cueing is None else self.cueing.state_of(i)
+
     def pointed(self, i: int) -> CuedState | PointedBeams | None:
         """Where a sensor's mount or beams pointed in the last scan; None where nothing turns."""
-        return self.cueing.state_of(i) or self._groups[int(self._group_of[i])].beams()
+        return self.mount(i) or self._groups[int(self._group_of[i])].beams()
 
     def remembers(self, i: int) -> bool:
         """Whether what a sensor reports, or one that it cues, depends on all that was before."""
-        return keeps_state(self.sensors[i]) or self.cueing.cues(i)
+        cues = self.cueing is not None and i in self.cueing.cued_by
+        return cues or keeps_state(self.sensors[i])
 
     def seen(self, before_ns: int) -> Iterator[Batch]:
         """What is seen in all sectors that are next and end before that time, a group at a time.
 
         The script's changes come meanwhile.
         """
-        self._at_work.follow_drones()
+        if self._at_work.drones is not self._at_work.trajectories.names:
+            self._at_work.know(self._at_work.trajectories.names)
         while len(sectors := self.upcoming.ending_before(before_ns)):
             later = None
             if self._script:
@@ -706,7 +711,7 @@ class EmulatedSensors:
             for number in numbers:
                 mine = sectors if len(numbers) == 1 else sectors.rows(of_group == number)
                 batch = self._groups[number].look(mine)
-                if self.cueing.cued_by:
+                if self.cueing is not None:
                     self.cueing.take(batch)
                 yield batch
             if later is None or not later.any():
@@ -735,7 +740,8 @@ class EmulatedSensors:
             if self._enabled[i] and not sensor.enabled:
                 self._formats.switched_off(i)
             self._put(i, sensor)
-            self.cueing.change(i, sensor)
+            if self.cueing is not None:
+                self.cueing.change(i, sensor)
         self._group(sensors)
 
     def _put(self, i: int, sensor: Sensor) -> None:
@@ -782,5 +788,5 @@ class EmulatedSensors:
             self.sensors[i].scan.rotates,
             self.sites[i].tells_heights,
             self.sites[i].is_steered,
-            self.cueing.rank[i],
+            self._at_work.rank[i],
         )

@@ -193,9 +193,10 @@ class Engine:
         if not is_cue:
             self.answer(takers[topic], payload, t_utc_ns)
             return None
-        i = self._index[takers[topic]]
-        place_enu_m = self.sensors.sensors[i].position_enu_m
-        self.sensors.cueing.cue(i, cue_of(payload), place_enu_m, t_utc_ns)
+        if self.sensors.cueing is not None:
+            i = self._index[takers[topic]]
+            place_enu_m = self.sensors.sensors[i].position_enu_m
+            self.sensors.cueing.cue(i, cue_of(payload), place_enu_m, t_utc_ns)
         return None
 
     def obey(self, command: Command, t_utc_ns: int) -> dict[str, Any]:

@@ -11,22 +11,33 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import Site
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.mount_keys import Cue, MountKeys, cue_order, home_of, mount_of
+from plotfeed.feeds.scene.sensors.mount_keys import Cue, MountKeys, home_of, mount_of
 from plotfeed.models.beam import Sectors
+from plotfeed.models.cueing import (
+    HOME,
+    Aim,
+    CueBatch,
+    CuedState,
+    CueRule,
+    advanced,
+    after_dwell,
+    after_plots,
+    at_rest,
+    from_mount,
+    to_mount,
+    turned_to,
+)
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer
 from plotfeed.models.sensors.sensor_model import SensorModel, Targets
 from plotfeed.models.state import Bools, Columns, Floats, Ints, Looks, Plots
 from plotfeed.proto.utc import NS, NS_IN_MS
-
-if TYPE_CHECKING:
-    from plotfeed.models.cueing import Aim, CueBatch, CuedState, CueRule
 
 TOPIC, LOOK_AT = "cue", "look_at"  # What a mount says that it is cued by, if not by a sensor
 
@@ -43,8 +54,6 @@ class Aims(Columns):
 
     def by_mount(self, targets: Targets, row: Ints) -> Targets:
         """Targets by the axes of the mounts, each of the scan of that row; (n,)."""
-        from plotfeed.models.cueing import to_mount
-
         return replace(
             targets,
             position_enu_m=to_mount(targets.position_enu_m, self.pan_deg[row], self.tilt_deg[row]),
@@ -59,8 +68,6 @@ class Aims(Columns):
         pan_deg, tilt_deg = self.pan_deg[row], self.tilt_deg[row]
         level = not found.elevation_deg.size or np.isnan(found.elevation_deg).all()
         own_deg = np.zeros(len(found)) if level else found.elevation_deg
-        from plotfeed.models.cueing import from_mount
-
         azimuth_deg, elevation_deg = from_mount(found.azimuth_deg, own_deg, pan_deg, tilt_deg)
         turned = {"azimuth_deg": azimuth_deg}
         if not level:
@@ -99,8 +106,6 @@ class Cueing:
     """The mounts of sensors, by the index of the sensor; those without one are in no table."""
 
     def __init__(self, site: Site, sensors: Sequence[Sensor], frames: Sequence[LocalFrame]) -> None:
-        # How many cues stand behind each sensor: those with fewer are worked out first.
-        self.rank = cue_order(sensors)
         self._site, self._frames = site, frames
         self._names = [sensor.id for sensor in sensors]
         self._steered = {
@@ -116,25 +121,11 @@ class Cueing:
                     self.cued_by.setdefault(self._names.index(name), []).append(i)
         self._number = count()
 
-    def __contains__(self, sensor: int) -> bool:
-        return sensor in self._steered
-
-    def __len__(self) -> int:
-        return len(self._steered)
-
-    def cues(self, sensor: int) -> bool:
-        """Whether plots of that sensor cue another."""
-        return sensor in self.cued_by
-
     def start(self, start_utc_ns: int) -> None:
         """Let all mounts be at rest then, where they look without cues."""
         for steered in self._steered.values():
             aim = steered.rule.mount.reachable(steered.look_at or steered.rule.home)
-            from plotfeed.models.cueing import HOME, CuedState
-
             source = HOME if steered.look_at is None else LOOK_AT
-            from plotfeed.models.cueing import at_rest
-
             steered.state = CuedState(
                 pointing=at_rest(aim, start_utc_ns), aim=aim, source=source, firm=bool(source)
             )
@@ -147,8 +138,6 @@ class Cueing:
         made = self._made(sensor, keys)
         before.keys, before.rule = keys, made.rule
         state = before.state
-        from plotfeed.models.cueing import HOME, turned_to
-
         if made.look_at is not None and made.look_at != before.look_at:
             before.state = turned_to(state, made.rule, made.look_at, LOOK_AT, None, firm=True)
         elif made.look_at is None and state.source in {HOME, LOOK_AT}:
@@ -198,14 +187,10 @@ class Cueing:
         if keys.look_at is not None:
             look_at = keys.look_at.aim(self._site, sensor.position_enu_m, home.field_deg)
         rule = keys.rule(home)
-        from plotfeed.models.cueing import CuedState, at_rest
-
         state = CuedState(pointing=at_rest(rule.home, 0), aim=rule.home)
         return _Steered(keys, rule, look_at, state)
 
     def _put(self, steered: _Steered, known_ns: int, what: CueBatch | tuple[Aim, int]) -> None:
-        from plotfeed.models.cueing import CueBatch
-
         at_ns = known_ns + round(steered.keys.latency_ms * NS_IN_MS)
         if isinstance(what, CueBatch):
             what = replace(what, t_utc_ns=at_ns)
@@ -216,8 +201,6 @@ class Cueing:
 
         What has no elevation is looked for where the sensor looks at home.
         """
-        from plotfeed.models.cueing import CueBatch
-
         azimuth_deg, elevation_deg, range_m = plots.azimuth_deg, plots.elevation_deg, plots.range_m
         tilts = ~np.isnan(elevation_deg)
         places = ~np.isnan(range_m)
@@ -244,8 +227,6 @@ class Cueing:
 
     def _state_at(self, i: int, t_utc_ns: int) -> CuedState:
         """What cues and dwells until then have made of a mount."""
-        from plotfeed.models.cueing import CueBatch, advanced, after_dwell, after_plots, turned_to
-
         steered = self._steered[i]
         state, rule, pending = steered.state, steered.rule, steered.pending
         while True:
@@ -278,8 +259,6 @@ def _joined(recent: deque[CueBatch], since_ns: int) -> CueBatch | None:
         recent.popleft()
     if not recent:
         return None
-    from plotfeed.models.cueing import CueBatch
-
     return CueBatch(
         t_utc_ns=recent[-1].t_utc_ns,
         source=recent[-1].source,

@@ -196,7 +196,7 @@ class RunningSensor:
         status.lost, status.duplicated = counts.lost, counts.duplicated
         status.on_the_way, status.waiting = self.outbox.on_the_way, self.outbox.waiting
         status.enabled = self.sensor.enabled
-        if (state := self._sensors.cueing.state_of(self._i)) is not None:
+        if (state := self._sensors.mount(self._i)) is not None:
             status.mount.CopyFrom(mount_status(self.sensor, state))
         if counts.sapient is not None:
             for told in pb.SapientStatus.DESCRIPTOR.fields:
