@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -242,21 +242,14 @@ def _asked(change: StoryChange, *, begins: bool) -> Command:
 
 def told(change: Mapping[str, Any]) -> str:
     """Keys and values of a change in a line, tables by their keys; cut where it is long."""
-    words = ", ".join(f"{key} {_value(value)}" for key, value in _flat(change))
+    words = ", ".join(_words(change))
     return words if len(words) <= MAX_WORDS else f"{words[: MAX_WORDS - 1]}…"
 
 
-def _flat(change: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
-    found: list[tuple[str, Any]] = []
+def _words(change: Mapping[str, Any], above: str = "") -> Iterator[str]:
     for key, value in change.items():
         if isinstance(value, Mapping) and value and "kind" not in value:
-            found += _flat(value, f"{above}{key}.")
+            yield from _words(value, f"{above}{key}.")
         else:
-            found.append((f"{above}{key}", value))
-    return found
-
-
-def _value(value: Any) -> str:
-    return (
-        "as usual" if value is None else json.dumps(in_short(value), default=str).replace('"', "")
-    )
+            shown = json.dumps(in_short(value), default=str).replace('"', "")
+            yield f"{above}{key} {'as usual' if value is None else shown}"

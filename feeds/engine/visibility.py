@@ -267,18 +267,22 @@ class Outlook:
         return pd
 
     def _looked_at(self, i: int, sensor: Sensor, model: SensorModel, states: TruthState) -> Floats:
+        """Probability that any look at each state detects it; NaN for those never looked at."""
         if isinstance(model, DwellingSensor):  # in each of its dwells
             model = model.among_all
         targets = self._targets(i, sensor, model, states)
-        if not isinstance(model, JointSensor):
-            alone: Any = model
-            if getattr(model, "merging", None) is not None:
-                alone = replace(alone, merging=None)  # samples of one flight are not together there
-            return looked_at(alone, targets, np.random.default_rng(0))
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
-
-        covered = cover_of(limits_of(sensor)).in_cover(range_m, azimuth_deg, elevation_deg)
-        return np.where(covered, model.predict(targets).pd, np.nan)
+        if isinstance(model, JointSensor):
+            azimuth_deg, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
+            covered = cover_of(limits_of(sensor)).in_cover(range_m, azimuth_deg, elevation_deg)
+            return np.where(covered, model.predict(targets).pd, np.nan)
+        alone: Any = model
+        if getattr(model, "merging", None) is not None:
+            alone = replace(alone, merging=None)  # samples of one flight are not together there
+        looks, _ = alone.observe(targets, np.random.default_rng(0))
+        missed = np.full(len(states), np.nan)
+        missed[looks.drone] = 1.0
+        np.multiply.at(missed, looks.drone, 1.0 - np.nan_to_num(looks.pd))
+        return 1.0 - missed
 
     def _targets(self, i: int, sensor: Sensor, model: SensorModel, states: TruthState) -> Targets:
         """Each state as a target of its own; a mount points at each, as far as it turns."""
@@ -380,18 +384,6 @@ def limits_of(sensor: Sensor) -> dict[str, Any]:
         "elevation_min_deg": max(mount.tilt_min_deg + told["elevation_min_deg"], -90.0),
         "elevation_max_deg": min(mount.tilt_max_deg + told["elevation_max_deg"], 90.0),
     }
-
-
-def looked_at(model: SensorModel, targets: Targets, rng: np.random.Generator) -> Floats:
-    """Probability that any look at each target detects it; NaN for those never looked at.
-
-    Targets are counted from 0 on, each a drone of its own.
-    """
-    looks, _ = model.observe(targets, rng)
-    missed = np.full(len(targets), np.nan)
-    missed[looks.drone] = 1.0
-    np.multiply.at(missed, looks.drone, 1.0 - np.nan_to_num(looks.pd))
-    return 1.0 - missed
 
 
 def each_its_own(signatures: Signatures, drone: Ints) -> Signatures:

@@ -59,7 +59,7 @@ class World:
         self._scene, self._site = scene, scene.scene.site
         self._horizons = None
         if scene.terrain is not None:
-            from plotfeed.feeds.engine.horizons import Horizons
+            from plotfeed.feeds.engine.terrain_files import Horizons
 
             self._horizons = Horizons(scene, scene.terrain)
 

@@ -255,7 +255,7 @@ def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
             name=SCENE_NAME, media_type="application/toml", data=text, log_time_ns=now_utc_ns
         )
     for name in files_of(scene):
-        from plotfeed.feeds.engine.horizons import horizons_of
+        from plotfeed.feeds.engine.terrain_files import horizons_of
 
         data = horizons_of(scene) if name == HORIZONS else scene.file(name).read_bytes()
         yield Attachment(

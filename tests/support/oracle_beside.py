@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from plotfeed.feeds.engine.engine import Engine
-from plotfeed.feeds.engine.horizons import horizons_of
+from plotfeed.feeds.engine.terrain_files import horizons_of
 from plotfeed.feeds.lab import oracle
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene

@@ -14,9 +14,8 @@ from support.hills import METRES_PER_DEG, SIDE, TILE, footprint, write_buildings
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
 
-from plotfeed.feeds.engine.horizons import Horizons, horizons_of
 from plotfeed.feeds.engine.simulation import simulate
-from plotfeed.feeds.engine.terrain_files import ground_of, walls_of
+from plotfeed.feeds.engine.terrain_files import Horizons, ground_of, horizons_of, walls_of
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.models.frames import geoid_undulation_m
 from plotfeed.proto.errors import PlotfeedError
