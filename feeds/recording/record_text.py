@@ -172,17 +172,11 @@ def _units(item: Item, path: str) -> Iterator[tuple[str, Meaning]]:
 def _expanded(record: Record) -> dict[str, Any]:
     """The items, with the parts of the RE field where libasterix is there to know them."""
     items: dict[str, Any] = dict(record.items)
-    name = _expansion(record.category)
+    name = f"I{record.category:03d}/RE"
     octets = items.get(name)
     if isinstance(octets, bytes) and octets and (theirs := standard(record.category)):
         items[name] = theirs.read_expansion(octets) or octets
     return items
-
-
-@cache
-def _expansion(category: int) -> str:
-    """The name of a category's RE field."""
-    return f"I{category:03d}/RE"
 
 
 @cache
@@ -255,14 +249,9 @@ def short(value: Any) -> str:
 
 
 def _part(name: str, value: Any) -> str:
-    """A value as what has that name is written; numbers, of which most are, at once."""
-    kind = type(value)
-    if kind is float:
-        return repr(value).removesuffix(".0")
-    if kind is int:
-        digits = HEXADECIMAL.get(name)
-        return f"{value:0{digits}X}" if digits else str(value)
-    return short(value)
+    """A value as what has that name is written."""
+    digits = HEXADECIMAL.get(name) if type(value) is int else None
+    return f"{value:0{digits}X}" if digits else short(value)
 
 
 def _plain(value: Any) -> Any:

@@ -290,8 +290,13 @@ def show_file(path: Path, settings: ShowSettings) -> int:
     with open_recording(path, blocks=is_listed) as recording:
         reader = recording.reader
         if is_listed:
+            # In a terminal lines are printed as they come, else many in one write.
+            at_once, said = 1 if sys.stdout.isatty() else LINES_AT_ONCE, 0
             lines = _lines(recording, settings)
-            said = _say_all(islice(lines, count))
+            wanted = islice(lines, count)
+            while some := list(islice(wanted, at_once)):
+                say("\n".join(some))
+                said += len(some)
             if count is not None and next(lines, None) is not None:
                 return 0
         else:
@@ -313,15 +318,6 @@ def show_file(path: Path, settings: ShowSettings) -> int:
         say(f"plotfeed: {path}: no message is of the topics and stages asked for", err=True)
         return 2 if reader.damage else FAILED
     return 2 if reader.damage else 0
-
-
-def _say_all(lines: Iterator[str]) -> int:
-    """Print lines, in a terminal as they come, else many in one write; how many."""
-    at_once, said = 1 if sys.stdout.isatty() else LINES_AT_ONCE, 0
-    while some := list(islice(lines, at_once)):
-        say("\n".join(some))
-        said += len(some)
-    return said
 
 
 def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:

@@ -159,8 +159,7 @@ class Restamper:
             kind = ASTERIX
         if kind not in self._movers:
             self._movers[kind] = self._mover(kind)
-        mover = self._movers[kind]
-        if mover is None:
+        if (mover := self._movers[kind]) is None:
             what = recorded.content_type or "octets that nothing is said of"
             self._leave(f"{what} on {recorded.topic}")
             return recorded.payload
@@ -185,12 +184,10 @@ class Restamper:
             return text
 
     def _leave(self, what: str) -> None:
-        if what not in self._left and len(self._left) < MOST_SAID:
+        is_new, is_full = what not in self._left, len(self._left) >= MOST_SAID
+        if is_new and not is_full:
             log.warning("left alone: %s", what)
-        if what in self._left or len(self._left) < MOST_SAID:
-            self._left[what] += 1
-        else:
-            self._left["others"] += 1
+        self._left["others" if is_new and is_full else what] += 1
 
     def _mover(self, kind: str) -> Mover | None:
         """What moves such messages; None where nothing does."""

@@ -33,7 +33,10 @@ def smoothed(flight: Flight) -> Flight:
     Each unbroken stretch is smoothed by itself. A stretch of one report is left as it was.
     """
     reports = flight.reports
-    quanta = _quanta(reports)
+    columns = np.array([(r.longitude_deg, r.latitude_deg, r.altitude_m) for r in reports]).T
+    decimals = (DEGREE_DECIMALS, DEGREE_DECIMALS, METRE_DECIMALS)
+    # In degrees and metres.
+    quanta = np.array([quantum(c, d) for c, d in zip(columns, decimals, strict=True)])
     done: list[PositionReport] = []
     for stretch in _stretches(reports, flight.starts):
         done.extend(_smooth_stretch(stretch, quanta) if len(stretch) > 1 else stretch)
@@ -67,13 +70,6 @@ def samples_per_step(values: Floats) -> float:
     changes = np.flatnonzero(np.diff(values)) + 1
     runs = np.diff(changes)
     return float(np.median(runs)) if len(runs) else 1.0
-
-
-def _quanta(reports: Sequence[PositionReport]) -> Floats:
-    """Step of longitude and latitude, degrees, and of altitude, metres; (3,)."""
-    columns = np.array([(r.longitude_deg, r.latitude_deg, r.altitude_m) for r in reports]).T
-    decimals = (DEGREE_DECIMALS, DEGREE_DECIMALS, METRE_DECIMALS)
-    return np.array([quantum(c, d) for c, d in zip(columns, decimals, strict=True)])
 
 
 def _stretches(
