@@ -21,15 +21,7 @@ from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode
-from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.ledger import (
-    LedgerTables,
-    ToldEntries,
-    ToldLooks,
-    ToldPlots,
-    entries_in,
-    tables_of,
-)
+from plotfeed.proto.ledger import LedgerTables, entries_in, tables_of
 from plotfeed.proto.utc import NS
 
 START_NS = 1_700_000_000 * NS
@@ -107,24 +99,25 @@ class Feed:
         return [record for block in blocks for record in decode(block)]
 
     @cached_property
-    def _told(self) -> LedgerTables:
-        payloads = self.payloads("truth")
-        told = tables_of(payloads)
-        if len(np.unique(told.entries.payload)) < len(payloads):
-            raise DecodeError("a message on the truth topic is no ledger")
-        return told
+    def _ledger(self) -> LedgerTables:
+        return tables_of(self.payloads("truth"))
 
     @cached_property
     def _looks(self) -> dict[str, FeedTable]:
-        told = self._told
         names = [field.name for field in pb.Look.DESCRIPTOR.fields]
-        looks = FeedTable(_columns(told.looks, told.entries, names))
-        sensors = told.entries.sensor
-        return {of: looks.rows(sensors[told.looks.entry] == of) for of in set(sensors.tolist())}
+        sensors = set(self._ledger.entries.sensor.tolist())
+        return {sensor: FeedTable(self._told(sensor, "looks", names)) for sensor in sensors}
+
+    def _told(self, sensor: str, part: str, names: Sequence[str]) -> dict[str, Array]:
+        """Columns of what its entries tell, by the names of the messages' fields."""
+        told = self._ledger.of(np.flatnonzero(self._ledger.entries.sensor == sensor))
+        held = dict(vars(getattr(told, part)))
+        held |= {"time_utc_ns": held["t_utc_ns"]}
+        held |= {name: vars(told.entries)[name][held["entry"]] for name in ("scan", "sector")}
+        held |= {name: held[name].astype(str) for name in ("drone", "other")}
+        return {name: held[name] for name in ("scan", "sector", *names)}
 
     def _plots(self, sensor: str) -> FeedTable:
-        told = self._told.of(np.flatnonzero(self._told.entries.sensor == sensor))
-        true = _columns(told.plots, told.entries, ["drone", *_known(pb.PlotTruth)])
         batches = [pb.PlotBatch.FromString(p) for p in self.payloads(f"{sensor}/plots")]
         plots = [
             {"scan": batch.scan, "sector": batch.sector}
@@ -132,17 +125,15 @@ class Feed:
             for batch in batches
             for plot in batch.plots
         ]
-        columns = {
-            name: np.array([plot.get(name, np.nan) for plot in plots])
-            for name in ("scan", "sector", *_known(pb.Plot))
-        }
-        sectors = [*zip(told.entries.scan.tolist(), told.entries.sector.tolist(), strict=True)]
-        if sectors != [(batch.scan, batch.sector) for batch in batches] or not all(
-            np.array_equal(columns[name], true[name]) for name in ("scan", "sector", "time_utc_ns")
+        known, alike = _known(pb.PlotTruth), ("scan", "sector", "time_utc_ns")
+        names = ("scan", "sector", *_known(pb.Plot))
+        columns = {name: np.array([plot.get(name, np.nan) for plot in plots]) for name in names}
+        true = self._told(sensor, "plots", ["drone", *known])
+        if (self._ledger.entries.sensor == sensor).sum() != len(batches) or not all(
+            np.array_equal(columns[name], true[name]) for name in alike
         ):
             raise ValueError(f"{sensor}: plots and ledger are of different sectors")
-        drone = true.pop("drone")
-        columns |= {f"true_{name}": column for name, column in true.items()} | {"drone": drone}
+        columns |= {"drone": true["drone"], **{f"true_{name}": true[name] for name in known}}
         if records := self.records(sensor, 48):
             columns |= {
                 name: np.array([r.get(path) for r in records], dtype=np.float64)
@@ -186,13 +177,3 @@ def fly(
 def _known(message: type[pb.Plot | pb.PlotTruth]) -> list[str]:
     """The names of its numbers: the time, and what may be absent."""
     return ["time_utc_ns", *(f.name for f in message.DESCRIPTOR.fields if f.has_presence)]
-
-
-def _columns(
-    table: ToldLooks | ToldPlots, of: ToldEntries, names: Sequence[str]
-) -> dict[str, Array]:
-    """Columns by the names of the messages' fields, with the scan and the sector of each row."""
-    held = vars(table) | {"time_utc_ns": table.t_utc_ns}
-    columns = {"scan": of.scan[table.entry], "sector": of.sector[table.entry]}
-    texts = ("drone", "other")
-    return columns | {n: held[n].astype(str) if n in texts else held[n] for n in names}
