@@ -208,18 +208,16 @@ NOWHERE = zlib.compress(struct.pack("<I4d", 1, float("nan"), 0.0, 0.0, 1440.0))
 TOO_MANY = zlib.compress(struct.pack("<I4d", 1 << 31, 0.0, 0.0, 0.0, 1440.0))
 
 
-@pytest.mark.parametrize("told", [None, b"", b"none", NOWHERE, TOO_MANY, NOWHERE[:-4]])
-def test_without_horizons_of_use_nothing_behind_ground_is_judged(
-    told: bytes | None, tmp_path: Path
-) -> None:
-    scene = example("valley")
-    files = {} if told is None else {HORIZONS: tmp_path / HORIZONS}
-    for path in files.values():
+def test_without_horizons_of_use_nothing_behind_ground_is_judged(tmp_path: Path) -> None:
+    scene, path = example("valley"), tmp_path / HORIZONS
+    of_valley = list(sensors_of(scene, 2))
+    for told in (None, b"", b"none", NOWHERE, TOO_MANY, NOWHERE[:-4]):
         path.write_bytes(told or b"")
-    for sensor, _, _, given in sensors_of(scene, 2):
-        asked = oracle.asked(scene.enclosed(files), sensor, given)
-        assert not asked.known.any()
-        assert "ground and buildings" in asked.why_not
+        enclosed = scene.enclosed({} if told is None else {HORIZONS: path})
+        for sensor, _, _, given in of_valley:
+            asked = oracle.asked(enclosed, sensor, given)
+            assert not asked.known.any()
+            assert "ground and buildings" in asked.why_not
 
 
 # Exact values.
