@@ -242,7 +242,7 @@ class FeedTally:
             if expected is None:
                 continue
             of = looks.rows(rows)
-            found = expected.looks_by(
+            found = expected.of_looks(
                 oracle.LooksGiven(
                     t_utc_ns=of.t_utc_ns,
                     azimuth_deg=of.azimuth_deg,
