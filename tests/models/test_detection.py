@@ -178,44 +178,6 @@ def test_hits_come_at_their_probability():
         assert stats.binomtest(int(count), 200_000, p).pvalue > 1e-4
 
 
-@pytest.mark.parametrize(
-    ("snr", "pfa", "n_reference", "trials"),
-    [(10.0, 1e-4, 16, 200_000), (0.0, 1e-2, 16, 1_500_000), (1000.0, 1e-6, 8, 60_000)],
-)
-def test_detected_powers_follow_the_raw_process(snr, pfa, n_reference, trials):
-    """Cells and reference cells drawn one by one, those above their threshold kept."""
-    rng = np.random.default_rng(7)
-    alpha = float(detection.cfar_multiplier(pfa, n_reference))
-    noise = sum(rng.standard_exponential(trials) for _ in range(n_reference))
-    cell = (1 + snr) * rng.standard_exponential(trials)
-    hit = cell > alpha * noise
-    pd = float(detection.pd_cfar_swerling1(snr, pfa, n_reference))
-    assert stats.binomtest(int(hit.sum()), trials, pd).pvalue > 1e-3
-
-    power, threshold = detection.draw_detected_snr_swerling1(
-        np.full(hit.sum(), snr), pfa, n_reference, rng
-    )
-    assert (power > threshold).all()
-    for drawn, kept in (
-        (power, cell[hit]),
-        (threshold, alpha * noise[hit]),
-        (power / threshold, cell[hit] / (alpha * noise[hit])),
-    ):
-        assert stats.ks_2samp(drawn, kept).pvalue > 1e-3
-
-
-def test_detected_powers_give_the_reference_accuracy():
-    """Root mean square of 1/sqrt(power), which errors are proportional to, where N is large."""
-    table = reference("fluctuating_rms_given_detection.csv")
-    rng = np.random.default_rng(11)
-    names = ("pfa", "mean_snr_db", "rms_inv_sqrt_inst_snr")
-    for pfa, snr_db, rms in zip(*(table[name] for name in names), strict=True):
-        snr = np.full(400_000, linear(snr_db))
-        power, _ = detection.draw_detected_snr_swerling1(snr, pfa, 1e12, rng)
-        z = (np.mean(1 / power) - rms**2) / (np.std(1 / power) / len(power) ** 0.5)
-        assert abs(z) < 4
-
-
 def test_draws_of_undefined_and_infinite_targets():
     rng = np.random.default_rng(0)
     power, _ = detection.draw_detected_snr_swerling1([np.nan, np.inf], 1e-6, 16, rng)

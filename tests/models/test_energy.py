@@ -85,18 +85,6 @@ def test_energies_of_detections_have_the_exact_law(n_samples: int, strength: flo
     assert_law(drawn, lambda x: 1 - gammaincc(n_samples, x / (1 + snr)) / pd, "seed 52")
 
 
-@pytest.mark.parametrize(("n_samples", "snr"), [(2, 4.0), (30, 0.3)])
-def test_energies_of_detections_are_those_of_samples_that_were_detected(
-    n_samples: int, snr: float
-) -> None:
-    """Without any closed form: two samples of Kolmogorov and Smirnov; seed 53."""
-    rng = np.random.default_rng(53)
-    found = samples(snr, n_samples, 50_000, rng)
-    found = found[found > threshold_noncoherent(1e-2, n_samples)]
-    drawn = np.sort(detection.draw_detected_energy(np.full(100_000, snr), 1e-2, n_samples, rng))
-    assert_law(found, lambda x: np.searchsorted(drawn, x) / len(drawn), "seed 53")
-
-
 @pytest.mark.parametrize("n_samples", [1, 3, 200, 10**5, 10**7])
 @pytest.mark.parametrize("strength", [0.0, 3.0, 30.0, 1000.0])
 def test_mean_inverse_of_the_estimate_of_a_pair_is_that_of_draws(

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.significance import assert_standard_normal, assert_uncorrelated
 
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.effects.readings import Drift
@@ -78,20 +77,6 @@ def test_within_a_step_it_stands_still() -> None:
     values = drift.at(np.array([7 * S, 7 * S + 1, 8 * S - 1, 8 * S]))
     assert values[0].tolist() == values[1].tolist() == values[2].tolist()
     assert values[3].tolist() != values[2].tolist()
-
-
-def test_a_long_walk_is_normal_and_each_step_forgets_all_but_the_one_before() -> None:
-    """What is new in a step is white, normal and independent of all that was."""
-    constant = 20.0
-    drift = Drift(Chance(6, "radar"), step_ns=S, time_constant_ns=constant * S, n=2)
-    walk = drift.at(np.arange(1_700_000_000, 1_700_004_000) * S)
-    kept = np.exp(-1 / constant)
-    new = (walk[1:] - kept * walk[:-1]) / np.sqrt(1 - kept**2)
-    for k in range(2):
-        assert_standard_normal(new[:, k])
-        assert_uncorrelated(new[1:, k], new[:-1, k], "with the step before")
-        assert_uncorrelated(new[:, k], walk[:-1, k], "with where it was")
-    assert_uncorrelated(new[:, 0], new[:, 1], "the two processes")
 
 
 def test_a_week_later_and_at_the_end_of_time_there_is_a_value() -> None:

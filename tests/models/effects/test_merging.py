@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.significance import assert_law, assert_sum, assert_uncorrelated
 
 from plotfeed.models.effects.merging import NEIGHBOURS, REACH, Merging
 from plotfeed.models.state import Floats, Looks
@@ -35,41 +34,6 @@ def merged(
 
 def labels(found, n: int) -> list[int]:
     return list(range(n)) if found is None else found.group.tolist()
-
-
-@pytest.mark.parametrize(
-    ("range_m", "azimuth_deg", "elevation_deg"),
-    [(10.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 6.0), (6.0, 1.2, 1.8), (-20.0, 0.0, 0.0)],
-)
-def test_a_pair_is_unresolved_with_the_probability_of_koch_and_van_keuk(
-    range_m, azimuth_deg, elevation_deg
-):
-    n = 20_000
-    distance2 = (range_m / 10) ** 2 + (azimuth_deg / 2) ** 2 + (elevation_deg / 6) ** 2
-    p = np.exp(-np.log(2) * distance2)
-    rng = np.random.default_rng(1)
-    # Pairs far from each other: 1000 m between one and the next.
-    at = np.repeat(1000.0 * np.arange(n), 2)
-    second = np.tile([0.0, 1.0], n)
-    found = merged(
-        at + second * range_m,
-        np.mod(359.5 + second * azimuth_deg, 360.0),
-        second * elevation_deg,
-        uniforms=rng.random(2 * n),
-    )
-    unresolved = 2 * n - found.group.max() - 1
-    assert_sum(unresolved, n * p, n * p * (1 - p))
-
-
-def test_uniforms_of_pairs_are_uniform_and_independent_among_three():
-    rng = np.random.default_rng(2)
-    one, two, three = rng.random((3, 5000))
-    pairs = [np.mod(a + b, 1.0) for a, b in ((one, two), (two, three), (one, three))]
-    for of_pair in pairs:
-        assert_law(of_pair, "uniform")
-    assert_uncorrelated(pairs[0], pairs[1])
-    assert_uncorrelated(pairs[0], pairs[2])
-    assert_law(np.mod(pairs[0] + pairs[1] - pairs[2], 1.0), "uniform", "of all three")
 
 
 def plain_groups(places: Floats, uniforms: Floats) -> list[int]:
@@ -103,19 +67,6 @@ def test_groups_are_those_that_all_pairs_link(rows):
     seen = labels(found, len(rows))
     pairs = {(a, b) for a, b in zip(seen, partition, strict=True)}
     assert len(pairs) == len(set(seen)) == len(set(partition))
-
-
-@settings(max_examples=100)
-@given(st.lists(coordinates, min_size=2, max_size=6), st.randoms())
-def test_the_order_of_looks_makes_no_difference(rows, shuffler):
-    values = np.array(rows)
-    values[:, 3] = np.minimum(values[:, 3], 0.999)
-    order = list(range(len(rows)))
-    shuffler.shuffle(order)
-    one = labels(merged(*values.T[:3], uniforms=values[:, 3]), len(rows))
-    other = labels(merged(*values[order].T[:3], uniforms=values[order, 3]), len(rows))
-    again = [other[order.index(i)] for i in range(len(rows))]
-    assert len({(a, b) for a, b in zip(one, again, strict=True)}) == len(set(one))
 
 
 def test_a_thicket_of_a_hundred_makes_one_echo():
