@@ -109,54 +109,42 @@ def simulate(
         start_utc_ns = scene.scene.start_utc_ns or time.time_ns()
     engine = Engine(scene, start_utc_ns)
     end_utc_ns = start_utc_ns + round(duration_s * NS)
-    found = _Found(scene.sensor)
+    # Of each sensor its looks, plots and sectors, part by part.
+    parts: list[list[_Part]] = [[] for _ in scene.sensor]
     for before_ns in range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS):
-        found.take(engine.until(before_ns - 1, messages=False))
-    found.take(engine.until(end_utc_ns, messages=False))
-    return Simulation(found.sensors(engine.trajectories.names), engine.trajectories, start_utc_ns)
+        _sort(engine.until(before_ns - 1, messages=False), parts)
+    _sort(engine.until(end_utc_ns, messages=False), parts)
+    none = Sectors.of([])
+    no_looks = _of_sectors(SimulatedLooks, NO_LOOKS, np.zeros(1, np.int64), none)
+    no_plots = _of_sectors(SimulatedPlots, NO_PLOTS, np.zeros(1, np.int64), none)
+    found = {}
+    for sensor, of_sensor in zip(scene.sensor, parts, strict=True):
+        looks, plots, sectors = zip(*(of_sensor or [(no_looks, no_plots, none)]), strict=True)
+        found[sensor.id] = SimulatedSensor(
+            sensor=sensor,
+            plots=SimulatedPlots.joined(plots),
+            looks=SimulatedLooks.joined(looks),
+            sectors=Sectors.joined(sectors),
+            drones=engine.trajectories.names,
+        )
+    return Simulation(found, engine.trajectories, start_utc_ns)
 
 
 C = TypeVar("C", bound=Columns)
+_Part = tuple[SimulatedLooks, SimulatedPlots, Sectors]
 
 
-class _Found:
-    """What was seen so far, by sensor."""
-
-    def __init__(self, sensors: Sequence[Sensor]) -> None:
-        self._sensors = sensors
-        self._looks: list[list[SimulatedLooks]] = [[] for _ in sensors]
-        self._plots: list[list[SimulatedPlots]] = [[] for _ in sensors]
-        self._sectors: list[list[Sectors]] = [[] for _ in sensors]
-
-    def take(self, batches: Iterable[Batch]) -> None:
-        """Sort what was seen by sensor."""
-        for seen in batches:
-            looks = _of_sectors(SimulatedLooks, seen.looks, seen.looks_by, seen.sectors)
-            plots = _of_sectors(SimulatedPlots, seen.plots, seen.plots_by, seen.sectors)
-            sensors, first = np.unique(seen.sectors.sensor, return_index=True)
-            last = [*first[1:].tolist(), len(seen.sectors)]
-            for i, a, b in zip(sensors.tolist(), first.tolist(), last, strict=True):
-                self._sectors[i].append(seen.sectors.between(a, b))
-                self._looks[i].append(looks.between(seen.looks_by[a], seen.looks_by[b]))
-                self._plots[i].append(plots.between(seen.plots_by[a], seen.plots_by[b]))
-
-    def sensors(self, drones: Sequence[str]) -> dict[str, SimulatedSensor]:
-        """All of each, by id; `drones` are names, by their numbers."""
-        nothing, none = Sectors.of([]), np.zeros(1, np.int64)
-        no_looks = _of_sectors(SimulatedLooks, NO_LOOKS, none, nothing)
-        no_plots = _of_sectors(SimulatedPlots, NO_PLOTS, none, nothing)
-        return {
-            sensor.id: SimulatedSensor(
-                sensor=sensor,
-                plots=SimulatedPlots.joined(plots or [no_plots]),
-                looks=SimulatedLooks.joined(looks or [no_looks]),
-                sectors=Sectors.joined(sectors or [nothing]),
-                drones=drones,
-            )
-            for sensor, looks, plots, sectors in zip(
-                self._sensors, self._looks, self._plots, self._sectors, strict=True
-            )
-        }
+def _sort(batches: Iterable[Batch], parts: Sequence[list[_Part]]) -> None:
+    """Add what was seen to the parts of each sensor."""
+    for seen in batches:
+        looks = _of_sectors(SimulatedLooks, seen.looks, seen.looks_by, seen.sectors)
+        plots = _of_sectors(SimulatedPlots, seen.plots, seen.plots_by, seen.sectors)
+        sensors, first = np.unique(seen.sectors.sensor, return_index=True)
+        ends = [*first[1:].tolist(), len(seen.sectors)]
+        for i, a, b in zip(sensors.tolist(), first.tolist(), ends, strict=True):
+            of_looks = looks.between(seen.looks_by[a], seen.looks_by[b])
+            of_plots = plots.between(seen.plots_by[a], seen.plots_by[b])
+            parts[i].append((of_looks, of_plots, seen.sectors.between(a, b)))
 
 
 def _of_sectors(kind: type[C], columns: Columns, offsets: Ints, sectors: Sectors) -> C:

@@ -77,16 +77,11 @@ class Announcer(Protocol):
 
     def answer(
         self, payload: bytes, now_utc_ns: int, change: Callable[[Mapping[str, Any] | None], object]
-    ) -> AnnouncerReply:
-        """Do what the payload asks, by `change` of the sensor's keys, and what is said to that."""
+    ) -> tuple[list[Message], bool]:
+        """Do what the payload asks, by `change` of the sensor's keys.
 
-
-@dataclass(frozen=True, slots=True)
-class AnnouncerReply:
-    """What is said to whoever asked something of a sensor, and whether it was done."""
-
-    messages: list[Message]
-    accepted: bool
+        What is said to whoever asked, and whether it was done.
+        """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

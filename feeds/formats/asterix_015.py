@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from plotfeed.feeds.formats import (
@@ -79,14 +81,15 @@ class Asterix015(AsterixFormat):
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         super().__init__(scene, sensors)
-        manners = list(dict.fromkeys(map(_manner, sensors.values())))
-        self._manner = np.zeros(len(numbers_of(sensors)), np.int64)
+        # Plots of sensors of one geometry that call classes alike are encoded together.
+        manners: dict[Any, dict[int, Sensor]] = {}
         for i, sensor in sensors.items():
-            self._manner[i] = manners.index(_manner(sensor))
-        self._plots = [
-            _plots_of(scene, {i: s for i, s in sensors.items() if _manner(s) == manner})
-            for manner in manners
-        ]
+            manner = sensor.geometry, tuple(sensor.class_codes.items())
+            manners.setdefault(manner, {})[i] = sensor
+        self._manner = np.zeros(len(numbers_of(sensors)), np.int64)
+        for number, some in enumerate(manners.values()):
+            self._manner[list(some)] = number
+        self._plots = [_plots_of(scene, some) for some in manners.values()]
         self._status = Status025(scene, sensors)
         self._systems = _systems(scene, sensors)
 
@@ -112,11 +115,6 @@ class Asterix015(AsterixFormat):
         parts = Parts(batch.plots_by, numbers[batch.sectors.sensor])
         first = batch.sectors.scan * OBSERVATIONS_A_SCAN
         return encoder.blocks_by(batch.plots, parts, first)
-
-
-def _manner(sensor: Sensor) -> tuple[SensorGeometry, tuple[tuple[str, int], ...]]:
-    """What sensors have in common whose plots are encoded together."""
-    return sensor.geometry, tuple(sensor.class_codes.items())
 
 
 def _plots_of(scene: Scene, sensors: Sensors) -> tuple[Ints, PlotEncoder015]:

@@ -132,9 +132,9 @@ class RunningSensor:
             changes.take_changed()
             self.follow(as_of_ns)
 
-        reply = self._announcer.answer(payload, as_of_ns, control)
-        node.count("tasks" if reply.accepted else "rejected")
-        self.outbox.send_past_link(*reply.messages)
+        messages, is_done = self._announcer.answer(payload, as_of_ns, control)
+        node.count("tasks" if is_done else "rejected")
+        self.outbox.send_past_link(*messages)
 
     def _as_of(self, at_utc_ns: int) -> Sensor:
         return self._sensors.as_of(self._i, self._controlled, at_utc_ns)

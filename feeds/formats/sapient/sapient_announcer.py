@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from plotfeed.feeds.formats import AnnouncerReply
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE, node_of
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import PFA_FACTOR, ChangeError, changed, in_force
@@ -217,18 +216,17 @@ class SapientAnnouncer:
             news.insert(0, self._registration(now_utc_ns))
         return news
 
-    def answer(self, payload: bytes, now_utc_ns: int, change: Change) -> AnnouncerReply:
+    def answer(self, payload: bytes, now_utc_ns: int, change: Change) -> tuple[list[Message], bool]:
         """Do a task and acknowledge it, or reject it with the reason; what is none, is an Error."""
         try:
             task = decode_task(payload)
         except DecodeError as wrong:
             said = error(self._node.node_id, self._stamp_ns(now_utc_ns), payload, str(wrong))
-            return AnnouncerReply([self._message(said, now_utc_ns, ANSWER)], accepted=False)
+            return [self._message(said, now_utc_ns, ANSWER)], False
         try:
             done = self._tasks.do(task, self._keys, self._stamp_ns(now_utc_ns), change)
         except (TaskRejectedError, ChangeError) as wrong:
-            rejected = self._ack(task.task_id, now_utc_ns, "REJECTED", str(wrong))
-            return AnnouncerReply([rejected], accepted=False)
+            return [self._ack(task.task_id, now_utc_ns, "REJECTED", str(wrong))], False
         messages = [self._ack(task.task_id, now_utc_ns, "ACCEPTED")]
         if done.tells == "registration":
             messages += self.opening(now_utc_ns)
@@ -236,7 +234,7 @@ class SapientAnnouncer:
             messages.append(self._status(now_utc_ns, new=True))
         if not done.goes_on:
             messages.append(self._ack(task.task_id, now_utc_ns, "COMPLETED"))
-        return AnnouncerReply(messages, accepted=True)
+        return messages, True
 
     def _ack(self, task_id: str, now_utc_ns: int, what: TaskStatus, reason: str = "") -> Message:
         payload = task_ack(self._node.node_id, self._stamp_ns(now_utc_ns), task_id, what, reason)

@@ -131,7 +131,9 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
         settle_s=sensor.scan.period_s,
         latency_s=groups_of(sensor).longest_ns / NS,
         status_interval_s=scene.sapient.status_interval_s,
-        tells_location=tells_location(scene, measures),
+        # Without directions it tells its own place: a missing azimuth may be taken for north.
+        tells_location=(measures.place and scene.sapient.location == "location")
+        or not measures.azimuth,
         steers=mount_of(sensor) is not None,
         has_threshold=sensor.false_alarm_probability is not None,
         capabilities=(
@@ -146,15 +148,6 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
         model=sensor.preset or sensor.type,
         software_version=version("plotfeed"),
     )
-
-
-def tells_location(scene: Scene, measures: Measures) -> bool:
-    """Whether detections are places on the Earth, rather than range and bearing.
-
-    Of a detector that finds no direction it is its own place: to a consumer, a missing azimuth may
-    be north.
-    """
-    return not measures.azimuth or (measures.place and scene.sapient.location == "location")
 
 
 def measures_of(scene: Scene, sensor: Sensor) -> Measures:
@@ -298,13 +291,13 @@ class SapientReports(SectorFormat):
         super().__init__(scene, sensor)
         self._address = self.topics.address("sapient", CONTENT_TYPE)
         self._groups = groups_of(sensor)
-        self._encoder = DetectionEncoder(node_of(scene, sensor), manner_of(scene, sensor))
+        node = node_of(scene, sensor)
+        self._encoder = DetectionEncoder(node, manner_of(scene, sensor))
         self._confidence = detection_confidence_of(scene, sensor)
         self._frame = frame_at(scene.scene.site, sensor.position_enu_m)
         self._range_max_m = sensor.range_max_m
-        measures = measures_of(scene, sensor)
-        self._on_earth = tells_location(scene, measures)
-        self._has_direction = measures.azimuth
+        self._on_earth = node.tells_location
+        self._has_direction = measures_of(scene, sensor).azimuth
         self._group = -1
         self._waiting: list[Plots] = []
 
