@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from ipaddress import IPv6Address, ip_address
+from ipaddress import ip_address
 from typing import BinaryIO, NamedTuple
 from zlib import crc32
 
@@ -41,13 +41,14 @@ UDP_OCTETS = 8
 MORE_FRAGMENTS_OR_OFFSET = 0x3FFF
 
 
+Place = tuple[bytes, int]  # An address, 4 or 16 octets, and a port
+
+
 class Datagram(NamedTuple):
     """A UDP payload, from where and to where."""
 
-    source: str
-    source_port: int
-    destination: str
-    port: int
+    source: Place
+    destination: Place
     payload: bytes
     payload_at: int  # Octet of the packet
 
@@ -132,15 +133,13 @@ def _of_udp(packet: bytes, at: int, source: bytes, destination: bytes) -> Datagr
         raise DecodeError(f"a UDP payload of {length - UDP_OCTETS} octets, {there} are there")
     payload_at = at + UDP_OCTETS
     payload = packet[payload_at : at + length]
-    return Datagram(address(source), source_port, address(destination), port, payload, payload_at)
+    return Datagram((source, source_port), (destination, port), payload, payload_at)
 
 
 @lru_cache(maxsize=4096)
-def address(octets: bytes) -> str:
-    """An IPv4 or IPv6 address as text."""
-    if len(octets) == 4:
-        return ".".join(map(str, octets))
-    return str(IPv6Address(octets))
+def text_of(place: Place) -> str:
+    """ADDRESS/PORT."""
+    return f"{ip_address(place[0])}/{place[1]}"
 
 
 TTL = 64
@@ -150,16 +149,15 @@ _ARP_ETHERNET = 1
 _FAMILY_4, _FAMILY_6 = 2, 30  # of the BSDs, where packets without a link layer come from
 
 
-def frame(
-    link_type: int, ports: tuple[int, int], source: bytes, destination: bytes, payload: bytes
-) -> bytes:
-    """A payload from one address and port to another; addresses are of 4 or both of 16 octets."""
-    if len(source) == 4:
+def frame(link_type: int, source: Place, destination: Place, payload: bytes) -> bytes:
+    """The packet of a payload from one place to another; both addresses are of one length."""
+    (source_address, source_port), (address, port) = source, destination
+    if len(address) == 4:
         ip = struct.pack(">BBHHHBBH", 0x45, 0, 0, 0, DO_NOT_FRAGMENT, TTL, UDP_PROTOCOL, 0)
     else:
         ip = struct.pack(">IHBB", 6 << 28, 0, UDP_PROTOCOL, TTL)
-    link = _link_layer(link_type, source, destination)
-    head = link + ip + source + destination + struct.pack(">HHI", *ports, 0)
+    link = _link_layer(link_type, source_address, address)
+    head = link + ip + source_address + address + struct.pack(">HHI", source_port, port, 0)
     return with_payload(link_type, head, payload)
 
 
@@ -310,20 +308,6 @@ class KeptPacket(NamedTuple):
         return packet, len(packet)
 
 
-def properties_of(
-    header: PcapHeader, packet: bytes, length: int, found: Datagram
-) -> tuple[tuple[str, str], ...]:
-    """Properties of a packet that had `length` octets before it was cut, and of its datagram."""
-    tail = packet[found.payload_at + len(found.payload) :]
-    return (
-        (FILE, _text(header.octets)),
-        (HEAD, _text(packet[: found.payload_at])),
-        (PAYLOAD_CRC, f"{crc32(found.payload):08x}"),
-        *(((TAIL, _text(tail)),) if tail else ()),
-        *(((LENGTH, str(length)),) if length != len(packet) else ()),
-    )
-
-
 def kept_in(properties: tuple[tuple[str, str], ...]) -> KeptPacket | None:
     """The packet that these are of; None if they are of none."""
     found = dict(properties)
@@ -382,15 +366,20 @@ class PacketReader(OctetsReader):
         if not 0 <= t_utc_ns <= LATEST_NS:
             self.damage.add(at, f"a packet of {t_utc_ns} ns since 1970; expected 1970 to 2554")
             return None
+        tail = packet[found.payload_at + len(found.payload) :]
         return Recorded(
-            topic=f"{UDP_TOPIC}{found.destination}/{found.port}",
+            topic=UDP_TOPIC + text_of(found.destination),
             payload=found.payload,
             log_time_ns=t_utc_ns,
             publish_time_ns=t_utc_ns,
             content_type=content_type(found.payload),
             properties=(
-                (SOURCE, f"{found.source}/{found.source_port}"),
-                *properties_of(header, packet, length, found),
+                (SOURCE, text_of(found.source)),
+                (FILE, _text(header.octets)),
+                (HEAD, _text(packet[: found.payload_at])),
+                (PAYLOAD_CRC, f"{crc32(found.payload):08x}"),
+                *(((TAIL, _text(tail)),) if tail else ()),
+                *(((LENGTH, str(length)),) if length != len(packet) else ()),
             ),
         )
 
@@ -470,9 +459,14 @@ class PcapWriter(RecordingWriter):
         header = self._header or self._begin(ns_header(ETHERNET) if kept is None else kept.header)
         if header.link_type == (ONLY_IPV6 if len(place[0]) == 4 else ONLY_IPV4):
             return f"of an IP that link type {header.link_type} of the capture does not hold"
-        packet, length = _as_it_was(header, message, place, kept) or _anew(header, message, place)
-        if not packet:
-            return f"longer than the capture's {header.snap_octets} octets of a packet"
+        source = _source_of(message, place[0])
+        found = _as_it_was(header, message.payload, source, place, kept)
+        if found is None:
+            packet = frame(header.link_type, source, place, message.payload)
+            if 0 < header.snap_octets < len(packet):
+                return f"longer than the capture's {header.snap_octets} octets of a packet"
+            found = packet, len(packet)
+        packet, length = found
         units, lost_ns = divmod(fraction, header.unit_ns)
         self._cut_times += lost_ns > 0
         self._file.write(header.record.pack(seconds, units, len(packet), length) + packet)
@@ -499,7 +493,7 @@ class PcapWriter(RecordingWriter):
         self._header = header
         return header
 
-    def _destination(self, message: Recorded) -> tuple[bytes, int] | str:
+    def _destination(self, message: Recorded) -> Place | str:
         if message.topic.startswith(UDP_TOPIC):
             place = place_of(message.topic.removeprefix(UDP_TOPIC))
             if place is not None:
@@ -514,8 +508,8 @@ class PcapWriter(RecordingWriter):
 
 
 @lru_cache(maxsize=4096)
-def place_of(text: str) -> tuple[bytes, int] | None:
-    """The address, 4 or 16 octets, and the port of ADDRESS/PORT; None if it is not that."""
+def place_of(text: str) -> Place | None:
+    """The address and the port of ADDRESS/PORT; None if it is not that."""
     host, _, port = text.rpartition("/")
     try:
         number = int(port) if port.isascii() and port.isdecimal() and len(port) <= 5 else 1 << 16
@@ -525,34 +519,21 @@ def place_of(text: str) -> tuple[bytes, int] | None:
 
 
 def _as_it_was(
-    header: PcapHeader, message: Recorded, to: tuple[bytes, int], kept: KeptPacket | None
+    header: PcapHeader, payload: bytes, source: Place, to: Place, kept: KeptPacket | None
 ) -> tuple[bytes, int] | None:
-    """The packet that a message was in and its octets before it was cut, if it still fits."""
+    """The packet that a payload was in and its octets before it was cut, if it still fits."""
     if kept is None or kept.header.link_type != header.link_type:
         return None
-    packet, length = kept.with_payload(message.payload)
+    packet, length = kept.with_payload(payload)
     try:
         found = datagram_in(header.link_type, packet)
     except DecodeError:
         return None
-    if found is None or found.payload != message.payload or len(packet) > MAX_PACKET_OCTETS:
-        return None
-    source = place_of(f"{found.source}/{found.source_port}")
-    destination = place_of(f"{found.destination}/{found.port}")
-    fits = (source, destination) == (_source_of(message, to[0]), to)
-    return (packet, length) if fits else None
+    fits = found is not None and found[:3] == (source, to, payload)
+    return (packet, length) if fits and len(packet) <= MAX_PACKET_OCTETS else None
 
 
-def _anew(header: PcapHeader, message: Recorded, to: tuple[bytes, int]) -> tuple[bytes, int]:
-    """A packet and its octets; none if it is longer than the file's may be."""
-    (destination, port), (source, source_port) = to, _source_of(message, to[0])
-    packet = frame(header.link_type, (source_port, port), source, destination, message.payload)
-    if 0 < header.snap_octets < len(packet):
-        return b"", 0
-    return packet, len(packet)
-
-
-def _source_of(message: Recorded, destination: bytes) -> tuple[bytes, int]:
+def _source_of(message: Recorded, destination: bytes) -> Place:
     """Who sent it, if the recording says so and it is of the destination's kind; else loopback."""
     place = place_of(dict(message.properties).get(SOURCE, ""))
     if place is not None and len(place[0]) == len(destination):

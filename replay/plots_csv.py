@@ -60,8 +60,11 @@ class PlotsCsvWriter(RecordingWriter):
         found = self._select(message)
         if not isinstance(found, MeasuredPlots):
             return found or "no plots"
-        columns = table_of(found, message.topic).items()
-        self._rows.writerows(zip(*(_as_cells(*column) for column in columns), strict=True))
+        columns = table_of(found, message.topic)
+        columns[TIME] = [t_ns if t_ns is None else iso_utc(t_ns) for t_ns in columns[TIME]]
+        columns["category"] = [each and f"{each:03d}" for each in columns["category"]]
+        for row in zip(*columns.values(), strict=True):
+            self._rows.writerow([as_text(cell) if isinstance(cell, str) else cell for cell in row])
         self._flush()
         return None
 
@@ -110,15 +113,6 @@ def _told(column: NDArray[Any]) -> list[Any]:
         return [None if cell == "" else cell for cell in column]
     absent = column == NOT_TOLD if column.dtype == np.int64 else np.isnan(column)
     return [None if no else value for value, no in zip(column.tolist(), absent, strict=True)]
-
-
-def _as_cells(name: str, column: list[Any]) -> list[Any]:
-    """A column as spreadsheets read it."""
-    if name == TIME:
-        return [t_ns if t_ns is None else iso_utc(t_ns) for t_ns in column]
-    if name == "category":
-        return [category and f"{category:03d}" for category in column]
-    return [as_text(cell) if isinstance(cell, str) else cell for cell in column]
 
 
 def as_text(cell: str) -> str:

@@ -89,7 +89,8 @@ FORMAT = asterix(
 class BearingEncoder205(ReportEncoder):
     """Bearings, as I205/010, 000, 030, 040, 050, 070, and of 180, 190, 200 what is measured.
 
-    Latitude and longitude are the sensor's. The quality of a signal is 0 at 0 dB. Several sensors
+    Latitude and longitude are the sensor's. The quality of a signal grows with the SNR in decibels
+    and is 0 at 0 dB. Several sensors
     have a SAC, SIC, latitude and longitude each, in sequences. Further, `blocks` takes the time at
     which all are sent and the number of the first, `blocks_by` both of each part, (m,).
     """
@@ -128,16 +129,10 @@ class BearingEncoder205(ReportEncoder):
         }
         level = measured(plots, {"I205/180": "amplitude_dbm"})
         columns |= {path: dbm + DBUV_AT_0_DBM for path, dbm in level.items()}
-        snr = measured(plots, {"I205/190": "snr"})
-        columns |= {path: _quality(path, ratio) for path, ratio in snr.items()}
+        for path, snr in measured(plots, {"I205/190": "snr"}).items():
+            if not (snr > 0).all():
+                raise EncodeError("an SNR is not above 0", field=path)
+            steps = np.rint(decibels(snr) / (BEST_SNR_DB / BEST_QUALITY))
+            columns[path] = np.clip(steps, 0, BEST_QUALITY).astype(np.int64)
         columns |= measured(plots, {"I205/200": "elevation_deg"})
         return columns
-
-
-def _quality(path: str, snr: Floats) -> Ints:
-    """The quality of signals, I205/190, which grows with the SNR in decibels."""
-    if not (snr > 0).all():
-        raise EncodeError("an SNR is not above 0", field=path)
-    steps = np.rint(decibels(snr) / (BEST_SNR_DB / BEST_QUALITY))
-    quality: Ints = np.clip(steps, 0, BEST_QUALITY).astype(np.int64)
-    return quality

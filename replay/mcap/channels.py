@@ -152,11 +152,6 @@ class ChannelKey:
             qos=recorded.qos,
         )
 
-    @property
-    def shown_topic(self) -> str:
-        """The topic under which other tools list it."""
-        return (BEFORE if self.stage is Stage.BEFORE else "") + self.topic
-
     def metadata(self, *, of_properties: bool) -> dict[str, str]:
         """Everything, for a channel of the messages, or of their user properties."""
         return {

@@ -25,6 +25,7 @@ from mcap.opcode import Opcode
 
 from plotfeed.proto.errors import EncodeError
 from plotfeed.replay.mcap.channels import (
+    BEFORE,
     PROPERTIES,
     ChannelKey,
     encoding_of,
@@ -39,7 +40,7 @@ from plotfeed.replay.mcap.mcap_reader import (
     MESSAGE,
     MESSAGE_FIELDS_OCTETS,
 )
-from plotfeed.replay.recorded import LATEST_NS, Attachment, Recorded, RecordingWriter
+from plotfeed.replay.recorded import LATEST_NS, Attachment, Recorded, RecordingWriter, Stage
 
 ZSTD_LEVEL = 1  # Higher levels take longer and make the messages of sensors hardly smaller
 # Of the index, which has some octets for each channel in each chunk: hours make it large.
@@ -379,11 +380,19 @@ class McapWriter(RecordingWriter):
         series = ChannelKey.of(message)
         if self._last_id == MAX_CHANNELS:
             raise EncodeError(f"more than {MAX_CHANNELS} channels", field="topic")
-        schema_id = 0 if of_properties else self._schema_of(series)
+        # Protobuf's or of JSON; 0 where there is none.
+        named, schema_id = message_type_of(series), 0
+        if named and not of_properties:
+            schema_id = self._schema(named, "protobuf", schema_of(named))
+        elif not of_properties and (found := json_schema_of(series)) is not None:
+            schema_id = self._schema(found[0], "jsonschema", found[1])
         encoding = "json" if of_properties else encoding_of(series.content_type)
+        before = (PROPERTIES if of_properties else "") + (
+            BEFORE if series.stage is Stage.BEFORE else ""
+        )
         definition = mcap.Channel(
             id=self._last_id + 1,
-            topic=(PROPERTIES if of_properties else "") + series.shown_topic,
+            topic=before + series.topic,  # under which other tools list it
             message_encoding=encoding if schema_id or encoding != "protobuf" else "",
             metadata=series.metadata(of_properties=of_properties),
             schema_id=schema_id,
@@ -393,14 +402,6 @@ class McapWriter(RecordingWriter):
         self._channels[key] = channel
         self._file.channels.append(channel.definition)
         return channel
-
-    def _schema_of(self, series: ChannelKey) -> int:
-        """Number of the schema of a series, protobuf's or of JSON; 0 if there is none."""
-        message_type = message_type_of(series)
-        if message_type:
-            return self._schema(message_type, "protobuf", schema_of(message_type))
-        found = json_schema_of(series)
-        return 0 if found is None else self._schema(found[0], "jsonschema", found[1])
 
     def _schema(self, name: str, encoding: str, data: bytes | None) -> int:
         """Number of a schema, which is put into the file once."""

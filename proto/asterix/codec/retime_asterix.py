@@ -46,7 +46,9 @@ class TimeFinder:
         try:
             found, end = self._offsets(body, at)
             if FLIGHT_PLAN in found:
-                planned = _planned_times(body, found[FLIGHT_PLAN])
+                first = _PLAN_OFFSETS(body, found[FLIGHT_PLAN])[0].get(PLANNED)
+                if first is not None:
+                    planned = [first + 1 + i * _ELEMENT.octets for i in range(body[first])]
         except BROKEN:
             found, end = {}, at
         if not found or end > len(body):
@@ -154,17 +156,8 @@ _PLAN_OFFSETS = Plans(_PLAN.subfields, offsets=True).read
     for subfield in _PLAN.subfields
     if isinstance(subfield, Repetitive) and subfield.name == PLANNED
 )
-# ItemPlaces of the parts of a planned time from the right, and their masks.
+# Places of the parts of a planned time from the right, and their masks.
 _PARTS = {part.name: (right, (1 << part.bits) - 1) for part, right in _ELEMENT.fields}
-
-
-def _planned_times(body: bytes, at: int) -> list[int]:
-    """Where planned times begin in a flight plan; raises one of `BROKEN`."""
-    found, _ = _PLAN_OFFSETS(body, at)
-    if PLANNED not in found:
-        return []
-    first = found[PLANNED]
-    return [first + 1 + i * _ELEMENT.octets for i in range(body[first])]
 
 
 def _move_planned(moved: bytearray, at: int, shift_lsb: int | None) -> bool:

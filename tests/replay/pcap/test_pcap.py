@@ -44,7 +44,7 @@ IP = 14  # Octets of an Ethernet header
 def frame(payload: bytes = PLOT, *, six: bool = False) -> bytes:
     """From 10.0.0.1 port 4000 to the group 239.1.2.3 port 8600, or the same by IPv6."""
     here, there = (HERE_6, THERE_6) if six else (HERE, THERE)
-    return captures.frame(ETHERNET, (4000, 8600), here, there, payload)
+    return captures.frame(ETHERNET, (here, 4000), (there, 8600), payload)
 
 
 def pcap(*packets: bytes, link_type: int = ETHERNET, order: str = "<", ns: bool = False) -> bytes:

@@ -43,8 +43,8 @@ MAC = 12
 
 def packet(link_type: int = ETHERNET, *, six: bool = False) -> bytes:
     """A plot to a group."""
-    ends = (HERE_6, THERE_6) if six else (HERE, THERE)
-    return frame(link_type, (4000, 8600), *ends, PLOT)
+    here, there = (HERE_6, THERE_6) if six else (HERE, THERE)
+    return frame(link_type, (here, 4000), (there, 8600), PLOT)
 
 
 def capture(
@@ -131,8 +131,8 @@ def test_another_payload_has_its_own_lengths_and_checksums(payload: bytes, six: 
     (now,) = messages_of(changed)
     assert (now.payload, now.topic) == (payload, was.topic)
     ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(changed))
-    ends = (HERE_6, THERE_6) if six else (HERE, THERE)
-    made = frame(ETHERNET, (4000, 8600), *ends, payload)
+    here, there = (HERE_6, THERE_6) if six else (HERE, THERE)
+    made = frame(ETHERNET, (here, 4000), (there, 8600), payload)
     assert octets == plain[:MAC] + VLAN + made[MAC:]
     assert LENGTH not in dict(now.properties)
 

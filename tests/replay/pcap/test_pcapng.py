@@ -23,7 +23,7 @@ from plotfeed.replay.pcap import ETHERNET, FILE, PcapngReader, PcapReader, PcapW
 from plotfeed.replay.recorded import Recorded
 
 PLOT = block_048(43_200)
-FRAME = frame(ETHERNET, (4000, 8600), bytes([10, 0, 0, 1]), bytes([239, 1, 2, 3]), PLOT)
+FRAME = frame(ETHERNET, (bytes([10, 0, 0, 1]), 4000), (bytes([239, 1, 2, 3]), 8600), PLOT)
 SECTION, INTERFACE, OBSOLETE, SIMPLE, STATISTICS, ENHANCED = 0x0A0D0D0A, 1, 2, 3, 5, 6
 
 
