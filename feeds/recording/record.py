@@ -32,7 +32,8 @@ from plotfeed.feeds.transport.mqtt.address import (
     without_secrets,
 )
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.udp import UdpError, lost_of, receiver_at
+from plotfeed.feeds.transport.udp import lost_of, receiver_at
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, utc_ns
 from plotfeed.replay.asterix_files import content_type
@@ -63,9 +64,9 @@ class UdpSource:
     """What comes to one port, of one address, of a group, or of all addresses."""
 
     def __init__(self, endpoint: Endpoint, interface: str | None = None) -> None:
-        """`interface` is where a group is joined; raises `UdpError`."""
+        """`interface` is where a group is joined; raises `TransportError`."""
         if interface is not None and not endpoint.address.is_multicast:
-            raise UdpError(f"interface: only for multicast, which {endpoint.address} is not")
+            raise TransportError(f"interface: only for multicast, which {endpoint.address} is not")
         host = str(endpoint.address)
         self.shown = f"udp://{f'[{host}]' if ':' in host else host}:{endpoint.port}"
         self.has_kernel_times = False  # Whether times are those of the kernel, not of this program
@@ -85,12 +86,12 @@ class UdpSource:
 
     @contextlib.asynccontextmanager
     async def receiving(self, receive: Receive) -> AsyncIterator[None]:
-        """Call `receive` with each datagram, at the end with what is there; raises `UdpError`."""
+        """Call `receive` with each datagram, at the end with what is there; raises `TransportError`."""
         host, port = str(self._endpoint.address), self._endpoint.port
         try:
             opened = receiver_at(host, port, self._interface, BUFFER_OCTETS, self._prepare)
         except OSError as error:
-            raise UdpError(f"{self.shown}: {error.strerror or error}") from None
+            raise TransportError(f"{self.shown}: {error.strerror or error}") from None
         with opened:
             self._socket = opened
             self._settled_s = time.monotonic() + SETTLING_S

@@ -15,7 +15,8 @@ from plotfeed.feeds.messages.transports import ImmediateTransport, Transport
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys, UdpDestination
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.udp import UdpError, UdpTransport
+from plotfeed.feeds.transport.udp import UdpTransport
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.content_types import ASTERIX
 from plotfeed.proto.message_kinds import kind_of
 from plotfeed.replay.recorded import UDP_TOPIC
@@ -47,14 +48,16 @@ class ReplayUdp(UdpTransport):
         self._waits = waits
 
     def open(self) -> None:
-        """Make the socket; raises `UdpError`."""
+        """Make the socket; raises `TransportError`."""
         super().open()
         assert self._socket is not None  # noqa: S101 - else it has raised  # nosec B101
         try:
             self._socket.connect(self._target)
         except OSError as error:
             self.close()
-            raise UdpError(f"{self.settings.destination}: {error.strerror or error}") from None
+            raise TransportError(
+                f"{self.settings.destination}: {error.strerror or error}"
+            ) from None
 
     def carries(self, message: Message) -> bool:
         """Whether it is a datagram."""
@@ -130,7 +133,7 @@ class RecordedUdp(ImmediateTransport):
             settings = UdpDestination(**{**dict(self._keys), **own})
             link = ReplayUdp(settings, topic, waits=self._waits)
             link.open()
-        except (ValueError, UdpError) as error:  # pydantic's errors are ValueErrors
+        except (ValueError, TransportError) as error:  # pydantic's errors are ValueErrors
             log.warning("%s: %s", topic, str(error).splitlines()[0])
             return None
         return link

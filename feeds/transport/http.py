@@ -16,9 +16,9 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
-from plotfeed.feeds.transport.octet_sources import OctetSource, SourceError
+from plotfeed.feeds.transport.octet_sources import OctetSource
 from plotfeed.feeds.transport.peers import PEER_LIMITS, PeerTurns
-from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError
+from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError, TransportError
 
 DEFAULT_PORTS = {"http": 80, "https": 443}
 MAX_HEAD_OCTETS = 1 << 16
@@ -215,10 +215,10 @@ class PolledOctets(OctetSource):
         self._is_told = False
 
     async def open(self) -> None:
-        """See whether the token can be sent; raises `SourceError`."""
+        """See whether the token can be sent; raises `TransportError`."""
         token = os.environ.get(POLL_TOKEN, "")
         if not (token.isascii() and token.isprintable()):
-            raise SourceError(f"{POLL_TOKEN}: expected printable ASCII")
+            raise TransportError(f"{POLL_TOKEN}: expected printable ASCII")
 
     async def run(self) -> None:
         """Ask for ever: at the usual interval, more slowly while there is no answer."""

@@ -71,7 +71,7 @@ class LiveSource:
         return self._octets.bound_port
 
     async def open(self) -> None:
-        """Listen from now on; raises `SourceError`."""
+        """Listen from now on; raises `TransportError`."""
         await self._octets.open()
 
     async def run(self) -> None:

@@ -22,7 +22,7 @@ from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.telemetry.live.heard import remember
 from plotfeed.feeds.transport.peers import PEER_LIMITS, SLICE_OCTETS, PeerTurns, Places
 from plotfeed.feeds.transport.udp import lost_of, receiver_at
-from plotfeed.proto.errors import PlotfeedError
+from plotfeed.feeds.transport.ways_out import TransportError
 
 log = logging.getLogger(__name__)
 
@@ -31,12 +31,6 @@ BUFFER_OCTETS = 1 << 20
 AT_ONCE = 16  # Datagrams, until something else has its turn
 # Between attempts to connect: each of them, and the last from then on.
 AGAIN_S = (0.5, 1.0, 2.0, 5.0)
-
-
-class SourceError(PlotfeedError):
-    """A source that cannot be listened to."""
-
-    exit_code = 1
 
 
 class OctetSource(ABC):
@@ -50,7 +44,7 @@ class OctetSource(ABC):
         return ()
 
     async def open(self) -> None:  # noqa: B027 - of some there is nothing to open
-        """Take what comes from now on; raises `SourceError`."""
+        """Take what comes from now on; raises `TransportError`."""
 
     @abstractmethod
     async def run(self) -> None:
@@ -77,7 +71,7 @@ class UdpOctets(OctetSource):
         self._lost = 0
 
     async def open(self) -> None:
-        """Take what comes from now on; raises `SourceError`."""
+        """Take what comes from now on; raises `TransportError`."""
         address = self._address
         try:
             if address.transport == "udpout":
@@ -90,7 +84,7 @@ class UdpOctets(OctetSource):
                 opened = receiver_at(address.host, address.port, self._interface, BUFFER_OCTETS)
         except OSError as error:
             at = f" at {self._interface}" if self._interface else ""
-            raise SourceError(f"{address}{at}: {error.strerror or error}") from None
+            raise TransportError(f"{address}{at}: {error.strerror or error}") from None
         self._socket, self.bound_port = opened, int(opened.getsockname()[1])
         self._unwatch = watched(opened, partial(self._take, opened))
 
@@ -148,7 +142,7 @@ class TcpOctets(OctetSource):
         self._server: asyncio.Server | None = None
 
     async def open(self) -> None:
-        """Listen, where others connect; raises `SourceError`."""
+        """Listen, where others connect; raises `TransportError`."""
         address = self._address
         if address.transport != "tcpin":
             return
@@ -158,7 +152,7 @@ class TcpOctets(OctetSource):
             )
             self.bound_port = int(self._server.sockets[0].getsockname()[1])
         except OSError as error:
-            raise SourceError(f"{address}: {error.strerror or error}") from None
+            raise TransportError(f"{address}: {error.strerror or error}") from None
 
     async def run(self) -> None:
         """Keep the connection up, or wait for ever where others connect."""
@@ -259,17 +253,17 @@ class SerialOctets(OctetSource):
         self._ended = asyncio.Event()
 
     async def open(self) -> None:
-        """Open the port; raises `SourceError`."""
+        """Open the port; raises `TransportError`."""
         from serial import Serial  # an extra
 
         path, baud = self._address.path, self._address.baud
         if baud not in Serial.BAUDRATES:
-            raise SourceError(f"{self._address}: {baud} baud is no usual rate")
+            raise TransportError(f"{self._address}: {baud} baud is no usual rate")
         try:
             port = await asyncio.to_thread(Serial, path, baud, timeout=0, write_timeout=0)
         except Exception as error:  # noqa: BLE001 - those of termios are no OSError
             why = getattr(error.__context__, "strerror", f"{error}: expected a serial port")
-            raise SourceError(f"{self._address}: {why}") from None
+            raise TransportError(f"{self._address}: {why}") from None
         self._opened.callback(port.close)
         # On POSIX pyserial itself would write again and again until all is taken.
         self._line = FileIO(port.fileno(), "r+", closefd=False) if HAS_POSIX else port
@@ -284,7 +278,7 @@ class SerialOctets(OctetSource):
             self._taker.gone(self._address.path)
             while self._ended.is_set():
                 await asyncio.sleep(REOPEN_S)
-                with contextlib.suppress(SourceError):
+                with contextlib.suppress(TransportError):
                     await self.open()
                     self._ended.clear()
             log.warning("%s: the port is back", self._address)
@@ -331,9 +325,9 @@ class PipedOctets(OctetSource):
         self._is_closed = False
 
     async def open(self) -> None:
-        """See whether there is such a file; raises `SourceError`."""
+        """See whether there is such a file; raises `TransportError`."""
         if self._address.transport == "file" and not os.access(self._address.path, os.R_OK):
-            raise SourceError(f"{self._address}: no file that can be read")
+            raise TransportError(f"{self._address}: no file that can be read")
 
     async def run(self) -> None:
         """Take all there is, and return at the end."""

@@ -23,8 +23,8 @@ from plotfeed.feeds.messages.transports import ImmediateTransport
 from plotfeed.feeds.scene.fields import split_address
 from plotfeed.feeds.scene.output_keys import SapientKeys
 from plotfeed.feeds.timing.clock import Clock
-from plotfeed.feeds.transport.ways_out import backoff_s, wait_while
-from plotfeed.proto.errors import DecodeError, PlotfeedError
+from plotfeed.feeds.transport.ways_out import TransportError, backoff_s, wait_while
+from plotfeed.proto.errors import DecodeError
 from plotfeed.proto.sapient.decode_sapient import Heard, decode_heard
 
 log = logging.getLogger(__name__)
@@ -232,12 +232,6 @@ STEADY_S = 5.0
 MAX_SAID = 200
 
 
-class SapientError(PlotfeedError):
-    """A middleware that cannot be reached."""
-
-    exit_code = 1
-
-
 class SapientTcpTransport(ImmediateTransport):
     """One sensor's connection: kept up while `run` runs, publishing unless it is refused."""
 
@@ -277,13 +271,13 @@ class SapientTcpTransport(ImmediateTransport):
         self._has_opened = False
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
-        """Return once it has registered; raises `SapientError` if it has not in that time."""
+        """Return once it has registered; raises `TransportError` if it has not in that time."""
         try:
             async with asyncio.timeout(timeout_s):
                 await self._up.wait()
         except TimeoutError:
             why = f" ({self.last_error})" if self.last_error else ""
-            raise SapientError(f"no SAPIENT middleware answers at {self.address}{why}") from None
+            raise TransportError(f"no SAPIENT middleware answers at {self.address}{why}") from None
 
     async def run(self) -> None:
         """Connect, and connect again whenever the connection is lost, until cancelled."""
@@ -294,7 +288,7 @@ class SapientTcpTransport(ImmediateTransport):
                 began_s = loop.time()
                 try:
                     await self._stay_connected()
-                except SapientError as error:
+                except TransportError as error:
                     self.last_error = str(error)
                     if attempt == 0 and self.counters.connections:  # else whoever waits is told
                         self._tell(f"lost {self.address} ({error})")
@@ -331,7 +325,7 @@ class SapientTcpTransport(ImmediateTransport):
         return wire.send(message.payload)
 
     async def _stay_connected(self) -> None:
-        """One connection, from its beginning to its end; raises `SapientError` if there is none."""
+        """One connection from beginning to end; raises `TransportError` if there is none."""
         self._wire = wire = await self._connected()
         try:
             await self._register(wire)
@@ -345,8 +339,8 @@ class SapientTcpTransport(ImmediateTransport):
                 if self._is_refused:
                     self._say_registration(wire)
             self.counters.count("stalls", wire.was_stalled)
-            raise SapientError(wire.reason or "the connection was closed")
-        except SapientError:
+            raise TransportError(wire.reason or "the connection was closed")
+        except TransportError:
             wire.abort()
             raise
         finally:
@@ -366,10 +360,10 @@ class SapientTcpTransport(ImmediateTransport):
                     lambda: SapientWire(self._intake, self._hear, self._give_up_after_s), host, port
                 )
         except TimeoutError:
-            raise SapientError("no answer") from None
+            raise TransportError("no answer") from None
         except (OSError, UnicodeError) as error:
             why = (error.strerror if isinstance(error, OSError) else None) or str(error)
-            raise SapientError(why) from None
+            raise TransportError(why) from None
         return wire
 
     async def _register(self, wire: SapientWire) -> None:
@@ -380,7 +374,7 @@ class SapientTcpTransport(ImmediateTransport):
         await asyncio.wait(either, timeout=ACK_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
         answered.cancel()
         if wire.lost.done():
-            raise SapientError(wire.reason or "the connection was closed at the registration")
+            raise TransportError(wire.reason or "the connection was closed at the registration")
         if not self._answered.is_set():
             self._tell(f"{self.address} did not acknowledge the registration")
             self._report()

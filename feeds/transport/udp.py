@@ -15,8 +15,8 @@ from collections.abc import Callable
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import ImmediateTransport
 from plotfeed.feeds.scene.output_keys import Endpoint, UdpDestination
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.content_types import ASTERIX, COT
-from plotfeed.proto.errors import PlotfeedError
 
 
 def receiver_at(
@@ -75,12 +75,6 @@ def _interface_4(interface: str | None) -> tuple[bytes, int]:
 log = logging.getLogger(__name__)
 
 
-class UdpError(PlotfeedError):
-    """A destination that cannot be sent to."""
-
-    exit_code = 1
-
-
 SO_MEMINFO = 55  # Of Linux, which Python does not name
 MEMINFO = struct.Struct("@9I")  # Of which the last is how many datagrams the socket had no room for
 
@@ -108,7 +102,7 @@ class UdpTransport(ImmediateTransport):
         self._target: tuple[object, ...] = ()
 
     def open(self) -> None:
-        """Make the socket; raises `UdpError`."""
+        """Make the socket; raises `TransportError`."""
         endpoint = Endpoint.parse(self.settings.destination)
         family = socket.AF_INET if endpoint.address.version == 4 else socket.AF_INET6
         try:
@@ -126,7 +120,7 @@ class UdpTransport(ImmediateTransport):
         except OSError as error:
             self.close()
             what = f"{self._key}.destination: {self.settings.destination}"
-            raise UdpError(f"{what}: {_why(error)}") from None
+            raise TransportError(f"{what}: {_why(error)}") from None
 
     def carries(self, message: Message) -> bool:
         """Whether it is of the kind that goes there."""
@@ -179,7 +173,7 @@ class UdpTransport(ImmediateTransport):
         except OSError as error:
             self.close()
             what = f"{self._key}.interface: {interface!a}"
-            raise UdpError(f"{what}: {_why(error)}") from None
+            raise TransportError(f"{what}: {_why(error)}") from None
 
 
 def _why(error: OSError) -> str:

@@ -37,10 +37,14 @@ MAX_SAID = 200
 log = logging.getLogger(__name__)
 
 
-class SendError(PlotfeedError):
-    """A message that did not get through; `is_final` says that another try would not help."""
+class TransportError(PlotfeedError):
+    """A server, a port or a place to which there is no way."""
 
     exit_code = 1
+
+
+class SendError(TransportError):
+    """A message that did not get through; `is_final` says that another try would not help."""
 
     def __init__(self, why: str, *, is_final: bool = False) -> None:
         super().__init__(printable(why)[:MAX_SAID])
@@ -147,12 +151,6 @@ class QueuedTransport:
             self._filled.clear()
 
 
-class PortError(PlotfeedError):
-    """A port that cannot be listened on."""
-
-    exit_code = 1
-
-
 class ListeningTransport(ImmediateTransport):
     """Listens on a port while `run` runs, and tells who connects what goes there.
 
@@ -167,7 +165,7 @@ class ListeningTransport(ImmediateTransport):
         self._key, self._port = key, settings.port
         self._carried = settings.content_type
         self._is_up = asyncio.Event()
-        self._error: PortError | None = None
+        self._error: TransportError | None = None
 
     def listening(self) -> AbstractAsyncContextManager[object]:
         """The port, open meanwhile; entering raises `OSError`."""
@@ -178,7 +176,7 @@ class ListeningTransport(ImmediateTransport):
         return message.content_type == self._carried
 
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
-        """Return once it listens; raises `PortError` if it cannot."""
+        """Return once it listens; raises `TransportError` if it cannot."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
                 await self._is_up.wait()
@@ -193,5 +191,5 @@ class ListeningTransport(ImmediateTransport):
                 await asyncio.Future()
         except OSError as error:
             what = f"{self._key}.port: {self._port}"
-            self._error = PortError(f"{what}: {error.strerror or error}")
+            self._error = TransportError(f"{what}: {error.strerror or error}")
             self._is_up.set()

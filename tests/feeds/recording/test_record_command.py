@@ -19,7 +19,7 @@ from support.recordings import read_log
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.recording.record import source_of
-from plotfeed.feeds.transport.udp import UdpError
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.replay.recorded import Recorded
 from plotfeed.testing import MqttReceiver
 
@@ -250,6 +250,8 @@ def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
 
 
 def test_a_group_is_joined_where_its_address_says() -> None:
-    with pytest.raises(UdpError, match=r"interface: only for multicast, which 127\.0\.0\.1 is not"):
+    with pytest.raises(
+        TransportError, match=r"interface: only for multicast, which 127\.0\.0\.1 is not"
+    ):
         source_of("udp://127.0.0.1:1?interface=lo", {})
     assert vars(source_of("udp://239.1.2.3:1?interface=lo", {}))["_interface"] == "lo"

@@ -21,7 +21,7 @@ from plotfeed.feeds.recording.record import BrokerSource, CaptureSource, UdpSour
 from plotfeed.feeds.scene.output_keys import Endpoint
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.udp import UdpError
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.replay.recorded import Recorded, Stage
 
 GROUP_4, GROUP_6 = "239.255.77.78", "ff11::7:8"
@@ -205,7 +205,7 @@ async def test_what_cannot_be_heard_is_an_error(
         async with Listener(UdpSource(Endpoint.parse(place), interface)):
             pass
 
-    with pytest.raises(UdpError) as caught:
+    with pytest.raises(TransportError) as caught:
         await listen()
     assert str(caught.value).startswith(text)
 

@@ -22,7 +22,7 @@ from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
 from plotfeed.feeds.replaying.replayer import Replayer
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.scene.output_keys import UdpDestination
-from plotfeed.feeds.transport.udp import UdpError
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.replay.recorded import Recorded
 
 # Stands for any address, where only the other keys count.
@@ -173,7 +173,7 @@ async def test_a_datagram_that_is_too_large_is_undelivered() -> None:
 
 
 def test_a_destination_that_cannot_be_reached_is_named() -> None:
-    with pytest.raises(UdpError, match=r"--udp.*no-such-interface"):
+    with pytest.raises(TransportError, match=r"--udp.*no-such-interface"):
         opened("239.1.2.3:8600", interface="no-such-interface")
 
 

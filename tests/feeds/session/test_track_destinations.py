@@ -21,7 +21,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport.ways_out import PortError
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.ledger import entries_in
 from plotfeed.testing import START_NS, flown, radar, scene, waypoint
 
@@ -133,7 +133,7 @@ async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
     with receiver():
         server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
         port = server.sockets[0].getsockname()[1]
-        with pytest.raises(PortError, match=r"websocket\[0\].port"):
+        with pytest.raises(TransportError, match=r"websocket\[0\].port"):
             await session(made(websocket=[{"port": port}]), asyncio.Event())
         server.close()
 

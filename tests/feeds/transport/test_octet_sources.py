@@ -21,8 +21,9 @@ from plotfeed.feeds.scene.telemetry_keys import SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import octet_sources
 from plotfeed.feeds.transport.live_source import LiveSource, octets_of
-from plotfeed.feeds.transport.octet_sources import SourceError, TcpOctets, UdpOctets
+from plotfeed.feeds.transport.octet_sources import TcpOctets, UdpOctets
 from plotfeed.feeds.transport.peers import PeerLimits
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.errors import PlotfeedError
 
 # A Location message of Open Drone ID, of now, whenever that is.
@@ -139,7 +140,7 @@ async def in_a_group(host: str, port: int, *takers: Taker) -> AsyncIterator[None
         for source in sources:
             try:
                 await source.open()
-            except SourceError as error:
+            except TransportError as error:
                 pytest.skip(f"this machine's loopback has no multicast: {error}")
         yield
     finally:
@@ -175,7 +176,7 @@ async def test_drones_of_a_group_are_telemetry() -> None:
     )
     try:
         await source.open()
-    except SourceError as error:
+    except TransportError as error:
         pytest.skip(f"this machine's loopback has no multicast: {error}")
     try:
         with to_group("239.255.77.79") as receiver:
@@ -193,7 +194,7 @@ async def test_drones_of_a_group_are_telemetry() -> None:
 async def test_an_interface_that_is_not_there_is_an_error_that_names_it() -> None:
     keys = {"url": f"mavlink:mcast:239.255.77.78:{free_port()}", "interface": "nowhere0"}
     settings = TelemetrySource.model_validate(keys)
-    with pytest.raises(SourceError, match=r"mavlink:udpin:239\.255\.77\.78:\d+ at nowhere0: "):
+    with pytest.raises(TransportError, match=r"mavlink:udpin:239\.255\.77\.78:\d+ at nowhere0: "):
         await octets_of(settings.address, Taker(), settings.interface).open()
 
 
@@ -202,7 +203,7 @@ async def test_a_taken_port_is_an_error_that_names_it() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         url = f"mavlink:udpin:127.0.0.1:{taken.getsockname()[1]}"
-        with pytest.raises(SourceError, match=f"{url}: Address already in use"):
+        with pytest.raises(TransportError, match=f"{url}: Address already in use"):
             async with listening(url):
                 pass
 
@@ -367,7 +368,7 @@ def test_a_serial_port_without_pyserial_says_what_to_install(
     ],
 )
 async def test_what_cannot_be_opened_says_why(url: str, why: str) -> None:
-    with pytest.raises(SourceError, match=why):
+    with pytest.raises(TransportError, match=why):
         async with listening(url):
             pass
 

@@ -24,7 +24,7 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.live_source import LiveSource
 from plotfeed.feeds.transport.mqtt.address import AccessError
 from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
-from plotfeed.feeds.transport.ways_out import PortError
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.utc import NS, iso_utc_ms
 from plotfeed.testing import START_NS, flown, radar, scene, waypoint
 
@@ -172,7 +172,7 @@ async def test_another_session_follows_the_tracks_of_one_by_asking() -> None:
 async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
     server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
     port = server.sockets[0].getsockname()[1]
-    with pytest.raises(PortError, match=r"remote_id_service\[0\].port"):
+    with pytest.raises(TransportError, match=r"remote_id_service\[0\].port"):
         await run(made(port), clock=WallClock(), broker="none", stop=asyncio.Event())
     server.close()
 

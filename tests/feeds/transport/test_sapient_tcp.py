@@ -25,10 +25,10 @@ from plotfeed.feeds.transport import sapient, ways_out
 from plotfeed.feeds.transport.sapient import (
     MAX_MESSAGE_OCTETS,
     MAX_UNSENT_OCTETS,
-    SapientError,
     framed,
     next_message,
 )
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.errors import DecodeError
 from plotfeed.testing import held, radar, rotating, scene, staring
 
@@ -62,7 +62,7 @@ async def test_what_is_not_for_a_middleware_does_not_go_there() -> None:
 async def test_a_middleware_that_is_not_there_is_one_clear_error() -> None:
     async with linked(f"127.0.0.1:{free_port()}", wait=False) as link:
         assert not taken(link, status_report())
-        with pytest.raises(SapientError, match="no SAPIENT middleware answers at 127"):
+        with pytest.raises(TransportError, match="no SAPIENT middleware answers at 127"):
             await link.wait_until_up(0.3)
 
 
@@ -260,7 +260,7 @@ async def test_a_session_does_not_begin_without_its_middleware() -> None:
     flown = scene(
         [radar(report=["sapient"])], seed=3, sapient={"middleware": f"127.0.0.1:{free_port()}"}
     )
-    with pytest.raises(SapientError, match="no SAPIENT middleware"):
+    with pytest.raises(TransportError, match="no SAPIENT middleware"):
         await run(flown, broker="none", duration_s=1.0)
 
 
@@ -271,7 +271,7 @@ async def test_a_socket_that_never_answers_is_given_up() -> None:
 
         async def test() -> None:
             async with linked(f"127.0.0.1:{nobody.getsockname()[1]}", wait=False) as link:
-                with pytest.raises(SapientError):
+                with pytest.raises(TransportError):
                     await link.wait_until_up(0.2)
 
         await test()

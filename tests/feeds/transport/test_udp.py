@@ -30,7 +30,8 @@ from plotfeed.feeds.scene.scene import SceneError, load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.feeds.transport.udp import UdpError, UdpTransport
+from plotfeed.feeds.transport.udp import UdpTransport
+from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.ledger import entries_in
@@ -200,7 +201,7 @@ async def test_an_interface_that_is_not_there_is_an_error_that_names_its_key(
         to = f"[{group}]:8600" if ":" in group else f"{group}:8600"
         good = destination("127.0.0.1:8600")
         scene = scene_file(tmp_path, scene_with(good + destination(to, interface=name)))
-        with pytest.raises(UdpError) as caught:
+        with pytest.raises(TransportError) as caught:
             await run(load(scene), broker="none", duration_s=1)
         assert str(caught.value).startswith(f"udp[1].interface: '{name}': ")
         assert caught.value.exit_code == 1
