@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import errno
 import os
 import signal
 import socket
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
@@ -46,14 +43,6 @@ def lock(file: int) -> None:
     """
     if HAS_POSIX:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def lock_of_user() -> int:
-    """A file that all processes of this user may lock; raises `OSError`."""
-    if not HAS_POSIX:
-        raise OSError(errno.ENOTSUP, "no locks")
-    path = Path(tempfile.gettempdir(), f"plotfeed-{os.getuid()}.lock")
-    return os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
 
 
 def alive_s() -> float:

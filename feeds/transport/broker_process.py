@@ -1,8 +1,9 @@
 """The process of the embedded broker: its sockets, and the WebSocket where there is one.
 
-Run as a module; the first line of its standard input is its orders in JSON. It serves until that
-ends, which it does when the parent ends, however that ends, and leaves no file behind. What there
-is to tell of clients is a line each on its standard output.
+Run as a module; the first line of its standard input is its orders in JSON, the first of its
+standard output its ports, or why it has none. It serves until its input ends, which it does when
+the parent ends, however that ends, and leaves no file behind. What there is to tell of clients is a
+line each on its output.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from plotfeed.feeds.console.posix import allow_many_files
@@ -30,7 +32,9 @@ TICK_S = 0.25
 MAX_UNSENT_OCTETS = 1 << 20  # That a connection has in hand; what is more waits in the broker
 MAX_BEHIND_OCTETS = 1 << 17  # The same, of the session, by the system too
 LINES_A_MINUTE = 30  # That are told; whoever comes again and again fills no log
-READY = "ready"  # The first line that is told
+BACKLOG, LAST_PORT = 1024, 65_535
+# So long a session that ended just now may still have the ports that a scene names.
+PORT_PATIENCE_S = 3.0
 
 
 def main() -> None:
@@ -39,7 +43,14 @@ def main() -> None:
     orders = json.loads(sys.stdin.buffer.readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
     allow_many_files()
-    asyncio.run(_serve(orders))
+    try:
+        found = listeners(orders["host"], orders["ports"], may_be_others=orders["may_be_others"])
+    except PortTakenError as error:
+        print(json.dumps({"taken": error.port}), flush=True)  # noqa: T201 - the parent reads it
+    except OSError as error:
+        print(json.dumps({"error": error.strerror}), flush=True)  # noqa: T201 - the parent reads it
+    else:
+        asyncio.run(_serve(orders, *found))
 
 
 def _end_with_parent() -> None:
@@ -47,7 +58,42 @@ def _end_with_parent() -> None:
     os._exit(0)
 
 
-async def _serve(orders: dict[str, Any]) -> None:
+class PortTakenError(Exception):
+    """A port that may not be another, and is somebody else's."""
+
+    def __init__(self, port: int) -> None:
+        super().__init__(port)
+        self.port = port
+
+
+def listeners(host: str, ports: Sequence[int], *, may_be_others: bool) -> list[socket.socket]:
+    """A socket that listens at each port there, at a free one where that is taken and may be other.
+
+    Raises `PortTakenError`, and `OSError` where nobody can listen at any port.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    deadline_s = time.monotonic() + PORT_PATIENCE_S
+    found: list[socket.socket] = []
+    for port in ports:
+        while True:
+            with contextlib.suppress(OSError):
+                if port <= LAST_PORT:
+                    found.append(socket.create_server((host, port), family=family, backlog=BACKLOG))
+                    break
+            other = socket.create_server((host, 0), family=family, backlog=BACKLOG)
+            if may_be_others:
+                found.append(other)
+                break
+            other.close()
+            if time.monotonic() > deadline_s:
+                raise PortTakenError(port)
+            time.sleep(0.05)
+    return found
+
+
+async def _serve(
+    orders: dict[str, Any], mqtt: socket.socket, websocket: socket.socket | None = None
+) -> None:
     loop, lines = asyncio.get_running_loop(), _Lines()
     users = {
         name: User(user["password"], Rights(**user["rights"]))
@@ -57,12 +103,11 @@ async def _serve(orders: dict[str, Any]) -> None:
     limits = BrokerLimits(**orders["limits"])
     broker = Broker(limits, users, anonymous=anonymous, tell=lines.tell)
     clients = set[_Client]()
-    await loop.create_server(
-        lambda: _Client(broker, orders, clients), orders["host"], orders["port"], backlog=1024
-    )
-    if orders["websocket"] is not None:
-        await _serve_websocket(broker, orders)
-    lines.tell(READY)
+    await loop.create_server(lambda: _Client(broker, orders, clients), sock=mqtt, backlog=BACKLOG)
+    if websocket is not None:
+        await _serve_websocket(broker, orders, websocket)
+    ports = [each.getsockname()[1] for each in (mqtt, websocket) if each is not None]
+    lines.tell(json.dumps({"ports": ports}))
     while True:
         broker.tick(loop.time())
         lines.tick(loop.time())
@@ -168,7 +213,7 @@ class _Client(asyncio.Protocol):
         self._transport.close()
 
 
-async def _serve_websocket(broker: Broker, orders: dict[str, Any]) -> None:
+async def _serve_websocket(broker: Broker, orders: dict[str, Any], at: socket.socket) -> None:
     """MQTT in WebSocket, for pages of the origins named and for who is no browser."""
     from websockets.asyncio.server import serve
     from websockets.typing import Origin, Subprotocol
@@ -203,9 +248,8 @@ async def _serve_websocket(broker: Broker, orders: dict[str, Any]) -> None:
 
     server = await serve(
         pass_on,
-        orders["host"],
-        orders["websocket"]["port"],
-        origins=[None, *map(Origin, orders["websocket"]["origins"])],
+        sock=at,
+        origins=[None, *map(Origin, orders["origins"])],
         subprotocols=[Subprotocol("mqtt")],
         compression=None,
         max_size=orders["limits"]["payload_octets"] + (1 << 18),

@@ -12,16 +12,13 @@ import contextlib
 import json
 import logging
 import os
-import socket
 import sys
-import time
 from asyncio.subprocess import DEVNULL, PIPE, Process
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from typing import Any, Self
 
-from plotfeed.feeds.console.posix import listen_again, lock, lock_of_user
 from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
 from plotfeed.feeds.transport.local_hosts import LOOPBACK, ServedAddress, drawn_token, fixed_token
@@ -31,11 +28,9 @@ from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
 
-# One that cannot listen ends at once, and is not waited for; on a busy machine it may take long.
+# One that cannot listen says so, and is not waited for; on a busy machine it may take long.
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 2.0
-# So long a session that ended just now may still have the ports that a scene names.
-PORT_PATIENCE_S = 3.0
 AGAIN_AFTER_S = 0.5  # A process that has ended is made anew no sooner
 ONE_OF_YOUR_OWN = "give the address of a broker of your own with --broker mqtt://HOST:PORT"
 SESSION_USER = "session"  # Its name at the broker, with a password that nobody else has
@@ -93,8 +88,16 @@ class Ports:
 class EmbeddedBroker:
     """Start it, use its ports and the session's access, keep it up, stop it."""
 
-    def __init__(self, ports: Ports, settings: EmbeddedBrokerKeys, prefix: str) -> None:
-        self.ports, self._settings = ports, settings
+    def __init__(
+        self,
+        ports: Ports,
+        settings: EmbeddedBrokerKeys,
+        prefix: str,
+        *,
+        may_be_others: bool = False,
+    ) -> None:
+        """`ports` are those that are wanted until it has started."""
+        self.ports = ports
         at_home = ServedAddress(settings.host).is_loopback
         rights = rights_by_user(prefix)
         self.users = {}
@@ -107,12 +110,12 @@ class EmbeddedBroker:
         limits = BrokerLimits(
             settings.max_connections, settings.max_payload_octets, settings.max_memory_mib << 20
         )
-        websocket = {"port": ports.websocket, "origins": settings.websocket_origins}
         self.asks_for_names = settings.users or not at_home
         self.orders: dict[str, Any] = {
             "host": settings.host,
-            "port": ports.mqtt,
-            "websocket": None if ports.websocket is None else websocket,
+            "ports": [*ports.by_protocol().values()],
+            "may_be_others": may_be_others,
+            "origins": settings.websocket_origins,
             "on_loopback": at_home,
             "anonymous": not self.asks_for_names,
             "users": {name: asdict(user) for name, user in known.items()},
@@ -134,37 +137,26 @@ class EmbeddedBroker:
         """Listen on `preferred_port`, for WebSocket the one after; on free ones if taken.
 
         Raises `BrokerError` if they are taken and may not be others, or if it does not listen
-        within ten seconds, twice.
+        within a minute, and `OSError` if there is no such host.
         """
         settings = settings or EmbeddedBrokerKeys()
         websocket = settings.websocket_origins is not None
         if websocket and not find_spec("websockets"):
             key = "mqtt.embedded.websocket_origins"
             raise BrokerError(f"{key} needs more: pip install 'plotfeed[page]'")
-        host = settings.host
-        async with _no_other_session_starts():
-            if not may_be_others:
-                await _wait_for_ports(preferred_port, websocket, host)
-            try:
-                ports = free_ports(preferred_port, websocket, host)
-                return await cls._listening(ports, settings, prefix)
-            except BrokerError:  # somebody may have taken a port that was free a moment ago
-                if not may_be_others:
-                    raise
-                ports = free_ports(preferred_port, websocket, host)
-                return await cls._listening(ports, settings, prefix)
-
-    @classmethod
-    async def _listening(cls, ports: Ports, settings: EmbeddedBrokerKeys, prefix: str) -> Self:
-        broker = cls(ports, settings, prefix)
-        await broker._begin()
+        ports = Ports(preferred_port, preferred_port + 1 if websocket else None)
+        broker = cls(ports, settings, prefix, may_be_others=may_be_others)
+        wanted, got = broker.orders["ports"], await broker._begin()
+        others = {had: port for port, had in zip(wanted, got, strict=True) if had != port}
+        broker.ports = Ports(got[0], got[1] if websocket else None, others)
+        broker.orders |= {"ports": got, "may_be_others": False}  # if it is started anew
         if broker.asks_for_names:
             names = ", ".join(f"{name} {user.password}" for name, user in broker.users.items())
             log.warning("users of the embedded broker, each with its password: %s", names)
         return broker
 
-    async def _begin(self) -> None:
-        """Start the process, and return when it listens."""
+    async def _begin(self) -> list[int]:
+        """Start the process, and return at which ports it listens."""
         process = self._process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "plotfeed.feeds.transport.broker_process"),
             stdin=PIPE,
@@ -174,15 +166,27 @@ class EmbeddedBroker:
         )
         assert process.stdin is not None  # noqa: S101 - for mypy
         assert process.stdout is not None  # noqa: S101 - for mypy
+        told: dict[str, Any] = {}
         try:
-            with contextlib.suppress(OSError, TimeoutError):
+            with contextlib.suppress(ConnectionError, TimeoutError):
                 process.stdin.write(json.dumps(self.orders).encode() + b"\n")
                 async with asyncio.timeout(START_TIMEOUT_S):
                     await process.stdin.drain()
-                    if (await process.stdout.readline()).strip() == b"ready":
-                        return
+                    told = json.loads(await process.stdout.readline() or b"{}")
+            if "ports" in told:
+                return list(told["ports"])
+            if "error" in told:
+                raise OSError(None, told["error"])
+            first = self.ports.mqtt
+            if "taken" in told:
+                protocol = "MQTT" if told["taken"] == first else "WebSocket"
+                raise BrokerError(
+                    f"mqtt.port = {first}: port {told['taken']} of {self.orders['host']}, for "
+                    f"{protocol}, is taken; name another, or leave the key out to have any that is "
+                    "free"
+                )
             raise BrokerError(
-                f"the embedded broker did not start on port {self.ports.mqtt}; {ONE_OF_YOUR_OWN}"
+                f"the embedded broker did not start on port {first}; {ONE_OF_YOUR_OWN}"
             )
         except BaseException:
             await self.stop()
@@ -196,7 +200,7 @@ class EmbeddedBroker:
                 log.warning("the embedded broker: %s", line.decode(errors="replace").strip())
             code = await self._process.wait()
             log.warning("the embedded broker has ended (exit code %s); it starts anew", code)
-            with contextlib.suppress(BrokerError):
+            with contextlib.suppress(BrokerError, OSError):
                 await asyncio.sleep(AGAIN_AFTER_S)
                 await self._begin()
 
@@ -210,60 +214,3 @@ class EmbeddedBroker:
         except TimeoutError:
             process.kill()
             await process.wait()
-
-
-async def _wait_for_ports(first: int, websocket: bool, host: str) -> None:
-    """Return when ports that a scene names are free; raises `BrokerError` if one stays taken."""
-    deadline = time.monotonic() + PORT_PATIENCE_S
-    while True:
-        ports = free_ports(first, websocket, host)
-        if not ports.instead_of:
-            return
-        if time.monotonic() > deadline:
-            break
-        await asyncio.sleep(0.05)
-    instead = next(iter(ports.instead_of))
-    protocol = next(name for name, port in ports.by_protocol().items() if port == instead)
-    raise BrokerError(
-        f"mqtt.port = {first}: port {ports.instead_of[instead]} of {host}, for {protocol}, is "
-        "taken; name another, or leave the key out to have any that is free"
-    )
-
-
-@contextlib.asynccontextmanager
-async def _no_other_session_starts() -> AsyncIterator[None]:
-    """Hold off sessions of this machine that look for free ports in the same moment.
-
-    Else one could take another's broker for its own, and lose it when that ends.
-    """
-    try:
-        file = lock_of_user()
-    except OSError:  # another system, or somebody else's file
-        yield
-        return
-    with os.fdopen(file):
-        deadline = time.monotonic() + START_TIMEOUT_S
-        while time.monotonic() < deadline:
-            with contextlib.suppress(OSError):
-                lock(file)
-                break
-            await asyncio.sleep(0.01)
-        yield
-
-
-def free_ports(preferred: int, websocket: bool = False, host: str = LOOPBACK) -> Ports:
-    """Ports there that nobody listens on: the preferred and the next, if they are free."""
-    found: list[int] = []
-    instead_of = {}
-    with contextlib.ExitStack() as held:
-        for wanted in range(preferred, preferred + 1 + websocket):
-            family = socket.AF_INET6 if ":" in host else socket.AF_INET
-            listener = held.enter_context(socket.socket(family))
-            listen_again(listener)
-            try:
-                listener.bind((host, wanted))
-            except (OSError, OverflowError):
-                listener.bind((host, 0))
-                instead_of[listener.getsockname()[1]] = wanted
-            found.append(listener.getsockname()[1])
-    return Ports(found[0], found[1] if websocket else None, instead_of)

@@ -18,7 +18,8 @@ from support.waiting import wait_until
 
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
 from plotfeed.feeds.transport import embedded_broker
-from plotfeed.feeds.transport.embedded_broker import BrokerError, EmbeddedBroker, Ports, free_ports
+from plotfeed.feeds.transport.broker_process import listeners
+from plotfeed.feeds.transport.embedded_broker import BrokerError, EmbeddedBroker
 from plotfeed.testing import MqttReceiver
 
 FAST = radar(period_s=0.2, sectors=8)
@@ -55,42 +56,47 @@ def test_where_the_usual_port_is_taken_another_stands_in_and_that_is_told() -> N
             client.wait_for(lambda m: m.topic == "plotfeed/session")
 
 
-def test_free_ports_are_the_preferred_ones_if_nobody_has_them() -> None:
+def ports_had(*wanted: int) -> list[int]:
+    with ExitStack() as stack:
+        found = listeners("127.0.0.1", wanted, may_be_others=True)
+        return [stack.enter_context(each).getsockname()[1] for each in found]
+
+
+def test_ports_are_the_preferred_ones_if_nobody_has_them() -> None:
     preferred = free_port()
-    assert free_ports(preferred) == Ports(preferred)
-    with_websocket = free_ports(preferred, websocket=True)
-    assert with_websocket == Ports(preferred, preferred + 1)
+    assert ports_had(preferred, preferred + 1) == [preferred, preferred + 1]
 
 
 def test_ports_that_are_taken_are_passed_over() -> None:
     with deaf_server() as port:
-        ports = free_ports(port)
-        assert ports.mqtt != port
-        assert ports.instead_of[ports.mqtt] == port
+        assert ports_had(port) != [port]
 
 
 def test_ports_beyond_the_last_are_passed_over() -> None:
-    assert 0 < (free_ports(65535, websocket=True).websocket or 0) < 65536
+    assert 0 < ports_had(65535, 65536)[1] < 65536
 
 
 @pytest.mark.asyncio
-async def test_a_port_that_is_lost_while_the_broker_starts_is_replaced(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_port_that_somebody_holds_is_replaced_and_told_of() -> None:
     with socket.socket() as holder:
         holder.bind(("127.0.0.1", 0))
         taken = holder.getsockname()[1]
-        found = iter([Ports(taken)])
-        monkeypatch.setattr(
-            embedded_broker, "free_ports", lambda *args: next(found, None) or free_ports(*args)
-        )
-        started = await EmbeddedBroker.start(free_port())
+        started = await EmbeddedBroker.start(taken)
         try:
-            assert started.ports.mqtt != taken
+            assert started.ports.instead_of == {started.ports.mqtt: taken}
             with MqttReceiver(started.ports.mqtt, 5):
                 pass
         finally:
             await started.stop()
+
+
+@pytest.mark.asyncio
+async def test_a_host_that_this_machine_does_not_have_is_said_as_the_system_says_it() -> None:
+    for may_be_others in (True, False):
+        with pytest.raises(OSError, match="Cannot assign requested address"):
+            await EmbeddedBroker.start(
+                free_port(), EmbeddedBrokerKeys(host="192.0.2.1"), may_be_others=may_be_others
+            )
 
 
 @pytest.mark.asyncio
@@ -240,7 +246,7 @@ def test_a_session_that_was_killed_leaves_nothing_running_and_no_file(
         for protocol in ("MQTT", "WebSocket"):
             wait_until_silent(session.port(protocol))
         wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children))
-    assert {path.name for path in temporary.iterdir()} <= {f"plotfeed-{os.getuid()}.lock"}
+    assert not [*temporary.iterdir()]
 
 
 def test_a_broker_that_dies_is_started_anew(tmp_path: Path) -> None:
