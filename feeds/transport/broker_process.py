@@ -48,7 +48,8 @@ def main() -> None:
     except PortTakenError as error:
         print(json.dumps({"taken": error.port}), flush=True)  # noqa: T201 - the parent reads it
     except OSError as error:
-        print(json.dumps({"error": error.strerror}), flush=True)  # noqa: T201 - the parent reads it
+        why = str(error.strerror).partition(" (while")[0]  # without the address
+        print(json.dumps({"error": why}), flush=True)  # noqa: T201 - the parent reads it
     else:
         asyncio.run(_serve(orders, *found))
 
