@@ -94,26 +94,22 @@ def from_json(line: bytes) -> Recorded:
 class JsonLinesReader(RecordingReader):
     """The messages of a file. A line that is none is damage, and the next one is read."""
 
+    at = 0
+
     def __init__(self, file: BinaryIO) -> None:
         super().__init__()
         self._file = file
-        self._read = 0
-
-    @property
-    def at(self) -> int:
-        """Octets of the file that were read."""
-        return self._read
 
     def messages(self) -> Iterator[Recorded]:
         """The message of each line that is not blank."""
         while line := self._file.readline(MAX_LINE_OCTETS):
-            begin = self._read
-            self._read += len(line)
+            begin = self.at
+            self.at += len(line)
             if len(line) == MAX_LINE_OCTETS and not line.endswith(b"\n"):
                 self.damage.add(begin, f"a line of more than {MAX_LINE_OCTETS} octets")
                 while line and not line.endswith(b"\n"):
                     line = self._file.readline(MAX_LINE_OCTETS)
-                    self._read += len(line)
+                    self.at += len(line)
                 continue
             if line.isspace():
                 continue

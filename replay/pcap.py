@@ -333,15 +333,6 @@ def _text(octets: bytes) -> str:
 class PacketReader(OctetsReader):
     """Makes messages of packets; notes those that are broken and counts those that are not UDP."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        super().__init__(file)
-        self._skipped = 0
-
-    @property
-    def skipped(self) -> int:
-        """Packets that hold no UDP."""
-        return self._skipped
-
     def check_link_type(self, link_type: int, at: int) -> None:
         """Note at that offset that none of its packets can be read."""
         if link_type not in LINK_TYPES:
@@ -361,7 +352,7 @@ class PacketReader(OctetsReader):
             self.damage.add(at, str(error))
             return None
         if found is None:
-            self._skipped += 1
+            self.skipped += 1  # it holds no UDP
             return None
         if not 0 <= t_utc_ns <= LATEST_NS:
             self.damage.add(at, f"a packet of {t_utc_ns} ns since 1970; expected 1970 to 2554")

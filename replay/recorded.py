@@ -111,6 +111,8 @@ class AttachmentEntry:
 class RecordingReader(ABC):
     """Reads a recording from its start to its end."""
 
+    skipped = 0  # Parts that are whole and hold no message, so far
+
     def __init__(self) -> None:
         self.damage = Damages()  # Found so far. It grows as parts are read that only then show it.
 
@@ -118,11 +120,6 @@ class RecordingReader(ABC):
     @abstractmethod
     def at(self) -> int:
         """Octets of the file that were read."""
-
-    @property
-    def skipped(self) -> int:
-        """Parts that are whole and hold no message, so far."""
-        return 0
 
     @abstractmethod
     def messages(self) -> Iterator[Recorded]:

@@ -63,6 +63,8 @@ class Wanted(NamedTuple):
 class ForeignReader(RecordingReader):
     """Reads a file by another process, from its start to its end; `close` ends that."""
 
+    at = 0
+
     def __init__(self, path: Path, form: FileFormat, **asked: Any) -> None:
         """Begin to read, with what is asked as `Wanted` has it.
 
@@ -70,7 +72,7 @@ class ForeignReader(RecordingReader):
         """
         super().__init__()
         self.octets = 0  # Of the file; unpacked, where gzip packed it
-        self._path, self._form, self._at, self._skipped = path, form, 0, 0
+        self._path, self._form = path, form
         self._entries: Sequence[AttachmentEntry] = ()
         started = process_apart(_START, json.dumps(Wanted(form, **asked)))
         with path.open("rb") as file:
@@ -89,16 +91,6 @@ class ForeignReader(RecordingReader):
         except BaseException:
             self.close()
             raise
-
-    @property
-    def at(self) -> int:
-        """Octets of the file that were read."""
-        return self._at
-
-    @property
-    def skipped(self) -> int:
-        """Parts that are whole and hold no message, so far."""
-        return self._skipped
 
     def messages(self) -> Iterator[Recorded]:
         """Messages of the file, once. Raises `PlotfeedError` where reading breaks off."""
@@ -154,7 +146,7 @@ class ForeignReader(RecordingReader):
         head: dict[str, Any] = json.loads(self._out.readline(MOST_CLAIMED))
         if error := head.get("error"):
             raise PlotfeedError(f"{self._path}: {str(error)[:1000]}")
-        self._at, self._skipped = int(head["at"]), int(head["skipped"])
+        self.at, self.skipped = int(head["at"]), int(head["skipped"])
         for offset, what in head["damage"]:
             self.damage.add(int(offset), str(what))
         return head

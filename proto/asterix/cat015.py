@@ -113,24 +113,30 @@ RANGES = {
     Geometry.MULTISTATIC: ("bistatic_range_m", "sigma_bistatic_range_m"),
 }
 
-# Parts that are sent where their columns are measured.
+# What records tell of plots, by column.
+COLUMNS = {
+    "range_m": "I015/625/R",
+    "sigma_range_m": "I015/625/SDR",
+    "azimuth_deg": "I015/627/AZ",
+    "sigma_azimuth_deg": "I015/627/SDASZ",
+    "elevation_deg": "I015/628/EL",
+    "sigma_elevation_deg": "I015/628/SDEL",
+    "height_m": "I015/601/GH",
+    "range_rate_m_s": "I015/626/DV",
+    "sigma_range_rate_m_s": "I015/626/SDDV",
+    "amplitude_dbm": "I015/630/RPP",
+    "snr_db": "I015/630/RPS",
+    "channel": "I015/400/PID",
+}
+# Columns with a standard deviation of their own.
+DEVIATING = ("azimuth_deg", "elevation_deg", "range_rate_m_s")
+# Parts that are sent where their columns are measured; of ranges, the geometry says which.
 OPTIONAL = {
-    "I015/626/DV": "range_rate_m_s",
-    "I015/626/SDDV": "sigma_range_rate_m_s",
-    "I015/627/AZ": "azimuth_deg",
-    "I015/627/SDASZ": "sigma_azimuth_deg",
-    "I015/628/EL": "elevation_deg",
-    "I015/628/SDEL": "sigma_elevation_deg",
-    "I015/630/RPP": "amplitude_dbm",
+    COLUMNS[name]: name
+    for name in (*DEVIATING, *(f"sigma_{each}" for each in DEVIATING), "amplitude_dbm")
 }
-
 # Standard deviations, and whose they are.
-DEVIATIONS = {
-    "I015/625/SDR": "I015/625/R",
-    "I015/626/SDDV": "I015/626/DV",
-    "I015/627/SDASZ": "I015/627/AZ",
-    "I015/628/SDEL": "I015/628/EL",
-}
+DEVIATIONS = {COLUMNS[f"sigma_{name}"]: COLUMNS[name] for name in ("range_m", *DEVIATING)}
 
 
 FORMAT = asterix(
@@ -143,22 +149,7 @@ FORMAT = asterix(
     },
     layouts=(CAT015, CAT016, CAT025),
     plot_items=PlotItems(
-        time="I015/145",
-        columns={
-            "range_m": "I015/625/R",
-            "sigma_range_m": "I015/625/SDR",
-            "azimuth_deg": "I015/627/AZ",
-            "sigma_azimuth_deg": "I015/627/SDASZ",
-            "elevation_deg": "I015/628/EL",
-            "sigma_elevation_deg": "I015/628/SDEL",
-            "height_m": "I015/601/GH",
-            "range_rate_m_s": "I015/626/DV",
-            "sigma_range_rate_m_s": "I015/626/SDDV",
-            "amplitude_dbm": "I015/630/RPP",
-            "snr_db": "I015/630/RPS",
-            "channel": "I015/400/PID",
-        },
-        plots_alone=("I015/000/MT", (MEASUREMENT_PLOT,)),
+        time="I015/145", columns=COLUMNS, plots_alone=("I015/000/MT", (MEASUREMENT_PLOT,))
     ),
 )
 
@@ -190,7 +181,8 @@ class PlotEncoder015(ReportEncoder):
     ) -> None:
         self._classes = classes
         self._multistatic = geometry is Geometry.MULTISTATIC
-        ranges = dict(zip(("I015/625/R", "I015/625/SDR"), RANGES.get(geometry, ()), strict=False))
+        paths = COLUMNS["range_m"], COLUMNS["sigma_range_m"]
+        ranges = dict(zip(paths, RANGES.get(geometry, ()), strict=False))
         self._optional = ranges | OPTIONAL
         self._reports = Reports(
             CAT015,

@@ -130,7 +130,7 @@ class SystemEncoder016:
 
 
 def _composed(system: System, period_s: int, geoid_undulation_m: float) -> dict[str, float]:
-    constants = _source(system) | {"I016/000": SYSTEM, "I016/200": period_s}
+    constants = _of(system, SYSTEM) | {"I016/200": period_s}
     for index, pair in enumerate(system.pairs):
         path = f"I016/300/{index}"
         constants[f"{path}/PID"] = pair.identity
@@ -142,23 +142,23 @@ def _composed(system: System, period_s: int, geoid_undulation_m: float) -> dict[
 
 
 def _components(system: System) -> dict[str, float]:
-    constants = _source(system) | {"I016/000": COMPONENTS}
-    for index, component in enumerate(system.transmitters):
-        path = f"I016/410/{index}"
-        constants |= {f"{path}/{name}": 0 for name in ("TTO", "ATO", "PCI")}
-        constants |= _component(path, "TID", component)
-    for index, component in enumerate(system.receivers):
-        constants |= _component(f"I016/420/{index}", "RID", component)
+    constants = _of(system, COMPONENTS)
+    for item, identity, components in (
+        ("I016/410", "TID", system.transmitters),
+        ("I016/420", "RID", system.receivers),
+    ):
+        for index, component in enumerate(components):
+            path = f"{item}/{index}"
+            constants[f"{path}/{identity}"] = component.identity
+            constants[f"{path}/ALT"] = component.height_m
+            constants |= _position(path, component)
+    for index in range(len(system.transmitters)):
+        constants |= {f"I016/410/{index}/{name}": 0 for name in ("TTO", "ATO", "PCI")}
     return constants
 
 
-def _source(system: System) -> dict[str, float]:
-    return {"I016/010/SAC": system.sac, "I016/010/SIC": system.sic}
-
-
-def _component(path: str, identity: str, component: Component) -> dict[str, float]:
-    numbered = {f"{path}/{identity}": component.identity, f"{path}/ALT": component.height_m}
-    return numbered | _position(path, component)
+def _of(system: System, kind: int) -> dict[str, float]:
+    return {"I016/010/SAC": system.sac, "I016/010/SIC": system.sic, "I016/000": kind}
 
 
 def _position(path: str, component: Component) -> dict[str, float]:
