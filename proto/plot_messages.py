@@ -94,24 +94,8 @@ def _tag(name: str, wire_type: int) -> bytes:
     return varint(_FIELDS[name].number << 3 | wire_type)
 
 
-_PLOT_COLUMNS = (
-    "range_m",
-    "azimuth_deg",
-    "elevation_deg",
-    "height_m",
-    "bistatic_range_m",
-    "amplitude_dbm",
-    "sigma_range_m",
-    "sigma_azimuth_deg",
-    "sigma_elevation_deg",
-    "sigma_bistatic_range_m",
-    "covariance_east_m2",
-    "covariance_north_m2",
-    "covariance_east_north_m2",
-    "range_rate_m_s",
-    "sigma_range_rate_m_s",
-    "kind_probability",
-)
+# Of numbers that plots may lack; `Plots` has no decibels, which are worked out.
+_PLOT_COLUMNS = [field.name for field in _FIELDS.values() if field.type == field.TYPE_DOUBLE]
 _TEXTS = ("kind", "identity")
 _SCAN, _SECTOR = (
     varint(pb.PlotBatch.DESCRIPTOR.fields_by_name[name].number << 3) for name in ("scan", "sector")

@@ -194,19 +194,14 @@ def _row(message: Any, table: TableName, row: Row) -> Row:
 
 
 def _message_rows(message: Recorded) -> Iterable[Row]:
-    return [
-        {
-            "log_time_utc": _ns(message.log_time_ns),
-            "publish_time_utc": _ns(message.publish_time_ns),
-            "topic": message.topic,
-            "content_type": message.content_type or None,
-            "stage": str(message.stage),
-            "qos": message.qos,
-            "retain": message.retain,
-            "octets": len(message.payload),
-            "payload": message.payload,
-        }
-    ]
+    told = {
+        "log_time_utc": _ns(message.log_time_ns),
+        "publish_time_utc": _ns(message.publish_time_ns),
+        "content_type": message.content_type or None,
+        "stage": str(message.stage),
+        "octets": len(message.payload),
+    }
+    return [message._asdict() | told]
 
 
 _OF_LEDGER = partial(_rows_in, (LEDGER, LEDGER_BATCH), "/truth", entries_in)
