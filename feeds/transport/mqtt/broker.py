@@ -13,6 +13,7 @@ import hmac
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from plotfeed.feeds.messages.message import checked_topic_filter, packed_text, topic_matches
 from plotfeed.feeds.transport.mqtt.packets import (
@@ -142,6 +143,15 @@ class _Subscription:
     number: bytes = b""  # The property that names it to its client
 
 
+class _Delivery(NamedTuple):
+    """A message on its way to one client; `numbers` are properties that name its subscriptions."""
+
+    message: _Message
+    qos: int
+    retain: bool
+    numbers: bytes = b""
+
+
 @dataclass(slots=True, eq=False)
 class _Session:
     """What a client has here, whether it is connected or away."""
@@ -152,7 +162,7 @@ class _Session:
     connection: Connection | None = None
     expiry_s: int = 0
     away_since_s: float = 0.0
-    waiting: deque[tuple[_Message, int, bool, bytes]] = field(default_factory=deque)
+    waiting: deque[_Delivery] = field(default_factory=deque)
     waiting_octets: int = 0
     unacknowledged: dict[int, bytes] = field(default_factory=dict)  # Packets, by their ids
     last_id: int = 0
@@ -275,13 +285,8 @@ class Broker:
         for message in [*self._retained.values()]:
             topic = message.topic.decode()
             if _matches(wanted.filter, topic) and session.rights.may_hear(topic):
-                self._deliver(
-                    message,
-                    session,
-                    min(message.qos, wanted.qos),
-                    retain=True,
-                    numbers=wanted.number,
-                )
+                qos = min(message.qos, wanted.qos)
+                self._deliver(session, _Delivery(message, qos, True, wanted.number))
 
     def unsubscribe(self, session: _Session, topic_filter: str) -> bool:
         """Whether there was such a subscription."""
@@ -294,19 +299,19 @@ class Broker:
         hearers = self._heard_by.get(message.topic)
         if hearers is None:
             hearers = self._hearers_of(message.topic)
-        told: dict[str, tuple[_Session, int, bool, bytes]] = {}
+        told: dict[str, tuple[_Session, _Delivery]] = {}
         for session, subscription in hearers:
             if subscription.no_local and session is origin:
                 continue
-            qos = min(message.qos, subscription.qos)
+            qos, numbers = min(message.qos, subscription.qos), subscription.number
             retain = message.retain and subscription.as_published
-            _, before, as_published, numbers = told.get(session.client_id, (None, 0, False, b""))
-            told[session.client_id] = (
-                *(session, max(qos, before), retain or as_published),
-                numbers + subscription.number,
-            )
-        for session, qos, retain, numbers in told.values():
-            self._deliver(message, session, qos, retain=retain, numbers=numbers)
+            if session.client_id in told:
+                _, before = told[session.client_id]
+                qos, retain = max(qos, before.qos), retain or before.retain
+                numbers = before.numbers + numbers
+            told[session.client_id] = session, _Delivery(message, qos, retain, numbers)
+        for session, delivery in told.values():
+            self._deliver(session, delivery)
         return kept
 
     def _hearers_of(self, topic_octets: bytes) -> list[tuple[_Session, _Subscription]]:
@@ -334,36 +339,30 @@ class Broker:
         self._retained[message.topic] = message
         return True
 
-    def _deliver(
-        self, message: _Message, session: _Session, qos: int, *, retain: bool, numbers: bytes
-    ) -> None:
+    def _deliver(self, session: _Session, delivery: _Delivery) -> None:
+        message, qos, retain, numbers = delivery
         connection = session.connection
         if connection is not None and connection.has_room and not session.waiting:
             is_new = message.expiry_s is None or self.now_s - message.since_s < 1
             if qos == 0 and is_new and not numbers:
-                octets = message.packet_of(connection.version, retain=retain)
-                if len(octets) <= connection.largest_packet:
-                    connection.write(octets)
+                made = message.packet_of(connection.version, retain=retain)
+                if len(made) <= connection.largest_packet:
+                    connection.write(made)
                 return
             if qos == 0 or len(session.unacknowledged) < connection.most_unacknowledged:
-                self._write(connection, message, qos, retain, numbers)
+                self._write(connection, delivery)
                 return
         elif connection is None and qos == 0:
             return
-        self._queue(session, message, qos, retain, numbers)
-
-    def _queue(
-        self, session: _Session, message: _Message, qos: int, retain: bool, numbers: bytes
-    ) -> None:
         octets = message.octets
         full = session.waiting_octets + octets > MAX_QUEUE_OCTETS
         if not full and self._held_octets + octets <= self.limits.held_octets:
-            session.waiting.append((message, qos, retain, numbers))
+            session.waiting.append(delivery)
             session.waiting_octets += octets
             self._held_octets += octets
             return
-        if session.connection is not None and qos:
-            session.connection.cut(QUOTA, "it takes what it has subscribed to too slowly")
+        if connection is not None and qos:
+            connection.cut(QUOTA, "it takes what it has subscribed to too slowly")
             return
         session.dropped += 1
         if session.dropped == 1:
@@ -373,17 +372,16 @@ class Broker:
         """What has waited goes on its way, as far as there is room."""
         connection = session.connection
         while session.waiting and connection is not None and connection.has_room:
-            message, qos, retain, numbers = session.waiting[0]
-            if qos and len(session.unacknowledged) >= connection.most_unacknowledged:
+            delivery = session.waiting[0]
+            if delivery.qos and len(session.unacknowledged) >= connection.most_unacknowledged:
                 return
             session.waiting.popleft()
-            session.waiting_octets -= message.octets
-            self._held_octets -= message.octets
-            self._write(connection, message, qos, retain, numbers)
+            session.waiting_octets -= delivery.message.octets
+            self._held_octets -= delivery.message.octets
+            self._write(connection, delivery)
 
-    def _write(
-        self, connection: Connection, message: _Message, qos: int, retain: bool, numbers: bytes
-    ) -> None:
+    def _write(self, connection: Connection, delivery: _Delivery) -> None:
+        message, qos, retain, numbers = delivery
         session, properties, left_s = connection.session, b"", None
         if message.expiry_s is not None:
             left_s = message.expiry_s - int(self.now_s - message.since_s)
