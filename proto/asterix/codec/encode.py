@@ -10,7 +10,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate, chain, groupby, pairwise
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from plotfeed.proto.asterix.codec.layout import (
@@ -45,7 +44,8 @@ MAX_OCTETS = 0xFFFF
 Constant: TypeAlias = "float | str | Sequence[float] | Sequence[str]"
 
 MAX_REPETITIONS = 255  # the octet that counts them holds no more
-WORD_OCTETS = (1, 2, 4, 8)
+# Of a word that ends with the last octet of a part; as many precede a record while it is made.
+WORD_OCTETS = 8
 
 
 class Encoder:
@@ -84,9 +84,9 @@ class Encoder:
         fixed = [_array(constants[slot.path], slot.path) for slot in stamped]
         # How many sources there are.
         self.sources = _rows(fixed, "constants of {} sources", "constants")
-        octets, width = drawn.octets, _width(drawn.octets)
-        bare = drawn.template.to_bytes(octets, "big").ljust(width, b"\0")
-        self._templates = np.repeat(np.frombuffer(bare, f"V{width}"), self.sources)
+        octets = drawn.octets
+        bare = drawn.template.to_bytes(WORD_OCTETS + octets, "big")
+        self._templates = np.repeat(np.frombuffer(bare, f"V{len(bare)}"), self.sources)
         _Columns(octets, stamped, lsb).put_into(self._templates, fixed)
         self._columns = _Columns(octets, varying, lsb)
         self._deviations = _Deviations(self._columns, deviations or {})
@@ -172,8 +172,8 @@ class _Columns:
         ]
         self._octets = octets
         kinds: dict[type, list[int]] = {float: [], int: [], str: []}
-        for place in sorted(range(len(slots)), key=lambda place: slots[place].octets):
-            is_text = isinstance(slots[place].part, Characters)
+        for place, slot in enumerate(slots):
+            is_text = isinstance(slot.part, Characters)
             kinds[str if is_text else type(self.lsb[place])].append(place)
         self._texts = kinds.pop(str)
         self._numbers = [
@@ -186,14 +186,12 @@ class _Columns:
         """The octets of records, (n,), with those values, (n,) or () each."""
         for which, numbers in self._numbers:
             numbers.put_into(records, [values[place] for place in which])
-        if not self._texts and records.itemsize == self._octets:
-            return records.tobytes()
-        octets = records.view(np.uint8).reshape(len(records), records.itemsize)
+        octets = records.view(np.uint8).reshape(len(records), -1)[:, WORD_OCTETS:]
         for place in self._texts:
             slot = self.slots[place]
             end = self._octets - slot.right // 8
             octets[:, end - slot.octets : end] |= _text(slot, values[place], len(records))
-        return octets[:, : self._octets].tobytes()
+        return octets.tobytes()
 
 
 class _Numbers:
@@ -212,17 +210,15 @@ class _Numbers:
         self._wrapped = [(i, high[i] + 1) for i, how in enumerate(treated) if how is Overflow.WRAP]
         self._refused = np.array([[how is Overflow.REFUSE] for how in treated])
         self._mask = np.array([[(1 << slot.part.bits) - 1] for slot in slots], np.uint64)
-        sizes, offsets, shifts = zip(*(_word(slot, octets) for slot in slots), strict=True)
-        self._shift = np.array(shifts, np.uint64)[:, None]
-        ends = accumulate(len(list(run)) for _, run in groupby(sizes))
-        # Columns of words of one size that follow each other: first, the one after, the size.
-        self._runs = [(first, after, sizes[first]) for first, after in pairwise(chain([0], ends))]
+        self._shift = np.array([[slot.right % 8] for slot in slots], np.uint64)
+        if long := next((slot for slot in slots if slot.octets > WORD_OCTETS), None):
+            raise EncodeError(f"{long.part.bits} bits are more than a word holds", field=long.path)
         self._words = np.dtype(
             {
                 "names": [slot.path for slot in slots],
-                "formats": [f"u{size}" for size in sizes],
-                "offsets": offsets,
-                "itemsize": _width(octets),
+                "formats": ["u8"] * len(slots),
+                "offsets": [octets - slot.right // 8 for slot in slots],
+                "itemsize": WORD_OCTETS + octets,
             }
         )
 
@@ -257,11 +253,9 @@ class _Numbers:
             self._check(changed & self._refused, values, "is not within {:.12g} to {:.12g}")
         bits = (kept.astype(np.int64).view(np.uint64) & self._mask) << self._shift
         words = records.view(self._words)
-        for first, after, size in self._runs:
-            swapped = bits[first:after].astype(f">u{size}").view(f"u{size}")
-            for slot, integers in zip(self._slots[first:after], swapped, strict=True):
-                word = words[slot.path]
-                word |= integers
+        for slot, integers in zip(self._slots, bits.astype(">u8").view("u8"), strict=True):
+            word = words[slot.path]
+            word |= integers
 
     def _check(self, bad: NDArray[np.bool_], values: Sequence[NDArray[Any]], what: str) -> None:
         if not bad.any():
@@ -281,21 +275,6 @@ def _rule(part: Named) -> tuple[Overflow, int, int]:
     if isinstance(part, Quantity):
         return part.overflow, *part.limits
     return Overflow.REFUSE, 0, (1 << part.bits) - 1
-
-
-def _width(octets: int) -> int:
-    """Octets in which a record is put together: a word of any size has room in them."""
-    return max(octets, WORD_OCTETS[-1])
-
-
-def _word(slot: Slot, octets: int) -> tuple[int, int, int]:
-    """Octets and offset of the word for a slot, and how far its last bit is from the word's."""
-    size = next((size for size in WORD_OCTETS if size >= slot.octets), 0)
-    if not size:
-        raise EncodeError(f"{slot.part.bits} bits are more than a word holds", field=slot.path)
-    end = octets - slot.right // 8
-    offset = max(0, end - size)
-    return size, offset, slot.right % 8 + 8 * (offset + size - end)
 
 
 def _text(slot: Slot, column: NDArray[Any], n: int) -> NDArray[np.uint8]:
