@@ -11,7 +11,7 @@ import contextlib
 import logging
 import socket
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.formats import Announcer
@@ -116,115 +116,97 @@ async def next_message(octets: asyncio.StreamReader) -> bytes:
     return await octets.readexactly(length)
 
 
-class SapientWire(asyncio.StreamReaderProtocol):
+class SapientWire:
     """One connection. While what came waits for its turn, hardly more is read."""
 
     def __init__(
-        self, intake: SapientIntake, on_message: Callable[[bytes], object], give_up_after_s: float
+        self, said: asyncio.StreamReader, writer: asyncio.StreamWriter, give_up_after_s: float
     ) -> None:
         """A peer that has read nothing for `give_up_after_s` is left."""
-        self._loop = asyncio.get_running_loop()
-        self.lost: asyncio.Future[None] = self._loop.create_future()
         self.reason = ""  # Why it is lost, if that is known
         self.was_stalled = False  # Whether it was given up because the other end did not read
-        self._intake, self._on_message = intake, on_message
-        self._give_up_after_s = give_up_after_s
-        self._said = asyncio.StreamReader(MAX_MESSAGE_OCTETS)
-        super().__init__(self._said)
-        self._transport: asyncio.Transport | None = None
-        self._stalled_since_s: float | None = None
-        self._giving_up: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The connection stands."""
-        super().connection_made(transport)
-        self._transport = cast("asyncio.Transport", transport)
-        self._transport.set_write_buffer_limits(high=0)  # to be told as soon as anything waits
-        own = transport.get_extra_info("socket")
+        self._loop = asyncio.get_running_loop()
+        self._said, self._writer, self._give_up_after_s = said, writer, give_up_after_s
+        self._waits = asyncio.Event()  # The socket has not taken everything
+        self._since_s = 0.0  # When it began to wait
+        writer.transport.set_write_buffer_limits(high=0)  # to be told when all is taken
+        own = writer.get_extra_info("socket")
         own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_OCTETS)
         if hasattr(socket, "TCP_USER_TIMEOUT"):  # sees also a host that is gone without a word
             own.setsockopt(
-                socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(self._give_up_after_s * 1000)
+                socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(give_up_after_s * 1000)
             )
-        self._hearing = asyncio.create_task(self._hear())
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        """The connection is gone, and with it what waited."""
-        super().connection_lost(exc)
-        self._transport = None
-        self._hearing.cancel()
-        if self._giving_up is not None:
-            self._giving_up.cancel()
-        if isinstance(exc, TimeoutError) and not self.reason:
-            self._note_stall()
-        elif exc is not None and not self.reason:
-            self.reason = (exc.strerror if isinstance(exc, OSError) else None) or str(exc)
-        if not self.lost.done():
-            self.lost.set_result(None)
-
-    def pause_writing(self) -> None:
-        """The socket takes no more for now."""
-        super().pause_writing()
-        self._stalled_since_s = self._loop.time()
-        self._giving_up = self._loop.call_later(self._give_up_after_s, self._give_up)
-
-    def resume_writing(self) -> None:
-        """The socket takes more again."""
-        super().resume_writing()
-        self._stalled_since_s = None
-        if self._giving_up is not None:
-            self._giving_up.cancel()
-
-    async def _hear(self) -> None:
-        """Take in messages, each in its turn, until the other end says no more."""
+    async def live(self, intake: SapientIntake, on_message: Callable[[bytes], object]) -> None:
+        """Take in messages, each in its turn, and return when the connection is lost."""
+        hearing = asyncio.create_task(self._hear(intake, on_message))
+        watching = asyncio.create_task(self._watch())
         try:
-            while True:
-                message = await next_message(self._said)
-                await self._intake.turn(LENGTH_OCTETS + len(message))
-                self._on_message(message)
+            (first, *_), _ = await asyncio.wait(
+                {hearing, watching}, return_when=asyncio.FIRST_COMPLETED
+            )
+            await first
         except DecodeError as error:  # from here on there is no telling where a message begins
             self.reason = f"it sent {error}"
-        except (OSError, EOFError):
-            pass  # it is lost
+        except TimeoutError:
+            self.was_stalled = True
+            self.reason = f"it has read nothing for {self._give_up_after_s:g} s"
+        except OSError as error:
+            self.reason = error.strerror or str(error)
+        except EOFError:
+            pass  # it says no more
         finally:
-            self.abort()
+            hearing.cancel()
+            watching.cancel()
+            await asyncio.gather(hearing, watching, return_exceptions=True)
+
+    async def _hear(self, intake: SapientIntake, on_message: Callable[[bytes], object]) -> None:
+        while True:
+            message = await next_message(self._said)
+            await intake.turn(LENGTH_OCTETS + len(message))
+            on_message(message)
+
+    async def _watch(self) -> None:
+        """Wait for a peer that has stalled; raises `TimeoutError` when that has taken too long."""
+        while True:
+            await self._waits.wait()
+            async with asyncio.timeout(self._give_up_after_s):
+                await self._writer.drain()
+            self._waits.clear()
 
     @property
     def unsent_octets(self) -> int:
         """What the socket has not taken yet."""
-        return self._transport.get_write_buffer_size() if self._transport else 0
+        return self._writer.transport.get_write_buffer_size()
 
     def send(self, payload: bytes) -> bool:
         """Hand a message to the socket; False if it is gone or has stalled."""
-        if self._transport is None or self._transport.is_closing():
+        if self._writer.is_closing():
             return False
-        if self._stalled_since_s is not None:
-            stall_s = self._loop.time() - self._stalled_since_s
+        if self._waits.is_set():
+            stall_s = self._loop.time() - self._since_s
             if stall_s > MAX_STALL_S or self.unsent_octets + len(payload) > MAX_UNSENT_OCTETS:
                 return False
-        self._transport.write(framed(payload))
+        self._writer.write(framed(payload))
+        if self.unsent_octets and not self._waits.is_set():
+            self._since_s = self._loop.time()
+            self._waits.set()
         return True
 
-    def close(self) -> None:
-        """Close when all is sent."""
-        if self._transport is not None:
-            self._transport.close()
+    async def close(self) -> None:
+        """Close when all is sent, or that has taken long enough."""
+        self._writer.close()
+        with contextlib.suppress(OSError, TimeoutError):
+            async with asyncio.timeout(CLOSE_S):
+                await self._writer.wait_closed()
+        self.abort()
 
     def abort(self) -> None:
         """Close at once."""
-        if self._transport is not None:
-            self._transport.abort()
-
-    def _give_up(self) -> None:
-        self._note_stall()
-        self.abort()
-
-    def _note_stall(self) -> None:
-        self.was_stalled = True
-        self.reason = f"it has read nothing for {self._give_up_after_s:g} s"
+        self._writer.transport.abort()
 
 
-CONNECT_TIMEOUT_S = 2.0
+CONNECT_TIMEOUT_S, CLOSE_S = 2.0, 1.0
 ACK_TIMEOUT_S = 2.0
 REGISTER_AGAIN_S = 10.0  # Who was refused asks so often whether that has changed
 # A connection that lasted less counts as a failure: whoever hangs up at once is not hurried.
@@ -298,7 +280,8 @@ class SapientTcpTransport(ImmediateTransport):
                 attempt += 1
         finally:
             self._ended()
-            await self._hang_up()
+            if self._wire is not None:
+                await self._wire.close()
 
     def carries(self, message: Message) -> bool:
         """Whether it is SAPIENT."""
@@ -327,15 +310,16 @@ class SapientTcpTransport(ImmediateTransport):
     async def _stay_connected(self) -> None:
         """One connection from beginning to end; raises `TransportError` if there is none."""
         self._wire = wire = await self._connected()
+        living = asyncio.create_task(wire.live(self._intake, self._hear), name=self.name)
         try:
-            await self._register(wire)
+            await self._register(wire, living)
             self.counters.count("connections")
             self._up.set()
             if self._loss_told:
                 self._tell(f"connected to {self.address} again", logging.INFO)
                 self._loss_told = False
-            while not wire.lost.done():
-                await asyncio.wait({wire.lost}, timeout=REGISTER_AGAIN_S)
+            while not living.done():
+                await asyncio.wait({living}, timeout=REGISTER_AGAIN_S)
                 if self._is_refused:
                     self._say_registration(wire)
             self.counters.count("stalls", wire.was_stalled)
@@ -344,6 +328,7 @@ class SapientTcpTransport(ImmediateTransport):
             wire.abort()
             raise
         finally:
+            living.cancel()
             self._ended()
 
     def _ended(self) -> None:
@@ -352,28 +337,25 @@ class SapientTcpTransport(ImmediateTransport):
 
     async def _connected(self) -> SapientWire:
         host, port = split_address(self.address)
-        loop = asyncio.get_running_loop()
         self._answered.clear()
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                _, wire = await loop.create_connection(
-                    lambda: SapientWire(self._intake, self._hear, self._give_up_after_s), host, port
-                )
+                streams = await asyncio.open_connection(host, port, limit=MAX_MESSAGE_OCTETS)
         except TimeoutError:
             raise TransportError("no answer") from None
         except (OSError, UnicodeError) as error:
             why = (error.strerror if isinstance(error, OSError) else None) or str(error)
             raise TransportError(why) from None
-        return wire
+        return SapientWire(*streams, self._give_up_after_s)
 
-    async def _register(self, wire: SapientWire) -> None:
+    async def _register(self, wire: SapientWire, living: asyncio.Future[None]) -> None:
         """Register, and wait a while for the answer; without any, report all the same."""
         self._say_registration(wire)
         answered = asyncio.ensure_future(self._answered.wait())
-        either: set[asyncio.Future[Any]] = {answered, wire.lost}
+        either: set[asyncio.Future[Any]] = {answered, living}
         await asyncio.wait(either, timeout=ACK_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
         answered.cancel()
-        if wire.lost.done():
+        if living.done():
             raise TransportError(wire.reason or "the connection was closed at the registration")
         if not self._answered.is_set():
             self._tell(f"{self.address} did not acknowledge the registration")
@@ -425,17 +407,6 @@ class SapientTcpTransport(ImmediateTransport):
 
     def _tell(self, what: str, level: int = logging.WARNING) -> None:
         self._news.tell(self.name, what, level)
-
-    async def _hang_up(self) -> None:
-        """Let what is not sent yet leave, and close."""
-        wire, self._wire = self._wire, None
-        if wire is None:
-            return
-        wire.close()
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(1.0):
-                await asyncio.shield(wire.lost)
-        wire.abort()
 
 
 def _is_told(number: int) -> bool:

@@ -183,14 +183,12 @@ async def test_the_system_gives_up_a_host_that_is_gone_without_a_word() -> None:
     async with listening() as middleware, linked(middleware.address, give_up_after_s=2.5) as link:
         wire = link._wire
         assert wire is not None
-        transport = wire._transport
-        assert transport is not None
-        own = transport.get_extra_info("socket")
+        own = wire._writer.get_extra_info("socket")
         assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 2500
-        wire.connection_lost(TimeoutError(110, "Connection timed out"))
+        protocol = wire._writer.transport.get_protocol()
+        protocol.connection_lost(TimeoutError(110, "Connection timed out"))
         await until(lambda: link.counters.stalls == 1)
         assert "has read nothing for 2.5 s" in link.last_error
-        transport.abort()
 
 
 class Fates(Observer):
