@@ -240,7 +240,7 @@ class SapientTcpTransport(ImmediateTransport):
         self.last_error = ""
         self._give_up_after_s = settings.give_up_after_s
         self._announcer = announcer
-        self._loop = clock
+        self._clock = clock
         self._intake = intake
         self._news = news
         self._on_task = on_task
@@ -362,14 +362,14 @@ class SapientTcpTransport(ImmediateTransport):
             self._report()
 
     def _say_registration(self, wire: SapientWire) -> None:
-        registration, _ = self._announcer.opening(self._loop.now_ns())
+        registration, _ = self._announcer.opening(self._clock.now_ns())
         wire.send(registration.payload)
 
     def _report(self) -> None:
         """Begin to report, with how the sensor is."""
         self._is_refused, self.counters.reporting = False, True
         if self._wire is not None:
-            _, status = self._announcer.opening(self._loop.now_ns())
+            _, status = self._announcer.opening(self._clock.now_ns())
             self._wire.send(status.payload)
 
     def _hear(self, payload: bytes) -> None:
