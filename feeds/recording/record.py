@@ -86,7 +86,7 @@ class UdpSource:
 
     @contextlib.asynccontextmanager
     async def receiving(self, receive: Receive) -> AsyncIterator[None]:
-        """Call `receive` with each datagram, at the end with what is there; raises `TransportError`."""
+        """Call `receive` with each datagram, last with what is left; raises `TransportError`."""
         host, port = str(self._endpoint.address), self._endpoint.port
         try:
             opened = receiver_at(host, port, self._interface, BUFFER_OCTETS, self._prepare)

@@ -186,7 +186,7 @@ class _Columns:
         """The octets of records, (n,), with those values, (n,) or () each."""
         for which, numbers in self._numbers:
             numbers.put_into(records, [values[place] for place in which])
-        octets = records.view(np.uint8).reshape(len(records), -1)[:, WORD_OCTETS:]
+        octets = records.view(np.uint8).reshape(len(records), records.itemsize)[:, WORD_OCTETS:]
         for place in self._texts:
             slot = self.slots[place]
             end = self._octets - slot.right // 8

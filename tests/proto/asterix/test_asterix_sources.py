@@ -115,6 +115,7 @@ def test_service_messages_of_several_radars() -> None:
         [0.0, 90.0, 11.25],
         np.array([1, 0, 1]),
     )
+    assert encoder.north_markers([], which[:0]) == []
     assert encoder.north_markers(times, which) == [
         alone[i].north_markers([t], np.array([0]))[0] for i, t in zip(which, times, strict=True)
     ]
