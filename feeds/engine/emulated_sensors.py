@@ -6,7 +6,7 @@ what comes out depends neither on how long the stretches are nor on who else is 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -259,6 +259,10 @@ class SensorGroup:
         is_one = len(sensors) == 1
         self._frames: Axes = self.site.frame if is_one else at_work.frames
         self._axes: Axes = self.site.axes if is_one else at_work.frames
+        # A sensor that errs is alone, and its clock and axes are its own.
+        self._truth_at: Callable[[int, Ints], TruthState] = (
+            self.site.apparent_at if self.site.errs else at_work.trajectories.state_at
+        )
         self._model = stacked(models)
         # A kind of which each sensor is alone knows of no columns that say whose a row is.
         self._shares = self._model.alike is not None
@@ -513,9 +517,15 @@ class SensorGroup:
             frames = self._frames.rows(np.repeat(sectors.sensor, np.diff(plots_by)))
             height_m = frames.heights_m(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
             plots = plots.but(height_m=height_m)
-        names = self._at_work.trajectories.names
         return Batch(
-            sectors, plots, plots_by, looks, looks_by, sensors=self._at_work.names, names=names
+            sectors,
+            plots,
+            plots_by,
+            looks,
+            looks_by,
+            sensors=self._at_work.names,
+            names=self._at_work.trajectories.names,
+            truth_at=self._truth_at,
         )
 
     def _by_sector(self, sectors: Sectors, columns: C) -> tuple[C, Ints]:
@@ -720,10 +730,9 @@ class EmulatedSensors:
 
     def messages(self, batch: Batch) -> list[list[Message]]:
         """What sensors say of each of their sectors, which were seen just now."""
-        site = self.sites[int(batch.sectors.sensor[0])]
-        # A sensor that errs is alone, and its clock and axes are its own.
-        truth_at = site.apparent_at if site.errs else self._at_work.trajectories.state_at
-        return self._formats.messages(batch.by_clock(site.clock_ahead_ns, truth_at))
+        # A sensor whose clock is ahead errs, and is alone.
+        ahead_ns = self.sites[int(batch.sectors.sensor[0])].clock_ahead_ns
+        return self._formats.messages(batch.by_clock(ahead_ns) if ahead_ns else batch)
 
     def _follow_script_until(self, t_utc_ns: int) -> None:
         """Change what the script changes by then."""

@@ -20,7 +20,7 @@ from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import LocalFrames, aer_to_enu
-from plotfeed.models.state import Floats, Plots
+from plotfeed.models.state import Floats
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
 from plotfeed.proto.asterix.codec.encode import Parts
 
@@ -60,7 +60,14 @@ class Asterix048(AsterixFormat):
         """Blocks of category 048, then those of category 034."""
         sectors = batch.sectors
         parts = Parts(batch.plots_by, self._numbers[sectors.sensor])
-        plots = self._plots.blocks_by(batch.plots, parts, self._undulation_m(batch.plots, parts))
+        # Height of mean sea level above the ellipsoid where the plots are.
+        undulation_m: Floats | float = self._sea_level.level_m or 0.0
+        if batch.plots.measures("height_m") and self._sea_level.level_m is None:
+            there = batch.plots.azimuth_deg, batch.plots.elevation_deg, batch.plots.range_m
+            frames = self._frames.rows(parts.of_rows())
+            latitude_deg, longitude_deg, _ = frames.to_geodetic(aer_to_enu(*there))
+            undulation_m = self._sea_level.undulation_m(latitude_deg, longitude_deg)
+        plots = self._plots.blocks_by(batch.plots, parts, undulation_m)
         if self._service is None:
             return [(48, plots)]
         turning = self._turning[sectors.sensor]
@@ -76,16 +83,6 @@ class Asterix048(AsterixFormat):
         if isinstance(which, slice):
             return [(48, plots), (34, service)]
         return [(48, plots), (34, among(len(batch), which, service))]
-
-    def _undulation_m(self, plots: Plots, parts: Parts) -> Floats | float:
-        """Height of mean sea level above the ellipsoid where the plots are; (n,)."""
-        if not plots.measures("height_m"):
-            return 0.0
-        if self._sea_level.level_m is not None:
-            return self._sea_level.level_m
-        frames = self._frames.rows(parts.of_rows())
-        there_enu_m = aer_to_enu(plots.azimuth_deg, plots.elevation_deg, plots.range_m)
-        return self._sea_level.undulation_m(*frames.to_geodetic(there_enu_m)[:2])
 
 
 FORMAT = Format(facts=REPORT_FORMATS["asterix-048"], maker=Asterix048, plots_in=plots_in_asterix)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,22 +32,12 @@ LEAST_SIGMA_M = 0.01  # An error of less has a plot that claims none: a filter n
 UNMEASURED_SIGMA_M = 1.0
 
 
-class SensorTracker(Protocol):
-    """Whatever makes the tracks of one sensor, fed sector by sector."""
-
-    def take(self, batch: Batch) -> TrackStates:
-        """The tracks at the end of a sector, east, north and up of the scene's site."""
-
-    def end(self) -> None:
-        """End all tracks, of which nothing more is told."""
-
-
 class SceneTracks:
     """The trackers of the sensors that report in a format of tracks."""
 
     def __init__(self, scene: Scene) -> None:
         self._site = site_frame(scene.scene.site)
-        self._trackers: dict[int, SensorTracker] = {}
+        self._trackers: dict[int, PlainTracks | _SmoothedTruth] = {}
         for i, sensor in enumerate(scene.sensor):
             if any(REPORT_FORMATS[name].tells_tracks for name in sensor.report):
                 is_plain = tracks_keys_of(sensor).kind == "plain"
@@ -57,7 +47,7 @@ class SceneTracks:
     def end(self, i: int) -> None:
         """End all tracks of a sensor, which is switched off: it tells nothing more of them."""
         if i in self._trackers:
-            self._trackers[i].end()
+            self._trackers[i].tracks.end()
 
     def tracked(self, batch: Batch) -> Batch:
         """Add the tracks at the ends of its sectors to the batch."""
@@ -115,28 +105,24 @@ class _SmoothedTruth:
         here = frame_at(scene.scene.site, sensor.position_enu_m)
         self._site = site
         self._to_site = site.rotation_from_ecef @ here.rotation_from_ecef.T
-        self._tracks = SmoothedTruth(_rule_of(sensor), tracks_keys_of(sensor).smoothing_scans)
+        self.tracks = SmoothedTruth(_rule_of(sensor), tracks_keys_of(sensor).smoothing_scans)
         self._has_height = False
         self._names: Sequence[str] = ()  # Of drones by index, when it last knew of them
         self._chance = Chance(scene.scene.seed, sensor.id)
 
-    def end(self) -> None:
-        """End all tracks, of which nothing more is told."""
-        self._tracks.end()
-
     def take(self, batch: Batch) -> TrackStates:
-        """The tracks at the end of a sector."""
+        """The tracks at the end of a sector, east, north and up of the scene's site."""
         sector, ahead_ns = batch.sector, batch.clock_ahead_ns
         if batch.names is not self._names:
             others = renamed(self._names, batch.names)
             # A track whose drone is forgotten ends by itself, unless another has its row.
             reused = [row for row in others.tolist() if row < len(batch.names) and batch.names[row]]
-            self._tracks.forget(np.array(reused, np.int64), len(batch.names))
+            self.tracks.forget(np.array(reused, np.int64), len(batch.names))
             self._names = batch.names
         looks = self._looks(batch.looks, batch.plots)
-        return self._tracks.take(
+        return self.tracks.take(
             looks,
-            self._truth(batch, np.union1d(looks.drone, self._tracks.drones)),
+            self._truth(batch, np.union1d(looks.drone, self.tracks.drones)),
             start_ns=sector.start_ns - ahead_ns,
             end_ns=sector.end_ns - ahead_ns,
             rng=self._chance.rng(Purpose.TRACKS, sector.scan, sector.index),
@@ -189,19 +175,15 @@ class PlainTracks:
             gate_probability=keys.gate_probability,
         )
         turns = by_sector and sensor.scan.sectors > 1
-        self._tracker = PlainTracker(_rule_of(sensor), motion, turns=turns)
-
-    def end(self) -> None:
-        """End all tracks, of which nothing more is told."""
-        self._tracker.end()
+        self.tracks = PlainTracker(_rule_of(sensor), motion, turns=turns)
 
     def take(self, batch: Batch) -> TrackStates:
-        """The tracks at the end of a sector."""
+        """The tracks at the end of a sector, east, north and up of the scene's site."""
         return self.take_plots(batch.plots, batch.sector.start_ns, batch.sector.end_ns)
 
     def take_plots(self, plots: Plots, start_ns: int, end_ns: int) -> TrackStates:
         """The tracks at the end of a stretch of time that has those plots."""
-        return self._tracker.take(self._located(plots), start_ns=start_ns, end_ns=end_ns)
+        return self.tracks.take(self._located(plots), start_ns=start_ns, end_ns=end_ns)
 
     def _located(self, plots: Plots) -> LocatedPlots:
         """Plots as places about the site; without an elevation, on the sensor's horizontal."""

@@ -52,7 +52,7 @@ class Batch:
     claims: Sequence[pb.Claim] | None = None
     # By how much the times of sectors and plots are ahead of UTC; those of looks never are.
     clock_ahead_ns: int = 0
-    # Where drones, by index, are at a time, by the clock and axes of `by_clock`'s sensor.
+    # Where drones, by index, are at a time, by the clock and axes of the sensors.
     truth_at: Callable[[int, Ints], TruthState] = _no_truth
 
     def __len__(self) -> int:
@@ -173,17 +173,14 @@ class Batch:
                 parts[name], parts[f"{name}_by"] = cut(getattr(self, name), by)
         return replace(self, sectors=sectors, messages=(), links=(), **parts)
 
-    def by_clock(self, ahead_ns: int, truth_at: Callable[[int, Ints], TruthState]) -> Self:
-        """The batch by the clock of its sensors, which is so far ahead, with their truth."""
-        if not ahead_ns:
-            return replace(self, truth_at=truth_at)
+    def by_clock(self, ahead_ns: int) -> Self:
+        """The batch by the clock of its sensors, which is so far ahead."""
         of = self.sectors
         return replace(
             self,
             sectors=of.but(start_ns=of.start_ns + ahead_ns, end_ns=of.end_ns + ahead_ns),
             plots=self.plots.but(t_utc_ns=self.plots.t_utc_ns + ahead_ns),
             clock_ahead_ns=ahead_ns,
-            truth_at=truth_at,
         )
 
     def in_groups(self, groups: Ints, make: Callable[[int, Self], Sequence[T]]) -> list[T]:
