@@ -6,7 +6,6 @@ import re
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,6 @@ from plotfeed.feeds.engine.change_control import ChangeControl
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
 from plotfeed.feeds.formats import in_time, inboxes_of
-from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
@@ -92,7 +90,7 @@ class Engine:
             links.append(scene.cooperative.link)
         # Links of the sensors, and then that of the cooperative drones, if there are any.
         self.uplinks = [
-            Uplink(link, partial(Impairment, seed=scene.scene.seed, name=name), late)
+            Uplink(link, scene.scene.seed, name, late)
             for link, name in zip(links, self._ids, strict=False)
         ]
         # When scripts may change a sensor's link next, UTC, by index.

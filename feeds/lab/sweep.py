@@ -12,7 +12,7 @@ import numpy as np
 from plotfeed.feeds.console.printed import aligned
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
-from plotfeed.feeds.link.impairment import Fate, Impairment
+from plotfeed.feeds.link.impairment import HELD, Impairment
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -118,7 +118,7 @@ def arrivals_ns(seen: SimulatedSensor, seed: int, start_ns: int) -> Ints:
 
     def pass_on(i: int, t_utc_ns: int) -> None:
         outcome = passing.pass_on(t_utc_ns, 0)
-        if outcome.fate is Fate.HELD:
+        if outcome is HELD:
             if len(held) < passing.link.queue_messages:
                 held.append(i)
         elif outcome.copies:

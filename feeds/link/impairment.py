@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -14,6 +14,7 @@ from plotfeed.feeds.link.delays import MOST_REPEATS, DelayLaw, DelaySeries, wait
 from plotfeed.feeds.link.losses import LossChain, chain_of, left_of
 from plotfeed.feeds.scene.link_keys import LinkSettings, ReorderSettings
 from plotfeed.models.chance import Chance, Purpose
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 
 
@@ -46,16 +47,6 @@ class RateLimit:
         return self.free_utc_ns
 
 
-class Fate(StrEnum):
-    """What becomes of a message."""
-
-    SENT = "sent"
-    LOST = "lost"
-    QUEUE_FULL = "queue_full"
-    OUTAGE = "outage"
-    HELD = "held"  # The link is down and loses nothing: pass it on again when it is up
-
-
 class Copy(NamedTuple):
     """A message as it leaves the link."""
 
@@ -67,16 +58,16 @@ class Copy(NamedTuple):
 class Outcome(NamedTuple):
     """A message's fate, and the copies that leave; a second one is a duplicate."""
 
-    fate: Fate
+    fate: pb.Fate
     copies: tuple[Copy, ...]
 
 
 _new = tuple.__new__  # half the time of a named tuple's own constructor
-SENT = Fate.SENT  # looked up once: an enumeration takes its time
-LOST = Outcome(Fate.LOST, ())
-QUEUE_FULL = Outcome(Fate.QUEUE_FULL, ())
-OUTAGE = Outcome(Fate.OUTAGE, ())
-HELD = Outcome(Fate.HELD, ())
+LOST = Outcome(pb.LOST, ())
+QUEUE_FULL = Outcome(pb.QUEUE_FULL, ())
+OUTAGE = Outcome(pb.OUTAGE, ())
+# Not known yet: the link is down and loses nothing. Pass it on again when it is up.
+HELD = Outcome(pb.FATE_UNSPECIFIED, ())
 
 
 def flip(payload: bytes, bit: int) -> bytes:
@@ -119,8 +110,8 @@ class Draws:
     alone.
     """
 
-    def __init__(self, link: LinkSettings, seed: int, name: str) -> None:
-        self._chance = Chance(seed, name)
+    def __init__(self, link: LinkSettings, seed: int, name: str, later_ns: int = 0) -> None:
+        self._chance, self._later_ns = Chance(seed, name), later_ns
         self._second = -1
         self._row = self._first = self._end = 0
         self._rows_of_last_second = 0
@@ -153,7 +144,7 @@ class Draws:
 
     def next(self, t_utc_ns: int) -> int:
         """The place of the next message, which is due then, in the columns."""
-        second = t_utc_ns // NS
+        second = (t_utc_ns - self._later_ns) // NS
         if second != self._second:
             self._begin(second)
         row = self._row
@@ -189,8 +180,9 @@ class Impairment:
     What it does depends on the seed, its name, the times and sizes of messages, and nothing else.
     """
 
-    def __init__(self, link: LinkSettings, seed: int, name: str) -> None:
-        self._draws = Draws(link, seed, name)
+    def __init__(self, link: LinkSettings, seed: int, name: str, later_ns: int = 0) -> None:
+        """It draws what it would have drawn for messages due `later_ns` sooner."""
+        self._draws = Draws(link, seed, name, later_ns)
         self._rate = RateLimit(link)
         self._chain: LossChain | None = None
         self._state = 0
@@ -248,7 +240,7 @@ class Impairment:
             free_utc_ns = self._rate.free_utc_ns
             sent_utc_ns = t_utc_ns if t_utc_ns > free_utc_ns else free_utc_ns
             return _new(
-                Outcome, (SENT, (_new(Copy, (self._in_order(sent_utc_ns + delay_ns), None)),))
+                Outcome, (pb.SENT, (_new(Copy, (self._in_order(sent_utc_ns + delay_ns), None)),))
             )
         return self._changed(t_utc_ns, octets, delay_ns, i)
 
@@ -261,8 +253,8 @@ class Impairment:
             delay_ns = self._draws.copy_delay_ns[i]
             second = self._leave(t_utc_ns, octets, delay_ns, i, again=True)
             if second is not None:
-                return Outcome(SENT, (first, second))
-        return Outcome(SENT, (first,))
+                return Outcome(pb.SENT, (first, second))
+        return Outcome(pb.SENT, (first,))
 
     def _repeats(self, chain: LossChain, i: int) -> int:
         """How often it must be sent again: 0 if it passes, 1 if nobody repeats what is lost."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
-from plotfeed.feeds.link.impairment import Fate, Impairment, flip
+from plotfeed.feeds.link.impairment import Impairment, flip
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.messages.message import HELD_NS, Message
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -13,8 +14,6 @@ from plotfeed.proto import plotfeed_pb2 as pb
 # A message's payload as it may still leave at that time, or None if it is too late for it.
 InTime = Callable[[Message, int], bytes | None]
 
-_FATES = {Fate.LOST: pb.LOST, Fate.QUEUE_FULL: pb.QUEUE_FULL, Fate.OUTAGE: pb.OUTAGE}
-
 
 class Uplink:
     """A link of one client, which numbers its messages in the order in which they are due."""
@@ -22,14 +21,21 @@ class Uplink:
     def __init__(
         self,
         link: LinkSettings | None,
-        impair: Callable[[LinkSettings], Impairment],
+        seed: int,
+        name: str,
         in_time: InTime | None = None,
+        *,
+        later_ns: int = 0,
     ) -> None:
-        """Messages leave at once where `link` is None; `impair` makes the impairment of a link."""
+        """Messages leave at once where `link` is None.
+
+        By seed and name chance is the same in each run, in a replay that is `later_ns` later, too.
+        """
         self.link = link  # Its keys now
         self.json = json_of(link)  # The same as the ledger tells them
-        self._impair, self._in_time = impair, in_time
-        self._impairment = None if link is None else impair(link)
+        self._impair = partial(Impairment, seed=seed, name=name, later_ns=later_ns)
+        self._in_time = in_time
+        self._impairment = None if link is None else self._impair(link)
         self._number = 0
         # What waits for the link to be up again, each with the others of its sector.
         self._held: BoundedQueue[tuple[Message, list[Message]]] = BoundedQueue(0)
@@ -71,16 +77,16 @@ class Uplink:
         self, one: Message, others: list[Message], impairment: Impairment, t_utc_ns: int
     ) -> None:
         """Ask the link what becomes of one that is handed to it then, or again."""
-        outcome = impairment.pass_on(t_utc_ns, len(one.payload))
-        if outcome.fate is Fate.HELD:
+        fate, copies = impairment.pass_on(t_utc_ns, len(one.payload))
+        if not fate:  # it holds what comes
             one.leaves_utc_ns = HELD_NS
             self._held.limit = impairment.link.queue_messages
             if not self._held.put((one, others)):
                 one.leaves_utc_ns, one.fate = one.due_utc_ns, pb.QUEUE_FULL
-        elif outcome.fate is not Fate.SENT:
-            one.leaves_utc_ns, one.fate = one.due_utc_ns, _FATES[outcome.fate]
+        elif fate != pb.SENT:
+            one.leaves_utc_ns, one.fate = one.due_utc_ns, fate
         else:
-            for copy, (leaves_utc_ns, flipped_bit) in enumerate(outcome.copies):
+            for copy, (leaves_utc_ns, flipped_bit) in enumerate(copies):
                 if copy:
                     one = one.duplicate()
                     others.append(one)

@@ -6,36 +6,18 @@ import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import NamedTuple
 
 from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.impairment import Copy, Impairment, Outcome
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import Transport, publish
 from plotfeed.feeds.replaying.destinations import ReplayUdp
 from plotfeed.feeds.replaying.replay_settings import ReplayError, ReplaySettings, is_topic
-from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import Clock, Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.recorded import Recorded
-
-
-class ReplayImpairment(Impairment):
-    """The impairment of a session, `later_ns` later, so that chance is the same in each replay."""
-
-    def __init__(self, link: LinkSettings, seed: int, name: str, *, later_ns: int) -> None:
-        super().__init__(link, seed, name)
-        self._later_ns = later_ns
-
-    def pass_on(self, due_utc_ns: int, octets: int) -> Outcome:
-        """What becomes of a message that is due then."""
-        outcome = super().pass_on(due_utc_ns - self._later_ns, octets)
-        copies = (Copy(c.due_utc_ns + self._later_ns, c.flipped_bit) for c in outcome.copies)
-        return Outcome(outcome.fate, tuple(copies))
-
 
 # Messages that leave in one go where there are no deadlines: a system call costs more than one.
 TOGETHER = 64
@@ -180,9 +162,9 @@ class Routes:
                 raise ReplayError(f"more than {MAX_LINKS} sources of messages: give fewer a link")
             # Named as in a session, so that the same seed loses alike.
             name, seed = source.rpartition("/")[2], self._settings.seed
-            impair = partial(ReplayImpairment, seed=seed, name=name, later_ns=self.later_ns)
+            uplink = Uplink(rule.link, seed, name, later_ns=self.later_ns)
             outbox = Outbox(
                 self._clock, self._transports, schedule=self._schedule, totals=self._totals
             )
-            self._over[source] = Uplink(rule.link, impair), outbox
+            self._over[source] = uplink, outbox
         return self._over[source]

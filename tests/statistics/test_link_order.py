@@ -9,7 +9,8 @@ from scipy.special import log_ndtr
 from support.links import NS, OCTETS, START_NS, delays_ms, due_times, link, passed
 from support.significance import Array, assert_chance, assert_law, assert_mean, assert_sum
 
-from plotfeed.feeds.link.impairment import Fate, Impairment
+from plotfeed.feeds.link.impairment import Impairment
+from plotfeed.proto import plotfeed_pb2 as pb
 
 N = 25_000
 
@@ -97,7 +98,7 @@ def test_a_queue_without_room_to_wait_drops_by_the_formula_of_erlang() -> None:
     gaps_ns = np.rint(rng.exponential(1e6 / load, n)).astype(np.int64)
     impairment = Impairment(link(rate_kbit_s=480.0, queue_messages=1), 1, "radar")
     fates = [impairment.pass_on(due, 60).fate for due in (START_NS + np.cumsum(gaps_ns)).tolist()]
-    full = np.array([fate is Fate.QUEUE_FULL for fate in fates], dtype=float)
+    full = np.array([fate == pb.QUEUE_FULL for fate in fates], dtype=float)
     batches = full.reshape(1000, -1).mean(axis=1)
     assert_mean(batches, load / (1 + load), "dropped")
 
@@ -111,4 +112,4 @@ def test_an_outage_lasts_as_long_as_it_is_asked_for() -> None:
         if at_s in (60, 75):
             impairment.change(down if at_s == 60 else link(latency_ms=5.0))
         fates.append(impairment.pass_on(due, OCTETS).fate)
-    assert fates == [Fate.SENT] * 60 + [Fate.OUTAGE] * 15 + [Fate.SENT] * 15
+    assert fates == [pb.SENT] * 60 + [pb.OUTAGE] * 15 + [pb.SENT] * 15

@@ -10,7 +10,7 @@ from pathlib import Path
 from support.links import OCTETS, due_times, passed
 
 from plotfeed.feeds.lab.gathering import FeedReport, judged_recording
-from plotfeed.feeds.link.impairment import Fate, Outcome
+from plotfeed.feeds.link.impairment import Outcome
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
@@ -23,12 +23,6 @@ from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.testing import START_NS
 
 LEDGER = "application/x-protobuf; messageType=plotfeed.v1.Ledger"
-FATES = {
-    Fate.SENT: pb.SENT,
-    Fate.LOST: pb.LOST,
-    Fate.OUTAGE: pb.OUTAGE,
-    Fate.QUEUE_FULL: pb.QUEUE_FULL,
-}
 
 
 def json_of(link: LinkSettings) -> str:
@@ -69,7 +63,7 @@ def entries(
 
 def _sent(number: int, due_ns: int, outcome: Outcome, late_ns: int) -> Iterator[pb.Sent]:
     if not outcome.copies:
-        yield pb.Sent(number=number, due_utc_ns=due_ns, fate=FATES[outcome.fate], octets=OCTETS)
+        yield pb.Sent(number=number, due_utc_ns=due_ns, fate=outcome.fate, octets=OCTETS)
     for copy, sent in enumerate(outcome.copies):
         yield pb.Sent(
             number=number,

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from support.significance import Array
 
-from plotfeed.feeds.link.impairment import Fate, Impairment, Outcome
+from plotfeed.feeds.link.impairment import Impairment, Outcome
 from plotfeed.feeds.scene.link_keys import LinkSettings
+from plotfeed.proto import plotfeed_pb2 as pb
 
 NS = 10**9
 START_NS = 1_800_000_000 * NS
@@ -47,7 +48,7 @@ def delays_ms(asked: LinkSettings, n: int, rate_hz: float = 1000.0, *, seed: int
 def losses(asked: LinkSettings, n: int, rate_hz: float = 10_000.0, *, seed: int = 1) -> Array:
     """Which messages are lost; (n,) booleans."""
     outcomes = passed(asked, due_times(n, rate_hz), seed=seed)
-    return np.array([outcome.fate is Fate.LOST for outcome in outcomes])
+    return np.array([outcome.fate == pb.LOST for outcome in outcomes])
 
 
 def bursts(lost: Array) -> Array:

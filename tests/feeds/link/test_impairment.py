@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from support.links import NS, OCTETS, START_NS, due_times, link, passed
 
-from plotfeed.feeds.link.impairment import Copy, Fate, Impairment, Outcome, flip, random_rows
+from plotfeed.feeds.link.impairment import HELD, Copy, Impairment, Outcome, flip, random_rows
 from plotfeed.models.chance import Chance
+from plotfeed.proto import plotfeed_pb2 as pb
 
 BURSTS = {"kind": "gilbert-elliott", "mean_loss": 0.2, "mean_burst": 4.0}
 SELDOM = {"kind": "random", "probability": 0.02}
@@ -36,15 +37,16 @@ EVERY_LINK = pytest.mark.parametrize("name", LINKS)
 
 
 def digest(outcomes: list[Outcome]) -> str:
-    text = "\n".join(
-        f"{o.fate} {[(c.due_utc_ns - START_NS, c.flipped_bit) for c in o.copies]}" for o in outcomes
-    )
-    return hashlib.sha256(text.encode()).hexdigest()
+    lines = []
+    for fate, copies in outcomes:
+        name = pb.Fate.Name(fate).lower()
+        lines.append(f"{name} {[(c.due_utc_ns - START_NS, c.flipped_bit) for c in copies]}")
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def test_a_clear_link_passes_everything_as_it_is() -> None:
     dues = due_times(3000, 1000)
-    assert passed(link(), dues) == [Outcome(Fate.SENT, (Copy(due, None),)) for due in dues]
+    assert passed(link(), dues) == [Outcome(pb.SENT, (Copy(due, None),)) for due in dues]
 
 
 @EVERY_LINK
@@ -152,14 +154,14 @@ def test_an_outage_drops_and_changes_nothing_after_it() -> None:
         if i == 800:
             impairment.change(asked)
         outcomes.append(impairment.pass_on(due, OCTETS))
-    assert {o.fate for o in outcomes[400:800]} == {Fate.OUTAGE}
+    assert {o.fate for o in outcomes[400:800]} == {pb.OUTAGE}
     assert outcomes[:400] == whole[:400]
     assert outcomes[800:] == whole[800:]
 
 
 def test_a_link_that_stalls_holds_what_comes_while_it_is_down() -> None:
     impairment = Impairment(link(latency_ms=5.0, on_loss="stall", down=True), 1, "radar")
-    assert impairment.pass_on(START_NS, OCTETS) == Outcome(Fate.HELD, ())
+    assert impairment.pass_on(START_NS, OCTETS) == HELD
     impairment.change(link(latency_ms=5.0, on_loss="stall"))
     later = START_NS + 3 * NS
     assert impairment.pass_on(later, OCTETS).copies == (Copy(later + 5_000_000, None),)
@@ -177,7 +179,7 @@ def test_a_change_of_link_takes_effect_at_once_and_draws_on() -> None:
             impairment.change(jitter if i // 100 % 2 else link())
         outcome = impairment.pass_on(due, OCTETS)
         assert impairment.link.is_clear != bool(i // 100 % 2)
-        assert outcome == (expected[i] if i // 100 % 2 else Outcome(Fate.SENT, (Copy(due, None),)))
+        assert outcome == (expected[i] if i // 100 % 2 else Outcome(pb.SENT, (Copy(due, None),)))
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
@@ -209,9 +211,9 @@ def test_the_state_of_loss_outlives_a_change() -> None:
     never_begins = {"kind": "gilbert-elliott", "p": 0.0, "r": 1e-12}
     impairment = Impairment(link(loss=forever), 1, "radar")
     dues = due_times(50, 100)
-    assert impairment.pass_on(dues[0], OCTETS).fate is Fate.LOST
+    assert impairment.pass_on(dues[0], OCTETS).fate == pb.LOST
     impairment.change(link(loss=never_begins))
-    assert {impairment.pass_on(due, OCTETS).fate for due in dues} == {Fate.LOST}
+    assert {impairment.pass_on(due, OCTETS).fate for due in dues} == {pb.LOST}
 
 
 def test_a_flipped_bit_is_one_bit() -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from plotfeed.feeds.link.counters import SessionCounters, lateness_us
-from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import SENT, UNDELIVERED, UNSPECIFIED, Message, records
@@ -68,7 +67,7 @@ class Case:
         self.entries: list[Sequence[pb.Sent]] = []
         self.outbox = Outbox(self.now, links, schedule=self.schedule, totals=self.totals, **more)
         link = None if settings is None else LinkSettings.model_validate(settings)
-        self.uplink = Uplink(link, lambda link: Impairment(link, 1, "radar"), in_time)
+        self.uplink = Uplink(link, 1, "radar", in_time)
 
     def send(self, *messages: Message) -> None:
         outgoing = self.uplink.passed(messages)

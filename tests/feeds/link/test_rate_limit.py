@@ -2,7 +2,8 @@ from __future__ import annotations
 
 from support.links import NS, START_NS, due_times, link, passed
 
-from plotfeed.feeds.link.impairment import Fate, Impairment
+from plotfeed.feeds.link.impairment import Impairment
+from plotfeed.proto import plotfeed_pb2 as pb
 
 MS = 1_000_000
 
@@ -26,10 +27,10 @@ def test_the_delay_comes_after_the_queue() -> None:
 def test_a_full_queue_drops_exactly_what_does_not_fit() -> None:
     impairment = Impairment(link(rate_kbit_s=80.0, queue_messages=5), 1, "radar")
     fates = [impairment.pass_on(START_NS, 100).fate for _ in range(9)]
-    assert fates == [Fate.SENT] * 5 + [Fate.QUEUE_FULL] * 4
+    assert fates == [pb.SENT] * 5 + [pb.QUEUE_FULL] * 4
     # After 25 ms two are through, and the third is being sent.
     fates = [impairment.pass_on(START_NS + 25 * MS, 100).fate for _ in range(9)]
-    assert fates == [Fate.SENT] * 2 + [Fate.QUEUE_FULL] * 7
+    assert fates == [pb.SENT] * 2 + [pb.QUEUE_FULL] * 7
 
 
 def test_a_saturated_link_sends_at_its_rate() -> None:
@@ -46,7 +47,7 @@ def test_a_copy_takes_its_place_in_the_queue() -> None:
     assert (first.due_utc_ns, second.due_utc_ns) == (START_NS + 10 * MS, START_NS + 20 * MS)
     third = impairment.pass_on(START_NS, 100)
     assert [c.due_utc_ns for c in third.copies] == [START_NS + 30 * MS]
-    assert impairment.pass_on(START_NS, 100).fate is Fate.QUEUE_FULL
+    assert impairment.pass_on(START_NS, 100).fate == pb.QUEUE_FULL
 
 
 def test_a_queue_outlives_a_change_of_rate() -> None:
@@ -65,6 +66,6 @@ def test_a_queue_outlives_a_change_of_rate() -> None:
 def test_what_is_lost_takes_no_place_in_the_queue() -> None:
     asked = link(rate_kbit_s=80.0, loss={"kind": "random", "probability": 1.0})
     impairment = Impairment(asked, 1, "radar")
-    assert {impairment.pass_on(START_NS, 100).fate for _ in range(9)} == {Fate.LOST}
+    assert {impairment.pass_on(START_NS, 100).fate for _ in range(9)} == {pb.LOST}
     impairment.change(link(rate_kbit_s=80.0))
     assert impairment.pass_on(START_NS, 100).copies[0].due_utc_ns == START_NS + 10 * MS

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.outbox import Departure, Outbox, send_all
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message, records
@@ -92,10 +91,7 @@ class Case:
                 before_link=[lambda m: self.told.append(("before", m.payload, 0))],
                 after_link=[lambda m, t: self.told.append(("after", m.payload, t))],
             )
-            uplink = Uplink(
-                None if link is None else LinkSettings.model_validate(link),
-                lambda link, i=i: Impairment(link, 1, f"s{i}"),  # type: ignore[misc]
-            )
+            uplink = Uplink(None if link is None else LinkSettings.model_validate(link), 1, f"s{i}")
             some = [
                 Message(topic=f"s{i}", payload=bytes((k, i)), content_type="x", due_utc_ns=DUE_NS)
                 for k in range(messages)

@@ -5,7 +5,8 @@ import pytest
 from support.links import OCTETS, START_NS, due_times, link, passed
 
 from plotfeed.feeds.link.delays import MOST_REPEATS, DelayLaw, waits_ns
-from plotfeed.feeds.link.impairment import Fate, Impairment
+from plotfeed.feeds.link.impairment import Impairment
+from plotfeed.proto import plotfeed_pb2 as pb
 
 MS = 1_000_000
 
@@ -38,7 +39,7 @@ def test_much_jitter_makes_the_first_wait_longer() -> None:
 def test_nothing_is_lost_and_nothing_overtakes(loss: dict[str, object]) -> None:
     asked = link(latency_ms=20.0, jitter_ms=15.0, loss=loss, on_loss="stall")
     outcomes = passed(asked, due_times(2000, 100))
-    assert {o.fate for o in outcomes} == {Fate.SENT}
+    assert {o.fate for o in outcomes} == {pb.SENT}
     left = [o.copies[0].due_utc_ns for o in outcomes]
     assert left == sorted(left)
 
@@ -49,7 +50,7 @@ def test_a_lost_message_comes_after_its_time_out_and_what_is_behind_with_it() ->
     outcomes = passed(asked, dues)
     delays = np.array([o.copies[0].due_utc_ns - d for o, d in zip(outcomes, dues, strict=True)])
     dropped = link(loss={"kind": "random", "probability": 0.01})
-    lost = np.flatnonzero([o.fate is Fate.LOST for o in passed(dropped, dues)])
+    lost = np.flatnonzero([o.fate == pb.LOST for o in passed(dropped, dues)])
     alone = [i for i in lost if np.count_nonzero(abs(lost - i) < 100) == 1 and i < 2970]
     assert len(alone) >= 3
     for i in alone:

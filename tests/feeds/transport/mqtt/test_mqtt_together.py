@@ -13,7 +13,6 @@ from support.scripted_broker import ScriptedBroker
 from support.waiting import until
 
 from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.link.outbox import Outbox, send_all
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
@@ -28,7 +27,7 @@ CLIENTS, EACH = 20, 2
 
 def passed(messages: Sequence[Message]) -> Sequence[Message]:
     """The same messages again, after a link that does nothing."""
-    link = Uplink(None, lambda link: Impairment(link, 1, "radar"))
+    link = Uplink(None, 1, "radar")
     return link.passed([message.again() for message in messages])
 
 
