@@ -191,19 +191,15 @@ class DelaySeries:
             constant = [round(self._law.latency_ms * 1e6)] * len(own)
             return constant, constant
         if self._rho:
-            own = self._follow(own)
-            copies = None if copies is None else self._copied(copies)
+            z = self.score
+            for e in _scores(own).tolist():
+                z = e if z is None else self._rho * z + self._new * e
+                self._scores.append(z)
+            after = np.array(self._scores)
+            own = special.ndtr(after)
+            if copies is not None:
+                copies = special.ndtr(self._rho * after + self._new * _scores(copies))
         return self._ns(own), [] if copies is None else self._ns(copies)
-
-    def _follow(self, own: Floats) -> Floats:
-        z = self.score
-        for e in _scores(own).tolist():
-            z = e if z is None else self._rho * z + self._new * e
-            self._scores.append(z)
-        return _uniform_of_normal(np.array(self._scores))
-
-    def _copied(self, copies: Floats) -> Floats:
-        return _uniform_of_normal(self._rho * np.array(self._scores) + self._new * _scores(copies))
 
     def _ns(self, u: Floats) -> list[int]:
         delays: list[int] = np.rint(self._law.quantile_ms(u) * 1e6).astype(np.int64).tolist()
@@ -213,8 +209,3 @@ class DelaySeries:
 def _scores(u: Floats) -> Floats:
     scores: Floats = special.ndtri(np.maximum(u, 2.0**-54))  # a uniform number may be 0
     return scores
-
-
-def _uniform_of_normal(scores: Floats) -> Floats:
-    u: Floats = special.ndtr(scores)
-    return u

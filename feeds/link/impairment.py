@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from enum import IntEnum
+from collections.abc import Iterator
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -79,27 +79,15 @@ def flip(payload: bytes, bit: int) -> bytes:
 
 FEWEST_ROWS = 8
 MOST_ROWS = 4096  # Drawn at once
-
-
-class Column(IntEnum):
-    """What the numbers of a row are for."""
-
-    STATE = 0
-    LOSS = 1
-    DUPLICATE = 2
-    CORRUPT = 3
-    BIT = 4
-    REORDER = 5
-    DELAY = 6
-    COPY_DELAY = 7
+COLUMNS = 8  # Two steps of Philox, each of which gives four numbers
 
 
 def random_rows(chance: Chance, second: int, first: int, count: int) -> NDArray[np.float64]:
     """Uniform numbers from 0 to 1 of a second's messages from the first-th on; (count, 8)."""
     rng = chance.rng(Purpose.IMPAIRMENT, second)
-    if first:  # a step of Philox gives four numbers
-        cast(np.random.Philox, rng.bit_generator).advance(first * len(Column) // 4)
-    return rng.random((count, len(Column)))
+    if first:
+        cast(np.random.Philox, rng.bit_generator).advance(first * COLUMNS // 4)
+    return rng.random((count, COLUMNS))
 
 
 class Draws:
@@ -107,7 +95,7 @@ class Draws:
 
     Rows begin anew with every second of due time, so that a session that starts again, on any
     clock, draws what it would have drawn. A setting takes its own column and leaves the others
-    alone.
+    alone. `next` says at which place of the columns a message's numbers are.
     """
 
     def __init__(self, link: LinkSettings, seed: int, name: str, later_ns: int = 0) -> None:
@@ -116,31 +104,14 @@ class Draws:
         self._row = self._first = self._end = 0
         self._rows_of_last_second = 0
         self._series = DelaySeries(link)
-        self.state: list[float] = []
-        self.loss: list[float] = []
-        self.duplicate: list[float] = []
-        self.corrupt: list[float] = []
-        self.bit: list[float] = []
-        self.reorder: list[float] = []
-        self.delay_ns: list[int] = []
-        self.copy_delay_ns: list[int] = []
-        self.change(link)
+        self._is_clear, self._duplicates = link.is_clear, link.duplicate > 0
 
     def change(self, link: LinkSettings) -> None:
         """Draw what these settings need from the next message on."""
         self._series.use(self._row - self._first)
         self._series = DelaySeries(link, self._series.score)
         self._first = self._end = self._row
-        self._is_clear = link.is_clear
-        self._needed = [
-            (Column.STATE, link.loss is not None),
-            (Column.LOSS, link.loss is not None),
-            (Column.DUPLICATE, link.duplicate > 0),
-            (Column.CORRUPT, link.corrupt > 0),
-            (Column.BIT, link.corrupt > 0),
-            (Column.REORDER, link.reorder is not None),
-        ]
-        self._has_copies = link.duplicate > 0
+        self._is_clear, self._duplicates = link.is_clear, link.duplicate > 0
 
     def next(self, t_utc_ns: int) -> int:
         """The place of the next message, which is due then, in the columns."""
@@ -166,11 +137,11 @@ class Draws:
         count = min(max(count if count > 0 else row, FEWEST_ROWS), MOST_ROWS)
         block = random_rows(self._chance, self._second, row, count)
         self._first, self._end = row, row + count
-        self.state, self.loss, self.duplicate, self.corrupt, self.bit, self.reorder = (
-            block[:, column].tolist() if needed else [] for column, needed in self._needed
-        )
+        *chances, own, copies = block.T
+        columns: Iterator[list[float]] = (column.tolist() for column in chances)
+        self.state, self.loss, self.duplicate, self.corrupt, self.bit, self.reorder = columns
         self.delay_ns, self.copy_delay_ns = self._series.draw(
-            block[:, Column.DELAY], block[:, Column.COPY_DELAY] if self._has_copies else None
+            own, copies if self._duplicates else None
         )
 
 
@@ -181,7 +152,7 @@ class Impairment:
     """
 
     def __init__(self, link: LinkSettings, seed: int, name: str, later_ns: int = 0) -> None:
-        """It draws what it would have drawn for messages due `later_ns` sooner."""
+        """Chance is that of messages which are due `later_ns` sooner."""
         self._draws = Draws(link, seed, name, later_ns)
         self._rate = RateLimit(link)
         self._chain: LossChain | None = None

@@ -60,23 +60,15 @@ class LossChain:
         weights: Sequence[float],
     ) -> None:
         """`weights` are in proportion to the stationary law."""
-        self._p = np.array(transitions)
+        # Probabilities from state to state, rows to columns.
+        self.steps: Floats = np.array(transitions)
         self._e = np.array(emissions)
+        self.start = len(emissions)  # Stands for a state where there is none yet
         self.emissions = tuple(emissions)
         self.stationary = np.array(weights) / sum(weights)
         rows = [_row(row) for row in (*transitions, self.stationary.tolist())]
         self.edges = tuple(edges for edges, _ in rows)
         self.targets = tuple(targets for _, targets in rows)
-
-    @property
-    def steps(self) -> Floats:
-        """Probabilities from state to state, rows to columns."""
-        return self._p
-
-    @property
-    def start(self) -> int:
-        """Stands for a state where there is none yet."""
-        return len(self.emissions)
 
     def repeats(self, before: int, u: float, v: float, most: int) -> tuple[int, int]:
         """How often a lost message is sent again until it passes, and the state after that.
@@ -112,7 +104,7 @@ class LossChain:
         begins = self._begins()
         if not begins.any():
             return math.inf if self.mean_loss else math.nan
-        lengths = until_left(self._p * self._e, self._p @ (1 - self._e), np.ones(len(begins)))
+        lengths = until_left(self.steps * self._e, self.steps @ (1 - self._e), np.ones(len(begins)))
         first = begins > 0
         return float(begins[first] @ lengths[first] / begins.sum())
 
@@ -121,7 +113,7 @@ class LossChain:
         begins = self._begins()
         if not begins.any():
             return np.full(longest, 1.0 if self.mean_loss else np.nan)
-        law, lost = begins / begins.sum(), self._p * self._e
+        law, lost = begins / begins.sum(), self.steps * self._e
         survival = np.empty(longest)
         for n in range(longest):
             survival[n] = law.sum()
@@ -134,7 +126,7 @@ class LossChain:
         loss = self.mean_loss
         if not 0 < loss < 1:
             return math.nan
-        both = (self.stationary * self._e) @ self._p @ self._e
+        both = (self.stationary * self._e) @ self.steps @ self._e
         return float((both - loss**2) / (loss * (1 - loss)))
 
     @property
@@ -149,7 +141,7 @@ class LossChain:
         beside, common = self._e - loss, int(law.argmax())
         others = np.arange(len(law)) != common
         brings = np.zeros(len(law))
-        steps, back = self._p[np.ix_(others, others)], self._p[others, common]
+        steps, back = self.steps[np.ix_(others, others)], self.steps[others, common]
         brings[others] = until_left(steps, back, beside[others])
         there = law > 0
         law, lost, brings = law[there], self._e[there], brings[there]
@@ -163,7 +155,7 @@ class LossChain:
 
     def _begins(self) -> Floats:
         """Probability, per message and state, of being the first of a burst."""
-        begins: Floats = ((self.stationary * (1 - self._e)) @ self._p) * self._e
+        begins: Floats = ((self.stationary * (1 - self._e)) @ self.steps) * self._e
         return begins
 
 

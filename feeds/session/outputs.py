@@ -14,7 +14,7 @@ from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import KeptUp, Transport
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE
-from plotfeed.feeds.scene.output_keys import TrackDestination, WaysOut
+from plotfeed.feeds.scene.output_keys import TrackDestination
 from plotfeed.feeds.scene.report_formats import LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -50,19 +50,6 @@ TRACK_TRANSPORTS: LoadedOnUse[Callable[..., TrackTransport]] = LoadedOnUse(
 )
 
 
-def of_tracks(
-    to: WaysOut, now_utc_ns: Callable[[], int]
-) -> list[tuple[TrackDestination, TrackTransport]]:
-    """What carries tracks to servers, maps and who asks, with its keys; raises `PlotfeedError`."""
-    asks_when = {"remote_id_service": (now_utc_ns,)}
-    return [
-        (keys, carrier(keys, *asks_when.get(kind, ()), f"{kind}[{i}]"))
-        for kind in TRACK_TRANSPORTS
-        for i, keys in enumerate(getattr(to, kind))
-        for carrier in (TRACK_TRANSPORTS[kind],)
-    ]
-
-
 class Outputs:
     """A link to each broker for all that a session sends, last wills beside it, and UDP sockets."""
 
@@ -82,7 +69,13 @@ class Outputs:
             from plotfeed.feeds.transport.udp import UdpTransport
 
             self.udp = [UdpTransport(udp, f"udp[{i}]") for i, udp in enumerate(to)]
-        self._of_tracks = of_tracks(scene.outgoing, clock.now_ns)
+        # With its keys each.
+        self._of_tracks: list[tuple[TrackDestination, TrackTransport]] = []
+        for kind in TRACK_TRANSPORTS:
+            asks_when = (clock.now_ns,) if kind == "remote_id_service" else ()
+            for i, keys in enumerate(getattr(scene.outgoing, kind)):
+                carrier = TRACK_TRANSPORTS[kind](keys, *asks_when, f"{kind}[{i}]")
+                self._of_tracks.append((keys, carrier))
         # All that have to be kept up, the links to brokers first, then those that others share.
         self.connected: list[KeptUp] = []
         self.brokers: list[MqttTransport] = []  # The links that a broker may hold up
@@ -161,16 +154,15 @@ class Outputs:
             status.state = pb.SensorStatus.OFFLINE
             self._wills[sensor.id] = status_message(self._scene.mqtt.prefix, status, start_ns)
         transports: list[Transport] = [*self.brokers]
-        middleware = self._scene.outgoing.middleware
         node: SapientCounters | None = None
         if announcer is not None:
             self._announcers.append(announcer)
             node = SapientCounters(self._totals)
-        if announcer is not None and node is not None and middleware is not None:
-            of_its_own = self._to_middleware(middleware, sensor, announcer, node)
-            transports.append(of_its_own)
-            self._sapient.append(of_its_own)
-            self.connected.append(of_its_own)
+            if (middleware := self._scene.outgoing.middleware) is not None:
+                of_its_own = self._to_middleware(middleware, sensor, announcer, node)
+                transports.append(of_its_own)
+                self._sapient.append(of_its_own)
+                self.connected.append(of_its_own)
         outbox = self._of_sensor[sensor.id] = self._outbox(sensor.id, transports)
         outbox.counters.sapient = node
         return outbox, announcer
@@ -179,13 +171,15 @@ class Outputs:
         self, middleware: str, sensor: Sensor, announcer: Announcer, node: SapientCounters
     ) -> SapientTcpTransport:
         """A sensor's own connection; all of them share a limit of what is heard, and who tells."""
-        from plotfeed.feeds.transport.sapient import SapientTcpTransport  # needs an extra
+        from plotfeed.feeds.transport.sapient import (  # needs an extra
+            SapientIntake,
+            SapientNews,
+            SapientTcpTransport,
+        )
 
         settings = self._scene.sapient.model_copy(update={"middleware": middleware})
         if self._middleware is None:
             limits = settings.max_messages_per_s, settings.max_octets_per_s
-            from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews
-
             self._middleware = SapientIntake(*limits), SapientNews()
         intake, news = self._middleware
         return SapientTcpTransport(

@@ -45,24 +45,27 @@ class RunningSensor:
         self,
         engine: Engine,
         i: int,
-        outbox: Outbox,
+        way_out: Callable[[Sensor, pb.SensorStatus, int], tuple[Outbox, Announcer | None]],
         *,
-        announcer: Announcer | None,
         describer: SensorDescriber,
-        description: pb.SensorDescription,
         schedule: Schedule,
         totals: SessionCounters,
         changed: Sequence[Callable[[Sensor], object]],
+        start_ns: int,
     ) -> None:
-        """Sensor `i` of the engine's; `changed` are told of it when its keys are others."""
-        self.outbox = outbox
-        self.sensor = engine.sensors.sensors[i]  # As it is now
+        """Sensor `i` of the engine's; `changed` are told of it when its keys are others.
+
+        `way_out` is asked once, as of `start_ns`, with how the sensor is should the session die.
+        """
+        sensor = self.sensor = engine.sensors.sensors[i]  # As it is now
+        self._description = describer.description(sensor)
+        self._status = status_of(self._description)
+        self.outbox, self._announcer = way_out(sensor, status_of(self._description), start_ns)
         self._engine, self._sensors, self._i = engine, engine.sensors, i
         self._prefix = engine.scene.mqtt.prefix
-        self._announcer, self._describer = announcer, describer
-        self._schedule, self._totals, self._changed = schedule, totals, changed
+        self._describer, self._schedule = describer, schedule
+        self._totals, self._changed = totals, changed
         self._since_ns = 0  # Since when its keys, and what control asks of them, are so
-        self._description, self._status = description, status_of(description)
         self._scan = self._plots = 0  # The last one that was reported, and all so far
 
     def start(self, start_utc_ns: int, now_utc_ns: int) -> None:

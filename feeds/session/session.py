@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.engine.intake import Input, Intake
-from plotfeed.feeds.engine.sensor_description import SensorDescriber, status_of
+from plotfeed.feeds.engine.sensor_description import SensorDescriber
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.ledger_messages import Kept, ledger_messages
 from plotfeed.feeds.link.outbox import Departure, prepare_all, send_all
@@ -229,7 +229,20 @@ class Session:
         topics += self._mapped.topics if self._mapped else []
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
-        self.sensors = self._running_sensors()
+        describer = SensorDescriber(own)
+        self.sensors: Mapping[str, RunningSensor] = {
+            sensor.id: RunningSensor(
+                engine,
+                i,
+                self._outputs.of_sensor,
+                describer=describer,
+                schedule=self._schedule,
+                totals=totals,
+                changed=who_care(observers, "settings"),
+                start_ns=self.start_ns,
+            )
+            for i, sensor in enumerate(own.sensor)
+        }
         self._of_index = list(self.sensors.values())
         self._shedding = Shedding(engine.sensors, self._missed)
         self._cooperative = self._outputs.of_cooperative_drones()
@@ -239,25 +252,6 @@ class Session:
             self._outboxes.append(self._cooperative)
         if scene.mqtt.queue.policy == "wait":
             self._loop.wait_for(self._outputs.brokers)
-
-    def _running_sensors(self) -> Mapping[str, RunningSensor]:
-        describer, found = SensorDescriber(self.scene), {}
-        for i, sensor in enumerate(self.scene.sensor):
-            description = describer.description(sensor)
-            offline = status_of(description)
-            outbox, announcer = self._outputs.of_sensor(sensor, offline, self.start_ns)
-            found[sensor.id] = RunningSensor(
-                self.engine,
-                i,
-                outbox,
-                announcer=announcer,
-                describer=describer,
-                description=description,
-                schedule=self._schedule,
-                totals=self.totals,
-                changed=who_care(self._observers, "settings"),
-            )
-        return found
 
     # From the first connection to the last message.
 
