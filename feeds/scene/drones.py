@@ -235,19 +235,15 @@ class MissionKeys(SceneTable):
 Swerling = Annotated[int, Field(ge=0, le=4)]
 
 
-class LobedAspectKeys(SceneTable):
+class LobedAspectKeys(ModelTable):
     """Four lobes, in dB by the cosine of four times the aspect, of the same mean power."""
+
+    makes = "effects.target_echoes:LobedAspect"
 
     kind: Literal["lobes"]
     """Which shape."""
     depth_db: Annotated[float, Field(ge=0, le=30)]
     """Of the lobes: half of what lies between the strongest and the weakest."""
-
-    def model(self) -> Aspect:
-        """Aspect for a model."""
-        from plotfeed.models.effects.target_echoes import LobedAspect
-
-        return LobedAspect(self.depth_db)
 
 
 class TableAspectKeys(SceneTable):

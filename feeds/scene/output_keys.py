@@ -7,7 +7,7 @@ import ipaddress
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, ClassVar, Literal, Self, TypeVar
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
@@ -326,6 +326,9 @@ def _url(text: str) -> str:
 class TrackDestination(SceneTable):
     """What destinations of tracks have in common."""
 
+    only: ClassVar[str] = ""
+    """The format that goes there, where no key `carries` tells it."""
+
     sensors: Annotated[tuple[Name, ...], Field(strict=False)] = ()
     """Whose messages go there; all sensors' if it is left out."""
 
@@ -336,7 +339,7 @@ class TrackDestination(SceneTable):
     @property
     def format(self) -> str:
         """The format that goes there, as a sensor's `report` names it."""
-        raise NotImplementedError
+        return str(getattr(self, "carries", self.only))
 
     @property
     def content_type(self) -> str:
@@ -358,6 +361,8 @@ class QueuedDestination(TrackDestination):
 class TakServer(QueuedDestination):
     """A TAK server to which events of Cursor on Target go."""
 
+    only = "cot"
+
     server: Annotated[str, AfterValidator(_server)]
     """tcp://HOST:PORT, or tls://HOST:PORT; without a port 8087, or 8089."""
     client_certificate_file: str | None = None
@@ -366,11 +371,6 @@ class TakServer(QueuedDestination):
     """Of that certificate, where it is a file of its own."""
     server_name: str | None = None
     """In the server's certificate, where that is not the host."""
-
-    @property
-    def format(self) -> str:
-        """Cursor on Target."""
-        return "cot"
 
     @model_validator(mode="after")
     def _certificates_need_tls(self) -> Self:
@@ -392,11 +392,6 @@ class HttpDestination(QueuedDestination):
     retries: Annotated[int, Field(ge=0, le=100)] = 3
     """Of a message for which there is no server, or a busy or broken one; what it refuses is not
     sent again."""
-
-    @property
-    def format(self) -> str:
-        """Format that it carries."""
-        return self.carries
 
 
 class ListeningDestination(TrackDestination):
@@ -420,23 +415,15 @@ class WebSocketKeys(ListeningDestination):
     queue_messages: Annotated[int, Field(ge=1, le=100_000)] = 100
     """That wait for a slow client; of more the oldest are dropped."""
 
-    @property
-    def format(self) -> str:
-        """Format that it carries."""
-        return self.carries
-
 
 class RemoteIdService(ListeningDestination):
     """Where others ask for tracks as network Remote ID."""
 
+    only = "f3411"
+
     token: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,64}$")] | None = None
     """Bearer token that callers must send: NAME for that in the environment variable
     PLOTFEED_HTTP_TOKEN_NAME; without it, none."""
-
-    @property
-    def format(self) -> str:
-        """Flights of ASTM F3411."""
-        return "f3411"
 
 
 FILES = ("ca_file", "client_certificate_file", "client_key_file")

@@ -207,9 +207,9 @@ def _band_hz(sensor: Sensor) -> dict[str, float] | None:
     if signals:
         frequency_hz, bandwidth_hz = signals[0]
         return {"frequency_hz": frequency_hz, "bandwidth_hz": max(2 * bandwidth_hz, 1e6)}
-    low, high = (getattr(sensor, f"frequency_{end}_hz", None) for end in ("min", "max"))
-    if low is None or high is None:
+    if sensor.band_hz is None:
         return None
+    low, high = sensor.band_hz
     return {"frequency_hz": (low + high) / 2, "bandwidth_hz": max(high - low, 1e6)}
 
 

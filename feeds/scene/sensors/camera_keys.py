@@ -33,6 +33,7 @@ class CameraKeys(SensorKeys):
     formats = ("asterix-015", "asterix-205", "plots", "sapient")
     usual = ("asterix-015", "plots")
     makes = Camera
+    tells_models = True  # where it sees enough of a drone
 
     type: Literal["camera"]
     """Which model."""
@@ -124,16 +125,12 @@ class CameraKeys(SensorKeys):
     @property
     def azimuth_min_deg(self) -> float:
         """Where the picture begins, or what a mount can see."""
-        if self.mount is not None:
-            return -180.0
-        return self.pan_deg - self.horizontal_fov_deg / 2
+        return -180.0 if self.mount else self.pan_deg - self.horizontal_fov_deg / 2
 
     @property
     def azimuth_max_deg(self) -> float:
         """Where the picture ends."""
-        if self.mount is not None:
-            return 180.0
-        return self.pan_deg + self.horizontal_fov_deg / 2
+        return 180.0 if self.mount else self.pan_deg + self.horizontal_fov_deg / 2
 
     @property
     def elevation_min_deg(self) -> float:
@@ -151,11 +148,6 @@ class CameraKeys(SensorKeys):
     def classes(self) -> tuple[str, ...]:
         """Classes that it tells apart, behind the one of what it does not recognise."""
         return (UNRECOGNISED, *self.tells_apart)
-
-    @property
-    def tells_models(self) -> bool:
-        """True: where it sees enough of a drone, it does."""
-        return True
 
     def following(self, site: Site, /) -> dict[str, Any]:
         """Cover, cycles and contrasts, with its mount's home as what it looks along."""

@@ -186,11 +186,6 @@ class RfKeys(AzimuthCoverKeys):
         """Kinds of emission that it reads, and what its classifier may say."""
         return tuple(dict.fromkeys([*super().classes, *filter(None, self.decodes)]))
 
-    @property
-    def tells_kinds(self) -> bool:
-        """What the keys say."""
-        return self.classifies
-
     def _received_at_once_hz(self) -> float:
         if self.instantaneous_bandwidth_hz is not None:
             return self.instantaneous_bandwidth_hz

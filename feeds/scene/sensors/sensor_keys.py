@@ -69,6 +69,8 @@ class SensorKeys(SceneTable):
     """Those that a scene may ask of it, by name."""
     usual: ClassVar[tuple[str, ...]] = ("plots",)
     """Those in which it reports where a scene asks for none."""
+    tells_models: ClassVar[bool] = False
+    """Whether it names models of drones, beside its own `classes`."""
     makes: ClassVar[type[SensorModel]]
     """Its model, whose fields have the keys and properties of the same names."""
 
@@ -228,12 +230,7 @@ class SensorKeys(SceneTable):
     @property
     def tells_kinds(self) -> bool:
         """Whether it names whatever kind of emission it finds, beside its own `classes`."""
-        return False
-
-    @property
-    def tells_models(self) -> bool:
-        """Whether it names models of drones, beside its own `classes`."""
-        return False
+        return getattr(self, "classifies", False)
 
     def categories(self, report: str) -> list[int]:
         """The categories of ASTERIX that a format brings from this sensor, its own first."""
