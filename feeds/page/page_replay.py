@@ -68,8 +68,8 @@ class RecordedView:
         self._tell_changes(t_ns)
         for batch, sent in found:
             self._tell(batch, sent, leap=leap)
-        self._totals.drones = len(self._drones.names)
-        self._view.truth(t_ns, drones, tuple(self._drones.names))
+        self._totals.drones = len(self._drones)
+        self._view.truth(t_ns, drones, tuple(self._drones))
         self._view.totals(self._totals)
 
     def _read(self, t_ns: int, *, leap: bool) -> tuple[list[Told], TruthState]:

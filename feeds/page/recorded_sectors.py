@@ -47,19 +47,11 @@ UNKNOWN_DRONE = -2  # Of a plot of which nothing says whose it is; pages know it
 MOST_M, MOST_DEG, MOST_DB = 1e7, 360.0, 300.0
 
 
-class DroneNumbers:
-    """Drones by their names, in the order in which they were first told of."""
+class DroneNumbers(dict[str, int]):
+    """Drones by their names, numbered in the order in which they were first told of."""
 
-    def __init__(self) -> None:
-        self.names: list[str] = []
-        self._numbers: dict[str, int] = {}
-
-    def of(self, name: str) -> int:
-        """The number of a drone."""
-        number = self._numbers.get(name)
-        if number is None:
-            number = self._numbers[name] = len(self.names)
-            self.names.append(name)
+    def __missing__(self, name: str) -> int:
+        number = self[name] = len(self)
         return number
 
 
@@ -68,9 +60,9 @@ def plots_of(measured: MeasuredPlots, told: ToldPlots, drones: DroneNumbers) -> 
     names = names_of(told)
     is_target = are_targets(names)
     merged = np.empty(len(told), np.object_)
-    merged[:] = [tuple(map(drones.of, each)) for each in told.merged_drones]
+    merged[:] = [tuple(drones[name] for name in each) for each in told.merged_drones]
     return nobody_s(measured.but(t_utc_ns=told.t_utc_ns)).but(
-        drone=_ints(drones.of(name) if name else FALSE_ALARM for name in names),
+        drone=_ints(drones[name] if name else FALSE_ALARM for name in names),
         merged_drones=merged,
         true_range_m=_within(MOST_M, np.where(is_target, told.range_m, np.nan)),
         true_azimuth_deg=_within(MOST_DEG, np.where(is_target, told.azimuth_deg, np.nan)),
@@ -94,7 +86,7 @@ def nobody_s(measured: MeasuredPlots) -> Plots:
 def looks_of(told: ToldLooks, drones: DroneNumbers) -> Looks:
     """What the ledger says that sensors looked at."""
     return Looks(
-        drone=_ints(drones.of(name) for name in names_of(told)),
+        drone=_ints(drones[name] for name in names_of(told)),
         channel=told.channel,
         t_utc_ns=told.t_utc_ns,
         range_m=np.nan_to_num(_within(MOST_M, told.range_m)),

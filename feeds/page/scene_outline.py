@@ -307,7 +307,7 @@ def connections(scene: Scene, urls: Mapping[str, str], *, sends_udp: bool = True
                 "udp": [
                     {name: getattr(to, name) for name in TOLD_OF_UDP}
                     for to in scene.outgoing.udp
-                    if sends_udp and to.takes(sensor.id) and any(_carries(to, sensor))
+                    if sends_udp and to.takes(sensor.id) and _carries(to, sensor)
                 ],
             }
             for sensor in scene.sensor
@@ -315,7 +315,8 @@ def connections(scene: Scene, urls: Mapping[str, str], *, sends_udp: bool = True
     }
 
 
-def _carries(to: UdpDestination, sensor: Sensor) -> Iterator[bool]:
-    """Whether each format of a sensor goes there."""
-    for name in sensor.report:
-        yield to.format == name or (to.format is None and bool(REPORT_FORMATS[name].categories))
+def _carries(to: UdpDestination, sensor: Sensor) -> bool:
+    """Whether any format of a sensor goes there."""
+    if to.format is not None:
+        return to.format in sensor.report
+    return any(REPORT_FORMATS[name].categories for name in sensor.report)

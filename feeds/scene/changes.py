@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from plotfeed.feeds.scene.claim_keys import ClaimFault
 from plotfeed.feeds.scene.drones import Contingency
@@ -197,9 +197,6 @@ class Command(SceneTable):
         return self
 
 
-_COMMAND = TypeAdapter(Command)
-
-
 def check_octets(payload: bytes) -> None:
     """Raise `ControlError` for a command, of whatever kind, that is longer than any is."""
     if len(payload) > MAX_COMMAND_OCTETS:
@@ -221,6 +218,6 @@ def parsed(payload: bytes) -> Command:
 def command_of(tree: dict[str, Any]) -> Command:
     """A command from an object; raises `ControlError`."""
     try:
-        return _COMMAND.validate_python(tree)
+        return Command.model_validate(tree)
     except ValidationError as error:
         raise ControlError(in_a_line(problems_of(error, tree))) from None

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
@@ -137,7 +137,7 @@ class MountKeys(SceneTable):
         """The mount for a model of a sensor that looks there without cues."""
         narrow_deg = home.field_deg if self.fov_min_deg is None else self.fov_min_deg
         wide_deg = home.field_deg if self.fov_max_deg is None else self.fov_max_deg
-        from plotfeed.models.cueing import Motor, Mount
+        from plotfeed.models.cueing import CueRule, Motor, Mount
 
         mount = self.made(
             Mount,
@@ -150,8 +150,6 @@ class MountKeys(SceneTable):
             field_min_deg=min(narrow_deg, home.field_deg),
             field_max_deg=max(wide_deg, home.field_deg),
         )
-        from plotfeed.models.cueing import CueRule
-
         return CueRule(
             mount=mount,
             home=mount.reachable(home),
@@ -171,7 +169,6 @@ class CueError(PlotfeedError):
     """A cue that cannot be followed, in a line."""
 
 
-_CUE = TypeAdapter(Cue)
 EXAMPLE = '{"azimuth_deg": 45.0, "elevation_deg": 5.0}'
 
 
@@ -183,7 +180,7 @@ def cue_of(payload: bytes) -> Cue:
     if not isinstance(tree, dict):
         raise CueError(f"expected an object of JSON such as {EXAMPLE}")
     try:
-        return _CUE.validate_python(tree)
+        return Cue.model_validate(tree)
     except ValidationError as error:
         raise CueError(in_a_line(problems_of(error, tree))) from None
 
