@@ -66,8 +66,6 @@ class SessionAnswers:
         self._prefix, self._drone = prefix, drone
         self.topics = [f"{prefix}/{end}" for end in ("errors", "session", "fleet/+/session")]
         self.topics += [f"{prefix}/+/description", f"{prefix}/+/status"]
-        # The name of the scene that a session runs; None while none is heard.
-        self.scene: str | None = None
         self.refused = 0  # Reports of the drone of which the session has said that it refused them
         self.details: list[str] = []  # Why, of the first of them
         # Sessions that say so, by their topics: one, or those of the parts of a fleet.
@@ -96,20 +94,9 @@ class SessionAnswers:
                         "scene": str(told["scene"]),
                         "sensors": frozenset(map(str, told["sensors"])),
                     }
-                found = next(iter(self._running.values()), None)
-                self.scene = None if found is None else found["scene"]
             elif kind == "description" and len(self._sensors) < MOST_SENSORS:
-                self._sensors[str(told["sensor"])] = {
-                    name: float(told[name])
-                    for name in (
-                        "latitude_deg",
-                        "longitude_deg",
-                        "height_m",
-                        "range_max_m",
-                        *LIMITS,
-                    )
-                    if name in told or name not in LIMITS
-                }
+                names = (*NEEDED, *(name for name in LIMITS if name in told))
+                self._sensors[str(told["sensor"])] = {name: float(told[name]) for name in names}
             elif kind == "status":
                 counts = told.get("refused_by_reason", {})
                 self._refused_by = Counter({str(why): int(n) for why, n in counts.items()})
@@ -117,17 +104,20 @@ class SessionAnswers:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             log.warning("%s: something came that no session says", topic)
 
+    @property
+    def scene(self) -> str | None:
+        """The name of the scene that a session runs; None while none is heard."""
+        return next((each["scene"] for each in self._running.values()), None)
+
     async def begin(self) -> None:
         """Wait a moment for what is retained, and note what was refused before.
 
         What is retained may be some seconds old: where anything was refused, the next one is heard.
         """
+        running, known = self._running, self._sensors.keys()
         await self._news_until(
             ANSWER_S,
-            lambda: (
-                self.scene is not None
-                and all(self._sensors.keys() >= each["sensors"] for each in self._running.values())
-            ),
+            lambda: bool(running) and all(known >= each["sensors"] for each in running.values()),
         )
         if self._refused_by:
             await self._next_status()
@@ -167,25 +157,20 @@ class SessionAnswers:
         said where it is. Heights of unknown reference are taken as they are.
         """
         best: tuple[Hindrance, str, float, float, Hindrance | None] | None = None
+        places = np.array([(r.latitude_deg, r.longitude_deg, r.altitude_m) for r in reports])
+        above = [r.altitude_reference is AltitudeReference.ABOVE_TAKEOFF for r in reports]
         for name, told in self._sensors.items():
             frame = LocalFrame(told["latitude_deg"], told["longitude_deg"], told["height_m"])
-            place_m, cover = frame.from_ecef(_ecef_m(reports, frame.height_m)), cover_of(told)
+            latitude_deg, longitude_deg, altitude_m = places.T
+            altitude_m = altitude_m + np.where(above, frame.height_m, 0.0)
+            place_m = frame.from_ecef(geodetic_to_ecef(latitude_deg, longitude_deg, altitude_m))
+            cover = cover_of(told)
             near_m, sees_m = float(distance_m(place_m).min()), cover.range_max_m
             hindrance = outside(cover, place_m)
             order = hindrance or Hindrance(len(HINDRANCES), sees_m - near_m, "")
             if best is None or order > best[0]:
                 best = order, name, near_m, sees_m, hindrance
         return None if best is None else best[1:]
-
-
-def _ecef_m(reports: Sequence[PositionReport], ground_m: float) -> Floats:
-    """Where the reports are; above take-off counts from `ground_m`. (n, 3)."""
-    above_m = {AltitudeReference.ABOVE_TAKEOFF: ground_m}
-    rows = [
-        (r.latitude_deg, r.longitude_deg, r.altitude_m + above_m.get(r.altitude_reference, 0.0))
-        for r in reports
-    ]
-    return geodetic_to_ecef(*np.array(rows, np.float64).T)
 
 
 # Times as fast as it was flown: beyond it, reports would fall on the same nanosecond.

@@ -29,7 +29,6 @@ from plotfeed.feeds.page.updates import (
     Controls,
     Viewer,
     ViewRequest,
-    refused,
     request_in,
 )
 from plotfeed.feeds.page.view import View
@@ -251,13 +250,12 @@ class Application:
                 return {"looking": True}
             number = request.number
             self._audience.check_command(viewer.role, request.command)
-            answer = await self._carried_out(request.command)
+            in_force = await self._carried_out(request.command)
         except PlotfeedError as error:
-            return {"number": number, **refused(str(error))}
-        if answer.get("ok"):
-            self._audience.log(self._now_utc_ns(), viewer.who, request.command)
-            self._view.tell(audience=self._audience.news, actions=self._audience.actions)
-        return {"number": number, **answer}
+            return {"number": number, "ok": False, "error": " ".join(str(error).split())}
+        self._audience.log(self._now_utc_ns(), viewer.who, request.command)
+        self._view.tell(audience=self._audience.news, actions=self._audience.actions)
+        return {"number": number, "ok": True, "in_force": in_force}
 
     def _look(self, viewer: Viewer, request: ViewRequest) -> None:
         """Show a viewer what he looks at; raises `NotAllowed` if the truth is not among it."""
@@ -267,7 +265,7 @@ class Application:
         viewer.show_truth(shown=request.truth)
 
     async def _carried_out(self, command: dict[str, Any]) -> Mapping[str, Any]:
-        """The answer to a command of who may give it."""
+        """What is in force after a command of who may give it."""
         if "audience" not in command:
             return await self._controls.apply(command)
         before = self._audience.truth
@@ -277,7 +275,7 @@ class Application:
                 if viewer.role is Role.AUDIENCE:
                     viewer.show_truth(shown=False)
                     viewer.start_again()
-        return {"ok": True, "in_force": {**self._audience.news, "url": self._audience_url}}
+        return {**self._audience.news, "url": self._audience_url}
 
     def _watch(self) -> None:
         self._view.watch(sensor for viewer in self._viewers for sensor in viewer.watched)

@@ -19,7 +19,6 @@ from plotfeed.feeds.page.recorded_sectors import (
     Told,
 )
 from plotfeed.feeds.page.scene_outline import Basemap
-from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View, model_differs, tell_settings
 from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
@@ -29,6 +28,7 @@ from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.models.state import Looks, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.pacing import speed_of
@@ -217,18 +217,18 @@ class PageReplay:
     def apply(self, asked: object) -> Mapping[str, Any]:
         """Pause, go on, hurry, or go elsewhere."""
         if not isinstance(asked, dict) or not asked or not asked.keys() <= REPLAY_CONTROLS.keys():
-            return refused(EXPECTED)
+            raise PlotfeedError(EXPECTED)
         if self._control.pace is None:
-            return refused("replay: it has not begun yet")
+            raise PlotfeedError("replay: it has not begun yet")
         wanted = {}
         for name, value in asked.items():
             try:
                 wanted[name] = REPLAY_CONTROLS[name](value)
             except ValueError as error:
-                return refused(f"replay.{name}: {error}")
+                raise PlotfeedError(f"replay.{name}: {error}") from None
         self._obey(wanted)
         self._tell()
-        return {"ok": True, "in_force": self._state()}
+        return self._state()
 
     def _obey(self, wanted: Mapping[str, Any]) -> None:
         """A position comes before a pause, so that it is there that it ends."""

@@ -183,7 +183,7 @@ class PageObserver(Observer):
             return await self._others.apply(command)
         in_force = self._session.command(command)
         self._tell_clock()
-        return {"ok": True, "in_force": in_force}
+        return in_force
 
     async def follow(self) -> None:
         """Tell the view what changes without anybody saying so, until cancelled."""

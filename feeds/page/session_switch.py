@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.page.scene_outline import Basemap
-from plotfeed.feeds.page.updates import refused
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import Scene, example, load
@@ -95,7 +94,7 @@ class SessionSwitch(Observer):
             return self._in_replay(self.replaying, command)
         if "record" in command:
             return await self._record(command["record"])
-        return refused("no session runs")
+        raise PlotfeedError("no session runs")
 
     # What the session tells.
 
@@ -123,17 +122,16 @@ class SessionSwitch(Observer):
     def _another(self, asked: object) -> Mapping[str, Any]:
         """End the session that runs, for the same scene again or for another one."""
         if not isinstance(asked, dict) or not ({"restart", "scene"} & asked.keys()):
-            return refused("session: expected restart or scene")
-        try:
-            if "scene" in asked:
-                name = str(asked["scene"])
-                if name not in self._scenes:
-                    return refused(f"session.scene: there is no {name!r}")
+            raise PlotfeedError("session: expected restart or scene")
+        if "scene" in asked:
+            if (name := str(asked["scene"])) not in self._scenes:
+                raise PlotfeedError(f"session.scene: there is no {name!r}")
+            try:
                 self.scene = self._scenes[name]()
-        except (PlotfeedError, OSError) as error:
-            return refused(one_line(error))
+            except (PlotfeedError, OSError) as error:
+                raise PlotfeedError(one_line(error)) from None
         self._end_for(None)
-        return {"ok": True, "in_force": {"scene": self.scene.scene.name}}
+        return {"scene": self.scene.scene.name}
 
     async def _replay(self, asked: object) -> Mapping[str, Any]:
         """Replay a recording, or do something with the replay that runs."""
@@ -145,7 +143,7 @@ class SessionSwitch(Observer):
             known = isinstance(asked, dict) and not asked.keys().isdisjoint(
                 {*REPLAY_CONTROLS, "stop"}
             )
-            return refused("replay: none runs" if known else EXPECTED)
+            raise PlotfeedError("replay: none runs" if known else EXPECTED)
         if isinstance(asked, dict) and asked.get("stop"):
             return self._another({"restart": True})
         return self.replaying.apply(asked)
@@ -154,15 +152,12 @@ class SessionSwitch(Observer):
         """End what runs for that recording, once it is known that it can be shown."""
         recordings = self._tell_choice()
         if not isinstance(name, str) or name not in recordings:
-            return refused(f"replay.load: there is no recording {str(name)[:80]!r}")
+            raise PlotfeedError(f"replay.load: there is no recording {str(name)[:80]!r}")
         from plotfeed.feeds.page.recorded_sectors import RecordedSession
 
-        try:
-            recording = await asyncio.to_thread(RecordedSession.open, recordings[name])
-        except PlotfeedError as error:
-            return refused(one_line(error))
+        recording = await asyncio.to_thread(RecordedSession.open, recordings[name])
         self._end_for(recording)
-        return {"ok": True, "in_force": {"file": name}}
+        return {"file": name}
 
     def _in_replay(self, replay: PageReplay, command: dict[str, Any]) -> Mapping[str, Any]:
         """What is meant for a session: its clock is that of the replay."""
@@ -172,10 +167,10 @@ class SessionSwitch(Observer):
             key for key in ("sensor", "story", "undo", "clock", "record") if key in command
         )
         if subject != "clock":
-            return refused(REFUSES[subject])
+            raise PlotfeedError(REFUSES[subject])
         asked = command["clock"]
         if isinstance(asked, dict) and "step_s" in asked:
-            return refused(REFUSES["step"])
+            raise PlotfeedError(REFUSES["step"])
         return replay.apply(asked)
 
     def _end_for(self, recording: RecordedSession | None) -> None:
@@ -194,11 +189,11 @@ class SessionSwitch(Observer):
 
     async def _record(self, asked: object) -> Mapping[str, Any]:
         if not isinstance(asked, dict) or not ({"start", "stop"} & asked.keys()):
-            return refused("record: expected start or stop")
+            raise PlotfeedError("record: expected start or stop")
         if asked.get("stop"):
             return await self._stop_recording()
         if self._session is None or self._recorder is not None:
-            return refused("record: it runs already" if self._session else "no session runs")
+            raise PlotfeedError("record: it runs already" if self._session else "no session runs")
         from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 
         path = new_path(self._folder, self.scene.scene.name, datetime.now(UTC))
@@ -207,26 +202,26 @@ class SessionSwitch(Observer):
                 path, attachments=attachments_of(self.scene, self._session.clock.now_ns())
             )
         except (PlotfeedError, OSError) as error:
-            return refused(f"record: {error}")
+            raise PlotfeedError(f"record: {error}") from None
         observer = SessionRecorder(recorder, ledger_is_sent=self.scene.mqtt.truth)
         observer.begun(self._session)
         for task in self._session.sensors.values():
             for message in (task.settings, task.description):
                 observer.after_link(message, self._session.clock.now_ns())
         self._recorder = observer
-        return {"ok": True, "in_force": {"file": path.name}}
+        return {"file": path.name}
 
     async def _stop_recording(self) -> Mapping[str, Any]:
         observer, self._recorder = self._recorder, None
         if observer is None:
-            return refused("record: none runs")
+            raise PlotfeedError("record: none runs")
         observer.ended()
         await observer.recorder.stop()
         self._view.session({"record": {"on": False, "file": observer.recorder.path.name}})
         self._tell_choice()
         if observer.recorder.failure:
-            return refused(observer.recorder.failure)
-        return {"ok": True, "in_force": {"file": observer.recorder.path.name}}
+            raise PlotfeedError(observer.recorder.failure)
+        return {"file": observer.recorder.path.name}
 
     async def _tell(self) -> None:
         """Tell how far the recording is."""

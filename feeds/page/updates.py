@@ -181,7 +181,7 @@ class Controls(Protocol):
     """Makes changes to a running session."""
 
     async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
-        """Do it; `{"ok": true, "in_force": ...}`, or `{"ok": false, "error": "one line"}`."""
+        """Do it; what is in force then. Raises `PlotfeedError`."""
 
 
 class NoControls:
@@ -189,12 +189,7 @@ class NoControls:
 
     async def apply(self, _command: dict[str, Any]) -> Mapping[str, Any]:
         """Refuse it."""
-        return refused("this session takes no commands")
-
-
-def refused(why: str) -> dict[str, Any]:
-    """The answer to what was not done."""
-    return {"ok": False, "error": " ".join(why.split())}
+        raise PlotfeedError("this session takes no commands")
 
 
 def request_in(text: str | None) -> ViewRequest | ControlRequest:

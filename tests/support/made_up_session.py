@@ -218,13 +218,13 @@ class MadeUpSession:
         self.commands.append(command)
         name = command.get("sensor")
         if name is not None:
-            return {"ok": True, "in_force": self._change(name, command)}
+            return self._change(name, command)
         if "story" in command:
             self._tell_story(command)
         for key in ("clock", "record", "replay"):
             if key in command:
                 self._change_session(key, command[key])
-        return {"ok": True}
+        return {}
 
     def _change(self, name: str, command: dict[str, Any]) -> dict[str, Any]:
         if name not in self._own:
