@@ -64,22 +64,23 @@ MOST_UNSEEN = 3  # Drones that no sensor sees, told one by one
 
 def named_outgoing(scene: Scene, settings: RunSettings) -> WaysOut:
     """Destinations of the scene, or those that the command line names instead."""
-    to = replace(scene.outgoing, waits=settings.wait)
+    named: dict[str, Any] = {"waits": settings.wait}
     if settings.middleware is not None:
         try:
             split_address(settings.middleware)
         except ValueError as error:
             raise PlotfeedError(f"--middleware: {error}") from None
-        to = replace(to, middleware=settings.middleware)
+        named["middleware"] = settings.middleware
     if settings.telemetry is not None:
-        to = replace(to, sources=())  # what they said is in the record
+        named["sources"] = ()  # what they said is in the record
     if settings.tak:
         servers = ({"server": text} for text in settings.tak)
-        to = replace(to, tak=tuple(table_of(TakServer, s, lambda _: "--tak") for s in servers))
+        named["tak"] = tuple(table_of(TakServer, s, lambda _: "--tak") for s in servers)
     if settings.http:
-        to = replace(to, http=tuple(_http(text) for text in settings.http))
-    udp = tuple(map(udp_destination, settings.udp))
-    to = replace(to, udp=udp) if udp else to
+        named["http"] = tuple(map(_http, settings.http))
+    if settings.udp:
+        named["udp"] = tuple(map(udp_destination, settings.udp))
+    to = replace(scene.outgoing, **named)
     lacking = {each.format for each in to.queued} - {f for s in scene.sensor for f in s.report}
     if lacking and (settings.tak or settings.http):
         raise PlotfeedError(f"no sensor of the scene has {min(lacking)!r} in its report")
@@ -339,10 +340,9 @@ async def _run_with_page(settings: RunSettings, **session: Any) -> SessionCounte
         return _clock(other.scene.start_utc_ns, settings)
 
     from plotfeed.feeds.page.page_access import DEFAULT_PORT, PageAddress, PageError, fixed_tokens
+    from plotfeed.feeds.page.run_with_page import run_with_page
 
     tokens = fixed_tokens(os.environ)
-
-    from plotfeed.feeds.page.run_with_page import run_with_page
 
     async def run_at(address: PageAddress) -> SessionCounters:
         return await run_with_page(address, another_clock=another_clock, tokens=tokens, **session)

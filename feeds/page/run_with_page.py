@@ -36,44 +36,134 @@ if TYPE_CHECKING:
     from plotfeed.feeds.page.recorded_sectors import RecordedSession
 
 MAX_MARKS = 100  # The newest are kept
+TRUTH_EVERY_S = 0.1
+# Commands that the session itself takes.
+OF_SESSION = frozenset({"sensor", "clock", "story", "undo"})
+CLOCK_CONTROLS = ("pause", "step", "speed")
+REAL_TIME = "Pause, step and speed need a simulated clock: real time cannot be held or hurried."
+NO_PACE = "A run as fast as possible has no pace to control."
 
 
-class TimeMarks:
-    """Follows the changes of one session after the other, and tells a view of them."""
+class PageObserver(Observer):
+    """Follows one session after the other, tells what changes when, and controls what runs."""
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: View, others: Controls | None = None) -> None:
+        """`others` take commands that are not for a session's sensor or clock."""
         self._view = view
+        self._others = others or NoControls()
+        self._session: RunningSession | None = None
+        self._basemap: Basemap | None = None
+        self._before: tuple[Sensor, ...] = ()
+        self._refusal = ""
+        self._now_ns = 0
         self._marks: deque[dict[str, Any]] = deque(maxlen=MAX_MARKS)
         # Sensors that are otherwise, and since when, of which no command has told yet.
         self._unexplained: dict[str, int] = {}
         self._would_undo = ""
 
-    def begin(self, session: RunningSession) -> None:
-        """Another session has begun."""
+    def scene(self, basemap: Basemap | None) -> None:
+        """The next session has that basemap."""
+        self._basemap = basemap
+
+    # What the session tells.
+
+    def begun(self, session: RunningSession) -> None:
+        """The session stands, and its time begins."""
+        self._session = session
+        self._refusal = ""
+        self._view.scene(session.scene, self._basemap)
+        self._view.unseen(session.totals.unseen)
+        self._before = tuple(task.sensor for task in session.sensors.values())
+        for sensor in self._before:
+            self._tell_settings(sensor, new_model=True)
         self._marks.clear()
         self._unexplained.clear()
         self._tell_stories(session)
+        self._tell_clock()
 
-    def settings(self, sensor: str, at_utc_ns: int) -> None:
-        """A sensor is otherwise since then."""
-        self._unexplained[sensor] = at_utc_ns
+    def ended(self) -> None:
+        """The session is over; the page shows what there was."""
+        self._now_ns = self.now_utc_ns()
+        self._session = None
 
-    def obeyed(self, session: RunningSession, command: Command, at_utc_ns: int) -> None:
-        """A command has changed something then."""
-        if command.clock is not None:
-            return
-        kind = "change" if command.story is None else "story"
-        self._mark(kind, self._words(session, command), at_utc_ns)
-        self._unexplained.clear()
-        self._tell_stories(session)
+    def report(self, batch: Batch) -> None:
+        """A batch of one sector leaves now."""
+        self._view.report(batch)
 
-    def look_at(self, session: RunningSession) -> None:
-        """Mark what has changed by the scene's script, or by a task of SAPIENT."""
-        for sensor, at_utc_ns in self._unexplained.items():
+    def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
+        """A sector's messages have their fates."""
+        self._view.settled(batch, sent)
+
+    def settings(self, sensor: Sensor) -> None:
+        """The sensor is so from now on."""
+        before = next((s for s in self._before if s.id == sensor.id), None)
+        self._before = tuple(sensor if s.id == sensor.id else s for s in self._before)
+        self._unexplained[sensor.id] = self.now_utc_ns()
+        self._tell_settings(sensor, new_model=before is None or model_differs(before, sensor))
+
+    def obeyed(self, command: Command, t_utc_ns: int) -> None:
+        """What a command asked for is in force."""
+        if self._session is not None and command.clock is None:
+            kind = "change" if command.story is None else "story"
+            self._mark(kind, self._words(self._session, command), t_utc_ns)
+            self._unexplained.clear()
+            self._tell_stories(self._session)
+
+    # What the page asks.
+
+    def now_utc_ns(self) -> int:
+        """The session's time; the last one when none runs."""
+        return self._now_ns if self._session is None else self._session.clock.now_ns()
+
+    async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
+        """Do as a viewer asks."""
+        if self._session is None or command.keys().isdisjoint(OF_SESSION):
+            return await self._others.apply(command)
+        in_force = self._session.command(command)
+        self._tell_clock()
+        return in_force
+
+    async def follow(self) -> None:
+        """Tell the view what changes without anybody saying so, until cancelled."""
+        while True:
+            await asyncio.sleep(TRUTH_EVERY_S)
+            if self._session is not None:
+                self._look_at(self._session)
+
+    def _look_at(self, session: RunningSession) -> None:
+        now_ns = session.clock.now_ns()
+        trajectories = session.trajectories
+        state, classes = trajectories.state_at(now_ns), trajectories.signatures.target_class
+        self._view.truth(now_ns, state, trajectories.names, classes)
+        self._view.totals(session.totals)
+        for sensor, at_utc_ns in self._unexplained.items():  # or by a task of SAPIENT
             self._mark("script", f"{sensor}: by its script", at_utc_ns)
         if self._unexplained:
             self._unexplained.clear()
             self._tell_stories(session)
+        self._view.pointing(
+            {
+                name: pointing_of(task.sensor, pointed)
+                for name, task in session.sensors.items()
+                if (pointed := task.pointed) is not None
+            }
+        )
+        if session.totals.last_refusal != self._refusal:
+            self._refusal = session.totals.last_refusal
+            self._view.tell(refusal=self._refusal[:MAX_REASON])
+        self._tell_clock()
+
+    def _tell_clock(self) -> None:
+        """The clock's state, which control may have changed from elsewhere, for what is news."""
+        if self._session is None:
+            return
+        clock, state = self._session.clock, {"kind": "instant", "paused": False, "speed": 1.0}
+        refusals = dict.fromkeys(CLOCK_CONTROLS, NO_PACE)
+        if isinstance(clock, WallClock):
+            kind = "wall" if clock.is_real else "simulated"
+            state = {"kind": kind, "paused": clock.is_paused, "speed": clock.speed}
+            refusals = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) if clock.is_real else {}
+        self._view.session({"clock": state, "refuses": refusals})
 
     def _mark(self, kind: str, words: str, at_utc_ns: int) -> None:
         self._marks.append({"t_utc_ms": at_utc_ns / 1e6, "kind": kind, "words": words})
@@ -104,124 +194,6 @@ class TimeMarks:
             for story, since_ns in session.changes.stories
         ]
         self._view.tell(stories=stories, undoes=self._would_undo)
-
-
-TRUTH_EVERY_S = 0.1
-# Commands that the session itself takes.
-OF_SESSION = frozenset({"sensor", "clock", "story", "undo"})
-CLOCK_CONTROLS = ("pause", "step", "speed")
-REAL_TIME = "Pause, step and speed need a simulated clock: real time cannot be held or hurried."
-NO_PACE = "A run as fast as possible has no pace to control."
-
-
-class PageObserver(Observer):
-    """Follows one session after the other, and controls the one that runs."""
-
-    def __init__(self, view: View, others: Controls | None = None) -> None:
-        """`others` take commands that are not for a session's sensor or clock."""
-        self._view = view
-        self._others = others or NoControls()
-        self._session: RunningSession | None = None
-        self._basemap: Basemap | None = None
-        self._before: tuple[Sensor, ...] = ()
-        self._refusal = ""
-        self._now_ns = 0
-        self._marks = TimeMarks(view)
-
-    def scene(self, basemap: Basemap | None) -> None:
-        """The next session has that basemap."""
-        self._basemap = basemap
-
-    # What the session tells.
-
-    def begun(self, session: RunningSession) -> None:
-        """The session stands, and its time begins."""
-        self._session = session
-        self._refusal = ""
-        self._view.scene(session.scene, self._basemap)
-        self._view.unseen(session.totals.unseen)
-        self._before = tuple(task.sensor for task in session.sensors.values())
-        for sensor in self._before:
-            self._tell_settings(sensor, new_model=True)
-        self._marks.begin(session)
-        self._tell_clock()
-
-    def ended(self) -> None:
-        """The session is over; the page shows what there was."""
-        self._now_ns = self.now_utc_ns()
-        self._session = None
-
-    def report(self, batch: Batch) -> None:
-        """A batch of one sector leaves now."""
-        self._view.report(batch)
-
-    def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
-        """A sector's messages have their fates."""
-        self._view.settled(batch, sent)
-
-    def settings(self, sensor: Sensor) -> None:
-        """The sensor is so from now on."""
-        before = next((s for s in self._before if s.id == sensor.id), None)
-        self._before = tuple(sensor if s.id == sensor.id else s for s in self._before)
-        self._marks.settings(sensor.id, self.now_utc_ns())
-        self._tell_settings(sensor, new_model=before is None or model_differs(before, sensor))
-
-    def obeyed(self, command: Command, t_utc_ns: int) -> None:
-        """What a command asked for is in force."""
-        if self._session is not None:
-            self._marks.obeyed(self._session, command, t_utc_ns)
-
-    # What the page asks.
-
-    def now_utc_ns(self) -> int:
-        """The session's time; the last one when none runs."""
-        return self._now_ns if self._session is None else self._session.clock.now_ns()
-
-    async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
-        """Do as a viewer asks."""
-        if self._session is None or command.keys().isdisjoint(OF_SESSION):
-            return await self._others.apply(command)
-        in_force = self._session.command(command)
-        self._tell_clock()
-        return in_force
-
-    async def follow(self) -> None:
-        """Tell the view what changes without anybody saying so, until cancelled."""
-        while True:
-            await asyncio.sleep(TRUTH_EVERY_S)
-            if self._session is not None:
-                self._look_at(self._session)
-
-    def _look_at(self, session: RunningSession) -> None:
-        now_ns = session.clock.now_ns()
-        trajectories = session.trajectories
-        state, classes = trajectories.state_at(now_ns), trajectories.signatures.target_class
-        self._view.truth(now_ns, state, trajectories.names, classes)
-        self._view.totals(session.totals)
-        self._marks.look_at(session)
-        self._view.pointing(
-            {
-                name: pointing_of(task.sensor, pointed)
-                for name, task in session.sensors.items()
-                if (pointed := task.pointed) is not None
-            }
-        )
-        if session.totals.last_refusal != self._refusal:
-            self._refusal = session.totals.last_refusal
-            self._view.tell(refusal=self._refusal[:MAX_REASON])
-        self._tell_clock()
-
-    def _tell_clock(self) -> None:
-        """The clock's state, which control may have changed from elsewhere, for what is news."""
-        if self._session is None:
-            return
-        clock, state = self._session.clock, {"kind": "instant", "paused": False, "speed": 1.0}
-        refusals = dict.fromkeys(CLOCK_CONTROLS, NO_PACE)
-        if isinstance(clock, WallClock):
-            kind = "wall" if clock.is_real else "simulated"
-            state = {"kind": kind, "paused": clock.is_paused, "speed": clock.speed}
-            refusals = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) if clock.is_real else {}
-        self._view.session({"clock": state, "refuses": refusals})
 
     def _tell_settings(self, sensor: Sensor, *, new_model: bool) -> None:
         tell_settings(self._view, sensor, self.now_utc_ns(), new_model=new_model)

@@ -63,17 +63,10 @@ class LinkRecord:
     """What a link did since its settings last changed."""
 
     def __init__(self) -> None:
-        self._asked_ms: Floats = np.zeros(0)
-        # The median of what the link asks for: a message that it loses would have come by then.
-        self.usual_delay_ns = 0
         self.begin()
 
     def begin(
-        self,
-        asked_ms: ArrayLike | None = None,
-        since_utc_ns: int = 0,
-        *,
-        loss: LossChain | None = None,
+        self, asked_ms: ArrayLike = (), since_utc_ns: int = 0, *, loss: LossChain | None = None
     ) -> None:
         """Settings changed then; `asked_ms` is a sample of the delays that they ask for.
 
@@ -84,12 +77,12 @@ class LinkRecord:
         self._decided = self._lost_by_chain = 0
         self._judged: tuple[int, int] = (0, 0)
         self._is_off = False
-        if asked_ms is not None:
-            sample = np.asarray(asked_ms, dtype=np.float64)
-            self._asked_ms = (
-                np.quantile(sample, np.linspace(0, 1, QUANTILES)) if len(sample) else np.zeros(0)
-            )
-            self.usual_delay_ns = round(1e6 * np.median(sample)) if len(sample) else 0
+        sample: Floats = np.asarray(asked_ms, dtype=np.float64)
+        is_asked = len(sample) > 0
+        shares = np.linspace(0, 1, QUANTILES)
+        self._asked_ms: Floats = np.quantile(sample, shares) if is_asked else sample
+        # The median of what the link asks for: a message that it loses would have come by then.
+        self.usual_delay_ns = round(1e6 * np.median(sample)) if is_asked else 0
         self._latency_ms: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._messages = self._lost = self._bursts = self._duplicates = 0
         self._lost_numbers: deque[int] = deque()

@@ -151,7 +151,7 @@ class View:
         sensor: str,
         in_force: Mapping[str, Any],
         *,
-        asked_latency_ms: ArrayLike | None = None,
+        asked_latency_ms: ArrayLike = (),
         asked_loss: LossChain | None = None,
         since_utc_ns: int = 0,
         new_model: bool = True,
@@ -165,8 +165,7 @@ class View:
         if (number := self._sensors.get(sensor)) is None:
             return
         self.tell(settings={**self._news["settings"], sensor: dict(in_force)})
-        asked_ms = () if asked_latency_ms is None else asked_latency_ms
-        self._links[number].begin(asked_ms, since_utc_ns, loss=asked_loss)
+        self._links[number].begin(asked_latency_ms, since_utc_ns, loss=asked_loss)
         self._merges[number] = in_force.get("merging") is not None
         if new_model:
             self._looks[number] = new_looks(float(self._placements.range_max_m[number]))
