@@ -16,7 +16,7 @@ from urllib.parse import parse_qs
 import h11
 import uvicorn
 from starlette.applications import Starlette
-from starlette.datastructures import MutableHeaders
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route, WebSocketRoute
@@ -61,8 +61,7 @@ class PageGuard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request pass, or answer it."""
-        texts = ((n.decode("latin-1"), v.decode("latin-1")) for n, v in scope["headers"])
-        headers = {name.lower(): value for name, value in texts}
+        headers = Headers(scope=scope)
         answer = self._answer(scope, headers)
         if answer is None:
             await self._app(scope, receive, _with_headers(send, headers.get("host", "")))
@@ -72,7 +71,7 @@ class PageGuard:
         else:
             await answer(scope, receive, _with_headers(send, ""))
 
-    def _answer(self, scope: Scope, headers: dict[str, str]) -> Response | None:
+    def _answer(self, scope: Scope, headers: Headers) -> Response | None:
         access = self._access
         if not access.host_is_ours(headers):
             return PlainTextResponse("This page is not here under that name.\n", 421)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from plotfeed.feeds.lab.track_reports import ToldTrack, tracks_in
 from plotfeed.feeds.page.scene_outline import Placements
@@ -84,16 +83,9 @@ class Drones:
         """The section of all drones; one that is there has been gone for 0 ms."""
         gone_ns = self._now_ns - self._seen_utc_ns
         shown = np.flatnonzero((self._seen_utc_ns > 0) & (gone_ns <= SHOWN_AFTER_NS))
-        columns: dict[str, ArrayLike] = dict(
-            zip(
-                ("east_m", "north_m", "up_m", "velocity_east_m_s", "velocity_north_m_s"),
-                self._enu[shown].T,
-                strict=True,
-            )
-        )
-        return section(
-            SectionKind.DRONES, {"drone": shown, "gone_ms": gone_ns[shown] / 1e6, **columns}
-        )
+        rows = [shown, *self._enu[shown].T, gone_ns[shown] / 1e6]
+        names = (name for name, _ in LAYOUTS[SectionKind.DRONES])
+        return section(SectionKind.DRONES, dict(zip(names, rows, strict=True)))
 
 
 # Plots and tracks that came longer ago are seen no more, however slowly a page lets them fade.

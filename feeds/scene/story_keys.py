@@ -171,7 +171,7 @@ def _of_drift(radar: Sensor) -> Story | None:
         "drift",
         f"{radar.id} drifts",
         f"What {radar.id} measures slips by about {off_deg:.3g}° and {range_m:.0f} m, and wanders.",
-        {radar.id: (radar, keys)},
+        [(radar, keys)],
     )
 
 
@@ -181,24 +181,18 @@ MOST_JAMMED = 20
 
 def _of_jamming(sensors: Sequence[Sensor]) -> Story | None:
     """One jammer in the north-east for each band that a radar or an RF sensor listens in."""
-    heard = {s.id: (s, band) for s in sensors if (band := _band_hz(s)) is not None}
+    heard = [(s, band) for s in sensors if (band := _band_hz(s)) is not None][:MOST_JAMMED]
     if not heard:
         return None
-    first = next(iter(heard.values()))[0]
+    first, _ = heard[0]
     east_m, north_m, _ = first.position_enu_m
     away_m = 0.4 * first.range_max_m
     place = {"east_m": east_m + away_m, "north_m": north_m + away_m, "above_site_m": 100.0}
-    some = dict(list(heard.items())[:MOST_JAMMED])
-    jammed = {
-        name: (s, {"jamming": {"story": {**place, "eirp_w": JAMMER_EIRP_W, **band}}})
-        for name, (s, band) in some.items()
-    }
-    return _possible(
-        "jamming",
-        "Jamming",
-        f"A jammer in the north-east of {first.id} drowns what is faint: {', '.join(some)}.",
-        jammed,
-    )
+    names = ", ".join(sensor.id for sensor, _ in heard)
+    text = f"A jammer in the north-east of {first.id} drowns what is faint: {names}."
+    jammers = ({**place, "eirp_w": JAMMER_EIRP_W, **band} for _, band in heard)
+    sets = [{"jamming": {"story": jammer}} for jammer in jammers]
+    return _possible("jamming", "Jamming", text, zip([s for s, _ in heard], sets, strict=True))
 
 
 def _band_hz(sensor: Sensor) -> dict[str, float] | None:
@@ -250,11 +244,11 @@ def _of_swarm(radar: Sensor) -> Story:
 
 
 def _possible(
-    name: str, title: str, text: str, sets: Mapping[str, tuple[Sensor, Mapping[str, Any]]]
+    name: str, title: str, text: str, sets: Iterable[tuple[Sensor, Mapping[str, Any]]]
 ) -> Story | None:
     """A story of those of the sensors that can be so; None if none can."""
     changes = []
-    for sensor, keys in sets.values():
+    for sensor, keys in sets:
         try:
             changed(sensor, keys)
         except ChangeError:
