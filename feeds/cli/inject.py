@@ -251,6 +251,8 @@ def retimed(
 
     def at_speed(report: PositionReport) -> PositionReport:
         since_ns = report.t_utc_ns - recorded_start_ns
+        if speed == 1:
+            return report._replace(t_utc_ns=start_ns + since_ns)
         east, north, up = report.velocity_enu_m_s
         return report._replace(
             t_utc_ns=start_ns + round(since_ns / speed),

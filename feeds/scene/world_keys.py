@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -67,18 +67,12 @@ class JammerSpell(JammerKeys, ForAWhile):
     """By which sensors know it."""
 
 
-S = TypeVar("S", WeatherSpell, JammerSpell)
-
-
 def with_spells(tree: dict[str, Any]) -> dict[str, Any]:
     """A scene's tree in which sensors have its weather and jammers among their events.
 
     What is not right in these is left for whoever checks the tables themselves.
     """
-    events = [
-        *(_event(spell, {"weather": _keys(spell)}) for spell in _spells(tree, WeatherSpell)),
-        *(_event(j, {"jamming": {j.id: _keys(j)}}) for j in _spells(tree, JammerSpell)),
-    ]
+    events = [*_events(tree, WeatherSpell), *_events(tree, JammerSpell)]
     sensors = list(tree["sensor"])
     for n, sensor in enumerate(sensors):
         own = sensor.get("event", []) if isinstance(sensor, dict) else None
@@ -87,20 +81,19 @@ def with_spells(tree: dict[str, Any]) -> dict[str, Any]:
     return {**tree, "sensor": sensors}
 
 
-def _spells(tree: dict[str, Any], kind: type[S]) -> Iterator[S]:
+def _events(
+    tree: dict[str, Any], kind: type[WeatherSpell | JammerSpell]
+) -> Iterator[dict[str, Any]]:
     tables = tree.get(kind.table)
     for table in tables if isinstance(tables, list | tuple) else ():
         with suppress(ValidationError):
-            yield kind.model_validate(table)
-
-
-def _keys(spell: WeatherSpell | JammerSpell) -> dict[str, Any]:
-    return spell.model_dump(exclude_unset=True, exclude={"from_s", "to_s", "id"})
-
-
-def _event(spell: WeatherSpell | JammerSpell, changes: dict[str, Any]) -> dict[str, Any]:
-    until = {} if spell.to_s is None else {"to_s": spell.to_s}
-    return {"from_s": spell.from_s, **until, "set": changes}
+            spell = kind.model_validate(table)
+            keys = spell.model_dump(exclude_unset=True, exclude={"from_s", "to_s", "id"})
+            changes: dict[str, Any] = {"weather": keys}
+            if isinstance(spell, JammerSpell):
+                changes = {"jamming": {spell.id: keys}}
+            until = {} if spell.to_s is None else {"to_s": spell.to_s}
+            yield {"from_s": spell.from_s, **until, "set": changes}
 
 
 Way = Annotated[tuple[Location, ...], Field(strict=False, min_length=2, max_length=10_000)]

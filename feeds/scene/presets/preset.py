@@ -295,11 +295,10 @@ class UnknownPresetError(PresetError):
     """A name that no preset has."""
 
     def __init__(self, name: str) -> None:
+        text = f"no such preset as {name[:MAX_SHOWN]!r}; {closest(name, names())}"
         if name in system_names():
-            super().__init__("preset", f"{name} is a system of several sensors: write [[system]]")
-            return
-        hint = closest(name, names())
-        super().__init__("preset", f"no such preset as {name[:MAX_SHOWN]!r}; {hint}")
+            text = f"{name} is a system of several sensors: write [[system]]"
+        super().__init__("preset", text)
 
 
 def closest(name: str, known: list[str]) -> str:
