@@ -286,7 +286,7 @@ class MadeUpSession:
         if self.view is None:
             return
         link = sensor.link
-        asked = None
+        asked = np.zeros(0)
         if link is not None:
             normal = np.random.default_rng(0).standard_normal(4000)
             asked = np.maximum(link.latency_ms + link.jitter_ms * normal, 0)
