@@ -35,7 +35,6 @@ from plotfeed.feeds.scene.drones import FlightFile
 from plotfeed.feeds.scene.fields import Height, Positive
 from plotfeed.feeds.scene.telemetry_keys import FlownSpeed, TelemetrySource, Undulation
 from plotfeed.feeds.telemetry.admission import MAX_SPEED_M_S
-from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
 from plotfeed.feeds.telemetry.flights.table import REFERENCE_WORDS
@@ -275,9 +274,9 @@ class _ToSession:
     ) -> None:
         """`drone` is whose refusals are told of, one by one."""
         self._keys, self._settings = keys, settings
-        self._encode, self._content_type = encode_protobuf, PROTOBUF
+        self._encode, self._content_type = PositionReport.to_protobuf, PROTOBUF
         if settings.encoding == "json":
-            self._encode, self._content_type = encode_json, JSON
+            self._encode, self._content_type = PositionReport.to_json, JSON
         self._answers = answers = SessionAnswers(settings.prefix, drone)
         self._link = MqttTransport(
             broker, "plotfeed-inject", subscribe=answers.topics, on_message=answers.hear

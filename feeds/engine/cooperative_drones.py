@@ -12,7 +12,6 @@ from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE, ClaimFault, CooperativeKeys
 from plotfeed.feeds.scene.fields import Site, geodetic
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import LIMITS, PositionReport
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, geodetic_to_ecef
@@ -32,8 +31,8 @@ from plotfeed.proto.utc import NS
 HALF_OF_POSITIONS = (2 * np.log(2)) ** 0.5
 # Content type and encoder of what is said as telemetry is.
 AS_TELEMETRY: dict[str, tuple[str, Callable[[PositionReport], bytes]]] = {
-    "json": (JSON, encode_json),
-    "protobuf": (protobuf_content_type(TELEMETRY), encode_protobuf),
+    "json": (JSON, PositionReport.to_json),
+    "protobuf": (protobuf_content_type(TELEMETRY), PositionReport.to_protobuf),
 }
 
 

@@ -14,7 +14,6 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import ChangeError, Command, ControlError
 from plotfeed.feeds.scene.report_formats import CUE_TOPIC
 from plotfeed.feeds.scene.sensors.mount_keys import CueError
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import FairQueue, Turn
 from plotfeed.feeds.telemetry.position_report import Reason, Refused
 from plotfeed.proto.content_types import PROTOBUF
@@ -159,7 +158,7 @@ class Intake:
                 if isinstance(heard.said, Refused):
                     self.refuse_later(of_drone, heard.said)
                 else:
-                    found.append((of_drone, [(encode_protobuf(heard.said), PROTOBUF)]))
+                    found.append((of_drone, [(heard.said.to_protobuf(), PROTOBUF)]))
         return found
 
     def _take_telemetry(self, turns: Sequence[Turn], as_of_ns: int) -> None:

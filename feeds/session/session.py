@@ -38,7 +38,6 @@ from plotfeed.feeds.session.part import PartHold, SessionPart
 from plotfeed.feeds.session.presence import SessionPresence
 from plotfeed.feeds.session.running_sensor import RunningSensor
 from plotfeed.feeds.session.shedding import Shedding
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
 from plotfeed.feeds.timing.clock import ActionKind, Clock, InstantClock, Schedule, WallClock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
@@ -424,7 +423,7 @@ class Session:
 
     def _take_report(self, drone: str, report: PositionReport) -> None:
         """Treat what a live source or a mapped topic tells as if its drone had published it."""
-        self._loop.queue_input(self._root + drone, encode_protobuf(report), PROTOBUF)
+        self._loop.queue_input(self._root + drone, report.to_protobuf(), PROTOBUF)
 
     def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:
         if topic == self._presence.topic:

@@ -14,8 +14,14 @@ from plotfeed.feeds.messages.message import Message, attributes
 from plotfeed.feeds.scene.drones import EchoesByClass
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.telemetry.admission import Admission
-from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
-from plotfeed.feeds.telemetry.position_report import AltitudeDatum, PositionReport, Reason, Refused
+from plotfeed.feeds.telemetry.position_report import (
+    AltitudeDatum,
+    PositionReport,
+    Reason,
+    Refused,
+    decode,
+    fast_decode,
+)
 from plotfeed.models.state import DRONE, Signatures
 from plotfeed.models.truth import MAX_FIT_SAMPLES, Trajectories
 from plotfeed.proto import plotfeed_pb2 as pb

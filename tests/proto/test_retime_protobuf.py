@@ -11,8 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.messages.message import attributes
-from plotfeed.feeds.telemetry.decode_reports import decode, encode_json, encode_protobuf
-from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport, decode
 from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -91,9 +90,9 @@ def report(t_ns: int) -> PositionReport:
 
 @given(st.integers(0, 2_000_000_000 * NS), st.integers(0, 1_000_000_000 * NS))
 def test_telemetry_tells_the_other_time_and_all_else(t_ns: int, shift_ns: int) -> None:
-    for encode in (encode_protobuf, encode_json):
+    for encode in (PositionReport.to_protobuf, PositionReport.to_json):
         data = encode(report(t_ns))
-        is_json = encode is encode_json
+        is_json = encode is PositionReport.to_json
         moved = (
             retime_json(data, shift_ns)
             if is_json

@@ -15,8 +15,7 @@ from plotfeed.feeds.recording.recorder import RecordedTelemetry, Recorder, Sessi
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.telemetry.decode_reports import decode
-from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport, decode
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.state import Floats

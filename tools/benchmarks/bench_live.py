@@ -28,7 +28,6 @@ from support.scene_files import radar, scene_text  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene, parsed  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf  # noqa: E402
 from plotfeed.feeds.telemetry.live.mavlink import MavlinkReports  # noqa: E402
 from plotfeed.feeds.telemetry.position_report import PositionReport  # noqa: E402
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
@@ -70,7 +69,7 @@ def show_costs() -> None:
         for n, datagram in enumerate(datagrams):
             for heard in listener.hear("1.2.3.4:5", datagram, NOW_NS + n * NS // 10):
                 if isinstance(heard.said, PositionReport):
-                    encode_protobuf(heard.said)
+                    heard.said.to_protobuf()
         return 10 * ROUNDS
 
     def theirs() -> int:

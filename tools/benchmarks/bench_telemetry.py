@@ -30,7 +30,6 @@ from plotfeed.feeds.link.counters import SessionCounters, lateness_us  # noqa: E
 from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
 from plotfeed.feeds.session.observer import Observer  # noqa: E402
 from plotfeed.feeds.session.session import Session, run  # noqa: E402
-from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf  # noqa: E402
 from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, PositionReport  # noqa: E402
 from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
 from plotfeed.models.state import AltitudeReference  # noqa: E402
@@ -67,7 +66,7 @@ Ticks = list[list[tuple[str, bytes]]]
 
 def ticks(drones: int, rate_hz: float, seconds: float, *, kind: str, with_velocity: bool) -> Ticks:
     """Messages of so many drones by tick, the drones spread over their period."""
-    encode = encode_json if kind == "JSON" else encode_protobuf
+    encode = PositionReport.to_json if kind == "JSON" else PositionReport.to_protobuf
     period_ns, made = round(NS / rate_hz), list[list[tuple[str, bytes]]]()
     for tick in range(round(seconds * NS / TICK_NS)):
         first_ns, came = tick * TICK_NS, []
@@ -142,7 +141,7 @@ def publish(drone: str, rate_hz: float, port: int, start_ns: int, seconds: float
         parts = []
         for first in range(0, round(seconds * rate_hz), together):
             reports = [
-                encode_protobuf(report(start_ns + i * step_ns, 0, with_velocity=True))
+                report(start_ns + i * step_ns, 0, with_velocity=True).to_protobuf()
                 for i in range(first, first + together)
             ]
             packed = [

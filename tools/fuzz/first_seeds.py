@@ -15,7 +15,6 @@ from support.scene_files import DRONE, radar, scene_text
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import parsed
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.sapient import framed
@@ -211,9 +210,9 @@ def _reports(content_type: str | None) -> Iterator[bytes]:
         rcs_m2=0.01,
     )
     if content_type is None or "json" in content_type:
-        yield encode_json(report)
+        yield report.to_json()
     if content_type is None or "protobuf" in content_type:
-        yield encode_protobuf(report)
+        yield report.to_protobuf()
 
 
 def _recordings(form: str) -> Iterator[bytes]:

@@ -27,7 +27,6 @@ from plotfeed.feeds.scene.output_keys import RemoteIdService
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.scene.scene import parsed as scene_in
 from plotfeed.feeds.scene.telemetry_keys import KINDS, TelemetryMapping, TelemetrySource
-from plotfeed.feeds.telemetry.decode_reports import decode, fast_decode
 from plotfeed.feeds.telemetry.flights import (
     BY_SUFFIX,
     FlightOptions,
@@ -39,7 +38,7 @@ from plotfeed.feeds.telemetry.flights.flight import Log
 from plotfeed.feeds.telemetry.live.heard import UNFORESEEN
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports
-from plotfeed.feeds.telemetry.position_report import Refused
+from plotfeed.feeds.telemetry.position_report import Refused, decode, fast_decode
 from plotfeed.feeds.transport.http import HttpClient
 from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.feeds.transport.mqtt.broker import Broker, Rights

@@ -17,8 +17,7 @@ from support.scene_files import scene_file, scene_text
 from support.udp_receiver import heard, place, receiver
 from support.waiting import PATIENCE_S, wait_until
 
-from plotfeed.feeds.telemetry.decode_reports import decode, encode_protobuf
-from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.telemetry.position_report import PositionReport, decode
 from plotfeed.models.state import AltitudeReference
 from plotfeed.replay.pcap import PcapWriter
 from plotfeed.replay.recorded import Recorded, Stage
@@ -97,7 +96,7 @@ def test_telemetry_is_told_as_of_now(tmp_path: Path, broker: int) -> None:
             altitude_m=700.0 + i,
             altitude_reference=AltitudeReference.ELLIPSOID,
         )
-        topic, payload = "plotfeed/telemetry/d1", encode_protobuf(report)
+        topic, payload = "plotfeed/telemetry/d1", report.to_protobuf()
         return message(i * 10 * MS, topic, payload, stage=Stage.TELEMETRY)
 
     path = log_file(tmp_path, [sample(i) for i in range(5)])
@@ -154,7 +153,7 @@ def test_telemetry_flies_again_in_an_emulator(tmp_path: Path) -> None:
             altitude_m=800.0,
             altitude_reference=AltitudeReference.ELLIPSOID,
         )
-        topic, payload = "plotfeed/telemetry/ghost", encode_protobuf(report)
+        topic, payload = "plotfeed/telemetry/ghost", report.to_protobuf()
         return message(i * 100 * MS, topic, payload, stage=Stage.TELEMETRY)
 
     path = log_file(tmp_path, [sample(i) for i in range(20)])

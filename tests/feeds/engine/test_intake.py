@@ -16,7 +16,6 @@ from plotfeed.feeds.engine.intake import AT_ONCE, Intake
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import MAX_OF_TOPIC
 from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, PositionReport
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver, look_back_s
@@ -53,7 +52,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 def report(
     t_utc_ns: int, velocity: tuple[float, float, float] = UNKNOWN_VELOCITY, step: int = 0
 ) -> bytes:
-    return encode_protobuf(
+    return PositionReport.to_protobuf(
         PositionReport(
             t_utc_ns=t_utc_ns,
             latitude_deg=40.0 + 1e-5 * (step * step % 17),

@@ -20,7 +20,7 @@ from plotfeed.feeds.replaying.replay_settings import (
 from plotfeed.feeds.replaying.replayer import READY_NS, Restamper
 from plotfeed.feeds.replaying.routes import source_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
-from plotfeed.feeds.telemetry.decode_reports import decode
+from plotfeed.feeds.telemetry.position_report import decode
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.sapient.envelope import envelope
 from plotfeed.proto.utc import iso_utc

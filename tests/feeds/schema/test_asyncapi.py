@@ -24,8 +24,7 @@ from plotfeed.feeds.scene.changes import parsed
 from plotfeed.feeds.scene.scene import Scene, from_tree
 from plotfeed.feeds.schema.asyncapi import REQUIRED, document
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.telemetry.decode_reports import decode
-from plotfeed.feeds.telemetry.position_report import Refused
+from plotfeed.feeds.telemetry.position_report import Refused, decode
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.testing import START_NS, MqttMessage, MqttReceiver, held, rotating, staring

@@ -19,7 +19,6 @@ from support.sessions import AtWork, Start, at_work, every_broker
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.telemetry.decode_reports import encode_json, encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import MAX_WAITING
 from plotfeed.feeds.telemetry.position_report import MAX_DETAIL, PositionReport
 from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S
@@ -50,7 +49,7 @@ def report(t_utc_ns: int, number: int = 0) -> PositionReport:
 
 def telemetry(session: AtWork, drone: str, number: int = 0) -> tuple[str, bytes]:
     """Topic and payload."""
-    payload = encode_protobuf(report(session.clock.now_ns(), number))
+    payload = report(session.clock.now_ns(), number).to_protobuf()
     return f"plotfeed/telemetry/{drone}", payload
 
 
@@ -76,7 +75,7 @@ async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
 
     def flood(now_ns: int) -> Iterator[tuple[str, bytes]]:
         for i in range(FLOOD):
-            good = encode_protobuf(report(now_ns + i * 1000, i % 50)) if i % 10 == 0 else b"\xff"
+            good = report(now_ns + i * 1000, i % 50).to_protobuf() if i % 10 == 0 else b"\xff"
             yield f"plotfeed/telemetry/d{i % 50}", good
 
     port, markers = free_port(), 0
@@ -114,7 +113,7 @@ async def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(
                 now_ns = session.clock.now_ns()
                 drones = range(first, first + 1000)
                 ears.publish_all(
-                    (f"plotfeed/telemetry/d{i}", encode_protobuf(report(now_ns + k, i)))
+                    (f"plotfeed/telemetry/d{i}", report(now_ns + k, i).to_protobuf())
                     for i in drones
                     for k in (0, 1)
                 )
@@ -133,7 +132,7 @@ async def test_as_many_drones_as_may_be_are_followed_and_one_more_is_refused(
 
 def garbage(chance: random.Random) -> Iterator[tuple[str, bytes, str | None]]:
     """Topic, payload and content type, none of which can be taken."""
-    good = json.loads(encode_json(report(0)))
+    good = json.loads(report(0).to_json())
     drone = f"plotfeed/telemetry/d{chance.randrange(5)}"
     octets = chance.randbytes(chance.choice((0, 1, 3, 40, 400, 4096)))
     media = chance.choice((None, "application/json", "application/x-protobuf", "text/plain", "é;;"))
@@ -142,7 +141,7 @@ def garbage(chance: random.Random) -> Iterator[tuple[str, bytes, str | None]]:
     yield drone, json.dumps(good | {chance.choice([*good]): chance.choice(wrong)}).encode(), None
     yield drone, json.dumps(dict(chance.sample([*good.items()], len(good) - 1))).encode(), None
     yield drone, b'{"latitude_deg": 1' + b"[" * chance.choice((1, 2000)), "application/json"
-    cut = encode_protobuf(report(0))
+    cut = report(0).to_protobuf()
     yield drone, cut[: chance.randrange(1, len(cut))] + b"\xff", "application/x-protobuf"
     yield drone, bytes([chance.choice((48, 129))]) + octets, "application/x-asterix; cat=129"
     yield "plotfeed/telemetry/", b"{}", None
@@ -230,7 +229,7 @@ async def test_a_clock_of_the_system_that_steps_back_moves_nothing(
             assert before_ns < session.clock.now_ns() < before_ns + 60 * S
             ears.publish_all([telemetry(session, "d")])
             await until(lambda: session.totals.telemetry == 1)
-            old = encode_protobuf(report(time.time_ns()))
+            old = report(time.time_ns()).to_protobuf()
             ears.publish_all([("plotfeed/telemetry/d", old)])
             refused = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == ERRORS)
             await session.sectors_more(3)

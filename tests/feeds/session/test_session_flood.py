@@ -22,7 +22,6 @@ from plotfeed.feeds.recording.recorder import (
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.models.state import AltitudeReference
@@ -35,7 +34,7 @@ NEVER_LATE = "stale_after_s = 3600"
 
 
 def report(t_utc_ns: int, east: int) -> bytes:
-    return encode_protobuf(
+    return PositionReport.to_protobuf(
         PositionReport(
             t_utc_ns=t_utc_ns,
             latitude_deg=40.45,

@@ -16,7 +16,6 @@ from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import run
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.state import AltitudeReference
@@ -40,7 +39,7 @@ def scene_of(folder: Path) -> Scene:
 
 
 def report(t_utc_ns: int, place: int) -> bytes:
-    return encode_protobuf(
+    return PositionReport.to_protobuf(
         PositionReport(
             t_utc_ns=t_utc_ns,
             latitude_deg=-40.0 if place == FAR else 40.46 + 1e-4 * (place % 50),

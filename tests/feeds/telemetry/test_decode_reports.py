@@ -9,8 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.telemetry.decode_reports import MAX_OCTETS, decode, encode_json, encode_protobuf
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused, check
+from plotfeed.feeds.telemetry.position_report import (
+    MAX_OCTETS,
+    PositionReport,
+    Reason,
+    Refused,
+    check,
+    decode,
+)
 from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -83,8 +89,8 @@ def test_a_report_survives_either_format_with_or_without_content_type(
     report: PositionReport,
 ) -> None:
     for payload, content_type in (
-        (encode_protobuf(report), "application/x-protobuf"),
-        (encode_json(report), "application/json"),
+        (report.to_protobuf(), "application/x-protobuf"),
+        (report.to_json(), "application/json"),
     ):
         assert repr(decode(payload, content_type)) == repr(report)
         # NaN differs from itself, not from its text
@@ -118,14 +124,14 @@ def test_any_value_in_any_field_gives_a_report_or_a_refusal(name: str, value: An
     ],
 )
 def test_protobuf_is_told_by_its_content_type(content_type: str | None) -> None:
-    assert decode(encode_protobuf(REPORT), content_type) == REPORT
+    assert decode(REPORT.to_protobuf(), content_type) == REPORT
 
 
 @pytest.mark.parametrize(
     "content_type", ["application/json", "application/json; charset=utf-8", "text/json", "", None]
 )
 def test_json_is_told_by_its_content_type(content_type: str | None) -> None:
-    assert decode(b" \r\n" + encode_json(REPORT), content_type) == REPORT
+    assert decode(b" \r\n" + REPORT.to_json(), content_type) == REPORT
 
 
 def test_camel_case_names_are_taken() -> None:
@@ -138,7 +144,7 @@ def test_camel_case_names_are_taken() -> None:
 
 
 def test_an_unknown_content_type_is_refused() -> None:
-    refused = refusal(encode_json(REPORT), "image/png")
+    refused = refusal(REPORT.to_json(), "image/png")
     assert refused.reason is Reason.CONTENT_TYPE
     assert "image/png" in refused.detail
 
@@ -225,12 +231,12 @@ def test_an_empty_payload_misses_its_fields() -> None:
 
 def test_nanoseconds_outside_a_second_are_refused() -> None:
     message = pb.Telemetry()
-    message.ParseFromString(encode_protobuf(REPORT))
+    message.ParseFromString(REPORT.to_protobuf())
     message.time_utc.nanos = -1
     assert refusal(message.SerializeToString()).reason is Reason.OUT_OF_RANGE
 
 
 def test_a_velocity_of_which_nothing_is_known_is_left_out() -> None:
     report = REPORT._replace(velocity_enu_m_s=(math.nan,) * 3)
-    assert b"velocity" not in encode_json(report)
-    assert decode(encode_protobuf(report)) == report
+    assert b"velocity" not in report.to_json()
+    assert decode(report.to_protobuf()) == report

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.telemetry.decode_reports import decode, encode_json, fast_decode
-from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
+from plotfeed.feeds.telemetry.position_report import PositionReport, Refused, decode, fast_decode
 from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -176,9 +175,9 @@ USUAL = PositionReport(
 @pytest.mark.parametrize("content_type", [JSON, PROTOBUF, None])
 def test_what_is_usual_is_read_fast(content_type: str | None) -> None:
     if content_type != JSON:
-        assert assert_agree(USUAL.message().SerializeToString(), content_type)
+        assert assert_agree(USUAL.to_protobuf(), content_type)
     if content_type != PROTOBUF:
-        assert assert_agree(encode_json(USUAL), content_type)
+        assert assert_agree(USUAL.to_json(), content_type)
         assert assert_agree(json.dumps(FIELDS | {"altitude_m": 0}).encode(), content_type)
 
 

@@ -12,7 +12,6 @@ from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.scene_drones import trajectories_of
 from plotfeed.feeds.scene.scene import Scene, load
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.fair_queue import FairQueue
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver, look_back_s
@@ -23,7 +22,7 @@ NOW = 1_767_268_800 * S
 
 
 def report(t_utc_ns: int) -> bytes:
-    return encode_protobuf(
+    return PositionReport.to_protobuf(
         PositionReport(
             t_utc_ns=t_utc_ns,
             latitude_deg=40.46,

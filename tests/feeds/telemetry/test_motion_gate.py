@@ -16,7 +16,6 @@ from support.scene_files import scene_file, scene_text
 from plotfeed.feeds.engine.scene_drones import trajectories_of
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.telemetry.admission import CONFIRM_NS, GRACE_M, reach_m
-from plotfeed.feeds.telemetry.decode_reports import encode_protobuf
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.frames import LocalFrame
@@ -60,7 +59,7 @@ class Sent:
             horizontal_accuracy_m=sigma_m,
         )
         now_ns = t_utc_ns + round(late_s * S)
-        refusal = self.receiver.take(TOPIC, encode_protobuf(report), None, now_ns)
+        refusal = self.receiver.take(TOPIC, report.to_protobuf(), None, now_ns)
         if refusal is not None:
             self.told.append(json.loads(refusal.payload))
         return self.receiver.taken > before
@@ -262,7 +261,7 @@ def test_it_is_the_same_whether_reports_come_together_or_one_by_one(
             altitude_m=height_m,
             altitude_reference=AltitudeReference.ELLIPSOID,
         )
-        payloads.append(encode_protobuf(report))
+        payloads.append(report.to_protobuf())
     now_ns = NOW + 7 * S
     for payload in payloads:
         one_by_one.receiver.take(TOPIC, payload, None, now_ns)

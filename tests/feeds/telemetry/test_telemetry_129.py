@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.telemetry.decode_reports import MAX_OCTETS, decode
-from plotfeed.feeds.telemetry.position_report import Reason, Refused
+from plotfeed.feeds.telemetry.position_report import MAX_OCTETS, Reason, Refused, decode
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.state import AltitudeReference
 from plotfeed.models.truth import Trajectories
