@@ -262,7 +262,7 @@ def sweep(settings: SweepSettings, scenes: tuple[Path, ...]) -> int:
     Tables are Parquet, or CSV where that cannot be written. What is done is kept: the same command
     goes on after an interruption.
     """
-    from plotfeed.feeds.lab.studies import run_sweep
+    from plotfeed.feeds.lab.sweep import run_sweep
 
     return run_sweep(scenes, settings)
 
@@ -288,7 +288,7 @@ def score(found: ScoreOptions, trackers: TrackerSettings, recording: Path) -> in
         if trackers.vary:
             raise click.UsageError("--vary needs --tracker")
         return score_recording(recording, found)
-    from plotfeed.feeds.lab.studies import score_tracker
+    from plotfeed.feeds.lab.trackers import score_tracker
 
     for name in OF_FILES:
         if getattr(found, name):

@@ -623,7 +623,7 @@ class Journal:
                 left = left[self._file.write(left) :]
 
 
-def finish(
+def finish_runs(
     kept: Journal,
     work: Callable[[RunJob], dict[str, Any]],
     levels: Sequence[SweepLevel],

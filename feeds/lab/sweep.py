@@ -1,17 +1,36 @@
-"""Runs of a sweep in simulated time, and their figures: detections, alerts, errors, by sensor."""
+"""`plotfeed sweep`: runs in simulated time at levels of a scene's keys, their figures and chart."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+import shutil
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from importlib.metadata import version
+from math import ceil, isfinite, log10
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from plotfeed.feeds.console.printed import aligned
+from plotfeed.feeds.console.extras import check_picture, need_extra
+from plotfeed.feeds.console.printed import aligned, printable, say
+from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
-from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
+from plotfeed.feeds.lab import pictures
+from plotfeed.feeds.lab.lab_settings import SweepSettings
+from plotfeed.feeds.lab.runs import (
+    NAME,
+    Journal,
+    RunJob,
+    SweepLevel,
+    VariedKey,
+    digests,
+    finish_runs,
+    levels_of,
+    scene_of,
+)
+from plotfeed.feeds.lab.tables import Table, TableColumns, TextColumn, check_suffix, write_table
 from plotfeed.feeds.link.impairment import HELD, Impairment
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
@@ -20,6 +39,7 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import FALSE_ALARM, OTHER, Bools, Floats, Ints
 from plotfeed.models.verdicts import NOTHING, Interval, mean_interval, ratio_interval
+from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
 # 2026-01-01T00:00:00Z: when scenes begin that do not say when.
@@ -280,28 +300,38 @@ Results = Mapping[tuple[int, int], Mapping[str, Any]]
 # What tables for people call all sensors together.
 TOGETHER = "all"
 ERRORS = ("range_rms_m", "azimuth_rms_deg", "elevation_rms_deg")
+# Figures of a level by name: their titles and forms, with % for shares.
+SHOWN = {
+    "pd": ("Pd", ".3f"),
+    "alerted": ("alerted, %", "%"),
+    "alert_distance_m": ("alert at, m", ".0f"),
+    "alert_change_m": ("change, m", "+.0f"),
+    "false_alarms": ("false alarms", ".2f"),
+    "range_rms_m": ("range, m", ".3g"),
+    "azimuth_rms_deg": ("azimuth, deg", ".3g"),
+    "elevation_rms_deg": ("elevation", ".3g"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelFigures:
-    """One sensor at one level, or all together; intervals are over runs."""
+    """One sensor at one level, or all together; intervals are over runs.
+
+    `figures` has the share of looks at drones that detected them, false alarms in a run, the share
+    of drones with an alert, the mean of runs of the median distance at the alert (0 of a drone
+    without one), how much that is more than at the first level, run by run with the same seed, and
+    root mean squares of errors of plots.
+    """
 
     level: SweepLevel
     sensor: str | None  # None of all together
     runs: int
-    pd: Interval  # Share of looks at drones that detected them
     expected_pd: float
-    false_alarms: Interval  # In a run
     arrived: float  # Share of plots that passed the link before the end
-    alerted: Interval  # Share of drones
-    # Mean of runs, of each the median of drones; 0 of one without an alert.
-    alert_distance_m: Interval
-    alert_change_m: Interval  # Against the first level, run by run with the same seed
-    errors: Mapping[str, Interval]  # Root mean squares of errors of plots, by name of the column
+    figures: Mapping[str, Interval]
 
     def as_json(self) -> dict[str, Any]:
         """Figures by name, intervals as value, low and high."""
-        names = ("pd", "false_alarms", "alerted", "alert_distance_m", "alert_change_m")
         return {
             "level": self.level.number,
             "scene": self.level.scene,
@@ -310,8 +340,7 @@ class LevelFigures:
             "runs": self.runs,
             "expected_pd": self.expected_pd,
             "arrived": self.arrived,
-            **{name: getattr(self, name)._asdict() for name in names},
-            **{name: interval._asdict() for name, interval in self.errors.items()},
+            **{name: interval._asdict() for name, interval in self.figures.items()},
         }
 
 
@@ -356,67 +385,307 @@ def _figures(
     change = NOTHING
     if before is not None and before[0] == runs:
         change = mean_interval(of["alert_distance_m"] - before[1]["alert_distance_m"])
-    looks, plots, errors = of["looks"].sum(), of["plots"].sum(), {}
+    looks, plots = of["looks"].sum(), of["plots"].sum()
+    figures = {
+        "pd": ratio_interval(of["detected"], of["looks"]),
+        "false_alarms": mean_interval(of["false_alarms"]),
+        "alerted": ratio_interval(of["alerted"], of["drones"]),
+        "alert_distance_m": mean_interval(of["alert_distance_m"]),
+        "alert_change_m": change,
+    }
     for name in ERRORS:  # of all plots of all runs, as far as they are known
         many = np.where(np.isnan(of[name]), 0.0, of["detected"])
         squares = ratio_interval(of[name] ** 2 * of["detected"], many)
-        errors[name] = Interval(*np.sqrt(squares).tolist())
+        figures[name] = Interval(*np.sqrt(squares).tolist())
     return LevelFigures(
         level=level,
         sensor=sensor,
         runs=len(runs),
-        pd=ratio_interval(of["detected"], of["looks"]),
         expected_pd=float(of["expected"].sum() / looks) if looks else np.nan,
-        false_alarms=mean_interval(of["false_alarms"]),
         arrived=float(of["arrived"].sum() / plots) if plots else np.nan,
-        alerted=ratio_interval(of["alerted"], of["drones"]),
-        alert_distance_m=mean_interval(of["alert_distance_m"]),
-        alert_change_m=change,
-        errors=errors,
+        figures=figures,
     )
 
 
-def detection_by_distance(
-    level: SweepLevel, sensor: str, results: Results
-) -> dict[float, tuple[int, int]]:
-    """Looks and detections of all runs of a level, by where a class of distance begins, metres."""
-    at = {name: i for i, name in enumerate(DISTANCE_COLUMNS)}
-    found: dict[float, tuple[int, int]] = {}
-    for (number, _), result in results.items():
-        for row in result["distances"] if number == level.number else ():
-            if row[at["sensor"]] == sensor:
-                looks, detected = found.get(row[at["from_m"]], (0, 0))
-                counts = looks + row[at["looks"]], detected + row[at["detected"]]
-                found[row[at["from_m"]]] = counts
-    return dict(sorted(found.items()))
+def key_columns(rows: Sequence[Any], first: TextColumn) -> list[TextColumn]:
+    """Columns of rows that have a level: of each key's value, and before these `first`.
+
+    That one is left out where it is the same throughout.
+    """
+
+    def key(n: int) -> Callable[[Any], str]:
+        return lambda row: str(row.level.changes[n][1])
+
+    paths = [path for path, _ in rows[0].level.changes] if rows else []
+    keys = [TextColumn(path, key(n)) for n, path in enumerate(paths)]
+    return [*([first] if len(set(map(first.cell, rows))) > 1 else []), *keys]
 
 
-def lines_of(figures: Sequence[LevelFigures]) -> Iterator[str]:
-    """Figures as a table for people."""
-    paths = [path for path, _ in figures[0].level.changes] if figures else []
-    several = len({each.level.scene for each in figures}) > 1
-    head = [*(["scene"] if several else []), *paths, "sensor", "runs", "Pd", "alerted, %"]
-    head += ["alert at, m", "change, m", "false alarms", "range, m", "azimuth, deg", "elevation"]
-    rows = [head]
-    for each in figures:
-        values = [value for _, value in each.level.changes]
-        named = [*([each.level.scene] if several else []), *values, each.sensor or TOGETHER]
-        told = [
-            interval_text(each.pd, ".3f"),
-            interval_text(each.alerted, ".1f", 100.0),
-            interval_text(each.alert_distance_m, ".0f"),
-            interval_text(each.alert_change_m, "+.0f"),
-            interval_text(each.false_alarms, ".2f"),
-            *(interval_text(error, ".3g") for error in each.errors.values()),
-        ]
-        rows.append([*named, str(each.runs), *told])
-    names = len(head) - 10
-    yield from (line.rstrip() for line in aligned(rows, "<" * names + ">" * 10))
+def figure_columns(shown: Mapping[str, tuple[str, str]]) -> list[TextColumn]:
+    """Columns of rows that have figures with intervals, by the names of those that are shown."""
+
+    def figure(name: str, form: str) -> Callable[[Any], str]:
+        return lambda row: interval_text(row.figures[name], form)
+
+    return [TextColumn(title, figure(n, form), "s") for n, (title, form) in shown.items()]
 
 
-def interval_text(figure: Interval, form: str, factor: float = 1.0) -> str:
-    """A figure as people read it, with its interval in brackets."""
+def interval_text(figure: Interval, form: str) -> str:
+    """A figure as people read it, % for a share in percent, with its interval in brackets."""
     if not isfinite(figure.value):
         return "-"
+    form, factor = (".1f", 100.0) if form == "%" else (form, 1.0)
     value, low, high = (f"{number * factor:{form}}" for number in figure)
     return value if not isfinite(figure.low) or low == high else f"{value} ({low} to {high})"
+
+
+# By name: where a run's result has its rows, and the columns of them.
+TABLES: Mapping[str, tuple[str, Mapping[str, type]]] = {
+    "runs": ("sensors", SENSOR_COLUMNS),
+    "drones": ("drones", DRONE_COLUMNS),
+    "distances": ("distances", DISTANCE_COLUMNS),
+}
+
+
+def level_columns(
+    levels: Sequence[SweepLevel],
+    results: Mapping[tuple[int, int], Mapping[str, Any]],
+    rows_of: Sequence[tuple[tuple[int, int], Sequence[Sequence[Any]]]],
+    own: Mapping[str, type],
+    *,
+    first: str = "scene",
+) -> tuple[TableColumns, dict[str, type]]:
+    """Columns of rows by level and run, with those of the level, the run and its seed before them.
+
+    `first` is what it is called that tells levels apart beside their keys.
+    """
+    paths = [path for path, _ in levels[0].changes]
+    kinds: dict[str, type] = {first: str}
+    for n, path in enumerate(paths):
+        kinds[path] = _kind([level.values[n] for level in levels])
+    at = {level.number: level for level in levels}
+    found = []
+    for key, rows in rows_of:
+        level, result = at[key[0]], results[key]
+        cells = [_cell(v, kinds[path]) for path, v in zip(paths, level.values, strict=True)]
+        head = [level.scene, *cells, result["run"], result["seed"]]
+        found += [[*head, *row] for row in rows]
+    kinds |= {"run": int, "seed": int} | dict(own)
+    if not found:
+        return {column: [] for column in kinds}, kinds
+    return dict(zip(kinds, map(list, zip(*found, strict=True)), strict=True)), kinds
+
+
+def _kind(values: Sequence[Any]) -> type:
+    for kind in (bool, int):
+        if all(type(value) is kind for value in values):
+            return kind
+    return float if all(type(value) in (int, float) for value in values) else str
+
+
+def _cell(value: Any, kind: type) -> Any:
+    if kind is str:
+        return value if isinstance(value, str) else json.dumps(value)
+    return kind(value)
+
+
+# Of distance, at least, up to the furthest range.
+CLASSES = 40
+# Tables of a scene that make no difference where nothing is sent.
+NOT_SENT = ("asterix", "http", "mqtt", "page", "sapient", "tak", "udp", "websocket")
+# Ends of paths of keys that make none.
+NOT_FELT = (
+    "bias.time_offset_s",
+    "link.corrupt",
+    "link.overhead_octets",
+    "link.queue_messages",
+    "link.rate_kbit_s",
+    "report",
+    "sac",
+    "sic",
+)
+
+
+def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
+    """Run what is not done yet, write tables and the chart; the exit code.
+
+    Raises `PlotfeedError`, and `OSError`.
+    """
+    varied = [VariedKey.parse(text) for text in settings.vary]
+    for key in varied:
+        _check_felt(key.path)
+    _check(settings)
+    levels = levels_of(files, varied)
+    # Classes of distance are 1, 2 or 5 times a power of ten wide, by the furthest range of all.
+    widest_m = max(s.range_max_m for level in levels for s in scene_of(level).sensor) / CLASSES
+    power: float = 10.0 ** ceil(log10(widest_m) - 1)
+    plan = RunPlan(
+        duration_s=settings.duration,
+        protect_enu_m=place_of(settings.protect),
+        alert_plots=settings.alert_plots,
+        alert_within_s=settings.alert_within,
+        bin_m=max(power * factor for factor in (1, 2, 5) if power * factor <= widest_m),
+    )
+    journal = settings.folder / NAME
+    if not journal.exists():
+        for path in settings.tables(TABLES).values():
+            refuse_if_there(path, force=settings.force)
+    told = {
+        "plotfeed": version("plotfeed"),
+        "scenes": digests(levels),
+        "--vary": {key.path: list(key.values) for key in varied},
+        "--seed": settings.seed,
+        "--duration": settings.duration,
+        "--protect": list(plan.protect_enu_m),
+        "--alert-plots": plan.alert_plots,
+        "--alert-within": plan.alert_within_s,
+    }
+    with Journal(journal, told, anew=settings.force) as kept:
+        before = len(kept.of_first(settings.runs))
+        finish_runs(kept, run_once, levels, settings, plan, runs=settings.runs)
+        done = kept.of_first(settings.runs)
+        figures = figures_of(levels, done)
+        for name, path in settings.tables(TABLES).items():
+            rows_of, own = TABLES[name]
+            rows = [(key, result[rows_of]) for key, result in done.items()]
+            write_table(path, *level_columns(levels, done, rows, own))
+        picture = settings.picture()
+        if picture is not None:
+            draw_sweep(picture, levels, figures, done)
+    if settings.is_one_table:
+        shutil.rmtree(settings.folder)
+    counts = {"levels": len(levels), "runs": settings.runs, "were_done": before}
+    were = f", {before} of which were done" if before else ""
+    columns = [
+        *key_columns(figures, TextColumn("scene", "level.scene")),
+        TextColumn("sensor", lambda each: each.sensor or TOGETHER),
+        TextColumn("runs", "runs", "d"),
+        *figure_columns(SHOWN),
+    ]
+    table = Table("", columns, figures)
+    settings.tell(
+        counts | {"figures": [each.as_json() for each in figures]},
+        (
+            f"{len(levels)} level(s), {settings.runs} run(s) of each{were}\n",
+            *map(str.rstrip, aligned([table.header, *table.cells()], table.sides)),
+            "\nIn brackets: 95 % intervals, by the bootstrap over runs.",
+        ),
+        [*settings.tables(TABLES).values(), *([picture] if picture else [])],
+    )
+    if picture is None and not settings.is_one_table and not settings.as_json:
+        say("no chart: pip install 'plotfeed[charts]'")
+    return 0
+
+
+def place_of(text: str | None) -> Enu:
+    """A place from the site, metres east, north and up; raises `PlotfeedError`."""
+    if text is None:
+        return 0.0, 0.0, 0.0
+    try:
+        east_m, north_m, *up_m = (float(part) for part in text.split(","))
+        (height_m,) = up_m or [0.0]
+    except ValueError:
+        raise PlotfeedError(f"--protect {text}: expected EAST,NORTH or EAST,NORTH,UP") from None
+    return east_m, north_m, height_m
+
+
+def _check_felt(path: str) -> None:
+    if path.partition(".")[0] in NOT_SENT or any(
+        path == end or path.endswith(f".{end}") for end in NOT_FELT
+    ):
+        raise PlotfeedError(
+            f"--vary {path}: a sweep sends no octets, so that it makes no difference there; "
+            "plotfeed run and score send them"
+        )
+    if path in ("scene.seed", "scene.name"):
+        raise PlotfeedError(f"--vary {path}: the sweep's own; --seed and --runs draw anew")
+
+
+def _check(settings: SweepSettings) -> None:
+    """Raise `PlotfeedError` for what would be known only after all runs."""
+    if settings.is_one_table:
+        check_suffix(settings.out)
+        refuse_if_there(settings.out, force=settings.force)
+    elif settings.out.exists() and not settings.out.is_dir():
+        raise PlotfeedError(f"{settings.out}: expected a folder, or a name that ends in .parquet")
+    if settings.chart is not None:
+        check_picture(settings.chart)
+        refuse_if_there(settings.chart, force=settings.force)
+    if settings.ray is not None:
+        if settings.processes is not None:
+            raise PlotfeedError("--processes: the cluster of --ray has its own")
+        need_extra("ray", "--ray", "fleet", load=False)
+
+
+INCHES_WIDE, INCHES_A_ROW = 15.0, 3.7
+# That are drawn.
+MOST_SENSORS = 6
+# In a class of distance that is drawn.
+FEWEST_LOOKS = 5
+DRAWN_ERRORS = ("rms of range, m", "rms of azimuth, degrees", "rms of elevation, degrees")
+
+
+def draw_sweep(
+    path: Path, levels: Sequence[SweepLevel], figures: Sequence[LevelFigures], results: Results
+) -> None:
+    """Write the picture, in the format that its name says."""
+    sensors = list(dict.fromkeys(each.sensor for each in figures if each.sensor is not None))
+    shown, axis = sensors[:MOST_SENSORS], pictures.LevelAxis(levels)
+    size = INCHES_WIDE, INCHES_A_ROW * (1 + len(shown))
+    names = ", ".join(dict.fromkeys(level.scene for level in levels))
+    runs = max((each.runs for each in figures), default=0)
+    more = f"; {left} more sensors, not drawn" if (left := len(sensors) - len(shown)) else ""
+    title = f"{names}: {len(levels)} levels of {runs} runs, bars 95 % over runs{more}"
+    with pictures.figure_of(size, pictures.plain_text(title)) as figure:
+        grid = figure.subplots(1 + len(shown), 3, squeeze=False)
+
+        def draw(row: int, column: int, what: str, unit: str, name: str) -> None:
+            """A figure of the sensor of a row, or of all together in the first."""
+            sensor = shown[row - 1] if row else None
+            found = {f.level.number: f.figures[name] for f in figures if f.sensor == sensor}
+            title = f"{what}: {printable(sensor or TOGETHER)}"
+            pictures.draw_by_level(grid[row, column], axis, found, title, unit)
+
+        draw(0, 0, "Drones told of", "share", "alerted")
+        draw(0, 2, "False alarms", "in a run", "false_alarms")
+        for row in range(1 + len(shown)):
+            draw(row, 1, "Alert", "metres from what is protected", "alert_distance_m")
+        for row, sensor in enumerate(shown, 1):
+            _detection_by_distance(grid[row, 0], axis, levels, sensor, results)
+            # The first error that the sensor has: those of bearings alone have none of range.
+            own = [each.figures for each in figures if each.sensor == sensor]
+            has = (n for n, e in enumerate(ERRORS) if any(isfinite(f[e].value) for f in own))
+            first = next(has, 0)
+            draw(row, 2, "Error of plots", DRAWN_ERRORS[first], ERRORS[first])
+        pictures.save_picture(figure, path)
+
+
+def _detection_by_distance(
+    axes: Any, axis: pictures.LevelAxis, levels: Sequence[SweepLevel], sensor: str, results: Results
+) -> None:
+    chosen, drawn = levels[:: -(-len(levels) // pictures.LEVELS_DRAWN)], False
+    for level, colour in zip(chosen, pictures.shades(len(chosen)), strict=True):
+        rows = (
+            row
+            for (number, _), result in results.items()
+            if number == level.number
+            for row in result["distances"]
+        )
+        counts: dict[float, Any] = {}  # Looks and detections, by the middle of a class of distance
+        for name, from_m, to_m, looks, _, detected in rows:
+            if name == sensor:
+                middle_m = (from_m + to_m) / 2
+                counts[middle_m] = counts.get(middle_m, 0) + np.array([looks, detected])
+        told = {m: count for m, count in sorted(counts.items()) if count[0] >= FEWEST_LOOKS}
+        if told:
+            drawn = True
+            shares = [detected / looks for looks, detected in told.values()]
+            axes.plot(
+                np.array([*told]) / 1000, shares, ".-", color=colour, lw=1.1, label=axis.name(level)
+            )
+    if drawn:
+        axes.set_ylim(-0.03, 1.03)
+        axes.set_xlim(left=0)
+        axes.legend(frameon=False, fontsize=8.5)
+    title = f"Detection: {printable(sensor)}"
+    pictures.finish(axes, title, "true distance, km", "share of looks", drawn=drawn)

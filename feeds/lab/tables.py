@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
@@ -16,8 +15,6 @@ from typing import Any, NamedTuple
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import Row, aligned, naming, printable, widths
 from plotfeed.feeds.lab.lab_settings import PARQUET
-from plotfeed.feeds.lab.runs import SweepLevel
-from plotfeed.feeds.lab.sweep import DISTANCE_COLUMNS, DRONE_COLUMNS, SENSOR_COLUMNS
 from plotfeed.replay.plots_csv import as_text
 
 NOTHING = "-"
@@ -110,12 +107,6 @@ class Table(NamedTuple):
         return f"<h2>{escape(self.title)}</h2>\n{table}"
 
 
-# By name: where a run's result has its rows, and the columns of them.
-TABLES: Mapping[str, tuple[str, Mapping[str, type]]] = {
-    "runs": ("sensors", SENSOR_COLUMNS),
-    "drones": ("drones", DRONE_COLUMNS),
-    "distances": ("distances", DISTANCE_COLUMNS),
-}
 TableColumns = dict[str, list[Any]]
 
 
@@ -123,44 +114,6 @@ def check_suffix(path: Path) -> None:
     """Raise `PlotfeedError` if no such table can be written here."""
     if path.suffix == PARQUET:
         need_extra("pyarrow", "Parquet", "parquet")
-
-
-def table_of(
-    name: str, levels: Sequence[SweepLevel], results: Mapping[tuple[int, int], Mapping[str, Any]]
-) -> tuple[TableColumns, dict[str, type]]:
-    """The columns of a table, and what is in each; empty cells are None."""
-    rows_of, own = TABLES[name]
-    rows = [(key, result[rows_of]) for key, result in sorted(results.items())]
-    return level_columns(levels, results, rows, own)
-
-
-def level_columns(
-    levels: Sequence[SweepLevel],
-    results: Mapping[tuple[int, int], Mapping[str, Any]],
-    rows_of: Sequence[tuple[tuple[int, int], Sequence[Sequence[Any]]]],
-    own: Mapping[str, type],
-    *,
-    first: str = "scene",
-) -> tuple[TableColumns, dict[str, type]]:
-    """Columns of rows by level and run, with those of the level, the run and its seed before them.
-
-    `first` is what it is called that tells levels apart beside their keys.
-    """
-    paths = [path for path, _ in levels[0].changes]
-    kinds: dict[str, type] = {first: str}
-    for n, path in enumerate(paths):
-        kinds[path] = _kind([level.values[n] for level in levels])
-    at = {level.number: level for level in levels}
-    found = []
-    for key, rows in rows_of:
-        level, result = at[key[0]], results[key]
-        cells = [_cell(v, kinds[path]) for path, v in zip(paths, level.values, strict=True)]
-        head = [level.scene, *cells, result["run"], result["seed"]]
-        found += [[*head, *row] for row in rows]
-    kinds |= {"run": int, "seed": int} | dict(own)
-    if not found:
-        return {column: [] for column in kinds}, kinds
-    return dict(zip(kinds, map(list, zip(*found, strict=True)), strict=True)), kinds
 
 
 def write_table(path: Path, columns: TableColumns, kinds: Mapping[str, type]) -> None:
@@ -186,16 +139,3 @@ def write_table(path: Path, columns: TableColumns, kinds: Mapping[str, type]) ->
     with naming(str(path)):
         part.write_bytes(octets)
         part.replace(path)
-
-
-def _kind(values: Sequence[Any]) -> type:
-    for kind in (bool, int):
-        if all(type(value) is kind for value in values):
-            return kind
-    return float if all(type(value) in (int, float) for value in values) else str
-
-
-def _cell(value: Any, kind: type) -> Any:
-    if kind is str:
-        return value if isinstance(value, str) else json.dumps(value)
-    return kind(value)

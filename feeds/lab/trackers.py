@@ -1,4 +1,4 @@
-"""One run of a tracker under test: a session, its broker, the tracker's process, a score."""
+"""`plotfeed score SCENE --tracker`: a tracker beside sessions, at levels of keys; its curve."""
 
 from __future__ import annotations
 
@@ -10,19 +10,51 @@ import re
 import shlex
 import shutil
 import signal
-from collections.abc import AsyncIterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.posix import end_group
+from plotfeed.feeds.console.printed import finite, printable, say
+from plotfeed.feeds.console.process import refuse_if_there
+from plotfeed.feeds.lab import pictures
 from plotfeed.feeds.lab.flights import FlightsTally
+from plotfeed.feeds.lab.lab_settings import TrackerSettings
 from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, RecordedRun, plots_of, possible
-from plotfeed.feeds.lab.runs import RunJob, SweepLevel, scene_of
-from plotfeed.feeds.lab.score import ScoreLimit, samples_of
-from plotfeed.feeds.lab.scoring import FIGURE_NAMES, NoFlightError, ScoreSettings, score_run
-from plotfeed.feeds.lab.sweep import span_of
+from plotfeed.feeds.lab.runs import (
+    NAME,
+    Journal,
+    RunJob,
+    SweepLevel,
+    VariedKey,
+    digests,
+    finish_runs,
+    levels_of,
+    scene_of,
+)
+from plotfeed.feeds.lab.score import (
+    LIMITS,
+    NO_PROFILE,
+    LimitVerdict,
+    ScoreLimit,
+    ScoreProfile,
+    closing,
+    judged_figure,
+    junit_of,
+    mark_of,
+    page,
+    samples_of,
+    write_new,
+)
+from plotfeed.feeds.lab.scoring import COUNTS, FIGURE_NAMES, NoFlightError, ScoreSettings, score_run
+from plotfeed.feeds.lab.sweep import Results, figure_columns, key_columns, level_columns, span_of
+from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells, write_table
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable, take_message
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
@@ -35,7 +67,17 @@ from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.frames import LocalFrame
-from plotfeed.models.verdicts import FigureSamples
+from plotfeed.models.state import Floats
+from plotfeed.models.verdicts import (
+    POCOCK,
+    RISK,
+    FigureSamples,
+    Interval,
+    breaking_level,
+    look_risk,
+    mean_interval,
+    seeds_interval,
+)
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import LedgerTables, tables_of
@@ -92,11 +134,8 @@ class TrackerCommand:
 class TrackerPlan:
     """What runs of a tracker have in common at all levels."""
 
-    duration_s: float | None  # Of the session's time; None is as long as the scene says
-    speed: float  # Times real time
-    patience_s: float  # For the tracker's first line, at which the session begins, or without one
-    topic: str | None
-    settings: ScoreSettings
+    settings: TrackerSettings
+    how: ScoreSettings
     limits: Sequence[ScoreLimit]  # Of a profile
     trackers: Sequence[TrackerCommand]
 
@@ -114,25 +153,25 @@ def run_tracker(job: RunJob) -> dict[str, Any]:
 
 
 async def _run(job: RunJob) -> dict[str, Any]:
-    plan, scene = job.plan, scene_of(job.level)
+    plan, asked, scene = job.plan, job.plan.settings, scene_of(job.level)
     # The run's seed; no truth, which no tracker is to know; and nothing leaves but to its broker.
     general = scene.scene.model_copy(update={"seed": job.seed})
     mqtt = scene.mqtt.model_copy(update={"truth": False})
     scene = scene.model_copy(update={"scene": general, "mqtt": mqtt}).sent_to(WaysOut())
-    start_ns, duration_s = span_of(scene, plan.duration_s)
-    clock = WallClock(start_ns, speed=plan.speed)
+    start_ns, duration_s = span_of(scene, asked.duration)
+    clock = WallClock(start_ns, speed=asked.speed)
     site = scene.scene.site
     frames = {sensor.id: frame_at(site, sensor.position_enu_m) for sensor in scene.sensor}
     longest_s = max(sensor.scan.period_s for sensor in scene.sensor)
     tally, followed = FlightsTally(frames, longest_s), _Followed(frames)
     heard = _Heard(scene, clock)
-    topic = plan.topic or scene.page.tracks_topic or USUAL_TOPIC
+    topic = asked.topic or scene.page.tracks_topic or USUAL_TOPIC
     async with (
         brokers_of(scene, None) as brokers,
         _listening(brokers, topic, heard),
         _started(job, brokers, scene.mqtt.prefix, topic) as tracker,
     ):
-        await tracker.wait_until_ready(plan.patience_s)
+        await tracker.wait_until_ready(asked.patience)
         await run_over(brokers, scene, clock=clock, duration_s=duration_s, observers=[followed])
         await asyncio.sleep(LAST_WORDS_S)
         failure = tracker.failure() or heard.failure
@@ -142,7 +181,7 @@ async def _run(job: RunJob) -> dict[str, Any]:
     figures, nothing = dict.fromkeys([*FIGURE_NAMES, *POSSIBLE], math.nan), ""
     limits: list[tuple[float, FigureSamples | None]] = [(math.nan, None)] * len(plan.limits)
     try:
-        score = score_run(truths, heard.table.read(topic, failure), plan.settings)
+        score = score_run(truths, heard.table.read(topic, failure), plan.how)
     except NoFlightError as error:
         nothing = str(error)
     else:
@@ -324,3 +363,333 @@ def of_trackers(levels: list[SweepLevel], names: list[str]) -> list[SweepLevel]:
         return levels
     each = (replace(level, scene=name) for level in levels for name in names)
     return [replace(level, number=number) for number, level in enumerate(each)]
+
+
+# Figures of the printed table and the picture, with their titles and how they are printed: as known
+# at the time, so that lateness costs.
+SHOWN = {
+    "known_gospa_m": ("GOSPA, m", ".1f"),
+    "gospa_feed_m": ("by feed", ".1f"),
+    "gospa_link_m": ("by link", ".1f"),
+    "gospa_tracker_m": ("by tracker", ".1f"),
+    "known_completeness": ("completeness", ".3f"),
+    "known_spuriousness": ("spuriousness", ".3f"),
+    "known_position_accuracy_m": ("mean error, m", ".1f"),
+    "latency_p95_s": ("latency p95, s", ".2f"),
+    "initiation_median_s": ("initiation, s", ".1f"),
+}
+INCHES = (15.0, 11.0)
+# A machine that is later than this, or than such a share of what is varied, tells of itself.
+LATE_S, LATE_SHARE = 0.1, 0.1
+# Of which verdicts the risk is told: those of all levels together are wrong more often.
+AT_A_LEVEL = "at each level "
+
+
+class CurvePoint(NamedTuple):
+    """A tracker at one level: means over runs, with intervals, and verdicts on the limits."""
+
+    level: SweepLevel
+    tracker: str
+    runs: int
+    failures: Sequence[str]  # How it failed in runs in which it did
+    unscored: Sequence[str]  # Why there was nothing to score, in runs without a drone in cover
+    late_s: float  # By how much the machine itself was late
+    figures: Mapping[str, Interval]
+    limits: Floats  # Figures of limits, (limits, runs)
+    verdicts: Sequence[LimitVerdict]
+
+    @classmethod
+    def of(
+        cls, level: SweepLevel, tracker: str, results: Results, asked: Sequence[ScoreLimit],
+        looks: int,
+    ) -> CurvePoint:  # fmt: skip
+        """The runs of a level, as its journal has them, judged at each of so many looks."""
+        runs = [result for (number, _), result in results.items() if number == level.number]
+
+        def column(of: str, name: Any) -> Floats:
+            return np.array([run[of][name] for run in runs], np.float64)
+
+        limits = np.array([column("limits", n) for n in range(len(asked))]).reshape(-1, len(runs))
+        risk = look_risk(looks, RISK / max(len(asked), 1))
+        verdicts = []
+        for n, (limit, values) in enumerate(zip(asked, limits, strict=True)):
+            figure = judged_figure(limit, is_known=True)
+            is_count = figure.removeprefix("known_").removeprefix("space_") in COUNTS
+            found = seeds_interval(values, risk, column("trials", n), are_counts=is_count)
+            verdicts.append(LimitVerdict.of_interval(limit, figure, found, len(runs), "many runs"))
+        return cls(
+            level,
+            tracker,
+            len(runs),
+            [run["failure"] for run in runs if run["failure"]],
+            [run["unscored"] for run in runs if run.get("unscored")],
+            float(np.mean([run["late_s"] for run in runs])) if runs else np.nan,
+            {name: mean_interval(column("figures", name)) for name in SHOWN},
+            limits,
+            verdicts,
+        )
+
+    @property
+    def is_scored(self) -> bool:
+        """Whether there was anything to score in any run."""
+        return len(self.unscored) < self.runs
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether more runs would change no verdict."""
+        is_known = self.is_scored and bool(self.verdicts)
+        return is_known and all(v.status != "undecided" for v in self.verdicts)
+
+    def as_json(self) -> dict[str, Any]:
+        """Figures by name, as value, low and high."""
+        return {
+            "tracker": self.tracker,
+            "values": self.level.by_path(),
+            "runs": self.runs,
+            "failures": list(self.failures),
+            "unscored": list(self.unscored),
+            "late_s": self.late_s,
+            "figures": {name: figure._asdict() for name, figure in self.figures.items()},
+            "limits": [asdict(verdict) for verdict in self.verdicts],
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survival:
+    """Up to which level a tracker keeps a limit."""
+
+    limit: str
+    tracker: str
+    key: str
+    others: str  # What else is so on the way
+    level: Interval
+    # By how much the machine was late on the way, where that is too much to tell the level.
+    late_s: float
+
+    def __str__(self) -> str:
+        where = f" ({self.others})" if self.others else ""
+        head = f"{self.tracker}, {self.limit}{where}:"
+        if self.late_s:
+            return f"{head} not told: the machine itself was late by {self.late_s:.2g} s"
+        value, low, high = (
+            "no level" if x == -np.inf else "all levels" if x == np.inf else f"{x:.4g}"
+            for x in self.level
+        )
+        if not np.isfinite(self.level.value):
+            return f"{head} holds at {value} of {self.key} ({low} to {high})"
+        return f"{head} holds to {value} of {self.key} ({low} to {high})"
+
+
+def survivals(points: Sequence[CurvePoint], asked: Sequence[ScoreLimit]) -> Iterator[Survival]:
+    """Breaking levels of each limit and tracker, along the first key of numbers that is varied."""
+    for tracker in dict.fromkeys(point.tracker for point in points):
+        own = (point for point in points if point.tracker == tracker and point.is_scored)
+        of = {point.level.number: point for point in own}
+        axis = pictures.LevelAxis([point.level for point in of.values()]) if len(of) > 1 else None
+        if axis is None or axis.key is None:
+            continue
+        for others, levels in axis.lines.items():
+            on = [of[level.number] for level in levels]
+            at = np.array([axis.at(level) for level in levels])
+            late_s = max(point.late_s for point in on)
+            unit_s = 1e-3 if axis.title.endswith("_ms") else 1.0 if axis.title.endswith("_s") else 0
+            may_s = LATE_SHARE * float(np.ptp(at)) * unit_s or LATE_S
+            runs = min(point.runs for point in on)
+            for n, limit in enumerate(asked):
+                bound = limit.at_least if limit.at_most is None else limit.at_most
+                values = np.array([point.limits[n, :runs] for point in on])
+                yield Survival(
+                    limit=limit.title,
+                    tracker=tracker,
+                    key=axis.title,
+                    others=others,
+                    level=breaking_level(at, values, bound or 0.0, rises=limit.at_most is not None),
+                    late_s=late_s if late_s > may_s else 0.0,
+                )
+
+
+def curve_table(points: Sequence[CurvePoint]) -> Table:
+    """Points as a table."""
+    columns = [
+        *key_columns(points, TextColumn("tracker", "tracker")),
+        TextColumn("runs", "runs", "d"),
+        TextColumn("failed", lambda point: len(point.failures), "d"),
+        *figure_columns(SHOWN),
+    ]
+    title = "Scores as known at the time; in brackets 95 % intervals, by the bootstrap over runs"
+    return Table(title, columns, points)
+
+
+def limit_table(points: Sequence[CurvePoint]) -> Table:
+    """Verdicts at all levels."""
+    rows = [
+        (str(point.level), *(column.cell(verdict) for column in LIMITS))
+        for point in points
+        for verdict in point.verdicts
+    ]
+    sides = "".join(">" if column.form else "<" for column in LIMITS)
+    columns = of_cells(["at", *(column.head for column in LIMITS)], f"<{sides}")
+    return Table("Limits at each level", columns, rows)
+
+
+def curve_lines(points: Sequence[CurvePoint], survived: Sequence[Survival]) -> Iterator[str]:
+    """Points as tables for people, what they survive, and how trackers failed."""
+    yield from (line.rstrip() for line in curve_table(points).lines())
+    if any(point.verdicts for point in points):
+        yield from limit_table(points).lines()
+    yield ""
+    yield from map(str, survived)
+    first: dict[str, str] = {}
+    for point in points:
+        if point.late_s > LATE_S:
+            yield f"the machine itself was late by {point.late_s:.2g} s ({point.level})"
+        if point.unscored:
+            of = f"{len(point.unscored)} of {point.runs} runs"
+            yield f"nothing was scored in {of}: {point.unscored[0]} ({point.level})"
+        for failure in point.failures:
+            first.setdefault(failure, str(point.level))
+    yield from (f"failed: {failure} ({where})" for failure, where in first.items())
+
+
+@contextlib.contextmanager
+def curve_figure(points: Sequence[CurvePoint]) -> Iterator[Any]:
+    """The picture."""
+    axis = pictures.LevelAxis([point.level for point in points])
+    names = ", ".join(dict.fromkeys(point.tracker for point in points))
+    failed, runs = sum(len(point.failures) for point in points), sum(p.runs for p in points)
+    more = f"; failed in {failed}" if failed else ""
+    title = f"{names}: {runs} runs, bars 95 % over those of a level{more}"
+    with pictures.figure_of(INCHES, pictures.plain_text(title)) as figure:
+        for axes, (name, (title, _)) in zip(figure.subplots(3, 3).flat, SHOWN.items(), strict=True):
+            found = {point.level.number: point.figures[name] for point in points}
+            pictures.draw_by_level(axes, axis, found, title, "")
+        yield figure
+
+
+def score_tracker(
+    scene: Path, settings: TrackerSettings, how: ScoreSettings, profile: ScoreProfile | None = None
+) -> int:
+    """Run what is not done yet, write the table and the pictures; the exit code.
+
+    With a profile, levels at which all its limits are decided take no more runs, which is looked at
+    after each fifth of those asked for. The code is 1 where a tracker failed in any run, or a limit
+    is broken at any level. Raises `PlotfeedError`, and `OSError`.
+    """
+    trackers = [TrackerCommand.parse(text) for text in settings.trackers]
+    names = [tracker.name for tracker in trackers]
+    if len(set(names)) < len(names):
+        raise PlotfeedError("--tracker: several need names of their own: NAME=COMMAND")
+    if settings.ray is not None:
+        need_extra("ray", "--ray", "fleet", load=False)
+    of_scene = levels_of([scene], [VariedKey.parse(text) for text in settings.vary])
+    asked = [] if profile is None else profile.limit
+    told = {
+        "plotfeed": version("plotfeed"),
+        "scenes": digests(of_scene),
+        "--vary": [list(map(list, level.changes)) for level in of_scene],
+        "--tracker": [[tracker.name, *tracker.words] for tracker in trackers],
+        "--seed": settings.seed,
+        "--duration": settings.duration,
+        "--speed": settings.speed,
+        "--topic": settings.topic,
+        "--profile": [limit.model_dump() for limit in asked],
+        "settings of the score": how.model_dump(),
+    }
+    levels = of_trackers(of_scene, names)
+    given = [path for path in (settings.out, settings.junit) if path is not None]
+    is_new = not (settings.folder / NAME).exists()
+    for path in [*given, *(settings.files() if is_new else [])]:
+        refuse_if_there(path, force=settings.force)
+    if settings.out is not None:
+        need_extra("matplotlib.figure", "a chart", "charts")
+    plan = TrackerPlan(settings=settings, how=how, limits=asked, trackers=trackers)
+    looks = min(len(POCOCK), settings.runs) if asked else 1
+
+    def points_by(runs: int) -> list[CurvePoint]:
+        done = kept.of_first(runs)
+        return [CurvePoint.of(lv, plan.of(lv).name, done, asked, looks) for lv in levels]
+
+    with Journal(settings.folder / NAME, told, anew=settings.force) as kept:
+        before, open_levels = len(kept.of_first(settings.runs)), levels
+        decided_by: dict[int, CurvePoint] = {}
+        for look in range(1, looks + 1):
+            runs = -(-settings.runs * look // looks)
+            finish_runs(kept, run_tracker, open_levels, settings, plan, runs=runs)
+            now = {p.level.number: p for p in points_by(runs) if p.level in open_levels}
+            decided_by |= now
+            open_levels = [level for level in open_levels if not now[level.number].is_decided]
+            if not open_levels:
+                break
+        points = [decided_by[level.number] for level in levels]
+        if not any(point.is_scored for point in points):
+            raise PlotfeedError(points[0].unscored[0])
+        done = {
+            key: run for key, run in kept.of_first(settings.runs).items()
+            if key[1] < decided_by[key[0]].runs
+        }  # fmt: skip
+        _write_scores(levels, points, done, settings)
+    survived = list(survivals(points, asked))
+    failures = [failure for point in points for failure in point.failures]
+    verdicts = [
+        replace(verdict, name=f"{verdict.name} ({point.level})")
+        for point in points
+        for verdict in point.verdicts
+    ]
+    _write_verdicts(points, survived, verdicts, profile, settings)
+    counts = {"runs": settings.runs, "were_done": before}
+    told = counts | {
+        "points": [point.as_json() for point in points],
+        "survives": [asdict(each) | {"level": each.level._asdict()} for each in survived],
+    }
+    lines = [*curve_lines(points, survived)]
+    if verdicts and not failures:
+        lines.append(closing("", verdicts, AT_A_LEVEL))
+    settings.tell(told, lines, [*settings.files(), *given])
+    if before and not settings.as_json:
+        say(f"{before} runs were done before")
+    return 1 if failures or mark_of("", verdicts) == "broken" else 0
+
+
+def _write_scores(
+    levels: Sequence[SweepLevel],
+    points: Sequence[CurvePoint],
+    done: Results,
+    settings: TrackerSettings,
+) -> None:
+    names = [*FIGURE_NAMES, *POSSIBLE]
+    own = {"failure": str, "late_s": float, **dict.fromkeys(names, float)}
+    rows = [
+        (
+            key,
+            [[run["failure"] or None, run["late_s"], *finite([run["figures"][n] for n in names])]],
+        )
+        for key, run in sorted(done.items())
+    ]
+    table, *charts = settings.files()
+    first = "tracker" if len(settings.trackers) > 1 else "scene"
+    write_table(table, *level_columns(levels, done, rows, own, first=first))
+    for chart in charts:
+        with curve_figure(points) as figure:
+            pictures.save_picture(figure, chart)
+
+
+def _write_verdicts(
+    points: Sequence[CurvePoint],
+    survived: Sequence[Survival],
+    verdicts: Sequence[LimitVerdict],
+    profile: ScoreProfile | None,
+    settings: TrackerSettings,
+) -> None:
+    """The page for who signs, and JUnit's file."""
+    title = NO_PROFILE if profile is None else profile.profile.title
+    failure = next((failure for point in points for failure in point.failures), "")
+    if settings.junit is not None:
+        write_new(settings.junit, junit_of(title, verdicts, failure, 0.0), force=settings.force)
+    if settings.out is not None:
+        parts = [f"<p>{escape(printable(str(each)))}</p>\n" for each in survived]
+        parts += [limit_table(points).html()] if verdicts else []
+        with curve_figure(points) as figure:
+            parts += [pictures.svg_of(figure), curve_table(points).html()]
+        told = closing(failure, verdicts, AT_A_LEVEL), mark_of(failure, verdicts)
+        text = page(printable(f"Trackers: {title}"), *told, parts)
+        write_new(settings.out, text, force=settings.force)

@@ -14,10 +14,9 @@ from support.command import plotfeed, plotfeed_here, started
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import wait_until
 
-from plotfeed.feeds.lab import studies
+from plotfeed.feeds.lab import sweep
 from plotfeed.feeds.lab.runs import RunJob
-from plotfeed.feeds.lab.sweep import run_once
-from plotfeed.feeds.lab.tables import TABLES
+from plotfeed.feeds.lab.sweep import TABLES, run_once
 
 VARY = ("--vary", "sensor.north.pfa=1e-6,1e-4", "--vary", "link.latency_ms=0:200:200")
 SHORT = ("--duration", 4, "--runs", 3, "--processes", 1)
@@ -102,7 +101,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(
             raise KeyboardInterrupt
         return run_once(job)
 
-    monkeypatch.setattr(studies, "run_once", until_ctrl_c)
+    monkeypatch.setattr(sweep, "run_once", until_ctrl_c)
     done = plotfeed_here("sweep", file, *VARY, *SHORT, "--out", tmp_path)
     assert done.returncode == 130
     assert done.stderr.split("\n")[0].endswith(

@@ -14,8 +14,7 @@ from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.lab.runs import SweepLevel
 from plotfeed.feeds.lab.score import ScoreLimit
-from plotfeed.feeds.lab.studies import CurvePoint, survivals
-from plotfeed.feeds.lab.trackers import TrackerCommand
+from plotfeed.feeds.lab.trackers import CurvePoint, TrackerCommand, survivals
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.errors import PlotfeedError
 
