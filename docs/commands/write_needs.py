@@ -16,8 +16,18 @@ from pages import between, table
 
 from plotfeed.feeds.console.process import keep_freed
 from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings
-from plotfeed.feeds.lab.needs import Finding, Needs, choices_of, needs_of, variants_of
-from plotfeed.feeds.lab.needs_text import START_UTC_NS, change_text, cost_text, draw, processor
+from plotfeed.feeds.lab.needs import (
+    START_UTC_NS,
+    Finding,
+    Needs,
+    change_text,
+    choices_of,
+    cost_text,
+    draw,
+    needs_of,
+    processor,
+    variants_of,
+)
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example
 

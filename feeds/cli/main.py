@@ -188,7 +188,7 @@ def needs(settings: NeedsSettings, *, scene: Path) -> int:
     Each effect that the scene names is switched off, and each that it could name is switched on,
     through the engine itself and with the same random numbers.
     """
-    from plotfeed.feeds.lab.needs_text import print_needs
+    from plotfeed.feeds.lab.needs import print_needs
     from plotfeed.feeds.scene.scene import load
 
     print_needs(load(scene), settings)
@@ -204,7 +204,7 @@ def chart(settings: ChartSettings, *, scene: Path) -> int:
     These are formats, sectors, periods, tracks on board, and each effect left out, all compared
     with the scene as it is.
     """
-    from plotfeed.feeds.lab.needs_text import print_chart
+    from plotfeed.feeds.lab.needs import print_chart
     from plotfeed.feeds.scene.scene import load
 
     print_chart(load(scene), settings)

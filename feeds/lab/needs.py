@@ -1,4 +1,4 @@
-"""What a scene needs: each effect off, alone and together, or on, through the engine itself.
+"""`plotfeed needs` and `plotfeed chart`: a scene with each effect off or on, by the engine itself.
 
 Every variant of a scene runs with the seeds of the scene as it is, so that both draw the same
 random numbers: their difference is that of the effect. Differences are given with intervals by
@@ -9,22 +9,35 @@ Student's t over seeds, which hold all figures of a variant, however often it is
 from __future__ import annotations
 
 import contextlib
+import json
 import math
+import os
+import platform
+import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from operator import attrgetter
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
+from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.console.printed import finite, say
+from plotfeed.feeds.console.process import keep_freed, refuse_if_there
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.formats.sensor_tracks import PlainTracks
+from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings
+from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, place_labels, save_picture
+from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.fields import frame_at, site_frame
-from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
 from plotfeed.models.sensors.sensor_model import NO_PLOTS
@@ -59,13 +72,12 @@ METRICS: Mapping[str, str] = {
 
 
 class Effect(NamedTuple):
-    """A key of a scene or of its sensors that models something: how it is off, and usually on."""
+    """A key of sensors that models something: how it is off, and usually on."""
 
     name: str
     off: Any = None
-    # An ordinary value; None where there is none, such as of a terrain, which a file has.
+    # An ordinary value; None where there is none.
     on: Any = None
-    of_sensors: bool = True
 
 
 # Of sensors. What a kind of sensor has not is no effect of it; what refuses a value has none there.
@@ -90,20 +102,11 @@ SENSOR_EFFECTS = (
     Effect("link", on={"latency_ms": 100.0, "jitter_ms": 20.0}),
     Effect("event", off=()),
 )
-# Of the whole scene.
-SCENE_EFFECTS = tuple(
-    Effect(name, off=off, of_sensors=False)
-    for name, off in (
-        ("terrain", None),
-        ("weather", ()),
-        ("jammer", ()),
-        ("birds", ()),
-        ("road", ()),
-        ("turbine", ()),
-        ("clutter", ()),
-        ("target", ()),
-    )
-)
+# Of the whole scene: keys, and how they are off.
+SCENE_EFFECTS: Mapping[str, Any] = {
+    "terrain": None,
+    **dict.fromkeys(("weather", "jammer", "birds", "road", "turbine", "clutter", "target"), ()),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,6 +157,11 @@ class Finding:
             return max(self.changes, key=lambda c: max(-c.share_low, c.share_high), default=None)
         return max(self.changes, key=lambda c: abs(c.share), default=None)
 
+    @property
+    def size(self) -> float:
+        """The share of the largest change."""
+        return abs(self.largest.share) if self.largest else 0.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Needs:
@@ -172,6 +180,20 @@ class Needs:
     runs_needed: int
     as_it_is: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
+    @property
+    def front(self) -> list[Finding]:
+        """Findings than which none is both cheaper and smaller, the cheapest first."""
+        costs, sizes = np.array([(each.cost[0], each.size) for each in self.findings]).T
+        return [self.findings[i] for i in on_front(costs, sizes).tolist()]
+
+    @property
+    def head(self) -> str:
+        """What was run, in a line."""
+        return (
+            f"{self.scene}: {self.runs} runs of {self.duration_s:g} s, each variant with the seeds "
+            f"of the scene as it is; a change of {self.matters:.3g} matters"
+        )
+
 
 def variants_of(scene: Scene) -> list[Variant]:
     """Each effect that the scene names off, all of those off, and each that it could name on."""
@@ -185,10 +207,10 @@ def variants_of(scene: Scene) -> list[Variant]:
             if others:
                 name = f"{'with' if on else 'without'} {effect.name}"
                 found.append(_variant(scene, name, others, adds=on, effects=(effect.name,)))
-    for effect in SCENE_EFFECTS:
-        if getattr(scene, effect.name) != effect.off:
-            name, keys = f"[{effect.name}]", {effect.name: effect.off}
-            found.append(_variant(scene, f"without {name}", {}, keys, effects=(name,)))
+    for key, value in SCENE_EFFECTS.items():
+        if getattr(scene, key) != value:
+            name = f"[{key}]"
+            found.append(_variant(scene, f"without {name}", {}, {key: value}, effects=(name,)))
     off = [each for each in found if not each.adds]
     return [*found, together(scene, off, "without all of these")] if len(off) > 1 else found
 
@@ -596,3 +618,313 @@ def on_front(costs: Floats, sizes: Floats) -> Ints:
     order = np.lexsort((sizes, costs))
     best_before = np.minimum.accumulate(np.concatenate([[np.inf], sizes[order]]))[:-1]
     return order[sizes[order] < best_before]
+
+
+GROUPS = {
+    "needed": "Needed: without it, a tracker would notice",
+    "can go": "Can go: without it, a tracker would notice nothing",
+    "missing": "Missing: with it, a tracker would notice",
+    "no need": "No need: with it, a tracker would notice nothing",
+    "undecided": "Undecided: more runs, or longer ones, would tell",
+}
+# Figures by what they are called in words, and their units.
+WORDS = {
+    "pd": ("share of scans in which a drone in range is plotted", ""),
+    "range_m": ("range error, rms", " m"),
+    "azimuth_deg": ("azimuth error, rms", "°"),
+    "elevation_deg": ("elevation error, rms", "°"),
+    "alarms": ("false plots a scan", ""),
+    "gospa_m": ("GOSPA of a plain tracker", " m"),
+    "completeness": ("share of drones that a plain tracker follows", ""),
+    "delay_s": ("delay", " s"),
+    "lost": ("share of messages lost", ""),
+}
+SEED = 1
+# Where the scene does not say when it begins.
+START_UTC_NS = 1_767_268_800 * NS
+
+
+def print_needs(scene: Scene, settings: NeedsSettings) -> None:
+    """Say what a scene needs and what it can leave out; raises `PlotfeedError`."""
+    matters = _share(settings.matters)
+    _check_files(settings, settings.lean, settings.full)
+    found = _found(scene, variants_of(scene), settings, matters)
+    written = []
+    for path, verdict in ((settings.lean, "can go"), (settings.full, "missing")):
+        if path is not None:
+            path.write_text(rewritten(scene, found, verdict), encoding="utf-8")
+            written.append(path)
+    _tell(found, settings, list(_lines(found)), written)
+
+
+def print_chart(scene: Scene, settings: ChartSettings) -> None:
+    """Chart the choices that a scene has, accuracy against speed; raises `PlotfeedError`."""
+    _check_files(settings)
+    variants = [*choices_of(scene), *(each for each in variants_of(scene) if not each.adds)]
+    found = _found(scene, variants, settings, 0.02)
+    _tell(found, settings, list(_choice_lines(found)), [])
+
+
+def _check_files(settings: ChartSettings, *others: Path | None) -> None:
+    if settings.chart is not None:
+        need_extra("matplotlib.figure", "a picture", "charts")
+    for path in (settings.chart, *others):
+        if path is not None:
+            refuse_if_there(path, force=settings.force)
+
+
+def _found(scene: Scene, variants: Sequence[Any], settings: ChartSettings, matters: float) -> Needs:
+    keep_freed()  # as a session does
+    began_s = time.monotonic()
+
+    def progress(done: int, most: int, undecided: int) -> None:
+        took_s = time.monotonic() - began_s
+        line = f"{done} of {most} runs at most, {undecided} undecided, {took_s:.0f} s"
+        say(line, err=True)
+
+    return needs_of(
+        scene,
+        variants,
+        matters=matters,
+        runs=settings.runs,
+        duration_s=settings.duration,
+        seed=SEED,
+        start_utc_ns=scene.scene.start_utc_ns or START_UTC_NS,
+        progress=progress,
+    )
+
+
+def _share(text: str) -> float:
+    """A share such as 2% or 0.02."""
+    plain, percent = text.removesuffix("%"), text.endswith("%")
+    try:
+        share = float(plain) / (100 if percent else 1)
+    except ValueError:
+        share = np.nan
+    if not 0 < share < 1:
+        raise PlotfeedError(f"--matters: expected a share such as 2% or 0.02, not {text!r}")
+    return share
+
+
+def _tell(
+    found: Needs, settings: ChartSettings, lines: Sequence[str], written: Sequence[Path]
+) -> None:
+    if settings.chart is not None:
+        draw(found, settings.chart)
+        written = [*written, settings.chart]
+    if settings.as_json:
+        say(json.dumps(finite({**as_values(found), "files": list(map(str, written))})))
+        return
+    for line in (*lines, *(f"written: {path}" for path in written)):
+        say(line)
+
+
+def as_values(found: Needs) -> dict[str, Any]:
+    """Findings for JSON."""
+    return {
+        "scene": found.scene,
+        "machine": {  # Where the times are from
+            "processor": processor(),
+            "cores": os.cpu_count(),
+            "system": platform.system(),
+            "python": platform.python_version(),
+            "numpy": version("numpy"),
+        },
+        "matters": found.matters,
+        "duration_s": found.duration_s,
+        "runs": found.runs,
+        "runs_needed": found.runs_needed,
+        "processor_s_per_s": found.cost_s,
+        "as_it_is": {name: dict(figures) for name, figures in found.as_it_is.items()},
+        "findings": [
+            {
+                "variant": each.variant.name,
+                "effects": list(each.variant.effects),
+                "verdict": each.verdict,
+                "processor": dict(zip(("ratio", "low", "high"), each.cost, strict=True)),
+                "changes": [change._asdict() for change in each.changes],
+            }
+            for each in found.findings
+        ],
+        "cover": {
+            name: {"with": one, "without": other} for name, (one, other) in found.covers.items()
+        },
+    }
+
+
+def processor() -> str:
+    """What the machine says that it is."""
+    cpuinfo = Path("/proc/cpuinfo")
+    told = cpuinfo.read_text("utf-8", "replace").splitlines() if cpuinfo.exists() else []
+    names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def change_text(change: Change | None) -> str:
+    """A change in words, with its interval."""
+    if change is None:
+        return "nothing that could be compared"
+    if not change.value and change.low == change.high:
+        return "nothing at all"
+    what, unit = WORDS.get(change.metric, (change.metric, ""))
+    after = change.before + change.value
+    return (
+        f"{change.sensor}: {what} {change.before:.3g}{unit} becomes {after:.3g}{unit}, "
+        f"{change.share:+.1%} ({change.share_low:+.1%} to {change.share_high:+.1%})"
+    )
+
+
+def cost_text(found: Finding) -> str:
+    """How much more processor time a variant takes, with its interval."""
+    value, low, high = found.cost
+    return f"{value - 1:+.0%} ({low - 1:+.0%} to {high - 1:+.0%})"
+
+
+VARIANT = TextColumn("", "variant.name")
+CHANGE = TextColumn("what changes most (interval of 95 %)", lambda f: change_text(f.largest))
+COST = TextColumn("processor time", cost_text)
+
+
+def _lines(found: Needs) -> Iterator[str]:
+    """The groups, each with its largest changes first; what is lost without each sensor."""
+    yield found.head
+    for verdict, title in GROUPS.items():
+        of = [each for each in found.findings if each.verdict == verdict]
+        if of:
+            rows = sorted(of, key=attrgetter("size"), reverse=True)
+            yield from Table(title, (VARIANT, CHANGE, COST), rows).lines()
+    covers = [
+        (name, f"{one:.1%}", f"{other:.1%}", f"{other - one:+.1%}")
+        for name, (one, other) in found.covers.items()
+    ]
+    heads = ("without the sensor", "seen by any sensor before", "after", "change")
+    title = "Sensors: the share of stretches of 5 s in which a drone is plotted"
+    yield from Table(title, of_cells(heads, "<>>>"), covers).lines()
+    yield ""
+    yield (
+        f"A second of the scene takes {1e3 * found.cost_s:.3g} ms of processor. All of this would "
+        f"be decided by some {found.runs_needed:,} runs of {found.duration_s:g} s."
+    )
+
+
+def _choice_lines(found: Needs) -> Iterator[str]:
+    """All choices, the cheapest first; the front is marked."""
+    front = {each.variant.name for each in found.front}
+    columns = (
+        TextColumn("", lambda each: "*" if each.variant.name in front else ""),
+        VARIANT._replace(head="the scene"),
+        COST,
+        CHANGE,
+    )
+    yield found.head
+    title = "Choices; * is on the front: none is both cheaper and nearer to the scene as it is"
+    rows = sorted(found.findings, key=lambda each: each.cost[0])
+    yield from Table(title, columns, rows).lines()
+    yield ""
+    yield f"As it is, a second of the scene takes {1e3 * found.cost_s:.3g} ms of processor."
+
+
+def draw(found: Needs, path: Path) -> None:
+    """Draw what each variant changes against what it costs, with intervals, and the front."""
+    colours = {"needed": "#c2410c", "missing": "#1d4ed8", "undecided": QUIET}
+    title = f"What it changes against what it costs: scene {found.scene}"
+    with figure_of((9.0, 6.0), title) as figure:
+        axes, labels = figure.subplots(), []
+        for each in found.findings:
+            change, (x, low, high) = each.largest, each.cost
+            if change is None:
+                continue
+            y = max(abs(change.share), 1e-4)
+            half = (change.share_high - change.share_low) / 2
+            spans = [[max(x - low, 0)], [max(high - x, 0)]], [[min(half, y * 0.9)], [half]]
+            x_span, y_span = (np.nan_to_num(s, posinf=0.0) for s in spans)
+            axes.errorbar([x], [y], xerr=x_span, yerr=y_span, color=QUIET, lw=0.8, zorder=1)
+            axes.scatter([x], [y], s=36, color=colours.get(each.verdict, "#15803d"), zorder=3)
+            labels.append((x, y, each.variant.name))
+        front = [each for each in found.front if each.largest is not None]
+        costs, sizes = [each.cost[0] for each in front], [max(each.size, 1e-4) for each in front]
+        axes.step(costs, sizes, where="post", color="#1d4ed8", lw=1, alpha=0.6)
+        axes.axhline(found.matters, color="#15803d", ls="--", lw=1)
+        axes.set_yscale("log")
+        axes.set_xlabel("processor time, times that of the scene as it is")
+        axes.set_ylabel("largest change of what a tracker sees, as a share")
+        axes.grid(visible=True, alpha=0.3)
+        axes.margins(x=0.15)
+        place_labels(figure, axes, labels, INK)
+        save_picture(figure, path)
+
+
+def rewritten(scene: Scene, found: Needs, verdict: str) -> str:
+    """The scene's text without what can go, or with what is missing; raises `PlotfeedError`.
+
+    What goes stays as a comment, below one that says what that changes.
+    """
+    if not scene.text:
+        raise PlotfeedError("the scene has no text of its own, which could be written otherwise")
+    text = scene.text
+    for each in found.findings:
+        if each.verdict != verdict or len(each.variant.effects) != 1:
+            continue
+        (effect,) = each.variant.effects
+        why = f"{each.variant.name}: {change_text(each.largest)}"
+        if verdict == "missing":
+            text = _added(text, each, effect, why)
+        else:
+            owners = None if effect.startswith("[") else each.variant.sensors
+            text = _commented_out(text, effect.strip("[]"), owners, why)
+    parsed(text.encode(), scene.folder / "scene.toml")  # what does not load is not written
+    return text
+
+
+def _commented_out(text: str, key: str, owners: frozenset[int] | None, why: str) -> str:
+    """The text with a key or table as comments: of the scene, or of sensors by their numbers."""
+    lines, number, table, depth, inside = [], -1, "", 0, False
+    name = re.escape(key)
+    header = rf"\[+{name}[\].]" if owners is None else rf"\[+sensor\.{name}[\].]"
+    for line in text.splitlines():
+        plain = line.strip()
+        if depth == 0 and plain.startswith("["):
+            table = plain
+            number += plain.startswith("[[sensor]]")
+            inside = bool(re.match(header, plain)) and (owners is None or number in owners)
+            if inside:
+                lines.append(f"# {why}")
+        elif depth == 0 and plain.startswith("#"):
+            inside = False
+        begins = (
+            owners is not None
+            and number in owners
+            and table.startswith("[[sensor]]")
+            and re.match(rf"{name}[\s.=]", plain)
+        )
+        if begins and depth == 0:
+            lines.append(f"# {why}")
+        goes = inside or depth > 0 or bool(begins)
+        if goes and (begins or depth > 0):
+            depth += sum(map(plain.count, "[{")) - sum(map(plain.count, "]}"))
+        lines.append(f"# {line}" if goes and plain else line)
+    return "\n".join(lines) + "\n"
+
+
+def _added(text: str, found: Finding, effect: str, why: str) -> str:
+    """The text with a key of sensors that it did not name."""
+    on = next(each.on for each in SENSOR_EFFECTS if each.name == effect)
+    lines, number = [], -1
+    for line in text.splitlines():
+        lines.append(line)
+        if line.strip().startswith("[[sensor]]"):
+            number += 1
+            if number in found.variant.sensors:
+                value = getattr(found.variant.scene.sensor[number], effect)
+                told = value.model_dump(exclude_unset=True) if hasattr(value, "model_dump") else on
+                lines += [f"# {why}", f"{effect} = {_toml(told)}"]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it inline."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)

@@ -18,10 +18,10 @@ from plotfeed.feeds.lab.needs import (
     choices_of,
     needs_of,
     on_front,
+    rewritten,
     run_of,
     variants_of,
 )
-from plotfeed.feeds.lab.needs_text import rewritten
 from plotfeed.feeds.lab.oracle import rain_db_km
 from plotfeed.feeds.scene.scene import Scene, example, from_tree, parsed
 from plotfeed.feeds.testing.built_scene import toml_of
