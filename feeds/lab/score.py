@@ -225,19 +225,31 @@ def samples_of(score: Score, limit: ScoreLimit) -> tuple[float, FigureSamples | 
     return samples.value, samples
 
 
+def _in_cover(score: Score) -> Iterator[tuple[int, int, int, Ints]]:
+    """Each drone as often as it came into cover, from when to when, and when its reports came."""
+    for drone, stays in enumerate(score.stays_utc_ns):
+        times = np.sort(score.errors.known_utc_ns[score.errors.drone == drone])
+        for begin_ns, end_ns in stays:
+            yield drone, begin_ns, end_ns, times
+
+
+def _share(parts: Iterable[tuple[int, Any, Floats]]) -> FigureSamples:
+    """A share of what drones had, one after the other: the drone, and what of which whole."""
+    rows = [np.stack([part, whole, np.full(len(part), drone)]) for drone, part, whole in parts]
+    hits, wholes, drones = np.concatenate([np.zeros((3, 0)), *rows], axis=1)
+    return FigureSamples(hits, wholes, drones.astype(np.int64), is_share=True)
+
+
 def update_share(score: Score, period_s: float) -> FigureSamples:
     """The share of whole periods in cover in which a report of the drone was received.
 
     By when reports are of, a tracker that holds back minutes of them would miss no period.
     """
-    period_ns = round(period_s * NS)
-    found: list[tuple[int, Ints]] = []
-    for drone, stays in enumerate(score.over_time.stays_utc_ns):
-        cells = score.errors.known_utc_ns[score.errors.drone == drone] // period_ns
-        for begin_ns, end_ns in stays:
-            periods = np.arange(-(-begin_ns // period_ns), end_ns // period_ns)
-            found.append((drone, np.isin(periods, cells).astype(np.int64)))
-    return _shares(found, [np.ones(len(hit)) for _, hit in found])
+    period_ns, found = round(period_s * NS), []
+    for drone, begin_ns, end_ns, times in _in_cover(score):
+        periods = np.arange(-(-begin_ns // period_ns), end_ns // period_ns)
+        found.append((drone, np.isin(periods, times // period_ns), np.ones(len(periods))))
+    return _share(found)
 
 
 def long_gap_share(score: Score, longer_than_s: float) -> FigureSamples:
@@ -246,35 +258,18 @@ def long_gap_share(score: Score, longer_than_s: float) -> FigureSamples:
     A gap is from when one report of the drone is received to the next, from when it comes to its
     first, and from its last to when it goes.
     """
-    found: list[tuple[int, Floats]] = []
-    for drone, stays in enumerate(score.over_time.stays_utc_ns):
-        times = np.sort(score.errors.known_utc_ns[score.errors.drone == drone])
-        for begin_ns, end_ns in stays:
-            inside = times[(times >= begin_ns) & (times <= end_ns)]
-            found.append((drone, np.diff(np.concatenate([[begin_ns], inside, [end_ns]])) / NS))
-    long = [(drone, np.where(gaps > longer_than_s, gaps, 0.0)) for drone, gaps in found]
-    return _shares(long, [gaps for _, gaps in found])
-
-
-def _shares(hits: Sequence[tuple[int, Any]], wholes: Sequence[Floats]) -> FigureSamples:
-    """A share of what drones had, one after the other."""
-    none = np.zeros(0)
-    drones = [np.full(len(each), drone) for drone, each in hits]
-    return FigureSamples(
-        np.concatenate([none, *(each for _, each in hits)]),
-        np.concatenate([none, *wholes]),
-        np.concatenate([none, *drones]).astype(np.int64),
-        is_share=True,
-    )
+    found = []
+    for drone, begin_ns, end_ns, times in _in_cover(score):
+        inside = times[(times >= begin_ns) & (times <= end_ns)]
+        gaps_s = np.diff(np.concatenate([[begin_ns], inside, [end_ns]])) / NS
+        found.append((drone, np.where(gaps_s > longer_than_s, gaps_s, 0.0), gaps_s))
+    return _share(found)
 
 
 def far_share(score: Score, beyond_m: float) -> FigureSamples:
     """The share of reports that are further over the ground from any drone."""
-    known: Floats = score.nearest_m[np.isfinite(score.nearest_m)]
-    series = np.zeros(len(known), np.int64)
-    return FigureSamples(
-        (known > beyond_m).astype(np.float64), np.ones(len(known)), series, is_share=True
-    )
+    known_m: Floats = score.nearest_m[np.isfinite(score.nearest_m)]
+    return _share([(0, known_m > beyond_m, np.ones(len(known_m)))])
 
 
 # Figures that need one more number: by which key it is told, and how they are worked out.
@@ -519,7 +514,7 @@ def _map(axes: Any, score: Score) -> None:
 
 
 def _gospa(axes: Any, score: Score) -> None:
-    steps, power = score.over_time.steps, 1.0 / score.settings.order
+    steps, power = score.steps, 1.0 / score.settings.order
     total = (steps.localisation + steps.missed + steps.false) ** power
     x, total, location, missed, false = _thinned(
         score.since_s, total, steps.localisation**power, steps.missed**power, steps.false**power
@@ -536,8 +531,8 @@ def _drones(axes: Any, score: Score) -> None:
     since_s = score.since_s
     for n in range(shown):
         for there, colour, height in (
-            (score.over_time.there[:, n], GREY, 0.7),
-            (score.over_time.tracked[:, n], BLUE, 0.4),
+            (score.there[:, n], GREY, 0.7),
+            (score.tracked[:, n], BLUE, 0.4),
         ):
             begins, ends = stretches(there[:, None])
             bars = np.stack([since_s[begins], (ends - begins) * step_s], axis=1).tolist()
@@ -718,16 +713,22 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
     midnight_ns = truths.start_utc_ns // DAY_NS * DAY_NS
     tracks = read_tracks(file, scene, options.topics, date_utc_ns=midnight_ns)
     score = score_run(truths, tracks, settings)
-    verdicts = [] if profile is None else verdicts_of(score, profile)
     told = ScoreReport(
         score=score,
         title="" if profile is None else profile.profile.title,
         note="" if profile is None else profile.profile.note,
-        verdicts=verdicts,
+        verdicts=[] if profile is None else verdicts_of(score, profile),
         diagnosis=diagnosed(truths, tracks, settings),
         possible=possible(run, score),
     )
-    publish(told, options)
+    if options.out is not None:
+        write_new(options.out, html_of(told), force=options.force)
+    if options.junit is not None:
+        lasted_s = (score.end_utc_ns - score.start_utc_ns) / NS
+        text = junit_of(told.title or NO_PROFILE, told.verdicts, score.failure, lasted_s)
+        write_new(options.junit, text, force=options.force)
+    for line in [json.dumps(told.as_values())] if options.as_json else lines(told):
+        say(line)
     return int(not told.is_kept)
 
 
@@ -738,11 +739,8 @@ def _check_feed(recording: Path, options: ScoreOptions) -> int:
             option = {"topics": "topic", "changes": "set"}.get(name, name)
             raise PlotfeedError(f"--feed checks sensors, and --{option} is about a tracker")
     told = judged_recording(recording, "claimed")
-    if options.as_json:
-        say(json.dumps(told.as_values()))
-    else:
-        for line in feed_lines(told):
-            say(line)
+    for line in [json.dumps(told.as_values())] if options.as_json else feed_lines(told):
+        say(line)
     return int(bool(told.verdicts.wrong))
 
 
@@ -759,19 +757,6 @@ def settings_of(profile: ScoreProfile | None, changes: Sequence[str]) -> ScoreSe
         return ScoreSettings.model_validate(tree)
     except ValidationError as error:
         raise PlotfeedError(f"--set {in_a_line(problems_of(error, tree))}") from None
-
-
-def publish(told: ScoreReport, options: ScoreOptions) -> None:
-    """Print a score, and write the files that are asked for."""
-    score = told.score
-    if options.out is not None:
-        write_new(options.out, html_of(told), force=options.force)
-    if options.junit is not None:
-        lasted_s = (score.end_utc_ns - score.start_utc_ns) / NS
-        text = junit_of(told.title or NO_PROFILE, told.verdicts, score.failure, lasted_s)
-        write_new(options.junit, text, force=options.force)
-    for line in [json.dumps(told.as_values())] if options.as_json else lines(told):
-        say(line)
 
 
 def write_new(path: Path, octets: bytes, *, force: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple, Self
@@ -11,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plotfeed.feeds.lab.flights import Truths
-from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, UsableTracks, usable_tracks
+from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, is_place
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.models.frames import (
     LocalFrame,
@@ -26,12 +27,12 @@ from plotfeed.models.track_metrics import (
     NOBODY,
     SPACE,
     Assigned,
-    FlightPath,
     Grid,
     GridRows,
     Level,
     Segments,
     StepScores,
+    TrackReports,
     Walked,
     WalkSettings,
     along_enu,
@@ -40,6 +41,8 @@ from plotfeed.models.track_metrics import (
     lag_parts,
     nees,
     on_grid,
+    rates,
+    rates_by_differences,
     right_identities,
     segments_of,
     stays_of,
@@ -130,6 +133,112 @@ class ScoreSettings(SceneTable):
         return found & within
 
 
+# A number that is silent for so long is another track's when it comes again.
+FORGOTTEN_S = 60.0
+# Velocities beyond this are not taken for any.
+FASTEST_M_S = 1e4
+# Over which a velocity that is not told is taken from two reports.
+KEPT_S = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class UsableReports(TrackReports):
+    """Reports that can be scored, (n,), by track and time."""
+
+    velocity_enu_m_s: Floats
+    covariance_m2: Floats
+    leaps: Bools  # Nothing flies there from the one before: the number is in two places
+
+    @property
+    def has_height(self) -> Bools:
+        """Which reports tell one, (n,)."""
+        return np.isfinite(self.point[:, GROUND])
+
+    @property
+    def latency_s(self) -> Floats:
+        """Seconds from the time of a report to when it was received; NaN if unknown, (n,)."""
+        late_s = (self.known_utc_ns - self.t_utc_ns) / NS
+        return np.where(self.known_utc_ns == UNKNOWN_NS, np.nan, late_s)
+
+
+class UsableTracks(NamedTuple):
+    """What of a tracker can be scored."""
+
+    reports: UsableReports
+    # Of tracks. A number that was ended, or silent for a minute, is another track's after that.
+    names: Sequence[str]
+    counts: Counter[str]  # Reports that were left out, or are odd, by the reason
+
+    def only(self, which: Bools, reason: str) -> UsableTracks:
+        """Usable tracks with these reports alone; others are counted by the reason."""
+        others = Counter({reason: int(np.count_nonzero(~which))})
+        return self._replace(reports=self.reports.rows(which), counts=self.counts + others)
+
+
+def usable_tracks(
+    tracks: TracksRead, span_utc_ns: tuple[int, int], level: Level, how: ScoreSettings
+) -> UsableTracks:
+    """Sort reports, and sort out those that cannot be: of a run from the first time to the last.
+
+    Of several with one number and time the last one counts. Reports of a time later than that at
+    which they were received are of the future.
+    """
+    told, counts = tracks.reports, Counter(tracks.unreadable)
+    future_ns = round(how.future_s * NS)
+    early = told.t_utc_ns - future_ns > told.received_utc_ns
+    kept = np.ones(len(told), np.bool_)
+    for reason, wrong in (
+        ("without a time", told.t_utc_ns == UNKNOWN_NS),
+        ("not a place on Earth", ~is_place(told)),
+        ("of the future", early & (told.received_utc_ns != UNKNOWN_NS)),
+        ("after the run", told.t_utc_ns - future_ns > span_utc_ns[1]),
+        ("before the run", told.t_utc_ns + future_ns < span_utc_ns[0]),
+        ("tentative", told.tentative & (not how.counts_tentative)),
+    ):
+        counts[reason] += int(np.count_nonzero(kept & wrong))
+        kept &= ~wrong
+    came = np.flatnonzero(kept)
+    came = came[np.argsort(told.received_utc_ns[came], kind="stable")]
+    came_by_track = came[np.argsort(told.track[came], kind="stable")]
+    late = np.diff(told.t_utc_ns[came_by_track]) < 0  # than a later one of their track
+    late &= np.diff(told.track[came_by_track]) == 0
+    counts["out of order"] += int(np.count_nonzero(late))
+    order = came[np.lexsort((np.arange(len(came)), told.t_utc_ns[came], told.track[came]))]
+    same = (np.diff(told.track[order]) == 0) & (np.diff(told.t_utc_ns[order]) == 0)
+    counts["repeated, of which the last counts"] += int(np.count_nonzero(same))
+    rows = told.rows(order[np.append(~same, True)] if len(order) else order)
+    place = (rows.latitude_deg, rows.longitude_deg)
+    with np.errstate(invalid="ignore"):
+        is_velocity = np.abs(rows.velocity_enu_m_s) <= FASTEST_M_S
+    velocity = np.where(is_velocity, rows.velocity_enu_m_s, np.nan)
+    point = level.points(*place, rows.height_m)
+    span_s = np.diff(rows.t_utc_ns) / NS
+    begins = np.ones(len(rows), np.bool_)  # Tracks are numbered anew
+    begins[1:] = (np.diff(rows.track) != 0) | rows.ended[:-1] | (span_s > FORGOTTEN_S)
+    track = np.cumsum(begins) - 1
+    apart_m = np.sqrt((np.diff(point[:, :GROUND], axis=0) ** 2).sum(axis=1))
+    leaps = np.zeros(len(rows), np.bool_)
+    leaps[1:] = ~begins[1:] & (apart_m > how.max_speed_m_s * span_s)
+    counts["in two places at once"] += int(np.count_nonzero(leaps))
+    seen: Counter[str] = Counter()
+    names = []
+    for name in (tracks.names[i] for i in rows.track[begins].tolist()):
+        seen[name] += 1
+        names.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    reports = UsableReports(
+        t_utc_ns=rows.t_utc_ns,
+        known_utc_ns=rows.received_utc_ns,
+        track=track,
+        point=point,
+        rate=rates_by_differences(track, rows.t_utc_ns, point, rates(*place, velocity), KEPT_S),
+        ended=rows.ended,
+        velocity_enu_m_s=velocity,
+        covariance_m2=rows.covariance_m2,
+        leaps=leaps,
+    )
+    return UsableTracks(reports, names, +counts)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrueStates:
     """Where drones were: points (..., 4), velocities east, north, up (..., 3); NaN if not there."""
@@ -179,40 +288,20 @@ class ReportErrors(Columns):
         return self.t_utc_ns + np.nan_to_num(self.latency_s * NS).astype(np.int64)
 
 
-def _beside_reports(
-    grid: Grid, tracks: UsableTracks, of: Assigned | GridRows, values: Ints
-) -> Ints:
-    """What stands beside each report's track at the first step not before it, (n,)."""
-    reports, count = tracks.reports, max(len(tracks.names), 1)
-    keys, step = of.step * count + of.track, grid.at_or_after(reports.t_utc_ns)
-    wanted = step * count + reports.track
-    found = np.full(len(wanted), NOBODY)
-    if len(keys):
-        at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-        good = (keys[at] == wanted) & (step >= 0) & (step < grid.steps)
-        found[good] = values[at[good]]
-    return found
-
-
 def report_errors(
-    truths: Truths, field: _Field, tracks: UsableTracks, assigned: Assigned, dimensions: int
+    field: _Field, reports: UsableReports, walked: Walked, dimensions: int
 ) -> ReportErrors:
     """Errors of the reports of assigned tracks; a number in two places at once counts for none."""
-    reports = tracks.reports
-    own = _beside_reports(field.grid, tracks, assigned, assigned.drone)
-    drone = np.where(tracks.leaps, NOBODY, own)
-    true = truth_beside(truths, drone, reports.t_utc_ns, field.level)
+    of, sensors_at = walked.assigned, field.truths.sensors_at
+    drone = np.where(reports.leaps, NOBODY, field.beside_reports(reports, of, of.drone))
+    true = truth_beside(field.truths, drone, reports.t_utc_ns, field.level)
     there = np.flatnonzero((drone != NOBODY) & np.isfinite(true.point[:, 0]))
-    error_m = along_enu(
-        reports.point[there] - true.point[there],
-        true.latitude_deg[there],
-        true.longitude_deg[there],
-    )
-    covariance_m2 = tracks.covariance_m2[there]
+    place = (true.latitude_deg[there], true.longitude_deg[there])
+    error_m = along_enu(reports.point[there] - true.point[there], *place)
+    covariance_m2 = reports.covariance_m2[there]
     seen_m = np.full((len(there), 2), np.nan)
-    if truths.sensors_at is not None:
-        where = (true.latitude_deg[there], true.longitude_deg[there], truths.sensors_at.height_m)
-        seen_m = truths.sensors_at.from_ecef(geodetic_to_ecef(*where))[:, :2]
+    if sensors_at is not None:
+        seen_m = sensors_at.from_ecef(geodetic_to_ecef(*place, sensors_at.height_m))[:, :2]
     return ReportErrors(
         t_utc_ns=reports.t_utc_ns[there],
         track=reports.track[there],
@@ -220,11 +309,11 @@ def report_errors(
         report=there,
         error_enu_m=error_m,
         distance_m=np.sqrt((error_m[:, :dimensions] ** 2).sum(axis=1)),
-        velocity_error_enu_m_s=tracks.velocity_enu_m_s[there] - true.velocity_enu_m_s[there],
+        velocity_error_enu_m_s=reports.velocity_enu_m_s[there] - true.velocity_enu_m_s[there],
         true_velocity_enu_m_s=true.velocity_enu_m_s[there],
         covariance_m2=covariance_m2,
         nees=nees(error_m[:, :dimensions], covariance_m2[:, :dimensions, :dimensions]),
-        latency_s=tracks.latency_s[there],
+        latency_s=reports.latency_s[there],
         from_sensors_m=seen_m,
     )
 
@@ -359,18 +448,6 @@ class SensorScore:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OverTime:
-    """What there was at each step, for charts and further figures."""
-
-    t_utc_ns: Ints
-    steps: StepScores
-    there: Bools  # Whether each drone was there, (steps, drones)
-    tracked: Bools  # Whether it had a track, (steps, drones)
-    # Of each drone: from when to when it was there.
-    stays_utc_ns: Sequence[Sequence[tuple[int, int]]]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Score:
     """The score of a tracker for one run."""
 
@@ -400,7 +477,14 @@ class Score:
     failure: str  # How the tracker failed; empty if it did not
     notes: Sequence[str]
     errors: ReportErrors
-    over_time: OverTime
+    # Of each step of the grid: its time, what there was, which drones were there, and which of
+    # them had a track, (steps, drones).
+    t_utc_ns: Ints
+    steps: StepScores
+    there: Bools
+    tracked: Bools
+    # Of each drone: from when to when it was there.
+    stays_utc_ns: Sequence[Sequence[tuple[int, int]]]
     # From each usable report to the drone that was nearest, over the ground; NaN for none.
     nearest_m: Floats
     # East and north of the site, or else of the middle, (n, 2): of drones with a track and without,
@@ -410,7 +494,7 @@ class Score:
     @property
     def since_s(self) -> Floats:
         """Times of the steps, (steps,), from the beginning on."""
-        return (self.over_time.t_utc_ns - self.start_utc_ns) / NS
+        return (self.t_utc_ns - self.start_utc_ns) / NS
 
     @property
     def distances(self) -> str:
@@ -445,47 +529,40 @@ FIGURE_NAMES = (
 
 
 def drone_scores(
-    truths: Truths,
-    *,
-    grid: Grid,
-    there: Bools,
-    tracked: Bools,
-    segments: Segments,
-    errors: ReportErrors,
-    how: ScoreSettings,
+    field: _Field, segments: Segments, errors: ReportErrors, tracked: Bools
 ) -> list[DroneScore]:
     """Each drone's own score, in their order."""
-    protected = how.place(truths)
-    received_ns = errors.known_utc_ns
-    found = []
-    step_s = grid.step_ns / NS
+    truths, step_s = field.truths, field.grid.step_ns / NS
+    protected = field.how.place(truths)
+    received_ns, found = errors.known_utc_ns, []
     for number, (name, path) in enumerate(zip(truths.drones, truths.paths, strict=True)):
-        steps = np.flatnonzero(there[:, number])
-        own = segments.rows(segments.drone == number)
-        following = followed(own, steps)
+        steps = np.flatnonzero(field.there[:, number])
+        following = followed(segments.rows(segments.drone == number), steps)
         covered = int(np.count_nonzero(tracked[steps, number]))
-        initiation_s, alert_m = float("nan"), float("nan")
+        initiation_s = alert_m = closest_m = math.nan
+        if protected is not None and len(path.t_utc_ns):
+            closest_m = float(_over_ground_m(path.position_ecef_m, protected).min())
         of = errors.drone == number
-        apart_m, stamped_ns = errors.distance_m[of], errors.t_utc_ns[of]
-        if len(stamped_ns):
-            known_ns = received_ns[of]
+        apart_m, stamped_ns, known_ns = errors.distance_m[of], errors.t_utc_ns[of], received_ns[of]
+        if len(known_ns):
             first = int(np.argmin(known_ns))
             initiation_s = max((int(known_ns[first]) - int(path.t_utc_ns[0])) / NS, 0.0)
-            alert_m = _distance_at(path, known_ns[first], stamped_ns[first], protected)
+            if protected is not None:  # where it was then, or else when it was seen
+                place_m, _ = path.states_at(np.array([known_ns[first], stamped_ns[first]]))
+                then_m, seen_m = _over_ground_m(place_m, protected).tolist()
+                alert_m = then_m if math.isfinite(then_m) else seen_m
         found.append(
             DroneScore(
                 drone=name,
                 cover_s=len(steps) * step_s,
-                completeness=covered / len(steps) if len(steps) else float("nan"),
+                completeness=covered / len(steps) if len(steps) else math.nan,
                 tracks=following.tracks,
                 breaks=following.breaks,
                 number_changes=following.number_changes,
                 longest_s=following.longest_steps * step_s,
                 initiation_s=initiation_s,
                 alert_m=alert_m,
-                closest_m=float("nan")
-                if protected is None or not len(path.t_utc_ns)
-                else float(_over_ground_m(path.position_ecef_m, protected).min()),
+                closest_m=closest_m,
                 position_rms_m=_rms(apart_m),
                 position_p95_m=_p95(apart_m),
             )
@@ -493,19 +570,18 @@ def drone_scores(
     return found
 
 
-def sensor_scores(
-    truths: Truths, grid: Grid, there: Bools, tracked: Bools, errors: ReportErrors
-) -> list[SensorScore]:
+def sensor_scores(field: _Field, errors: ReportErrors, tracked: Bools) -> list[SensorScore]:
     """Drones in the cover of each sensor, in their order; the gap is that between its looks."""
-    found, step_s, t_ns = [], grid.step_ns / NS, grid.t_utc_ns
+    found, truths, step_s = [], field.truths, field.grid.step_ns / NS
     for number, name in enumerate(truths.sensors):
-        inside = np.zeros_like(there)
+        inside = np.zeros_like(field.there)
         of_errors = np.zeros(len(errors), np.bool_)
         for drone, path in enumerate(truths.paths):
             looks_ns = truths.looks_utc_ns.get((drone, number))
             if looks_ns is None:
                 continue
-            inside[:, drone] = covered_at(looks_ns, t_ns, path.gap_ns) & there[:, drone]
+            covered = covered_at(looks_ns, field.grid.t_utc_ns, path.gap_ns)
+            inside[:, drone] = covered & field.there[:, drone]
             own = np.flatnonzero(errors.drone == drone)
             of_errors[own] = covered_at(looks_ns, errors.t_utc_ns[own], path.gap_ns)
         apart_m, cover = errors.distance_m[of_errors], int(inside.sum())
@@ -515,7 +591,7 @@ def sensor_scores(
                 sensor=name,
                 drones=int(np.count_nonzero(inside.any(axis=0))),
                 cover_s=cover * step_s,
-                completeness=int((inside & tracked).sum()) / cover if cover else float("nan"),
+                completeness=int((inside & tracked).sum()) / cover if cover else math.nan,
                 position_rms_m=_rms(apart_m),
                 position_p95_m=_p95(apart_m),
                 longest_gap_s=int((ends - begins).max(initial=0)) * step_s,
@@ -530,17 +606,6 @@ def stretches(flags: Bools) -> tuple[Ints, Ints]:
     return np.nonzero(edges == 1)[1], np.nonzero(edges == -1)[1]
 
 
-def _distance_at(
-    path: FlightPath, known_ns: np.int64, stamped_ns: np.int64, protected: LocalFrame | None
-) -> float:
-    """How far the drone was when it was known, or else when it was seen."""
-    if protected is None:
-        return float("nan")
-    place_m, _ = path.states_at(np.array([known_ns, stamped_ns]))
-    each_m = _over_ground_m(place_m, protected)
-    return float(each_m[0] if np.isfinite(each_m[0]) else each_m[1])
-
-
 def _over_ground_m(place_m: Floats, protected: LocalFrame) -> Floats:
     latitude_deg, longitude_deg, _ = ecef_to_geodetic(place_m)
     level_m = geodetic_to_ecef(latitude_deg, longitude_deg, 0.0)
@@ -549,7 +614,7 @@ def _over_ground_m(place_m: Floats, protected: LocalFrame) -> Floats:
 
 
 def _p95(values: Floats) -> float:
-    return float(np.quantile(values, 0.95)) if len(values) else float("nan")
+    return float(np.quantile(values, 0.95)) if len(values) else math.nan
 
 
 # Steps times drones.
@@ -572,105 +637,85 @@ def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None
     """
     how = settings or ScoreSettings()
     whole, truths = truths, scored_part(truths, how)
-    field = _field(truths, how)
-    usable = usable_tracks(
-        tracks,
-        field.span_utc_ns,
-        field.level,
-        future_s=how.future_s,
-        max_speed_m_s=how.max_speed_m_s,
-        counts_tentative=how.counts_tentative,
-    )
+    field = _Field.of(truths, how)
+    usable = usable_tracks(tracks, field.span_utc_ns, field.level, how)
     if how.leaves_out:
-        usable = usable.only(_are_scored(whole, truths, usable, field.level, how), "not scored")
+        usable = usable.only(_are_scored(whole, field, usable.reports), "not scored")
     if how.dimensions == 3:
         if not truths.has_height:
             raise PlotfeedError("dimensions = 3: the truth tells no heights")
-        usable = usable.only(usable.has_height, "without a height")
-    beside = _beside(truths, field, usable, how, how.dimensions)
-    rows, walked, segments, errors = beside.rows, beside.walked, beside.segments, beside.errors
-    samples = dict(beside.samples)
-    stamped, reports = beside.sets, beside.reports
+        usable = usable.only(usable.reports.has_height, "without a height")
+    used = usable.reports
+    beside = field.beside(usable, how.dimensions)
+    walked, errors, samples = beside.walked, beside.errors, dict(beside.samples)
     known, in_space = None, Figures()
-    if usable.has_received:
-        later = _walked(field, usable, how, how.dimensions, as_known=True)
-        known, of_known, _ = _set_figures(field, usable, *later, how)
+    unknown = int(np.count_nonzero(used.known_utc_ns == UNKNOWN_NS))
+    if not unknown:
+        later = field.walked(usable, how.dimensions, as_known=True)
+        known, of_known, _ = _set_figures(field, used, *later)
         samples |= {f"known_{name}": each for name, each in of_known.items()}
     notes = [*truths.notes]
-    if usable.has_height.any() and truths.has_height:
-        high = usable.only(usable.has_height, "")
-        space = beside if how.dimensions == 3 else _beside(truths, field, high, how, 3)
+    if used.has_height.any() and truths.has_height:
+        high = usable._replace(reports=used.rows(used.has_height))
+        space = beside if how.dimensions == 3 else field.beside(high, 3)
         in_space = Figures({**space.sets, **space.reports})
         samples |= {f"space_{name}": each for name, each in space.samples.items()}
-        if len(high.reports) < len(usable.reports):
-            lack = len(usable.reports) - len(high.reports)
-            notes.append(f"{lack} of {len(usable.reports)} reports tell no height: not in space")
-    unknown = int(np.count_nonzero(usable.reports.known_utc_ns == UNKNOWN_NS))
+        if lack := len(used) - len(high.reports):
+            notes.append(f"{lack} of {len(used)} reports tell no height: not in space")
     if unknown:
-        of = f"{unknown} of {len(usable.reports)} reports have no time of receipt"
+        of = f"{unknown} of {len(used)} reports have no time of receipt"
         notes.append(f"{of}: latency is of the others, and nothing is told as known")
     tracked = np.zeros_like(field.there)
     tracked[walked.assigned.step, walked.assigned.drone] = True
-    drones = drone_scores(
-        truths,
-        grid=field.grid,
-        there=field.there,
-        tracked=tracked,
-        segments=segments,
-        errors=errors,
-        how=how,
-    )
-    end_ns = field.span_utc_ns[1]
-    last_ns = int(usable.reports.t_utc_ns.max(initial=field.span_utc_ns[0]))
-    silent_s = max((end_ns - last_ns) / NS, 0.0)
+    drones = drone_scores(field, beside.segments, errors, tracked)
+    start_ns, end_ns = field.span_utc_ns
+    silent_s = max((end_ns - int(used.t_utc_ns.max(initial=start_ns))) / NS, 0.0)
     # Those that do not count were nowhere.
     told = [each for each, p in zip(drones, truths.paths, strict=True) if len(p.t_utc_ns)]
     seen = np.array([np.isfinite(each.initiation_s) for each in told], np.bool_)
     waited_s = np.where(seen, [d.initiation_s for d in told], [d.cover_s for d in told])
     # Those that were never seen would have been nearer than they ever came.
     nearness_m = -np.where(seen, [d.alert_m for d in told], [d.closest_m for d in told])
-    is_false = np.ones(len(rows), np.bool_)
+    is_false = np.ones(len(beside.rows), np.bool_)
     is_false[walked.assigned.row] = False
-    nearest = _beside_reports(field.grid, usable, rows, walked.nearest)
-    near = truth_beside(truths, nearest, usable.reports.t_utc_ns, field.level)
+    nearest = field.beside_reports(used, beside.rows, walked.nearest)
+    near = truth_beside(truths, nearest, used.t_utc_ns, field.level)
     return Score(
         scene=truths.scene,
         source=tracks.source,
-        start_utc_ns=field.span_utc_ns[0],
-        end_utc_ns=field.span_utc_ns[1],
+        start_utc_ns=start_ns,
+        end_utc_ns=end_ns,
         settings=how,
-        as_stamped=stamped,
+        as_stamped=beside.sets,
         as_known=known,
-        reports=reports,
+        reports=beside.reports,
         in_space=in_space,
         samples=samples,
         drones=drones,
         counted=len(told),
-        sensors=sensor_scores(truths, field.grid, field.there, tracked, errors),
+        sensors=sensor_scores(field, errors, tracked),
         tracks=len(usable.names),
-        false_tracks=len(usable.names) - len(np.unique(segments.track)),
+        false_tracks=len(usable.names) - len(np.unique(beside.segments.track)),
         initiation_median_s=survival_quantile(waited_s, seen),
         alert_median_m=max(-survival_quantile(nearness_m, seen), 0.0),
         never_tracked=int(np.count_nonzero(~seen)),
         silent_s=silent_s,
         left_out=usable.counts,
-        failure=_failure(tracks, usable, silent_s),
+        failure=_failure(tracks, used, silent_s),
         notes=notes,
         errors=errors,
-        over_time=OverTime(
-            t_utc_ns=field.grid.t_utc_ns,
-            steps=walked.steps,
-            there=field.there,
-            tracked=tracked,
-            stays_utc_ns=[stays_of(p.t_utc_ns, p.gap_ns) for p in truths.paths],
-        ),
-        nearest_m=distance_m(usable.reports.point[:, :3] - near.point[:, :3]),
+        t_utc_ns=field.grid.t_utc_ns,
+        steps=walked.steps,
+        there=field.there,
+        tracked=tracked,
+        stays_utc_ns=[stays_of(p.t_utc_ns, p.gap_ns) for p in truths.paths],
+        nearest_m=distance_m(used.point[:, :3] - near.point[:, :3]),
         places={
             name: (truths.site or truths.middle).from_ecef(points[:, :3])[:, :2]
             for name, points in (
                 ("drones with a track", field.states.point[tracked]),
                 ("drones without a track", field.states.point[field.there & ~tracked]),
-                ("tracks of no drone", rows.point[is_false]),
+                ("tracks of no drone", beside.rows.point[is_false]),
             )
         },
     )
@@ -692,18 +737,13 @@ def scored_part(truths: Truths, how: ScoreSettings) -> Truths:
     return replace(truths, paths=paths)
 
 
-def _are_scored(
-    whole: Truths, scored: Truths, usable: UsableTracks, level: Level, how: ScoreSettings
-) -> Bools:
+def _are_scored(whole: Truths, field: _Field, reports: UsableReports) -> Bools:
     """Which reports count: of drones that do, or of none, where and when that would count."""
-    reports = usable.reports
-    of_scored, of_any = (
-        nearest_drones(truths, reports.t_utc_ns, reports.point, level)[0]
-        for truths in (scored, whole)
-    )
-    within = how.counts(whole, reports.t_utc_ns, reports.point[:, :3])
+    how, t_ns, point = field.how, reports.t_utc_ns, reports.point
+    of_scored, _ = nearest_drones(field.truths, t_ns, point, field.level)
+    of_any, _ = nearest_drones(whole, t_ns, point, field.level)
     of_others = of_any < np.minimum(of_scored, how.cutoff_m)
-    found: Bools = ~of_others & (within | (of_scored < how.cutoff_m))
+    found: Bools = ~of_others & (how.counts(whole, t_ns, point[:, :3]) | (of_scored < how.cutoff_m))
     return found
 
 
@@ -719,80 +759,102 @@ class _Beside(NamedTuple):
     samples: dict[str, FigureSamples]
 
 
-def _beside(
-    truths: Truths, field: _Field, usable: UsableTracks, how: ScoreSettings, dimensions: int
-) -> _Beside:
-    rows, walked = _walked(field, usable, how, dimensions, as_known=False)
-    sets, of_sets, segments = _set_figures(field, usable, rows, walked, how)
-    errors = report_errors(truths, field, usable, walked.assigned, dimensions)
-    reports, of_reports = report_figures(errors, dimensions)
-    return _Beside(rows, walked, segments, errors, sets, reports, of_sets | of_reports)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Field:
     """The flights on the grid."""
 
+    truths: Truths
+    how: ScoreSettings
     grid: Grid
     span_utc_ns: tuple[int, int]
     level: Level
     states: TrueStates  # (steps, drones, ...)
     there: Bools
 
-
-def _field(truths: Truths, how: ScoreSettings) -> _Field:
-    times = [path.t_utc_ns for path in truths.paths if len(path.t_utc_ns) > 1]
-    if not times:
-        raise NoFlightError("no flight to score against: no drone was looked at, or is scored")
-    span = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
-    step_ns = round(how.step_s * NS)
-    first = -(-span[0] // step_ns)
-    steps = max(span[1] // step_ns - first + 1, 1)
-    if steps * len(truths.drones) > MOST_CELLS:
-        raise PlotfeedError(
-            f"{steps} steps of {how.step_s:g} s for {len(truths.drones)} drones are too many: "
-            "step_s can be longer, or the recording cut"
+    @classmethod
+    def of(cls, truths: Truths, how: ScoreSettings) -> Self:
+        """The flights from the first place of any drone to the last."""
+        times = [path.t_utc_ns for path in truths.paths if len(path.t_utc_ns) > 1]
+        if not times:
+            raise NoFlightError("no flight to score against: no drone was looked at, or is scored")
+        span = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
+        step_ns, many = round(how.step_s * NS), len(truths.paths)
+        first = -(-span[0] // step_ns)
+        steps = max(span[1] // step_ns - first + 1, 1)
+        if steps * many > MOST_CELLS:
+            raise PlotfeedError(
+                f"{steps} steps of {how.step_s:g} s for {many} drones are too many: "
+                "step_s can be longer, or the recording cut"
+            )
+        grid = Grid(start_utc_ns=first * step_ns, step_ns=step_ns, steps=steps)
+        found = [path.states_at(grid.t_utc_ns) for path in truths.paths]
+        place_m, velocity_m_s = (np.concatenate(part) for part in zip(*found, strict=True))
+        heights_m = true_states(place_m, velocity_m_s, Level(0.0)).point[:, 3]
+        known_m = heights_m[np.isfinite(heights_m)]
+        level = Level(float(np.mean(known_m)) if len(known_m) else 0.0)
+        states = true_states(place_m, velocity_m_s, level)
+        by_step = TrueStates(
+            point=states.point.reshape(many, steps, 4).swapaxes(0, 1),
+            velocity_enu_m_s=states.velocity_enu_m_s.reshape(many, steps, 3).swapaxes(0, 1),
+            latitude_deg=states.latitude_deg.reshape(many, steps).T,
+            longitude_deg=states.longitude_deg.reshape(many, steps).T,
         )
-    grid = Grid(start_utc_ns=first * step_ns, step_ns=step_ns, steps=steps)
-    found = [path.states_at(grid.t_utc_ns) for path in truths.paths]
-    place_m, velocity_m_s = (np.concatenate(part) for part in zip(*found, strict=True))
-    heights_m = true_states(place_m, velocity_m_s, Level(0.0)).point[:, 3]
-    known_m = heights_m[np.isfinite(heights_m)]
-    level = Level(float(np.mean(known_m)) if len(known_m) else 0.0)
-    states, many = true_states(place_m, velocity_m_s, level), len(truths.paths)
-    by_step = TrueStates(
-        point=states.point.reshape(many, steps, 4).swapaxes(0, 1),
-        velocity_enu_m_s=states.velocity_enu_m_s.reshape(many, steps, 3).swapaxes(0, 1),
-        latitude_deg=states.latitude_deg.reshape(many, steps).T,
-        longitude_deg=states.longitude_deg.reshape(many, steps).T,
-    )
-    there = np.isfinite(by_step.point[:, :, 0])
-    return _Field(grid=grid, span_utc_ns=span, level=level, states=by_step, there=there)
+        return cls(
+            truths=truths,
+            how=how,
+            grid=grid,
+            span_utc_ns=span,
+            level=level,
+            states=by_step,
+            there=np.isfinite(by_step.point[:, :, 0]),
+        )
 
+    def beside(self, usable: UsableTracks, dimensions: int) -> _Beside:
+        """Tracks beside the flights, as stamped."""
+        rows, walked = self.walked(usable, dimensions, as_known=False)
+        sets, of_sets, segments = _set_figures(self, usable.reports, rows, walked)
+        errors = report_errors(self, usable.reports, walked, dimensions)
+        reports, of_reports = report_figures(errors, dimensions)
+        return _Beside(rows, walked, segments, errors, sets, reports, of_sets | of_reports)
 
-def _walked(
-    field: _Field, usable: UsableTracks, how: ScoreSettings, dimensions: int, *, as_known: bool
-) -> tuple[GridRows, Walked]:
-    rows = on_grid(usable.reports, field.grid, how.stale_s, as_known=as_known)
-    settings = WalkSettings(
-        cutoff_m=how.cutoff_m,
-        order=how.order,
-        switch_m=how.switch_m,
-        columns=GROUND if dimensions == 2 else SPACE,
-        confirm_steps=how.confirm_steps,
-        end_steps=how.end_steps,
-        window_steps=how.window_steps,
-    )
-    return rows, walk(field.states.point, field.there, rows, len(usable.names), settings)
+    def walked(
+        self, usable: UsableTracks, dimensions: int, *, as_known: bool
+    ) -> tuple[GridRows, Walked]:
+        """Tracks at steps, and what they came to."""
+        how = self.how
+        rows = on_grid(usable.reports, self.grid, how.stale_s, as_known=as_known)
+        settings = WalkSettings(
+            cutoff_m=how.cutoff_m,
+            order=how.order,
+            switch_m=how.switch_m,
+            columns=GROUND if dimensions == 2 else SPACE,
+            confirm_steps=how.confirm_steps,
+            end_steps=how.end_steps,
+            window_steps=how.window_steps,
+        )
+        return rows, walk(self.states.point, self.there, rows, len(usable.names), settings)
+
+    def beside_reports(self, reports: TrackReports, of: Assigned | GridRows, values: Ints) -> Ints:
+        """What stands beside each report's track at the first step not before it, (n,)."""
+        count = int(reports.track.max(initial=0)) + 1
+        keys, step = of.step * count + of.track, self.grid.at_or_after(reports.t_utc_ns)
+        wanted = step * count + reports.track
+        found = np.full(len(wanted), NOBODY)
+        if len(keys):
+            at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+            good = (keys[at] == wanted) & (step >= 0) & (step < self.grid.steps)
+            found[good] = values[at[good]]
+        return found
 
 
 def _set_figures(
-    field: _Field, usable: UsableTracks, rows: GridRows, walked: Walked, how: ScoreSettings
+    field: _Field, reports: UsableReports, rows: GridRows, walked: Walked
 ) -> tuple[Figures, dict[str, FigureSamples], Segments]:
     """Figures of sets over steps at which there was any drone or track, and what they are of.
 
     With them the stretches of steps over which tracks are of drones.
     """
+    how = field.how
     steps, assigned = walked.steps, walked.assigned
     segments = segments_of(assigned.track, assigned.drone, assigned.step, how.end_steps)
     some = np.flatnonzero((steps.drones > 0) | (steps.tracks > 0))
@@ -814,7 +876,7 @@ def _set_figures(
         sums = np.bincount(assigned.step[known], values[known], order)
         return of(sums, np.bincount(assigned.step[known], minlength=order))
 
-    velocity = usable.velocity_enu_m_s[rows.report[assigned.row]]
+    velocity = reports.velocity_enu_m_s[rows.report[assigned.row]]
     true_velocity = field.states.velocity_enu_m_s[assigned.step, assigned.drone]
     followings = [
         followed(segments.rows(segments.drone == drone), np.flatnonzero(field.there[:, drone]))
@@ -930,17 +992,17 @@ def _lag_parts(errors: ReportErrors, dimensions: int) -> tuple[Floats, Floats]:
 
 
 def _rms(values: Floats) -> float:
-    return float(np.sqrt((values**2).mean())) if len(values) else float("nan")
+    return float(np.sqrt((values**2).mean())) if len(values) else math.nan
 
 
-def _failure(tracks: TracksRead, usable: UsableTracks, silent_s: float) -> str:
+def _failure(tracks: TracksRead, usable: UsableReports, silent_s: float) -> str:
     if tracks.crashed:
         return tracks.crashed
     if not len(tracks.reports):
         return "the tracker reported no tracks"
-    if not len(usable.reports):
+    if not len(usable):
         return "none of the tracker's reports can be used"
-    times_s = np.unique(usable.reports.t_utc_ns) / NS
+    times_s = np.unique(usable.t_utc_ns) / NS
     usual_s = float(np.quantile(np.diff(times_s), 0.95)) if len(times_s) > 1 else 0.0
     if silent_s > max(SILENT_S, SILENT_TIMES * usual_s):
         return f"the tracker's last report is {silent_s:.1f} s before the end"

@@ -1,4 +1,4 @@
-"""What a tracker published: tracks of messages and files as columns, and which can be scored."""
+"""What a tracker published: tracks of messages and files, as columns."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from html import unescape
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
@@ -25,7 +25,6 @@ from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import LocalFrame, geoid_undulation_m
 from plotfeed.models.state import Bools, Columns, Floats, Ints
-from plotfeed.models.track_metrics import GROUND, Level, TrackReports, rates, rates_by_differences
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import Record, decode, whole_blocks
 from plotfeed.proto.content_types import (
@@ -45,6 +44,8 @@ from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 UNKNOWN_NS = -(2**63)
 LATEST_NS = 2**63 - 1
 COVARIANCES = ("east_m2", "north_m2", "up_m2", "east_north_m2", "east_up_m2", "north_up_m2")
+# Which of these stands where in a matrix.
+SQUARE = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,30 +103,16 @@ class TrackTable:
 
     def __init__(self) -> None:
         self.unreadable: Counter[str] = Counter()
-        self._numbers: dict[str, int] = {}
-        self._rows: list[tuple[Any, ...]] = []
+        self._told: list[ToldTrack] = []
+        self._received: list[int | None] = []
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self._told)
 
     def add(self, told: ToldTrack, received_utc_ns: int | None = None) -> None:
         """Take a report that came at a time, if that is known."""
-        received = told.received_utc_ns if received_utc_ns is None else received_utc_ns
-        number = self._numbers.setdefault(told.name, len(self._numbers))
-        self._rows.append(
-            (
-                _time(told.t_utc_ns if told.t_utc_ns is not None else received),
-                _time(received),
-                number,
-                told.tentative,
-                told.ended,
-                told.latitude_deg,
-                told.longitude_deg,
-                told.height_m,
-                *told.velocity_enu_m_s,
-                *told.covariance_m2,
-            )
-        )
+        self._told.append(told)
+        self._received.append(told.received_utc_ns if received_utc_ns is None else received_utc_ns)
 
     def refuse(self, reason: str) -> None:
         """Count what could not be read."""
@@ -133,40 +120,40 @@ class TrackTable:
 
     def read(self, source: str, crashed: str = "") -> TracksRead:
         """All reports so far."""
+        told, names = self._told, list(dict.fromkeys(each.name for each in self._told))
+        numbers = {name: number for number, name in enumerate(names)}
+        when = zip(told, self._received, strict=True)
+        of_ns = [came if each.t_utc_ns is None else each.t_utc_ns for each, came in when]
+
+        def column(name: str) -> Floats:
+            return np.array([getattr(each, name) for each in told], np.float64)
+
+        def times(told_ns: Sequence[int | None]) -> Ints:
+            """Times, as far as a column can hold them."""
+            held = (
+                t if t is not None and UNKNOWN_NS < t <= LATEST_NS else UNKNOWN_NS for t in told_ns
+            )
+            return np.fromiter(held, np.int64, len(told_ns))
+
+        reports = ReportedTracks(
+            t_utc_ns=times(of_ns),
+            received_utc_ns=times(self._received),
+            track=np.array([numbers[each.name] for each in told], np.int64),
+            latitude_deg=column("latitude_deg"),
+            longitude_deg=column("longitude_deg"),
+            height_m=column("height_m"),
+            velocity_enu_m_s=column("velocity_enu_m_s").reshape(-1, 3),
+            covariance_m2=column("covariance_m2").reshape(-1, 6)[:, SQUARE],
+            tentative=np.array([each.tentative for each in told], np.bool_),
+            ended=np.array([each.ended for each in told], np.bool_),
+        )
         return TracksRead(
-            reports=self._columns(),
-            names=list(self._numbers),
+            reports=reports,
+            names=names,
             unreadable=dict(self.unreadable),
             source=source,
             crashed=crashed,
         )
-
-    def _columns(self) -> ReportedTracks:
-        columns = list(zip(*self._rows, strict=True)) or [()] * 17
-        times, flags = columns[:3], columns[3:5]
-        numbers = np.array(columns[5:], np.float64).T.reshape(-1, 12)
-        covariance_m2 = np.empty((len(numbers), 3, 3))
-        for value, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-            covariance_m2[:, i, j] = covariance_m2[:, j, i] = numbers[:, 6 + value]
-        t_utc_ns, received_utc_ns, track = (np.array(column, np.int64) for column in times)
-        tentative, ended = (np.array(column, np.bool_) for column in flags)
-        return ReportedTracks(
-            t_utc_ns=t_utc_ns,
-            received_utc_ns=received_utc_ns,
-            track=track,
-            latitude_deg=numbers[:, 0],
-            longitude_deg=numbers[:, 1],
-            height_m=numbers[:, 2],
-            velocity_enu_m_s=numbers[:, 3:6],
-            covariance_m2=covariance_m2,
-            tentative=tentative,
-            ended=ended,
-        )
-
-
-def _time(t_ns: int | None) -> int:
-    """A time that a column can hold."""
-    return t_ns if t_ns is not None and UNKNOWN_NS < t_ns <= LATEST_NS else UNKNOWN_NS
 
 
 MAX_OCTETS = 1 << 20
@@ -681,102 +668,8 @@ def _take(table: TrackTable, entries: Iterator[Mapping[str, Any]], path: Path) -
         table.refuse(f"{path.name} holds no tracks")
 
 
-# A number that is silent for so long is another track's when it comes again.
-FORGOTTEN_S = 60.0
-# Heights and velocities beyond these are not taken for any.
-HIGHEST_M, FASTEST_M_S = 1e5, 1e4
-# Over which a velocity that is not told is taken from two reports.
-KEPT_S = 10.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UsableTracks:
-    """Reports that can be scored, (n,), by track and time."""
-
-    reports: TrackReports
-    # Of tracks. A number that was ended, or silent for a minute, is another track's after that.
-    names: Sequence[str]
-    velocity_enu_m_s: Floats
-    covariance_m2: Floats
-    leaps: Bools  # Reports to which nothing flies from the one before: the number is in two places
-    counts: Mapping[str, int]  # Reports that were left out, or are odd, by the reason
-
-    @property
-    def has_height(self) -> Bools:
-        """Which reports tell one, (n,)."""
-        return np.isfinite(self.reports.point[:, GROUND])
-
-    @property
-    def has_received(self) -> bool:
-        """Whether it is known of all when they were received."""
-        return bool((self.reports.known_utc_ns != UNKNOWN_NS).all())
-
-    def only(self, which: Bools, reason: str) -> Self:
-        """Usable tracks with these reports alone; others are counted, if there is a reason."""
-        counts, others = dict(self.counts), int(np.count_nonzero(~which))
-        if reason:
-            _count(counts, reason, others)
-        return replace(
-            self,
-            reports=self.reports.rows(which),
-            velocity_enu_m_s=self.velocity_enu_m_s[which],
-            covariance_m2=self.covariance_m2[which],
-            leaps=self.leaps[which],
-            counts=counts,
-        )
-
-    @property
-    def latency_s(self) -> Floats:
-        """Seconds from the time of a report to when it was received; NaN if unknown, (n,)."""
-        known_ns = self.reports.known_utc_ns
-        late_s = (known_ns - self.reports.t_utc_ns) / NS
-        return np.where(known_ns == UNKNOWN_NS, np.nan, late_s)
-
-
-def usable_tracks(
-    read: TracksRead,
-    span_utc_ns: tuple[int, int],
-    level: Level,
-    *,
-    future_s: float,
-    max_speed_m_s: float,
-    counts_tentative: bool,
-) -> UsableTracks:
-    """Sort reports, and sort out those that cannot be: of a run from the first time to the last.
-
-    Of several with one number and time the last one counts. Reports of a time later than that at
-    which they were received are of the future.
-    """
-    told, counts = read.reports, dict(read.unreadable)
-    future_ns = round(future_s * NS)
-    early = told.t_utc_ns - future_ns > told.received_utc_ns
-    kept = np.ones(len(told), np.bool_)
-    for reason, wrong in (
-        ("without a time", told.t_utc_ns == UNKNOWN_NS),
-        ("not a place on Earth", ~is_place(told)),
-        ("of the future", early & (told.received_utc_ns != UNKNOWN_NS)),
-        ("after the run", told.t_utc_ns - future_ns > span_utc_ns[1]),
-        ("before the run", told.t_utc_ns + future_ns < span_utc_ns[0]),
-        ("tentative", told.tentative & (not counts_tentative)),
-    ):
-        _count(counts, reason, int(np.count_nonzero(kept & wrong)))
-        kept &= ~wrong
-    came = np.flatnonzero(kept)
-    came = came[np.argsort(told.received_utc_ns[came], kind="stable")]
-    came_by_track = came[np.argsort(told.track[came], kind="stable")]
-    late = np.diff(told.t_utc_ns[came_by_track]) < 0  # than a later one of their track
-    late &= np.diff(told.track[came_by_track]) == 0
-    _count(counts, "out of order", int(np.count_nonzero(late)))
-    order = came[np.lexsort((np.arange(len(came)), told.t_utc_ns[came], told.track[came]))]
-    same = (np.diff(told.track[order]) == 0) & (np.diff(told.t_utc_ns[order]) == 0)
-    _count(counts, "repeated, of which the last counts", int(np.count_nonzero(same)))
-    rows = told.rows(order[np.append(~same, True)] if len(order) else order)
-    return _placed(rows, read.names, level, counts, max_speed_m_s)
-
-
-def _count(counts: dict[str, int], reason: str, many: int) -> None:
-    if many:
-        counts[reason] = counts.get(reason, 0) + many
+# Heights beyond this are not taken for any.
+HIGHEST_M = 1e5
 
 
 def is_place(told: ReportedTracks) -> Bools:
@@ -784,54 +677,3 @@ def is_place(told: ReportedTracks) -> Bools:
     with np.errstate(invalid="ignore"):
         on_earth = (np.abs(told.latitude_deg) <= 90.0) & (np.abs(told.longitude_deg) <= 180.0)
         return on_earth & (np.isnan(told.height_m) | (np.abs(told.height_m) <= HIGHEST_M))
-
-
-def _placed(
-    rows: ReportedTracks,
-    names: Sequence[str],
-    level: Level,
-    counts: dict[str, int],
-    max_speed_m_s: float,
-) -> UsableTracks:
-    """Reports as points, with the numbers of their tracks anew."""
-    place = (rows.latitude_deg, rows.longitude_deg)
-    with np.errstate(invalid="ignore"):
-        is_velocity = np.abs(rows.velocity_enu_m_s) <= FASTEST_M_S
-    velocity = np.where(is_velocity, rows.velocity_enu_m_s, np.nan)
-    point = level.points(*place, rows.height_m)
-    same = np.diff(rows.track) == 0
-    span_s = np.diff(rows.t_utc_ns) / NS
-    begins = np.ones(len(rows), np.bool_)
-    begins[1:] = ~same | rows.ended[:-1] | (span_s > FORGOTTEN_S)
-    track = np.cumsum(begins) - 1
-    apart_m = np.sqrt((np.diff(point[:, :GROUND], axis=0) ** 2).sum(axis=1))
-    leaps = np.zeros(len(rows), np.bool_)
-    leaps[1:] = ~begins[1:] & (apart_m > max_speed_m_s * span_s)
-    _count(counts, "in two places at once", int(np.count_nonzero(leaps)))
-    rate = rates_by_differences(track, rows.t_utc_ns, point, rates(*place, velocity), KEPT_S)
-    reports = TrackReports(
-        t_utc_ns=rows.t_utc_ns,
-        known_utc_ns=rows.received_utc_ns,
-        track=track,
-        point=point,
-        rate=rate,
-        ended=rows.ended,
-    )
-    return UsableTracks(
-        reports=reports,
-        names=_names([names[i] for i in rows.track[begins].tolist()]),
-        velocity_enu_m_s=velocity,
-        covariance_m2=rows.covariance_m2,
-        leaps=leaps,
-        counts=counts,
-    )
-
-
-def _names(numbers: Sequence[str]) -> list[str]:
-    """Names of tracks: those that have a number again say so."""
-    seen: dict[str, int] = {}
-    found = []
-    for name in numbers:
-        seen[name] = seen.get(name, 0) + 1
-        found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-    return found
