@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plotfeed.feeds.console.printed import finite
+from plotfeed.feeds.lab import judge
 from plotfeed.feeds.lab.evidence import (
     AS_DELIVERED,
     MOST_COMPLETE,
@@ -26,18 +27,6 @@ from plotfeed.feeds.lab.evidence import (
     are_targets,
     names_of,
     plots_in_rows,
-)
-from plotfeed.feeds.lab.judge import (
-    EDGES,
-    NAMES,
-    Against,
-    FeedLooks,
-    FeedTally,
-    PdFigures,
-    SensorFeed,
-    ToldTruth,
-    Verdicts,
-    never,
 )
 from plotfeed.feeds.lab.laws import CELLS, TrueEchoes, TruePlots
 from plotfeed.feeds.lab.links import (
@@ -71,7 +60,7 @@ MOST_WAITING = 20_000
 MOST_RUNS = 1000
 # Of a sensor, which takes so many times 32 octets.
 WRITTEN_TOGETHER = 4096
-STAGES: Mapping[Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
+STAGES: Mapping[judge.Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
 NOT_CLAIMED = "clutter that the scene has beside, or side lobes bring, is not claimed"
 OF_LOOKS = (
     *("channel", "t_utc_ns", "emitted_utc_ns", "range_m", "azimuth_deg", "elevation_deg"),
@@ -88,16 +77,12 @@ KEPT = np.dtype(
 
 
 class _Part(NamedTuple):
-    """Sectors that wait until all their plots are there; their numbers are from 0."""
+    """Sectors that wait until all their plots are there."""
 
+    told: LedgerTables
     keys: Sequence[SectorKey]
-    expected: list[int]  # What is expected in each
-    counts: Ints  # How many plots there are to be in each
+    expected: list[int]  # The number of what is expected in each
     is_read: Bools  # Whether its plots are looked for
-    looks: FeedLooks
-    t_utc_ns: Ints  # Of plots, by the ledger
-    told: ToldTruth | None
-    false_alarms: int
 
 
 def runs_of(ends: Ints) -> Ints:
@@ -154,14 +139,14 @@ class Gathering:
 
     def __init__(
         self,
-        against: Against,
+        against: judge.Against,
         asked: AskedByTime | None,
         waiting: WaitingPlots,
         kept: KeptMessages,
         topic: str | None,
     ) -> None:
         """Plots of its sectors come to `waiting`, by the topic that ends so; None: none come."""
-        self.tally = FeedTally(against)
+        self.tally = judge.FeedTally(against)
         self.asked = asked
         self.entries = self.plots = self.contradicted = self.lost = self.left_out = 0
         # Plots of what is no drone, by what it is.
@@ -172,7 +157,7 @@ class Gathering:
         self._kept = kept
         self._runs: Ints = np.zeros((2, 0), np.int64)  # Of sectors that are there, by number
         self._joined_runs = 0
-        self._names: dict[str, int] = {}
+        self._numbers: dict[str, int] = {}  # Of targets, by name
         self._expected: dict[int, tuple[int, AskedSensor | None, AskedSensor | None]] = {}
         self._parts: list[_Part] = []
         self._overdue = self.held = 0
@@ -189,30 +174,15 @@ class Gathering:
             self.lost += len(told) - len(arrived)
             told, keys = told.of(arrived), [keys[i] for i in arrived.tolist()]
         self.entries += len(told)
-        plots, names = told.plots, names_of(told.plots)
-        is_target, n = are_targets(names), len(told)
+        names = names_of(told.plots)
+        is_target = are_targets(names)
         self.plots += int(is_target.sum())
-        self.of_others.update(name.partition(OTHER)[0] for name in plots.other if name)
-        is_read = np.full(n, self._topic is not None)
+        self.of_others.update(name.partition(OTHER)[0] for name in told.plots.other if name)
+        in_plots = names[is_target] if self._against == "asked" else ()
+        for name in dict.fromkeys([*in_plots, *names_of(told.looks)]):
+            self._numbers.setdefault(name, len(self._numbers))
+        is_read = np.full(len(told), self._topic is not None)
         is_read[list(spoilt)] = False
-        truths = None
-        if self._against == "asked":
-            truths = truths_of(told, is_target, self._targets(names[is_target]))
-        part = _Part(
-            keys,
-            [self._number(key) for key in keys],
-            np.bincount(plots.entry, minlength=n),
-            is_read,
-            FeedLooks(
-                sector=told.looks.entry,
-                target=self._targets(names_of(told.looks)),
-                counts=np.ones(len(told.looks), np.bool_),
-                **{name: getattr(told.looks, name) for name in OF_LOOKS},
-            ),
-            plots.t_utc_ns,
-            truths,
-            int((names == "").sum()),
-        )
         if self.asked is not None:
             entries = told.entries
             numbers = entries.scan * self.asked.sectors + entries.sector
@@ -220,8 +190,9 @@ class Gathering:
             if self._runs.shape[1] > MOST_RUNS + 2 * self._joined_runs:
                 self._runs = runs_of(self._runs)
                 self._joined_runs = self._runs.shape[1]
-        self._parts.append(part)
-        self.held += len(told.looks) + len(plots)
+        held = replace(told, messages=told.messages.between(0, 0))
+        self._parts.append(_Part(held, keys, [self._number(key) for key in keys], is_read))
+        self.held += len(told.looks) + len(told.plots)
 
     def _number(self, key: SectorKey) -> int:
         """The number of what is expected in a sector."""
@@ -233,59 +204,60 @@ class Gathering:
 
     def _targets(self, names: Texts) -> Ints:
         """Numbers of targets, (n,)."""
-        known = self._names
-        return np.array([known.setdefault(n, len(known)) for n in names.tolist()], np.int64)
+        return np.array([self._numbers[name] for name in names.tolist()], np.int64)
 
     def settle(self, *, at_end: bool = False) -> None:
         """Judge sectors whose plots are all there, or have been waited for since the last time."""
         due: list[_Part] = []
         left: list[_Part] = []
         for i, part in enumerate(self._parts):
+            counts = np.bincount(part.told.plots.entry, minlength=len(part.keys))
             there = [self._waiting.count(key) for key in part.keys]
-            is_there = bool((part.counts <= there)[part.is_read].all())
+            is_there = bool((counts <= there)[part.is_read].all())
             (due if at_end or i < self._overdue or is_there else left).append(part)
         self._parts, self._overdue = left, len(left)
-        self.held = sum(len(p.looks) + len(p.t_utc_ns) for p in left)
+        self.held = sum(len(p.told.looks) + len(p.told.plots) for p in left)
         if due:
             self._judge(due)
 
     def _judge(self, parts: Sequence[_Part]) -> None:
-        looks, first = [], 0
-        told: list[ToldTruth] = []
+        told = LedgerTables.joined([part.told for part in parts])
+        keys, is_asked = [key for part in parts for key in part.keys], self._against == "asked"
+        names = names_of(told.plots)
+        is_target, is_kept = are_targets(names), np.zeros(len(names), np.bool_)
         plots: list[PlotRows] = []
         sectors: list[Ints] = [np.zeros(0, np.int64)]
-        for part in parts:
-            is_kept = np.zeros(len(part.t_utc_ns), np.bool_)
-            ends = np.cumsum(part.counts).tolist()
-            for row in np.flatnonzero(part.is_read).tolist():
-                key, of = part.keys[row], slice(ends[row] - int(part.counts[row]), ends[row])
-                times_ns = part.t_utc_ns[of] if self._against == "asked" else None
-                is_there = self._waiting.count(key) > 0
-                found = self._waiting.take(key, times_ns)
-                if found is None:
-                    if part.told is not None and is_there:
-                        self.contradicted += int(part.told.is_target[of].sum())
-                    continue
-                is_kept[of] = True
-                plots += found
-                sectors.append(np.full(sum(map(len, found)), first + row))
-            if part.told is not None:
-                told.append(part.told.rows(is_kept))
-            looks.append(part.looks.but(sector=first + part.looks.sector))
-            first += len(part.keys)
-        has_clutter = self.of_others[CLUTTER] or self.of_others[SIDELOBE]
-        has_clutter = bool(has_clutter) and self._against == "claimed"
+        ends = np.searchsorted(told.plots.entry, np.arange(len(told) + 1)).tolist()
+        for row in np.flatnonzero(np.concatenate([part.is_read for part in parts])).tolist():
+            of = slice(ends[row], ends[row + 1])
+            is_there = self._waiting.count(keys[row]) > 0
+            found = self._waiting.take(keys[row], told.plots.t_utc_ns[of] if is_asked else None)
+            if found is None:
+                self.contradicted += int(is_target[of].sum()) if is_there else 0
+                continue
+            is_kept[of] = True
+            plots += found
+            sectors.append(np.full(sum(map(len, found)), row))
+        truths = None
+        if is_asked:
+            truths = truths_of(told, is_target, self._targets(names[is_target])).rows(is_kept)
+        has_clutter = bool(self.of_others[CLUTTER] or self.of_others[SIDELOBE]) and not is_asked
         self.tally.take(
-            SensorFeed(
-                looks=FeedLooks.joined(looks),
+            judge.SensorFeed(
+                looks=judge.FeedLooks(
+                    sector=told.looks.entry,
+                    target=self._targets(names_of(told.looks)),
+                    counts=np.ones(len(told.looks), np.bool_),
+                    **{name: getattr(told.looks, name) for name in OF_LOOKS},
+                ),
                 plots=plots_in_rows(plots),
                 plot_sector=np.concatenate(sectors),
                 keys_of_sector=np.array([n for part in parts for n in part.expected], np.int64),
                 expected=[expected for *_, expected in self._expected.values()],
-                scans=first / (1 if self.asked is None else self.asked.sectors),
-                names=list(self._names),
-                told=ToldTruth.joined(told) if told else None,
-                false_alarms=sum(part.false_alarms for part in parts),
+                scans=len(told) / (1 if self.asked is None else self.asked.sectors),
+                names=list(self._numbers),
+                told=truths,
+                false_alarms=int((names == "").sum()),
                 why_no_clutter=NOT_CLAIMED if has_clutter else "",
             )
         )
@@ -321,18 +293,18 @@ class Gathering:
         """All of the sensor that is judged; without a scene nothing is known of what was asked."""
         if self._against == "claimed":
             return self.tally.checks()
-        found = [never("plots", self.contradicted, self.plots)]
+        found = [judge.never("plots", self.contradicted, self.plots)]
         if self.asked is not None:
             found += self.tally.checks()
-            found.append(never("missed scans", self.missed(), self.entries))
+            found.append(judge.never("missed scans", self.missed(), self.entries))
         return found
 
 
-def truths_of(told: LedgerTables, is_target: Bools, target: Ints) -> ToldTruth:
+def truths_of(told: LedgerTables, is_target: Bools, target: Ints) -> judge.ToldTruth:
     """What is true of plots, of which those are of targets, with these numbers."""
     plots = told.plots.rows(is_target)
     merged = np.fromiter(map(len, plots.merged_drones), np.int64, len(plots))
-    return ToldTruth(
+    return judge.ToldTruth(
         is_target,
         TruePlots(
             t_utc_ns=plots.t_utc_ns,
@@ -379,7 +351,7 @@ def echoes_of(told: LedgerTables, plots: ToldPlots) -> TrueEchoes:
     return found if len(alone) == len(plots) else found.rows(order)
 
 
-def judged_recording(path: Path, against: Against) -> FeedReport:
+def judged_recording(path: Path, against: judge.Against) -> FeedReport:
     """Judge a recording; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
     with Evidence.of(path, STAGES[against]) as evidence, TemporaryFile() as spare:
         attached = (attachment.name for attachment in evidence.log.attachments())
@@ -423,17 +395,17 @@ def judged_recording(path: Path, against: Against) -> FeedReport:
             last_utc_ns=max([last_ns, *(link.last_utc_ns for link in links)]),
             links=links,
             sensors=[_figures(names[k], found[k], plots_from.get(k, "")) for k in sensors],
-            verdicts=Verdicts.of(checks, against),
+            verdicts=judge.Verdicts.of(checks, against),
             notes=notes + [f"{count} {what}" for what, count in counts.items() if count],
             damage=list(evidence.log.damage),
             curve=[*CURVE.tolist(), 1.0],
-            normalised_edges=EDGES.tolist(),
+            normalised_edges=judge.EDGES.tolist(),
             resolution={"times": 0.0, "distance": 1 / CELLS},
         )
 
 
 def _gathered(
-    evidence: Evidence, against: Against, spare: BinaryIO
+    evidence: Evidence, against: judge.Against, spare: BinaryIO
 ) -> dict[tuple[str, str], Gathering]:
     """What came of each sensor, by prefix and id; beside claims, of those with plots alone.
 
@@ -457,7 +429,13 @@ def _gathered(
         for whose, told, keys in part.by_sensor():
             if whose not in found and (against == "claimed" or len(found) >= MAX_SENSORS):
                 continue
-            spoilt = _spoilt(told, whose, evidence.carriers) if against == "asked" else set()
+            # Entries of which the link has flipped a bit of the very plots that are to be read.
+            flipped = told.messages.rows((told.messages.flipped_bit >= 0) & (against == "asked"))
+            spoilt = {
+                entry
+                for entry, topic in zip(flipped.entry.tolist(), flipped.topic, strict=True)
+                if any(evidence.carriers.get((topic, stage)) == whose for stage in WHAT_LEFT)
+            }
             of(whose).take(told, keys, spoilt)
         crowded = against == "asked" and waiting.total >= MOST_WAITING
         most = 1 if crowded else max(MOST_HELD // max(len(found), 1), FEWEST_HELD)
@@ -467,20 +445,6 @@ def _gathered(
     for each in found.values():
         each.settle(at_end=True)
     return found
-
-
-def _spoilt(
-    told: LedgerTables,
-    whose: tuple[str, str],
-    carriers: Mapping[tuple[str, Stage], tuple[str, str]],
-) -> set[int]:
-    """Entries of which the link has flipped a bit of the very plots that are to be read."""
-    flipped = told.messages.rows(told.messages.flipped_bit >= 0)
-    return {
-        entry
-        for entry, topic in zip(flipped.entry.tolist(), flipped.topic, strict=True)
-        if any(carriers.get((topic, stage)) == whose for stage in WHAT_LEFT)
-    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -501,7 +465,7 @@ class SensorFigures:
     lost: int  # Sectors whose plots did not arrive, which a judge of claims leaves out
     is_known: bool  # Whether the file has what the scene asks of the sensor
     unjudged: str  # What of its plots is not judged, and why; empty where all is
-    looks_by_range: Sequence[PdFigures]
+    looks_by_range: Sequence[judge.PdFigures]
     looks_unjudged: int  # Of which it is not known what Pd was asked
     why_not_pd: str
     # Errors over their standard deviations between the report's edges, beyond in the last.
@@ -520,7 +484,7 @@ class FeedReport:
     last_utc_ns: int  # When the last entry was written, or the last message handed over
     links: Sequence[LinkFigures]  # None beside claims
     sensors: Sequence[SensorFigures]
-    verdicts: Verdicts
+    verdicts: judge.Verdicts
     notes: Sequence[str]
     damage: Sequence[Damage]
     curve: Sequence[float]  # Probabilities of the `curve_ms` of all distributions of times
@@ -539,7 +503,7 @@ class FeedReport:
 
 
 def _figures(name: str, of: Gathering, plots_from: str) -> SensorFigures:
-    histograms = dict(zip(NAMES, of.tally.histograms.tolist(), strict=True))
+    histograms = dict(zip(judge.NAMES, of.tally.histograms.tolist(), strict=True))
     return SensorFigures(
         sensor=name,
         entries=of.entries,

@@ -18,38 +18,15 @@ import numpy as np
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.engine.simulation import SimulatedSensor
-from plotfeed.feeds.lab import oracle
+from plotfeed.feeds.lab import laws, oracle
 from plotfeed.feeds.lab.evidence import RADARS, AskedSensor
-from plotfeed.feeds.lab.laws import (
-    QUANTITIES,
-    TIME_OF_SENDING,
-    TrueEchoes,
-    TruePlots,
-    compared,
-    in_steps,
-    share_interval,
-    with_rounding,
-)
+from plotfeed.feeds.lab.laws import QUANTITIES, TrueEchoes, TruePlots
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.models import residuals
 from plotfeed.models.effects.merging import Merging
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
-from plotfeed.models.residuals import (
-    CELL_M,
-    Candidates,
-    Check,
-    ErrorSums,
-    LookOdds,
-    LookSums,
-    LookTally,
-    MeasuredQuantity,
-    Residuals,
-    clutter_check,
-    look_groups,
-    nearer,
-    plot_pairs,
-    wrong_at,
-)
+from plotfeed.models.residuals import Check, Residuals
 from plotfeed.models.sensors.electronic_radar import SEARCH, ElectronicRadar
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.tail_chances import p_of_normal, p_of_trials
@@ -62,7 +39,9 @@ Against = Literal["asked", "claimed"]
 FALSE_RATES: Mapping[Against, float] = {"asked": 1e-3, "claimed": 1e-2}
 NAMES = [*QUANTITIES]
 # Heights are told by elevation and range, so that their noise is that of these.
-MEASURED = [MeasuredQuantity(n, unit, n == "height") for n, (_, unit) in QUANTITIES.items()]
+MEASURED = [
+    residuals.MeasuredQuantity(n, unit, n == "height") for n, (_, unit) in QUANTITIES.items()
+]
 # By what plots are paired with looks, the first of which displaces gates, and how far off they are
 # looked for at least.
 REACH = {"azimuth": 8.0, "range": 500.0, "bistatic range": 1000.0, "elevation": 8.0}
@@ -115,10 +94,10 @@ class FeedLooks(Columns):
     detected: Bools
     pd_off: Floats | None = None
 
-    def odds(self, hit: Bools) -> LookOdds:
+    def odds(self, hit: Bools) -> residuals.LookOdds:
         """The odds of those looks, of which those brought a plot."""
         t_s = self.t_utc_ns / NS
-        return LookOdds(target=self.target, t_s=t_s, pd=self.pd, hit=hit, off=self.pd_off)
+        return residuals.LookOdds(target=self.target, t_s=t_s, pd=self.pd, hit=hit, off=self.pd_off)
 
 
 class ToldTruth(NamedTuple):
@@ -136,20 +115,6 @@ class ToldTruth(NamedTuple):
         anew, echoes = np.cumsum(kept) - 1, self.echoes.rows(kept[self.echoes.plot])
         echoes = echoes.but(plot=anew[echoes.plot])
         return ToldTruth(self.is_target[which], self.plots.rows(kept), echoes)
-
-    @classmethod
-    def joined(cls, parts: Sequence[ToldTruth]) -> ToldTruth:
-        """What is said of the plots of several parts."""
-        first = np.cumsum([0, *(len(part.plots) for part in parts)]).tolist()
-        echoes = [
-            part.echoes.but(plot=part.echoes.plot + at)
-            for part, at in zip(parts, first, strict=False)
-        ]
-        return cls(
-            np.concatenate([part.is_target for part in parts]),
-            TruePlots.joined([part.plots for part in parts]),
-            TrueEchoes.joined(echoes),
-        )
 
 
 class SensorFeed(NamedTuple):
@@ -188,8 +153,8 @@ class FeedTally:
     """Takes what came of one sensor, part by part; `checks` says what is expected and was found."""
 
     def __init__(self, against: Against) -> None:
-        self.errors = ErrorSums(MEASURED)
-        self.looks = LookSums()
+        self.errors = residuals.ErrorSums(MEASURED)
+        self.looks = residuals.LookSums()
         # Plots with their truth; of these, those of which it is not known what they were to say,
         # and those at another time than expected.
         self.joined = self.left_out = self.times_off = 0
@@ -344,7 +309,7 @@ class FeedTally:
             return Check(
                 name="false alarms", unit="a scan", expected=math.nan, why_not=why, of=self.left
             )
-        return clutter_check(self.left, self.alarms, self.scans, self.false_hits)
+        return residuals.clutter_check(self.left, self.alarms, self.scans, self.false_hits)
 
     # By the ledger.
 
@@ -376,7 +341,7 @@ class FeedTally:
     def _compare_told(
         self, expected: AskedSensor | None, told: ToldTruth, plots: MeasuredPlots
     ) -> None:
-        found = compared(expected, told.echoes, told.plots, plots, in_steps)
+        found = laws.compared(expected, told.echoes, told.plots, plots, laws.in_steps)
         self.left_out += found.left_out
         self.times_off += found.off.pop("time", 0)
         self.off.update(found.off)
@@ -424,7 +389,7 @@ class FeedTally:
         reach = np.array([REACH[NAMES[i]] for i in pairs.columns])
         group, blurred, plots_of_blurred = _told_apart(feed, pairs)
         sharp = np.flatnonzero(~blurred[pairs.candidates.look])
-        found = plot_pairs(pairs.candidates.rows(sharp), reach, len(looks))
+        found = residuals.plot_pairs(pairs.candidates.rows(sharp), reach, len(looks))
         chosen = sharp[found.chosen]
         plot, look = pairs.candidates.plot[chosen], pairs.candidates.look[chosen]
         false_hits = found.false_per_look * float((1 - looks.pd).sum())
@@ -498,17 +463,17 @@ class PdFigures:
     p: float  # Probability of such a share, or one further off, by chance
 
 
-def pd_by_range(looks: LookTally) -> list[PdFigures]:
+def pd_by_range(looks: residuals.LookTally) -> list[PdFigures]:
     """Figures of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
     cells = looks.cells()
     at = np.flatnonzero(cells[0])
     if not len(at):
         return []
     first, end = int(at[0]), int(at[-1]) + 1
-    step = round(_round_up((end - first) * CELL_M / MAX_BINS) / CELL_M)
+    step = round(_round_up((end - first) * residuals.CELL_M / MAX_BINS) / residuals.CELL_M)
     edges = range(first // step * step, end + step, step)
     return [
-        _pd_figures(cells[:, low:high], low * CELL_M, high * CELL_M)
+        _pd_figures(cells[:, low:high], low * residuals.CELL_M, high * residuals.CELL_M)
         for low, high in pairwise(edges)
         if cells[0, low:high].any()
     ]
@@ -518,7 +483,7 @@ def _pd_figures(cells: Floats, from_m: float, to_m: float) -> PdFigures:
     count, sum_pd, *_ = cells
     looks, pd, _, detected, off = cells.sum(axis=1).tolist()
     mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
-    low, high = share_interval(round(detected), round(looks))
+    low, high = laws.share_interval(round(detected), round(looks))
     return PdFigures(
         from_m=from_m,
         to_m=to_m,
@@ -527,24 +492,24 @@ def _pd_figures(cells: Floats, from_m: float, to_m: float) -> PdFigures:
         found=detected / looks,
         low=low,
         high=high,
-        p=p_of_trials(count, mean_pd, nearer(round(detected), pd, off)),
+        p=p_of_trials(count, mean_pd, residuals.nearer(round(detected), pd, off)),
     )
 
 
 def _round_up(width_m: float) -> float:
     """A width of 1, 2 or 5 times a power of ten, where cells fit into it, and at least a cell."""
-    unit = 10.0 ** math.floor(math.log10(max(width_m, CELL_M)))
+    unit = 10.0 ** math.floor(math.log10(max(width_m, residuals.CELL_M)))
     for times in (1, 2, 5, 10, 20, 50):
         step = times * unit
-        if step >= width_m and step % CELL_M == 0:
+        if step >= width_m and step % residuals.CELL_M == 0:
             return step
-    return 10 * CELL_M * math.ceil(width_m / (10 * CELL_M))
+    return 10 * residuals.CELL_M * math.ceil(width_m / (10 * residuals.CELL_M))
 
 
 class ComparedPlots(NamedTuple):
     """Pairs of plots and looks of one sector, and how what was measured differs from the truth."""
 
-    candidates: Candidates  # By the quantities of `columns` alone
+    candidates: residuals.Candidates  # By the quantities of `columns` alone
     columns: list[int]
     error: Floats  # Of all quantities, (n, k), with its sigma and kurtosis
     sigma: Floats
@@ -566,7 +531,7 @@ def compared_plots(feed: SensorFeed) -> ComparedPlots:
     columns = [i for i in PAIRED if known[:, i].any()]
     rows = known[:, columns].any(axis=1) if columns else np.zeros(len(known), np.bool_)
     error, sigma = np.where(known, error, np.nan)[rows], np.sqrt(np.maximum(variance, 1e-12))[rows]
-    candidates = Candidates(
+    candidates = residuals.Candidates(
         plot=plot[rows].astype(np.int64),
         look=look[rows].astype(np.int64),
         error=error[:, columns],
@@ -603,12 +568,12 @@ def _compare(feed: SensorFeed, plot: Ints, look: Ints) -> tuple[Ints, Ints, Floa
     categories = feed.plots.category[plot]
     for which, category in {*zip(keys.tolist(), categories.tolist(), strict=True)}:
         rows = np.flatnonzero((keys == which) & (categories == category))
-        found = compared(
+        found = laws.compared(
             feed.expected[which],
             *_truth_of(feed.looks.rows(look[rows])),
             # One plot may be in many pairs, which is more rows than there are.
             MeasuredPlots.holding({n: c[plot[rows]] for n, c in vars(feed.plots).items()}),
-            with_rounding,
+            laws.with_rounding,
             keeps_ends=True,
         )
         for k, name in enumerate(NAMES):
@@ -663,7 +628,7 @@ def _near_an_end(feed: SensorFeed) -> Bools:
         exact = MeasuredPlots.of([{**usual, "channel": 0}] * len(rows)).but(
             channel=looks.channel, **{QUANTITIES[NAMES[i]][0]: values[:, i] for i in PAIRED}
         )
-        found = compared(expected, *_truth_of(looks), exact)
+        found = laws.compared(expected, *_truth_of(looks), exact)
         errors = np.stack([np.full(len(rows), np.nan), *found.errors.values()])
         near[rows] = ~np.isfinite(errors).any(axis=0)
         if expected.is_bistatic:  # along a baseline nothing can be placed
@@ -711,7 +676,7 @@ def _told_apart(feed: SensorFeed, pairs: ComparedPlots) -> tuple[Ints, Bools, In
     axes = [(scan.astype(np.float64), 0.0), (looks.channel.astype(np.float64), 0.0)]
     for name, value, each in zip(names, values.T, width.tolist(), strict=True):
         axes.append((value, 360.0 / each if name == "azimuth" else 0.0))
-    group = look_groups(axes)
+    group = residuals.look_groups(axes)
     if merging is None:
         return group, np.zeros(len(looks), np.bool_), np.zeros(0, np.int64)
     blurred = (np.bincount(group) > 1)[group]
@@ -742,7 +707,7 @@ def _means(rows: Residuals, group: Ints) -> Residuals:
 
 
 def _tells_sending(plots: MeasuredPlots) -> bool:
-    return bool((plots.category == TIME_OF_SENDING).any())
+    return bool((plots.category == laws.TIME_OF_SENDING).any())
 
 
 def _residuals(feed: SensorFeed, pairs: ComparedPlots, chosen: Ints) -> Residuals:
@@ -853,7 +818,7 @@ class Verdicts:
     def of(cls, checks: Iterable[Check], against: Against) -> Verdicts:
         """Judge checks together."""
         every, rate = list(checks), FALSE_RATES[against]
-        wrong = wrong_at(every, rate)
+        wrong = residuals.wrong_at(every, rate)
         judged = [replace(c, wrong=w) for c, w in zip(every, wrong, strict=True)]
         return cls(against=against, checks=judged, false_rate=rate)
 

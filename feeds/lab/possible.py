@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plotfeed.feeds.lab.evidence import Evidence, SectorKey, WaitingPlots, plots_in_rows
+from plotfeed.feeds.lab.evidence import Evidence, EvidencePart, WaitingPlots, plots_in_rows
 from plotfeed.feeds.lab.flights import FlightsTally, Truths, scene_of, stands_of
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run
 from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTracks, TracksRead
@@ -20,7 +20,6 @@ from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.plain_tracker import predicted, updated
 from plotfeed.models.state import Columns, Floats, Ints, Texts
 from plotfeed.models.track_metrics import FlightPath, overtaken
-from plotfeed.proto.ledger import ToldPlots
 from plotfeed.proto.utc import DAY_NS, NS
 
 LEAST_SIGMA_M, UNMEASURED_SIGMA_M = 0.1, 300.0
@@ -113,39 +112,34 @@ def read_run(path: Path, scene: Scene | None = None) -> RecordedRun:
         scene = scene or scene_of(path)
         frames, longest_s = stands_of(evidence.log, scene)
         tally = FlightsTally(frames, longest_s)
-        awaited: list[tuple[SectorKey, ToldPlots, int]] = []
 
-        def take(*, at_end: bool) -> list[tuple[SectorKey, ToldPlots, int]]:
+        def take(part: EvidencePart) -> None:
+            """Take plots of sectors, what is true of them, and when their first message left."""
             nonlocal placeless
-            left = []
-            for key, truth, came_ns in awaited:
-                if not at_end and waiting.count(key) < len(truth):
-                    left.append((key, truth, came_ns))
-                    continue
-                plots = waiting.take(key, truth.t_utc_ns)
+            truths, sent = part.told.plots, part.told.messages
+            came_ns = np.full(len(part.keys), LATEST_NS)
+            np.minimum.at(came_ns, sent.entry[sent.delivered], sent.sent_utc_ns[sent.delivered])
+            came_ns[came_ns == LATEST_NS] = UNKNOWN_NS
+            ends = np.searchsorted(truths.entry, np.arange(len(part.keys) + 1)).tolist()
+            for n, key in enumerate(part.keys):
+                own = truths.between(ends[n], ends[n + 1])
+                plots = waiting.take(key, own.t_utc_ns) if len(own) else None
                 if plots is not None and key.sensor in frames:
-                    measured = plots_in_rows(plots)
-                    own, without = plots_of(truth.drone, measured, frames[key.sensor], came_ns)
-                    found.append(own)
+                    measured, frame = plots_in_rows(plots), frames[key.sensor]
+                    known, without = plots_of(own.drone, measured, frame, int(came_ns[n]))
+                    found.append(known)
                     placeless += without
-            return left
 
+        last: EvidencePart | None = None
         for part in evidence.parts():
             tally.add(part.told)
             for plots in part.plots:
                 waiting.add(plots)
-            told = part.told
-            truths = told.plots.rows(np.argsort(told.plots.entry, kind="stable"))
-            ends = np.searchsorted(truths.entry, np.arange(len(part.keys) + 1)).tolist()
-            arrived_ns = np.full(len(part.keys), LATEST_NS)  # When the first message of each left
-            sent = told.messages.rows(told.messages.delivered)
-            np.minimum.at(arrived_ns, sent.entry, sent.sent_utc_ns)
-            arrived_ns[arrived_ns == LATEST_NS] = UNKNOWN_NS
-            for n, (key, a, b) in enumerate(zip(part.keys, ends[:-1], ends[1:], strict=True)):
-                if b > a:
-                    awaited.append((key, truths.between(a, b), int(arrived_ns[n])))
-            awaited = take(at_end=False)
-        take(at_end=True)
+            if last is not None:  # whose plots may come a little later
+                take(last)
+            last = part
+        if last is not None:
+            take(last)
         wrong, damage = evidence.unreadable, len(evidence.log.damage)
         notes = [f"{wrong} entries are no ledger and are left out"] if wrong else []
         if damage:
