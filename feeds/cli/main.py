@@ -282,7 +282,7 @@ def score(found: ScoreOptions, trackers: TrackerSettings, recording: Path) -> in
     beside it, and draws its score against the level. What is in braces in COMMAND is filled in:
     {broker}, {host}, {port}, {prefix}, {topic}. The same command goes on after an interruption.
     """
-    from plotfeed.feeds.lab.score import load_profile, score_recording, settings_of
+    from plotfeed.feeds.lab.score import score_recording
 
     if not trackers.trackers:
         if trackers.vary:
@@ -295,17 +295,7 @@ def score(found: ScoreOptions, trackers: TrackerSettings, recording: Path) -> in
             raise click.UsageError(f"--{name} contradicts --tracker")
     if len(found.topics) > 1:
         raise click.UsageError("--topic: a tracker of --tracker publishes on one")
-    profile = None if found.profile is None else load_profile(found.profile)
-    topic = found.topics[0] if found.topics else None
-    settings = replace(
-        trackers,
-        topic=topic,
-        force=found.force,
-        as_json=found.as_json,
-        out=found.out,
-        junit=found.junit,
-    )
-    return score_tracker(recording, settings, settings_of(profile, found.changes), profile)
+    return score_tracker(recording, trackers, found)
 
 
 @cli.command()

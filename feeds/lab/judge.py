@@ -11,7 +11,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from plotfeed.models import residuals
 from plotfeed.models.effects.merging import Merging
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
-from plotfeed.models.residuals import Check, Residuals
+from plotfeed.models.residuals import CELL_M, Check, Residuals
 from plotfeed.models.sensors.electronic_radar import SEARCH, ElectronicRadar
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.tail_chances import p_of_normal, p_of_trials
@@ -252,21 +251,9 @@ class FeedTally:
                 share = np.minimum(share[np.isfinite(share)], MOST_OFF)
                 self._sigmas[k] += len(share), share.sum(), share @ share
 
-    def _of_sigmas(self) -> Iterator[Check]:
-        """Whether plots state, on average, what they are to."""
-        for name, (n, total, squares) in zip(NAMES, self._sigmas.tolist(), strict=True):
-            if n < FEWEST_SIGMAS:
-                continue
-            mean = total / n
-            se = math.sqrt(max(squares / n - mean**2, ROUNDING) / n)
-            beyond = max(abs(mean - 1) - SAME_SIGMA, 0.0)
-            yield Check(
-                name=f"{name} sigma", expected=1.0, found=math.sqrt(mean), of=round(n),
-                sigma=se / (2 * math.sqrt(mean)), p=p_of_normal(beyond / se),
-            )  # fmt: skip
-
     def checks(self) -> list[Check]:
         """All that is expected, checked; with why what cannot be checked is not."""
+        told: dict[str, Any]
         is_asked, nothing = self._against == "asked", not self._is_compared
         if nothing and not is_asked and not self.why_not:
             near = "no plots near targets, or none that tells directions or ranges"
@@ -279,12 +266,29 @@ class FeedTally:
             found = [c for c in found if c.name != "time"]
             found += [never(f"{q} outliers", n, self.joined) for q, n in self.off.items()]
             found.append(never("time", self.times_off, self.joined))
+        for name, (n, total, squares) in zip(NAMES, self._sigmas.tolist(), strict=True):
+            if n < FEWEST_SIGMAS:
+                continue
+            # Whether plots state, on average, what they are to.
+            mean = total / n
+            se = math.sqrt(max(squares / n - mean**2, ROUNDING) / n)
+            beyond = max(abs(mean - 1) - SAME_SIGMA, 0.0)
+            told = {"found": math.sqrt(mean), "sigma": se / (2 * math.sqrt(mean)), "of": round(n)}
+            found.append(
+                Check(name=f"{name} sigma", expected=1.0, p=p_of_normal(beyond / se), **told)
+            )
         pd = self.looks.check()
         if self.why_not and self._plots:
             pd = Check(name="Pd", expected=math.nan, why_not=self.why_not)
         if not pd.is_judged and self.why_not_pd and not self.why_not:
             pd = replace(pd, why_not=f"not known here: {self.why_not_pd}")
-        return [*found, *self._of_sigmas(), pd, *self._by_range(), self._clutter()]
+        found.append(pd)
+        bins = self.by_range() if is_asked else []
+        for at in bins if len(bins) > 1 else ():
+            name, half = f"Pd {at.from_m / 1000:.2f}-{at.to_m / 1000:.2f} km", at.high - at.low
+            told = {"found": at.found, "sigma": half / (2 * 1.96), "of": at.looks}
+            found.append(Check(name=name, expected=at.expected, p=at.p, **told))
+        return [*found, self._clutter()]
 
     def by_range(self) -> list[PdFigures]:
         """Looks of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
@@ -292,24 +296,14 @@ class FeedTally:
             self._bins = pd_by_range(self.looks.tally)
         return self._bins
 
-    def _by_range(self) -> Iterator[Check]:
-        bins = self.by_range() if self._against == "asked" else ()
-        for at in bins if len(bins) > 1 else ():
-            where = f"Pd {at.from_m / 1000:.2f}-{at.to_m / 1000:.2f} km"
-            half = (at.high - at.low) / (2 * 1.96)
-            yield Check(
-                name=where, expected=at.expected, found=at.found, sigma=half, p=at.p, of=at.looks
-            )
-
     def _clutter(self) -> Check:
         why = self.why_no_clutter or (self.why_not if self._plots else "")
         if not why and math.isnan(self.alarms):
             why = self._why_no_alarms or "it is not known how many are expected"
-        if why:
-            return Check(
-                name="false alarms", unit="a scan", expected=math.nan, why_not=why, of=self.left
-            )
-        return residuals.clutter_check(self.left, self.alarms, self.scans, self.false_hits)
+        if not why:
+            return residuals.clutter_check(self.left, self.alarms, self.scans, self.false_hits)
+        unjudged = Check(name="false alarms", unit="a scan", expected=math.nan, of=self.left)
+        return replace(unjudged, why_not=why)
 
     # By the ledger.
 
@@ -401,7 +395,7 @@ class FeedTally:
         gate[pairs.columns] = found.gate
         rows = _residuals(feed, pairs, chosen[whole])
         self.errors.add(_means(rows, group[look[whole]]), false_hits, gate)
-        if _tells_sending(feed.plots):
+        if laws.TIME_OF_SENDING in feed.plots.category:
             self._no_time = "its times are those of sending"
         self._take_sigmas(feed, plot[whole], sigmas[:, look[whole]])
         self._count_looks(feed, hit, judged & ~_of_any(group, ~looks.counts), found.false_per_look)
@@ -465,45 +459,43 @@ class PdFigures:
 
 def pd_by_range(looks: residuals.LookTally) -> list[PdFigures]:
     """Figures of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
-    cells = looks.cells()
+    cells, found = looks.cells(), []
     at = np.flatnonzero(cells[0])
     if not len(at):
         return []
     first, end = int(at[0]), int(at[-1]) + 1
-    step = round(_round_up((end - first) * residuals.CELL_M / MAX_BINS) / residuals.CELL_M)
-    edges = range(first // step * step, end + step, step)
-    return [
-        _pd_figures(cells[:, low:high], low * residuals.CELL_M, high * residuals.CELL_M)
-        for low, high in pairwise(edges)
-        if cells[0, low:high].any()
-    ]
-
-
-def _pd_figures(cells: Floats, from_m: float, to_m: float) -> PdFigures:
-    count, sum_pd, *_ = cells
-    looks, pd, _, detected, off = cells.sum(axis=1).tolist()
-    mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
-    low, high = laws.share_interval(round(detected), round(looks))
-    return PdFigures(
-        from_m=from_m,
-        to_m=to_m,
-        looks=round(looks),
-        expected=pd / looks,
-        found=detected / looks,
-        low=low,
-        high=high,
-        p=p_of_trials(count, mean_pd, residuals.nearer(round(detected), pd, off)),
-    )
+    step = round(_round_up((end - first) * CELL_M / MAX_BINS) / CELL_M)
+    for begin in range(first // step * step, end, step):
+        within = cells[:, begin : begin + step]
+        count, sum_pd, *_ = within
+        if not count.any():
+            continue
+        many, pd, _, detected, off = within.sum(axis=1).tolist()
+        mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
+        low, high = laws.share_interval(round(detected), round(many))
+        found.append(
+            PdFigures(
+                from_m=begin * CELL_M,
+                to_m=(begin + step) * CELL_M,
+                looks=round(many),
+                expected=pd / many,
+                found=detected / many,
+                low=low,
+                high=high,
+                p=p_of_trials(count, mean_pd, residuals.nearer(round(detected), pd, off)),
+            )
+        )
+    return found
 
 
 def _round_up(width_m: float) -> float:
     """A width of 1, 2 or 5 times a power of ten, where cells fit into it, and at least a cell."""
-    unit = 10.0 ** math.floor(math.log10(max(width_m, residuals.CELL_M)))
+    unit = 10.0 ** math.floor(math.log10(max(width_m, CELL_M)))
     for times in (1, 2, 5, 10, 20, 50):
         step = times * unit
-        if step >= width_m and step % residuals.CELL_M == 0:
+        if step >= width_m and step % CELL_M == 0:
             return step
-    return 10 * residuals.CELL_M * math.ceil(width_m / (10 * residuals.CELL_M))
+    return 10 * CELL_M * math.ceil(width_m / (10 * CELL_M))
 
 
 class ComparedPlots(NamedTuple):
@@ -706,16 +698,12 @@ def _means(rows: Residuals, group: Ints) -> Residuals:
     )
 
 
-def _tells_sending(plots: MeasuredPlots) -> bool:
-    return bool((plots.category == laws.TIME_OF_SENDING).any())
-
-
 def _residuals(feed: SensorFeed, pairs: ComparedPlots, chosen: Ints) -> Residuals:
     """What was measured less what was true at the times that plots state."""
     plot, look = pairs.candidates.plot[chosen], pairs.candidates.look[chosen]
     looks = feed.looks.rows(look)
     stamped_ns = looks.t_utc_ns
-    if not _tells_sending(feed.plots):
+    if laws.TIME_OF_SENDING not in feed.plots.category:
         told = zip(feed.plots.t_utc_ns[plot].tolist(), stamped_ns.tolist(), strict=True)
         stamped_ns = np.array([true if t is None else t for t, true in told], np.int64)
     place_m, velocity_m_s = _true_states(feed.looks, looks.target, stamped_ns)

@@ -59,7 +59,6 @@ class RunsAsked:
     ray: str | None = option(
         None, "Spread runs over the Ray cluster whose head is there.", metavar="HOST:PORT"
     )
-    as_json: bool = False
 
     def processes_of(self, jobs: int) -> int | None:
         """Processes to be started here; None where a cluster has them."""
@@ -67,15 +66,18 @@ class RunsAsked:
             return None
         return min(self.processes or os.cpu_count() or 1, max(jobs, 1))
 
-    def tell(self, told: Mapping[str, Any], lines: Iterable[str], written: Sequence[Path]) -> None:
-        """Print what came of the runs, in lines or as one JSON object, and the files."""
-        from plotfeed.feeds.console.printed import finite, say
 
-        if self.as_json:
-            say(json.dumps(finite({**told, "files": [str(path) for path in written]})))
-            return
-        for line in (*lines, *(f"written: {path}" for path in written)):
-            say(line)
+def tell(
+    told: Mapping[str, Any], lines: Iterable[str], written: Sequence[Path], *, as_json: bool
+) -> None:
+    """Print what came of runs, in lines or as one JSON object, and the files."""
+    from plotfeed.feeds.console.printed import finite, say
+
+    if as_json:
+        say(json.dumps(finite({**told, "files": [str(path) for path in written]})))
+        return
+    for line in (*lines, *(f"written: {path}" for path in written)):
+        say(line)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,10 +166,6 @@ class TrackerSettings(RunsAsked):
         path="folder",
         metavar="DIR",
     )
-    topic: str | None = None
-    force: bool = False
-    out: Path | None = None
-    junit: Path | None = None
 
     def processes_of(self, jobs: int) -> int | None:
         """Processes to be started here: as a rule one, for trackers run in real time."""

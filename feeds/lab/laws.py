@@ -244,7 +244,14 @@ def compared(
         if name != "height" and not (name == "range" and asked is not None and asked.is_bistatic):
             far = 8 * np.sqrt(law.variance) + law.step + TOLERANCES.get(name, 1e-3)
             found.off[name] = int((np.abs(error) > far).sum())
-    found.off["time"] = _times_off(asked, plots, measured, category)
+    found.off["time"] = 0
+    if asked is not None and category != TIME_OF_SENDING:
+        most_ns = TIME_STEP_NS // 2 + 1 if category else 0
+        times = zip(measured.t_utc_ns.tolist(), plots.t_utc_ns.tolist(), strict=True)
+        found.off["time"] = sum(
+            t_ns is None or abs(t_ns - true_ns - asked.clock_ahead_ns) > most_ns
+            for t_ns, true_ns in times
+        )
     return found
 
 
@@ -252,20 +259,6 @@ def compared(
 TOLERANCES = {"azimuth": 1e-5, "elevation": 1e-5, "range rate": 1e-4}
 TIME_STEP_NS = 7_812_500
 TIME_OF_SENDING = 205  # The category whose times are not those of plots
-
-
-def _times_off(
-    asked: AskedSensor | None, plots: TruePlots, measured: MeasuredPlots, category: int
-) -> int:
-    if category == TIME_OF_SENDING or asked is None:
-        return 0
-    most_ns = TIME_STEP_NS // 2 + 1 if category else 0
-    ahead_ns = asked.clock_ahead_ns
-    told, true = measured.t_utc_ns.tolist(), plots.t_utc_ns.tolist()
-    return sum(
-        t_ns is None or abs(t_ns - true_ns - ahead_ns) > most_ns
-        for t_ns, true_ns in zip(told, true, strict=True)
-    )
 
 
 class Place(NamedTuple):

@@ -164,23 +164,6 @@ class LinkMessages:
         return _apart_ns(left.sent_utc_ns, left.link_due_utc_ns)
 
 
-ALL_THE_SAME = "all the same"
-
-
-def why_not_plain(asked: LinkExpectation) -> str:
-    """Why delays do not follow the law that a link asks for, if it has a spread; else empty."""
-    link, (least_ms, most_ms) = asked.link, asked.delay.quantile_ms([0.0, 1.0])
-    reasons = {
-        "down": link.down,
-        "stalls": link.on_loss == "stall",
-        "kept in order": link.in_order,
-        "rate limited": link.rate_kbit_s is not None,
-        "reordered on purpose": link.reorder is not None,
-        ALL_THE_SAME: not most_ms > least_ms,
-    }
-    return ", ".join(reason for reason, holds in reasons.items() if holds)
-
-
 def _apart_ns(later_ns: Ints, earlier_ns: Ints) -> Ints:
     """Differences of times that a hostile file may have made too large for 64 bits."""
     limit, apart_ns = 1 << 62, later_ns.astype(np.float64) - earlier_ns
@@ -383,14 +366,23 @@ def found_times(times_ns: Ints) -> LatencyFigures:
 
 
 def _fit(asked: LinkExpectation | None, of: LinkMessages) -> Fit:
+    """How far delays are from their law, or why they do not follow one that has a spread."""
     if asked is None:
         return Fit(not_comparable="not known")
-    why_not = why_not_plain(asked)
-    if why_not == ALL_THE_SAME:
-        other_ns = np.abs(of.drawn_ns - round(asked.delay.mean_ms() * 1e6))
-        return Fit(not_comparable=why_not, other=int((other_ns > 1).sum()))
+    link, (least_ms, most_ms) = asked.link, asked.delay.quantile_ms([0.0, 1.0])
+    reasons = {
+        "down": link.down,
+        "stalls": link.on_loss == "stall",
+        "kept in order": link.in_order,
+        "rate limited": link.rate_kbit_s is not None,
+        "reordered on purpose": link.reorder is not None,
+        "all the same": not most_ms > least_ms,
+    }
+    why_not = [reason for reason, holds in reasons.items() if holds]
     if why_not:
-        return Fit(not_comparable=why_not)
+        other_ns = np.abs(of.drawn_ns - round(asked.delay.mean_ms() * 1e6))
+        other = int((other_ns > 1).sum()) if why_not == ["all the same"] else 0
+        return Fit(not_comparable=", ".join(why_not), other=other)
     # The sum of an autoregression's correlations rho^k bounds how much its distribution function
     # varies more than that of independent draws.
     rho = abs(asked.link.delay_correlation)

@@ -66,8 +66,8 @@ class _Heard:
 class LiveScore(Observer):
     """Follows a session and takes what its tracker publishes; `score` says how both do."""
 
-    def __init__(self, settings: ScoreSettings | None = None) -> None:
-        self._settings = settings or ScoreSettings()
+    def __init__(self) -> None:
+        self._settings = ScoreSettings()
         self._session: RunningSession | None = None
         self._forget()
 
@@ -348,8 +348,8 @@ async def scoring(
             )
             outbox.send_past_link(message)
 
-    tasks = [asyncio.create_task(link.run(), name="score-link") for link in links]
-    tasks.append(asyncio.create_task(tell(), name="score"))
+    working = *(link.run() for link in links), tell()
+    tasks = [asyncio.create_task(work, name="score") for work in working]
     try:
         yield
     finally:

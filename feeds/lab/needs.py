@@ -26,12 +26,12 @@ import numpy as np
 from scipy.special import stdtrit
 
 from plotfeed.feeds.console.extras import need_extra
-from plotfeed.feeds.console.printed import finite, say
+from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import keep_freed, refuse_if_there
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.formats.sensor_tracks import PlainTracks
-from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings
+from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings, tell
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, place_labels, save_picture
 from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells
 from plotfeed.feeds.messages.batch import Batch
@@ -654,7 +654,7 @@ def print_needs(scene: Scene, settings: NeedsSettings) -> None:
         if path is not None:
             path.write_text(rewritten(scene, found, verdict), encoding="utf-8")
             written.append(path)
-    _tell(found, settings, list(_lines(found)), written)
+    _tell(found, settings, _lines(found), written)
 
 
 def print_chart(scene: Scene, settings: ChartSettings) -> None:
@@ -662,7 +662,14 @@ def print_chart(scene: Scene, settings: ChartSettings) -> None:
     _check_files(settings)
     variants = [*choices_of(scene), *(each for each in variants_of(scene) if not each.adds)]
     found = _found(scene, variants, settings, 0.02)
-    _tell(found, settings, list(_choice_lines(found)), [])
+    _tell(found, settings, _choice_lines(found), [])
+
+
+def _tell(found: Needs, settings: ChartSettings, lines: Iterator[str], written: list[Path]) -> None:
+    if settings.chart is not None:
+        draw(found, settings.chart)
+        written.append(settings.chart)
+    tell(as_values(found), lines, written, as_json=settings.as_json)
 
 
 def _check_files(settings: ChartSettings, *others: Path | None) -> None:
@@ -704,19 +711,6 @@ def _share(text: str) -> float:
     if not 0 < share < 1:
         raise PlotfeedError(f"--matters: expected a share such as 2% or 0.02, not {text!r}")
     return share
-
-
-def _tell(
-    found: Needs, settings: ChartSettings, lines: Sequence[str], written: Sequence[Path]
-) -> None:
-    if settings.chart is not None:
-        draw(found, settings.chart)
-        written = [*written, settings.chart]
-    if settings.as_json:
-        say(json.dumps(finite({**as_values(found), "files": list(map(str, written))})))
-        return
-    for line in (*lines, *(f"written: {path}" for path in written)):
-        say(line)
 
 
 def as_values(found: Needs) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from plotfeed.models.accuracy import polar_covariance_m2
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.plain_tracker import predicted, updated
 from plotfeed.models.state import Columns, Floats, Ints, Texts
-from plotfeed.models.track_metrics import FlightPath, overtaken
+from plotfeed.models.track_metrics import overtaken
 from plotfeed.proto.utc import DAY_NS, NS
 
 LEAST_SIGMA_M, UNMEASURED_SIGMA_M = 0.1, 300.0
@@ -201,7 +201,11 @@ def _followed(truths: Truths, plots: KnownPlots, how: ScoreSettings) -> TracksRe
     last_ns = np.array([path.t_utc_ns[-1] if len(path.t_utc_ns) else 0 for path in truths.paths])
     until_ns = np.append(plots.arrived_utc_ns[1:], 0)
     until_ns[first[1:][first[1:] > first[:-1]] - 1] = last_ns[first[1:] > first[:-1]]
-    density = np.array([[_density_m2_s3(path)] for path in truths.paths])
+    density = np.full((count, 1), LEAST_DENSITY_M2_S3)  # White acceleration that turns it as hard
+    for own, path in zip(density, truths.paths, strict=True):
+        if len(path.t_utc_ns) > 1 and (span_s := float(np.ptp(path.t_utc_ns)) / NS):
+            change = np.diff(path.velocity_ecef_m_s, axis=0)
+            own[0] = max(float((change**2).sum()) / span_s / 2, LEAST_DENSITY_M2_S3)
     states, spread = np.zeros((count, 6)), np.zeros((count, 6, 6))
     spread[:] = SPEED_M_S**2 * np.eye(6)
     at_ns = np.zeros(count, np.int64)
@@ -245,13 +249,6 @@ def _followed(truths: Truths, plots: KnownPlots, how: ScoreSettings) -> TracksRe
         ended=np.zeros(len(track), np.bool_),
     )
     return TracksRead(reports=reports, names=list(truths.drones), source="possible")
-
-
-def _density_m2_s3(path: FlightPath) -> float:
-    """How much white acceleration would turn a drone as hard as it did."""
-    change = np.diff(path.velocity_ecef_m_s, axis=0)
-    span_s = float(np.ptp(path.t_utc_ns)) / NS if len(path.t_utc_ns) > 1 else 0.0
-    return max(float((change**2).sum()) / span_s / 2 if span_s else 0.0, LEAST_DENSITY_M2_S3)
 
 
 def told_of(found: Possible) -> str:

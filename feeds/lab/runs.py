@@ -61,7 +61,13 @@ def connected(address: str) -> Iterator[Any]:
     Raises `PlotfeedError`.
     """
     need_extra("ray", "work spread over hosts", "fleet", load=False)
-    _check_there(address)
+    host, _, port = address.rpartition(":")
+    try:  # Ray itself would wait for minutes where nobody listens
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()
+    except ValueError:
+        raise EngineError(f"Ray: expected HOST:PORT, not {address!r}") from None
+    except OSError as error:
+        raise EngineError(f"Ray at {address} does not answer: {error.strerror or error}") from None
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     import ray  # an extra, and a second to load
@@ -77,17 +83,6 @@ def connected(address: str) -> Iterator[Any]:
         yield ray
     finally:
         ray.shutdown()
-
-
-def _check_there(address: str) -> None:
-    """Raise `EngineError` where nobody listens: Ray itself would wait for minutes."""
-    host, _, port = address.rpartition(":")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()
-    except ValueError:
-        raise EngineError(f"Ray: expected HOST:PORT, not {address!r}") from None
-    except OSError as error:
-        raise EngineError(f"Ray at {address} does not answer: {error.strerror or error}") from None
 
 
 # Of a job whose process dies.
@@ -245,14 +240,18 @@ class VariedKey:
             raise PlotfeedError(f"--vary {text}: expected KEY=VALUES, {EXAMPLE}")
         steps = _STEPS.fullmatch(values)
         found = _from_to(path, *steps.groups()) if steps else _listed(path, values)
-        if len(set(found)) < len(found):
+        try:
+            told = tuple(json.dumps(value) for value in found)
+        except TypeError:
+            _refuse(path, "a time cannot be varied")
+        if len(set(told)) < len(told):
             _refuse(path, "a value is there twice")
-        if len(found) > MAX_VALUES:
+        if len(told) > MAX_VALUES:
             _refuse(path, f"at most {MAX_VALUES} values are taken")
-        return cls(path, tuple(found))
+        return cls(path, told)
 
 
-def _from_to(path: str, start: str, stop: str, step: str) -> list[str]:
+def _from_to(path: str, start: str, stop: str, step: str) -> list[float]:
     """Decimals, so that the steps of 0:1:0.1 are the tenths that one would write."""
     try:
         first, last, by = (Decimal(number) for number in (start, stop, step))
@@ -262,23 +261,21 @@ def _from_to(path: str, start: str, stop: str, step: str) -> list[str]:
     if not 0 < count <= MAX_VALUES:
         _refuse(path, f"{start}:{stop}:{step} has no values, or more than {MAX_VALUES}")
     is_whole = all(re.fullmatch(r"[+-]?\d+", number) for number in (start, stop, step))
-    values = [first + n * by for n in range(count)]
-    return [json.dumps(int(value) if is_whole else float(value)) for value in values]
+    return [(int if is_whole else float)(first + n * by) for n in range(count)]
 
 
-def _listed(path: str, text: str) -> list[str]:
+def _listed(path: str, text: str) -> list[Any]:
+    """Values as TOML has them in a list, or else each of them, or a word without quotes."""
     values = _toml(text)
-    if values is None:
-        values = []
-        for part in map(str.strip, text.split(",")):
-            found = [part] if _WORD.fullmatch(part) and _toml(part) is None else _toml(part)
-            if not found:
-                _refuse(path, f"{part!r} is no value: expected numbers, words, or as in a scene")
-            values += found
-    try:
-        return [json.dumps(value) for value in values]
-    except TypeError:
-        _refuse(path, "a time cannot be varied")
+    if values is not None:
+        return values
+    values = []
+    for part in map(str.strip, text.split(",")):
+        found = _toml(part) or ([part] if _WORD.fullmatch(part) else [])
+        if not found:
+            _refuse(path, f"{part!r} is no value: expected numbers, words, or as in a scene")
+        values += found
+    return values
 
 
 def _toml(text: str) -> list[Any] | None:
@@ -311,7 +308,7 @@ def varied_tree(text: str, changes: Sequence[tuple[str, Any]]) -> dict[str, Any]
 
 
 def _set(tree: dict[str, Any], path: str, value: Any) -> None:
-    for table, key in _Places(path, tree):
+    for table, key in _Places(path, tree).found():
         table[key] = value
 
 
@@ -325,7 +322,8 @@ class _Places:
     def __init__(self, path: str, tree: dict[str, Any]) -> None:
         self._path, self._tree = path, tree
 
-    def __iter__(self) -> Iterator[tuple[Any, Any]]:
+    def found(self) -> Iterator[tuple[Any, Any]]:
+        """Each table or list, and the key or number in it; raises `PlotfeedError`."""
         head, dot, rest = self._path.partition(".")
         if head == "sensor" and dot:
             yield from self._of_sensors(rest)
@@ -343,7 +341,7 @@ class _Places:
 
     def _of_sensors(self, rest: str) -> Iterator[tuple[Any, Any]]:
         sensors = self._tree["sensor"]
-        chosen, key = self._chosen(_entry_names(sensors), rest, "sensor")
+        chosen, key = self._chosen(sensors, rest, "sensor")
         head = key.partition(".")[0]
         if len(chosen) > 1:  # of several kinds, of which some may have no such key
             has = [i for i in chosen if head in SENSORS[sensors[i]["type"]].model_fields]
@@ -356,28 +354,25 @@ class _Places:
         if not dot:
             yield here, key
             return
-        below = here.setdefault(key, {})
+        below, at = here.setdefault(key, {}), f"{before}{key}"
         if isinstance(below, dict):
-            yield from self._in_table(below, rest, f"{before}{key}.")
-        elif isinstance(below, list):
-            yield from self._in_list(below, rest, f"{before}{key}")
+            yield from self._in_table(below, rest, f"{at}.")
+        elif not isinstance(below, list):
+            self._refuse(f"{at} is no table")
+        elif all(isinstance(entry, dict) for entry in below):
+            chosen, key = self._chosen(below, rest, at)
+            for i in chosen:
+                yield from self._in_table(below[i], key, f"{at}.{i}.")
+        elif rest.isascii() and rest.isdigit() and int(rest) < len(below):
+            yield below, int(rest)
         else:
-            self._refuse(f"{before}{key} is no table")
-
-    def _in_list(self, here: list[Any], rest: str, before: str) -> Iterator[tuple[Any, Any]]:
-        if not all(isinstance(entry, dict) for entry in here):
-            if rest.isascii() and rest.isdigit() and int(rest) < len(here):
-                yield here, int(rest)
-                return
-            self._refuse(f"{before} has the numbers 0 to {len(here) - 1}")
-        chosen, key = self._chosen(_entry_names(here), rest, before)
-        for i in chosen:
-            yield from self._in_table(here[i], key, f"{before}.{i}.")
+            self._refuse(f"{at} has the numbers 0 to {len(below) - 1}")
 
     def _chosen(
-        self, names: Sequence[tuple[str, ...]], rest: str, before: str
+        self, entries: Sequence[dict[str, Any]], rest: str, before: str
     ) -> tuple[list[int], str]:
         """Numbers of the entries that the path names, and what is left of it."""
+        names = [[str(e[k]) for k in ("id", "type", "kind") if k in e] for e in entries]
         first, _, key = rest.partition(".")
         known = dict.fromkeys(name for each in names for name in each)
         for name in sorted(known, key=len, reverse=True):  # an id may have a dot in it
@@ -400,10 +395,6 @@ class _Places:
 
     def _refuse(self, what: str) -> NoReturn:
         _refuse(self._path, what)
-
-
-def _entry_names(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
-    return [tuple(str(e[k]) for k in ("id", "type", "kind") if k in e) for e in entries]
 
 
 def _refuse(path: str, what: str) -> NoReturn:
@@ -480,12 +471,11 @@ def scene_of(level: SweepLevel) -> Scene:
         return scene
     changes = [(path, json.loads(value)) for path, value in level.changes]
     try:
-        found = from_tree(varied_tree(level.text, changes), file)
+        return from_tree(varied_tree(level.text, changes), file)
     except SceneError as error:
         asked = " ".join(f"{path}={value}" for path, value in level.changes)
-        what = in_a_line((_named(key, scene), text) for key, text in error.problems[:MOST_PROBLEMS])
-        raise PlotfeedError(f"--vary {asked}: {what}") from None
-    return found
+        told = ((_named(key, scene), text) for key, text in error.problems[:MOST_PROBLEMS])
+        raise PlotfeedError(f"--vary {asked}: {in_a_line(told)}") from None
 
 
 def _named(key: str, scene: Scene) -> str:
@@ -502,22 +492,17 @@ def digests(levels: Iterable[SweepLevel]) -> dict[str, str]:
     Raises `PlotfeedError` for a file that is not there.
     """
     found = {}
-    for level in levels:
-        if level.scene not in found:
-            found[level.scene] = _digest(level)
+    for name, level in {level.scene: level for level in levels}.items():
+        scene = parsed(level.text.encode(), Path(level.file))
+        files = [file for file in files_of(scene) if file != HORIZONS]
+        if scene.terrain is not None:
+            files += [*scene.terrain.elevation, *scene.terrain.buildings]
+        digest = hashlib.sha256(level.text.encode())
+        for each in files:
+            with scene.file(each).open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        found[name] = digest.hexdigest()
     return found
-
-
-def _digest(level: SweepLevel) -> str:
-    scene = parsed(level.text.encode(), Path(level.file))
-    names = [name for name in files_of(scene) if name != HORIZONS]
-    if scene.terrain is not None:
-        names += [*scene.terrain.elevation, *scene.terrain.buildings]
-    digest = hashlib.sha256(level.text.encode())
-    for name in names:
-        with scene.file(name).open("rb") as file:
-            digest.update(hashlib.file_digest(file, "sha256").digest())
-    return digest.hexdigest()
 
 
 NAME = "journal.jsonl"

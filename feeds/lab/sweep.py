@@ -18,7 +18,7 @@ from plotfeed.feeds.console.printed import aligned, printable, say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.feeds.lab import pictures
-from plotfeed.feeds.lab.lab_settings import SweepSettings
+from plotfeed.feeds.lab.lab_settings import SweepSettings, tell
 from plotfeed.feeds.lab.runs import (
     NAME,
     Journal,
@@ -346,65 +346,44 @@ class LevelFigures:
 
 def figures_of(levels: Sequence[SweepLevel], results: Results) -> list[LevelFigures]:
     """Figures of every level that has a run: of all sensors together, and then of each."""
-    columns = {level.number: _by_sensor(level, results) for level in levels}
-    found = []
-    for level in levels:
-        for sensor, (runs, of_level) in columns[level.number].items():
-            before = columns[levels[0].number].get(sensor)
-            found.append(_figures(level, sensor, runs, of_level, before))
-    return sorted(found, key=lambda each: (each.level.number, each.sensor is not None))
-
-
-# Numbers of runs, and the columns that they have; (n,) each.
-OfRuns = tuple[list[int], dict[str, Floats]]
-
-
-def _by_sensor(level: SweepLevel, results: Results) -> dict[str | None, OfRuns]:
-    rows: dict[str | None, list[tuple[int, list[Any]]]] = {}
+    rows: dict[tuple[int, str | None], dict[int, list[Any]]] = {}  # By level and sensor, by run
     for (number, run), result in sorted(results.items()):
-        if number == level.number:
-            for sensor, *row in result["sensors"]:
-                rows.setdefault(sensor, []).append((run, row))
+        for sensor, *row in result["sensors"]:
+            rows.setdefault((number, sensor), {})[run] = row
     names = list(SENSOR_COLUMNS)[1:]
-    return {
-        sensor: (
-            [run for run, _ in of],
-            dict(zip(names, np.array([row for _, row in of], np.float64).T, strict=True)),
+    columns = {
+        key: dict(zip(names, np.array([*of.values()], np.float64).T, strict=True))
+        for key, of in rows.items()
+    }
+    found, by_number = [], {level.number: level for level in levels}
+    for (number, sensor), of in columns.items():
+        first = levels[0].number, sensor
+        change = NOTHING
+        if first in rows and rows[first].keys() == rows[number, sensor].keys():
+            change = mean_interval(of["alert_distance_m"] - columns[first]["alert_distance_m"])
+        looks, plots = of["looks"].sum(), of["plots"].sum()
+        figures = {
+            "pd": ratio_interval(of["detected"], of["looks"]),
+            "false_alarms": mean_interval(of["false_alarms"]),
+            "alerted": ratio_interval(of["alerted"], of["drones"]),
+            "alert_distance_m": mean_interval(of["alert_distance_m"]),
+            "alert_change_m": change,
+        }
+        for name in ERRORS:  # of all plots of all runs, as far as they are known
+            many = np.where(np.isnan(of[name]), 0.0, of["detected"])
+            squares = ratio_interval(of[name] ** 2 * of["detected"], many)
+            figures[name] = Interval(*np.sqrt(squares).tolist())
+        found.append(
+            LevelFigures(
+                level=by_number[number],
+                sensor=sensor,
+                runs=len(rows[number, sensor]),
+                expected_pd=float(of["expected"].sum() / looks) if looks else np.nan,
+                arrived=float(of["arrived"].sum() / plots) if plots else np.nan,
+                figures=figures,
+            )
         )
-        for sensor, of in rows.items()
-    }
-
-
-def _figures(
-    level: SweepLevel,
-    sensor: str | None,
-    runs: list[int],
-    of: Mapping[str, Floats],
-    before: OfRuns | None,
-) -> LevelFigures:
-    change = NOTHING
-    if before is not None and before[0] == runs:
-        change = mean_interval(of["alert_distance_m"] - before[1]["alert_distance_m"])
-    looks, plots = of["looks"].sum(), of["plots"].sum()
-    figures = {
-        "pd": ratio_interval(of["detected"], of["looks"]),
-        "false_alarms": mean_interval(of["false_alarms"]),
-        "alerted": ratio_interval(of["alerted"], of["drones"]),
-        "alert_distance_m": mean_interval(of["alert_distance_m"]),
-        "alert_change_m": change,
-    }
-    for name in ERRORS:  # of all plots of all runs, as far as they are known
-        many = np.where(np.isnan(of[name]), 0.0, of["detected"])
-        squares = ratio_interval(of[name] ** 2 * of["detected"], many)
-        figures[name] = Interval(*np.sqrt(squares).tolist())
-    return LevelFigures(
-        level=level,
-        sensor=sensor,
-        runs=len(runs),
-        expected_pd=float(of["expected"].sum() / looks) if looks else np.nan,
-        arrived=float(of["arrived"].sum() / plots) if plots else np.nan,
-        figures=figures,
-    )
+    return sorted(found, key=lambda each: (each.level.number, each.sensor is not None))
 
 
 def key_columns(rows: Sequence[Any], first: TextColumn) -> list[TextColumn]:
@@ -512,9 +491,7 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
     Raises `PlotfeedError`, and `OSError`.
     """
     varied = [VariedKey.parse(text) for text in settings.vary]
-    for key in varied:
-        _check_felt(key.path)
-    _check(settings)
+    _check(settings, varied)
     levels = levels_of(files, varied)
     # Classes of distance are 1, 2 or 5 times a power of ten wide, by the furthest range of all.
     widest_m = max(s.range_max_m for level in levels for s in scene_of(level).sensor) / CLASSES
@@ -563,7 +540,7 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
         *figure_columns(SHOWN),
     ]
     table = Table("", columns, figures)
-    settings.tell(
+    tell(
         counts | {"figures": [each.as_json() for each in figures]},
         (
             f"{len(levels)} level(s), {settings.runs} run(s) of each{were}\n",
@@ -571,6 +548,7 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
             "\nIn brackets: 95 % intervals, by the bootstrap over runs.",
         ),
         [*settings.tables(TABLES).values(), *([picture] if picture else [])],
+        as_json=settings.as_json,
     )
     if picture is None and not settings.is_one_table and not settings.as_json:
         say("no chart: pip install 'plotfeed[charts]'")
@@ -589,20 +567,17 @@ def place_of(text: str | None) -> Enu:
     return east_m, north_m, height_m
 
 
-def _check_felt(path: str) -> None:
-    if path.partition(".")[0] in NOT_SENT or any(
-        path == end or path.endswith(f".{end}") for end in NOT_FELT
-    ):
-        raise PlotfeedError(
-            f"--vary {path}: a sweep sends no octets, so that it makes no difference there; "
-            "plotfeed run and score send them"
-        )
-    if path in ("scene.seed", "scene.name"):
-        raise PlotfeedError(f"--vary {path}: the sweep's own; --seed and --runs draw anew")
-
-
-def _check(settings: SweepSettings) -> None:
-    """Raise `PlotfeedError` for what would be known only after all runs."""
+def _check(settings: SweepSettings, varied: Sequence[VariedKey]) -> None:
+    """Raise `PlotfeedError` for what would be known only after all runs, or makes no difference."""
+    for path in (key.path for key in varied):
+        is_end = any(path == end or path.endswith(f".{end}") for end in NOT_FELT)
+        if is_end or path.partition(".")[0] in NOT_SENT:
+            raise PlotfeedError(
+                f"--vary {path}: a sweep sends no octets, so that it makes no difference there; "
+                "plotfeed run and score send them"
+            )
+        if path in ("scene.seed", "scene.name"):
+            raise PlotfeedError(f"--vary {path}: the sweep's own; --seed and --runs draw anew")
     if settings.is_one_table:
         check_suffix(settings.out)
         refuse_if_there(settings.out, force=settings.force)

@@ -25,7 +25,7 @@ from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.lab import pictures
 from plotfeed.feeds.lab.flights import FlightsTally
-from plotfeed.feeds.lab.lab_settings import TrackerSettings
+from plotfeed.feeds.lab.lab_settings import ScoreOptions, TrackerSettings, tell
 from plotfeed.feeds.lab.possible import POSSIBLE, KnownPlots, RecordedRun, plots_of, possible
 from plotfeed.feeds.lab.runs import (
     NAME,
@@ -47,9 +47,11 @@ from plotfeed.feeds.lab.score import (
     closing,
     judged_figure,
     junit_of,
+    load_profile,
     mark_of,
     page,
     samples_of,
+    settings_of,
     write_new,
 )
 from plotfeed.feeds.lab.scoring import COUNTS, FIGURE_NAMES, NoFlightError, ScoreSettings, score_run
@@ -64,9 +66,9 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport.brokers import Brokers, brokers_of
+from plotfeed.feeds.transport.brokers import brokers_of
+from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import Floats
 from plotfeed.models.verdicts import (
     POCOCK,
@@ -80,7 +82,7 @@ from plotfeed.models.verdicts import (
 )
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.ledger import LedgerTables, tables_of
+from plotfeed.proto.ledger import tables_of
 from plotfeed.proto.utc import NS
 from plotfeed.replay.recorded import Recorded
 
@@ -135,6 +137,7 @@ class TrackerPlan:
     """What runs of a tracker have in common at all levels."""
 
     settings: TrackerSettings
+    topic: str | None
     how: ScoreSettings
     limits: Sequence[ScoreLimit]  # Of a profile
     trackers: Sequence[TrackerCommand]
@@ -161,23 +164,20 @@ async def _run(job: RunJob) -> dict[str, Any]:
     start_ns, duration_s = span_of(scene, asked.duration)
     clock = WallClock(start_ns, speed=asked.speed)
     site = scene.scene.site
-    frames = {sensor.id: frame_at(site, sensor.position_enu_m) for sensor in scene.sensor}
-    longest_s = max(sensor.scan.period_s for sensor in scene.sensor)
-    tally, followed = FlightsTally(frames, longest_s), _Followed(frames)
-    heard = _Heard(scene, clock)
-    topic = asked.topic or scene.page.tracks_topic or USUAL_TOPIC
-    async with (
-        brokers_of(scene, None) as brokers,
-        _listening(brokers, topic, heard),
-        _started(job, brokers, scene.mqtt.prefix, topic) as tracker,
-    ):
+    followed, heard = _Followed(scene), _Heard(scene, clock)
+    topic = plan.topic or scene.page.tracks_topic or USUAL_TOPIC
+    async with contextlib.AsyncExitStack() as around:
+        brokers = await around.enter_async_context(brokers_of(scene, None))
+        (broker,), _ = brokers
+        link = MqttTransport(broker, "plotfeed-score", subscribe=[topic], on_received=heard.take)
+        await around.enter_async_context(link.connected(CONNECT_S))
+        started = _started(job, broker, scene.mqtt.prefix, topic)
+        tracker = await around.enter_async_context(started)
         await tracker.wait_until_ready(asked.patience)
         await run_over(brokers, scene, clock=clock, duration_s=duration_s, observers=[followed])
         await asyncio.sleep(LAST_WORDS_S)
         failure = tracker.failure() or heard.failure
-    for told in followed.ledgers:
-        tally.add(told)
-    truths = tally.truths(site=site_frame(site), scene=scene.scene.name)
+    truths = followed.tally.truths(site=site_frame(site), scene=scene.scene.name)
     figures, nothing = dict.fromkeys([*FIGURE_NAMES, *POSSIBLE], math.nan), ""
     limits: list[tuple[float, FigureSamples | None]] = [(math.nan, None)] * len(plan.limits)
     try:
@@ -189,16 +189,13 @@ async def _run(job: RunJob) -> dict[str, Any]:
         limits = [samples_of(score, limit) for limit in plan.limits]
         found = possible(RecordedRun(truths, followed.plots, followed.placeless), score)
         figures |= score.figures() | ({} if found is None else found.figures())
-    late_s = [(row.sent_utc_ns - row.link_due_utc_ns)[row.delivered] / NS
-              for row in (told.messages for told in followed.ledgers)]  # fmt: skip
-    all_late_s = np.concatenate([np.zeros(1), *late_s])
     return {
         "level": job.level.number,
         "run": job.run,
         "seed": job.seed,
         "failure": failure,
         "unscored": nothing,
-        "late_s": float(np.quantile(all_late_s, 0.95)),
+        "late_s": float(np.quantile(np.concatenate(followed.late_s), 0.95)),
         "figures": figures,
         "limits": [value for value, _ in limits],
         "trials": [np.nan if of is None else of.trials for _, of in limits],
@@ -208,15 +205,20 @@ async def _run(job: RunJob) -> dict[str, Any]:
 class _Followed(Observer):
     """Takes the ledger of a session, and plots with whose they are."""
 
-    def __init__(self, frames: Mapping[str, LocalFrame]) -> None:
-        self.ledgers: list[LedgerTables] = []
+    def __init__(self, scene: Scene) -> None:
+        site, sensors = scene.scene.site, scene.sensor
+        self._frames = {sensor.id: frame_at(site, sensor.position_enu_m) for sensor in sensors}
+        self.tally = FlightsTally(self._frames, max(s.scan.period_s for s in sensors))
         self.plots: list[KnownPlots] = []
         self.placeless = 0
-        self._frames = frames
+        self.late_s: list[Floats] = [np.zeros(1)]  # By how much the machine itself was late
 
     def ledger(self, message: Message) -> None:
         """A sector is told of."""
-        self.ledgers.append(tables_of([message.payload]))
+        told = tables_of([message.payload])
+        self.tally.add(told)
+        sent = told.messages.rows(told.messages.delivered)
+        self.late_s.append((sent.sent_utc_ns - sent.link_due_utc_ns) / NS)
 
     def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
         """What became of a sector's plots is known."""
@@ -257,29 +259,10 @@ class _Heard:
 
 
 @contextlib.asynccontextmanager
-async def _listening(brokers: Brokers, topic: str, heard: _Heard) -> AsyncIterator[None]:
-    """Hear what is published on a topic meanwhile, at all brokers of a session."""
-    links = [
-        MqttTransport(address, "plotfeed-score", subscribe=[topic], on_received=heard.take)
-        for address in brokers[0]
-    ]
-    tasks = [asyncio.create_task(link.run(), name="score-link") for link in links]
-    try:
-        for link in links:
-            await link.wait_until_up(CONNECT_S)
-        yield
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
-@contextlib.asynccontextmanager
 async def _started(
-    job: RunJob, brokers: Brokers, prefix: str, topic: str
+    job: RunJob, broker: BrokerAddress, prefix: str, topic: str
 ) -> AsyncIterator[_TrackerProcess]:
     """The tracker's process, which is gone afterwards with all that it has started."""
-    (broker,) = brokers[0]
     url, port = f"mqtt://{broker.host}:{broker.port}", str(broker.port)
     values = {
         "broker": url,
@@ -355,14 +338,6 @@ class _TrackerProcess:
                 self._last = last[-MAX_LINE:].decode(errors="replace").strip() or self._last
         self._last = line.decode(errors="replace").strip() or self._last
         self._said.set()
-
-
-def of_trackers(levels: list[SweepLevel], names: list[str]) -> list[SweepLevel]:
-    """Levels once for each tracker, named by it where there are several; numbered anew."""
-    if len(names) == 1:
-        return levels
-    each = (replace(level, scene=name) for level in levels for name in names)
-    return [replace(level, number=number) for number, level in enumerate(each)]
 
 
 # Figures of the printed table and the picture, with their titles and how they are printed: as known
@@ -566,67 +541,71 @@ def curve_figure(points: Sequence[CurvePoint]) -> Iterator[Any]:
         yield figure
 
 
-def score_tracker(
-    scene: Path, settings: TrackerSettings, how: ScoreSettings, profile: ScoreProfile | None = None
-) -> int:
+def score_tracker(scene: Path, settings: TrackerSettings, options: ScoreOptions) -> int:
     """Run what is not done yet, write the table and the pictures; the exit code.
 
     With a profile, levels at which all its limits are decided take no more runs, which is looked at
     after each fifth of those asked for. The code is 1 where a tracker failed in any run, or a limit
     is broken at any level. Raises `PlotfeedError`, and `OSError`.
     """
-    trackers = [TrackerCommand.parse(text) for text in settings.trackers]
-    names = [tracker.name for tracker in trackers]
+    profile = None if options.profile is None else load_profile(options.profile)
+    plan = TrackerPlan(
+        settings=settings,
+        topic=options.topics[0] if options.topics else None,
+        how=settings_of(profile, options.changes),
+        limits=[] if profile is None else profile.limit,
+        trackers=[TrackerCommand.parse(text) for text in settings.trackers],
+    )
+    asked, names = plan.limits, [tracker.name for tracker in plan.trackers]
     if len(set(names)) < len(names):
         raise PlotfeedError("--tracker: several need names of their own: NAME=COMMAND")
     if settings.ray is not None:
         need_extra("ray", "--ray", "fleet", load=False)
     of_scene = levels_of([scene], [VariedKey.parse(text) for text in settings.vary])
-    asked = [] if profile is None else profile.limit
     told = {
         "plotfeed": version("plotfeed"),
         "scenes": digests(of_scene),
         "--vary": [list(map(list, level.changes)) for level in of_scene],
-        "--tracker": [[tracker.name, *tracker.words] for tracker in trackers],
+        "--tracker": [[tracker.name, *tracker.words] for tracker in plan.trackers],
         "--seed": settings.seed,
         "--duration": settings.duration,
         "--speed": settings.speed,
-        "--topic": settings.topic,
+        "--topic": plan.topic,
         "--profile": [limit.model_dump() for limit in asked],
-        "settings of the score": how.model_dump(),
+        "settings of the score": plan.how.model_dump(),
     }
-    levels = of_trackers(of_scene, names)
-    given = [path for path in (settings.out, settings.junit) if path is not None]
+    levels = of_scene
+    if len(names) > 1:  # once for each tracker, named by it
+        each = (replace(level, scene=name) for level in of_scene for name in names)
+        levels = [replace(level, number=number) for number, level in enumerate(each)]
+    given = [path for path in (options.out, options.junit) if path is not None]
     is_new = not (settings.folder / NAME).exists()
     for path in [*given, *(settings.files() if is_new else [])]:
-        refuse_if_there(path, force=settings.force)
-    if settings.out is not None:
+        refuse_if_there(path, force=options.force)
+    if options.out is not None:
         need_extra("matplotlib.figure", "a chart", "charts")
-    plan = TrackerPlan(settings=settings, how=how, limits=asked, trackers=trackers)
     looks = min(len(POCOCK), settings.runs) if asked else 1
-
-    def points_by(runs: int) -> list[CurvePoint]:
-        done = kept.of_first(runs)
-        return [CurvePoint.of(lv, plan.of(lv).name, done, asked, looks) for lv in levels]
-
-    with Journal(settings.folder / NAME, told, anew=settings.force) as kept:
+    with Journal(settings.folder / NAME, told, anew=options.force) as kept:
         before, open_levels = len(kept.of_first(settings.runs)), levels
         decided_by: dict[int, CurvePoint] = {}
         for look in range(1, looks + 1):
             runs = -(-settings.runs * look // looks)
             finish_runs(kept, run_tracker, open_levels, settings, plan, runs=runs)
-            now = {p.level.number: p for p in points_by(runs) if p.level in open_levels}
-            decided_by |= now
-            open_levels = [level for level in open_levels if not now[level.number].is_decided]
+            done = kept.of_first(runs)
+            for level in open_levels:
+                point = CurvePoint.of(level, plan.of(level).name, done, asked, looks)
+                decided_by[level.number] = point
+            open_levels = [lv for lv in open_levels if not decided_by[lv.number].is_decided]
             if not open_levels:
                 break
         points = [decided_by[level.number] for level in levels]
         if not any(point.is_scored for point in points):
             raise PlotfeedError(points[0].unscored[0])
         done = {
-            key: run for key, run in kept.of_first(settings.runs).items()
+            key: run
+            for key, run in kept.of_first(settings.runs).items()
             if key[1] < decided_by[key[0]].runs
-        }  # fmt: skip
+        }
         _write_scores(levels, points, done, settings)
     survived = list(survivals(points, asked))
     failures = [failure for point in points for failure in point.failures]
@@ -635,17 +614,18 @@ def score_tracker(
         for point in points
         for verdict in point.verdicts
     ]
-    _write_verdicts(points, survived, verdicts, profile, settings)
-    counts = {"runs": settings.runs, "were_done": before}
-    told = counts | {
+    _write_verdicts(points, survived, verdicts, profile, options)
+    values = {
+        "runs": settings.runs,
+        "were_done": before,
         "points": [point.as_json() for point in points],
         "survives": [asdict(each) | {"level": each.level._asdict()} for each in survived],
     }
     lines = [*curve_lines(points, survived)]
     if verdicts and not failures:
         lines.append(closing("", verdicts, AT_A_LEVEL))
-    settings.tell(told, lines, [*settings.files(), *given])
-    if before and not settings.as_json:
+    tell(values, lines, [*settings.files(), *given], as_json=options.as_json)
+    if before and not options.as_json:
         say(f"{before} runs were done before")
     return 1 if failures or mark_of("", verdicts) == "broken" else 0
 
@@ -658,13 +638,10 @@ def _write_scores(
 ) -> None:
     names = [*FIGURE_NAMES, *POSSIBLE]
     own = {"failure": str, "late_s": float, **dict.fromkeys(names, float)}
-    rows = [
-        (
-            key,
-            [[run["failure"] or None, run["late_s"], *finite([run["figures"][n] for n in names])]],
-        )
-        for key, run in sorted(done.items())
-    ]
+    rows = []
+    for key, run in sorted(done.items()):
+        figures = finite([run["figures"][name] for name in names])
+        rows.append((key, [[run["failure"] or None, run["late_s"], *figures]]))
     table, *charts = settings.files()
     first = "tracker" if len(settings.trackers) > 1 else "scene"
     write_table(table, *level_columns(levels, done, rows, own, first=first))
@@ -678,18 +655,18 @@ def _write_verdicts(
     survived: Sequence[Survival],
     verdicts: Sequence[LimitVerdict],
     profile: ScoreProfile | None,
-    settings: TrackerSettings,
+    options: ScoreOptions,
 ) -> None:
     """The page for who signs, and JUnit's file."""
     title = NO_PROFILE if profile is None else profile.profile.title
     failure = next((failure for point in points for failure in point.failures), "")
-    if settings.junit is not None:
-        write_new(settings.junit, junit_of(title, verdicts, failure, 0.0), force=settings.force)
-    if settings.out is not None:
+    if options.junit is not None:
+        write_new(options.junit, junit_of(title, verdicts, failure, 0.0), force=options.force)
+    if options.out is not None:
         parts = [f"<p>{escape(printable(str(each)))}</p>\n" for each in survived]
         parts += [limit_table(points).html()] if verdicts else []
         with curve_figure(points) as figure:
             parts += [pictures.svg_of(figure), curve_table(points).html()]
         told = closing(failure, verdicts, AT_A_LEVEL), mark_of(failure, verdicts)
         text = page(printable(f"Trackers: {title}"), *told, parts)
-        write_new(settings.out, text, force=settings.force)
+        write_new(options.out, text, force=options.force)
