@@ -7,9 +7,9 @@ import contextlib
 import json
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -54,8 +54,7 @@ MOST_LOOKS = 20_000  # Of one sensor in a block; what comes then is left out
 EVERY_SECONDS = 5  # Feeds are checked
 
 
-@dataclass(slots=True)
-class _Heard:
+class _LastReport(NamedTuple):
     """The last report of a track."""
 
     t_utc_ns: int
@@ -72,7 +71,7 @@ class LiveScore(Observer):
         self._forget()
 
     def _forget(self) -> None:
-        self._tracks: dict[str, _Heard] = {}
+        self._tracks: dict[str, _LastReport] = {}
         self._looked_ns: dict[int, int] = {}
         self._latencies_s: deque[tuple[int, float]] = deque(maxlen=MOST_LATENCIES)
         self._window: deque[dict[str, float]] = deque(maxlen=WINDOW_S)
@@ -155,13 +154,14 @@ class LiveScore(Observer):
             return
         place = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, height_m)
         velocity = np.nan_to_num(np.array(told.velocity_enu_m_s[:2], np.float64))
-        self._tracks[told.name] = _Heard(t_utc_ns, self._site.from_ecef(place)[:2], velocity)
+        self._tracks[told.name] = _LastReport(t_utc_ns, self._site.from_ecef(place)[:2], velocity)
 
     # What is asked.
 
     def score(self, now_utc_ns: int) -> dict[str, Any] | None:
         """The score as of now; None where nothing runs. To be asked once a second."""
-        from plotfeed.feeds.lab.judge import FALSE_RATES
+        from plotfeed.feeds.lab.judge import FALSE_RATES, check_json
+        from plotfeed.models.residuals import always_valid
 
         session = self._session
         if session is None:
@@ -169,11 +169,17 @@ class LiveScore(Observer):
         now, drones, tracks = self._figures(session, now_utc_ns)
         self._window.append(now)
         there = {name: [s[name] for s in self._window if np.isfinite(s[name])] for name in now}
-        means = {name: float(np.mean(each)) if each else None for name, each in there.items()}
         self._seconds += 1
         if self._seconds % EVERY_SECONDS == 0:
             self._check_feeds(session, now_utc_ns)
-        found: dict[str, Any] = finite(
+        rate, checks = FALSE_RATES["claimed"], []
+        count = sum(map(len, self._checked.values()))
+        for sensor, found in self._checked.items():
+            for each in found:
+                wrong = always_valid(each, rate / count)
+                told = replace(each, sensor=sensor, wrong=wrong)
+                checks.append(check_json(told, "claimed"))
+        values: dict[str, Any] = finite(
             {
                 "time_utc": iso_utc(now_utc_ns),
                 "tracks_topic": session.scene.page.tracks_topic,
@@ -186,12 +192,12 @@ class LiveScore(Observer):
                 "problem": self._problem or ("" if self._reports else "no tracks have come"),
                 "now": now,
                 "window_s": len(self._window),
-                "window": means,
-                "feed_false_rate": FALSE_RATES["claimed"],
-                "feed": list(self._told_feeds()),
+                "window": {n: float(np.mean(of)) if of else None for n, of in there.items()},
+                "feed_false_rate": rate,
+                "feed": checks,
             }
         )
-        return found
+        return values
 
     def _figures(self, session: RunningSession, now_ns: int) -> tuple[dict[str, float], int, int]:
         settings = self._settings
@@ -243,16 +249,6 @@ class LiveScore(Observer):
                 seen = replace(seen, drones=session.trajectories.names)
                 tally.take(simulated_feed(session.scene, seen, feed.sectors))
                 self._checked[name] = tally.checks()
-
-    def _told_feeds(self) -> Any:
-        from plotfeed.feeds.lab.judge import FALSE_RATES, check_json
-        from plotfeed.models.residuals import always_valid
-
-        count = sum(len(checks) for checks in self._checked.values())
-        for sensor, checks in self._checked.items():
-            for each in checks:
-                wrong = always_valid(each, FALSE_RATES["claimed"] / count)
-                yield check_json(replace(each, sensor=sensor, wrong=wrong), "claimed")
 
 
 class _FeedSoFar:

@@ -477,24 +477,6 @@ _SIGNATURES: dict[int, tuple[Scene, dict[str, TargetSignature | None]]] = {}
 _SCENES_KEPT = 16
 
 
-def _signatures_of(scene: Scene) -> dict[str, TargetSignature | None]:
-    """Signatures of a scene's targets that are known already, by name."""
-    if _SIGNATURES.get(id(scene), (None,))[0] is not scene:
-        if len(_SIGNATURES) >= _SCENES_KEPT:
-            _SIGNATURES.clear()
-        _SIGNATURES[id(scene)] = scene, {}
-    return _SIGNATURES[id(scene)][1]
-
-
-def aspect_db(aspect: Any, angle_deg: Floats) -> Floats:
-    """Decibels over the stated cross-section, from that many degrees right of the nose."""
-    if aspect.kind == "lobes":
-        # The mean power of A cos 4a dB is I0 of A in nepers.
-        mean_db = 10 * np.log10(special.i0(aspect.depth_db * np.log(10) / 10))
-        return np.asarray(aspect.depth_db * np.cos(np.radians(4 * angle_deg)) - mean_db)
-    return np.asarray(np.interp(angle_deg, aspect.angle_deg, aspect.gain_db, period=360))
-
-
 def _velocities(looks: LooksGiven, period_s: float) -> tuple[Floats, Floats]:
     """Velocities since a target's look before, and until the one after, (n, 3); NaN of none."""
     place_m = places(looks.azimuth_deg, looks.elevation_deg, looks.range_m)
@@ -538,7 +520,11 @@ class _Look:
         unknown = np.full((len(looks), 3), np.nan)
         self.velocity = unknown if looks.velocity_enu_m_s is None else looks.velocity_enu_m_s
         self.names, self.of = np.unique(looks.drone.astype(str), return_inverse=True)
-        known = _signatures_of(scene)
+        if _SIGNATURES.get(id(scene), (None,))[0] is not scene:
+            if len(_SIGNATURES) >= _SCENES_KEPT:
+                _SIGNATURES.clear()
+            _SIGNATURES[id(scene)] = scene, {}
+        known = _SIGNATURES[id(scene)][1]
         for name in {*self.names.tolist()} - known.keys():
             known[name] = signature_of(scene, name)
         found = [looks.signatures.get(n) or known[n] for n in self.names.tolist()]
@@ -1067,9 +1053,17 @@ def _aspects(look: _Look, sent_m: Floats, receiver_m: ArrayLike = 0.0) -> Floats
         mine = look.of == number
         if signature.aspect is None or not mine.any():
             continue
+        aspect = signature.aspect
         for k, side in enumerate([back + way for way in out] or [back]):
+            # Degrees right of the nose.
             angle_deg = np.degrees(np.arctan2(side[mine, 0], side[mine, 1])) - course_deg[mine]
-            left[mine, k] = linear(aspect_db(signature.aspect, angle_deg))
+            if aspect.kind == "lobes":
+                # The mean power of A cos 4a dB is I0 of A in nepers.
+                mean_db = 10 * np.log10(special.i0(aspect.depth_db * np.log(10) / 10))
+                over_db = aspect.depth_db * np.cos(np.radians(4 * angle_deg)) - mean_db
+            else:
+                over_db = np.interp(angle_deg, aspect.angle_deg, aspect.gain_db, period=360)
+            left[mine, k] = linear(over_db)
     return left
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from textwrap import wrap
@@ -20,7 +19,7 @@ from plotfeed.feeds.lab.judge import NAMES, Against, Verdicts
 from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, link_text
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, finish, save_picture
-from plotfeed.feeds.lab.tables import NOTHING, Table, TextColumn, number, of_cells, percent
+from plotfeed.feeds.lab.tables import NOTHING, Table, TextColumn, number, of_cells
 from plotfeed.models.residuals import Check
 from plotfeed.proto.utc import NS, iso_utc
 
@@ -171,7 +170,7 @@ def _bursts(told: FeedReport) -> Iterator[str]:
             ("asked", bursts.asked_survival),
             ("delivered", bursts.delivered_survival),
         ):
-            shares = [percent(share) for share in survival[:BURSTS_SHOWN]]
+            shares = [number(share, "%") for share in survival[:BURSTS_SHOWN]]
             shares += [NOTHING] * (BURSTS_SHOWN - len(shares))
             named = (printable(link.sensor), str(link.number)) if what == "asked" else ("", "")
             rows.append((*named, what, *shares))
@@ -259,58 +258,42 @@ LEAST_LATE_MS = 1e-3
 MOST_SPREAD = 30.0  # Of median delays, beyond which their axis is logarithmic
 
 
-@dataclass(frozen=True, slots=True)
-class Chosen:
-    """What is drawn of a report: as many as there are colours."""
-
-    links: Sequence[tuple[str, LinkFigures]]  # With colours
-    sensors: Sequence[tuple[str, SensorFigures]]
-    left_out: int  # Links that are not drawn
-    curve: Sequence[float]
-    edges: Sequence[float]
-
-    @classmethod
-    def of(cls, told: FeedReport) -> Chosen:
-        """A sensor has the colour of its first link."""
-        links = [link for link in told.links if link.messages][: len(COLOURS)]
-        coloured = list(zip(COLOURS, links, strict=False))
-        colours = {link.sensor: colour for colour, link in reversed(coloured)}
-        spare = iter(COLOURS[len(links) :])
-        sensors = [
-            (colours.get(sensor.sensor) or next(spare, INK), sensor)
-            for sensor in told.sensors
-            if sensor.sensor in colours or not told.links
-        ]
-        left_out = len(told.links) - len(links)
-        return cls(coloured, sensors[: len(COLOURS)], left_out, told.curve, told.normalised_edges)
+Links = Sequence[tuple[str, LinkFigures]]  # Each with its colour, and likewise sensors
+Sensors = Sequence[tuple[str, SensorFigures]]
 
 
 def draw_report(told: FeedReport, path: Path) -> None:
-    """Write the picture, in the format that its name says."""
-    chosen = Chosen.of(told)
-    panels = (
-        _delay_curves,
-        _burst_lengths,
-        _detection_by_range,
-        _lateness,
-        _error_spreads,
-        _legend,
-    )
+    """Write the picture, in the format that its name says: of as many as there are colours."""
+    some = (link for link in told.links if link.messages)
+    links = list(zip(COLOURS, some, strict=False))
+    # A sensor has the colour of its first link.
+    colours = {link.sensor: colour for colour, link in reversed(links)}
+    spare = iter(COLOURS[len(links) :])
+    sensors = [
+        (colours.get(sensor.sensor) or next(spare, INK), sensor)
+        for sensor in told.sensors
+        if sensor.sensor in colours or not told.links
+    ][: len(COLOURS)]
     name = printable(told.scene or Path(told.file).name)
     title = f"{name}: asked and delivered, by {told.entries:,} entries of the ledger"
     with figure_of(INCHES, title) as figure:
-        for panel, axes in zip(panels, figure.subplots(2, 3).flat, strict=True):
-            panel(axes, chosen)
+        (delays, bursts, detection), (lateness, errors, legend) = figure.subplots(2, 3)
+        _delay_curves(delays, links, told.curve)
+        _burst_lengths(bursts, links)
+        _detection_by_range(detection, sensors)
+        _lateness(lateness, links, told.curve)
+        _error_spreads(errors, sensors, told.normalised_edges)
+        _legend(legend, links, sensors, left_out=len(told.links) - len(links))
         save_picture(figure, path)
 
 
-def _delay_curves(axes: Any, chosen: Chosen) -> None:
+def _delay_curves(axes: Any, links: Links, curve: Sequence[float]) -> None:
     medians, ends_ms = [], []
-    for colour, link in chosen.links:
+    for colour, link in links:
         if link.asked is not None and link.sent:
-            axes.plot(link.asked.curve_ms, chosen.curve, color=colour, **ASKED)
+            axes.plot(link.asked.curve_ms, curve, color=colour, **ASKED)
         if link.sent:
-            axes.plot(link.delivered.curve_ms, chosen.curve, color=colour, lw=1.1)
+            axes.plot(link.delivered.curve_ms, curve, color=colour, lw=1.1)
             medians.append(link.delivered.p50_ms)
             asked_ms = 0.0 if link.asked is None else link.asked.max_ms
             ends_ms.append(max(asked_ms, link.delivered.p99_ms))
@@ -318,21 +301,15 @@ def _delay_curves(axes: Any, chosen: Chosen) -> None:
         axes.set_xscale("log")
     if ends_ms and max(ends_ms) > 0:  # the last hundredth may be far away
         axes.set_xlim(right=1.05 * max(ends_ms))
-    finish(
-        axes,
-        "Delay",
-        "ms from being handed over to sending",
-        "share of messages",
-        drawn=medians,
-        nothing="nothing left",
-    )
+    x, y = "ms from being handed over to sending", "share of messages"
+    finish(axes, "Delay", x, y, drawn=medians, nothing="nothing left")
 
 
-def _lateness(axes: Any, chosen: Chosen) -> None:
+def _lateness(axes: Any, links: Links, curve: Sequence[float]) -> None:
     """The share that left later still, so that the tail can be seen."""
-    later = 1 - np.array(chosen.curve)
+    later = 1 - np.array(curve)
     drawn = False
-    for colour, link in chosen.links:
+    for colour, link in links:
         late_ms = np.array(link.lateness.curve_ms)
         if link.sent and late_ms[-1] >= LEAST_LATE_MS:
             later_still = np.where(later > 0, later, 1 / max(link.sent, 1000))
@@ -346,9 +323,9 @@ def _lateness(axes: Any, chosen: Chosen) -> None:
     finish(axes, "Lateness of the engine", x, y, drawn=drawn, nothing=nothing)
 
 
-def _burst_lengths(axes: Any, chosen: Chosen) -> None:
+def _burst_lengths(axes: Any, links: Links) -> None:
     drawn = False
-    for colour, link in chosen.links:
+    for colour, link in links:
         bursts = link.bursts
         if not bursts.bursts:
             continue
@@ -358,20 +335,14 @@ def _burst_lengths(axes: Any, chosen: Chosen) -> None:
         shown = asked > 0.2 / bursts.bursts
         axes.plot(lengths[shown], asked[shown], color=colour, **ASKED)
         delivered = np.array(bursts.delivered_survival)[: len(lengths)]
-        x, shares = lengths[delivered > 0], delivered[delivered > 0]
-        intervals = [share_interval(round(s * bursts.bursts), bursts.bursts) for s in shares]
-        _bars(axes, x, shares, np.array(intervals).T, colour)
+        x, y = lengths[delivered > 0], delivered[delivered > 0]
+        intervals = [share_interval(round(s * bursts.bursts), bursts.bursts) for s in y]
+        _bars(axes, x, y, np.array(intervals).T, colour)
     if drawn:
         axes.set_yscale("log")
         axes.xaxis.get_major_locator().set_params(integer=True)
-    finish(
-        axes,
-        "Bursts of losses",
-        "messages lost in a row",
-        "share as long or longer",
-        drawn=drawn,
-        nothing="no bursts of losses",
-    )
+    title, rows, shares = "Bursts of losses", "messages lost in a row", "share as long or longer"
+    finish(axes, title, rows, shares, drawn=drawn, nothing="no bursts of losses")
 
 
 def _bars(axes: Any, x: Any, y: Any, interval: Any, colour: str) -> None:
@@ -380,9 +351,9 @@ def _bars(axes: Any, x: Any, y: Any, interval: Any, colour: str) -> None:
     axes.errorbar(x, y, yerr=spans, color=colour, fmt="o", ms=3.5, lw=1.1, capsize=2)
 
 
-def _detection_by_range(axes: Any, chosen: Chosen) -> None:
+def _detection_by_range(axes: Any, sensors: Sensors) -> None:
     drawn = False
-    for colour, sensor in chosen.sensors:
+    for colour, sensor in sensors:
         bins = [at for at in sensor.looks_by_range if at.looks >= FEWEST_LOOKS]
         if not bins:
             continue
@@ -394,28 +365,21 @@ def _detection_by_range(axes: Any, chosen: Chosen) -> None:
     if drawn:
         axes.set_ylim(-0.03, 1.03)
         axes.set_xlim(left=0)
-    finish(
-        axes,
-        "Detection",
-        "true range, km",
-        "probability of detection, share detected",
-        drawn=drawn,
-        nothing="nobody was looked at",
-    )
+    x, y = "true range, km", "probability of detection, share detected"
+    finish(axes, "Detection", x, y, drawn=drawn, nothing="nobody was looked at")
 
 
-def _error_spreads(axes: Any, chosen: Chosen) -> None:
+def _error_spreads(axes: Any, sensors: Sensors, edges: Sequence[float]) -> None:
     from matplotlib.lines import Line2D
 
-    x = np.linspace(chosen.edges[0], chosen.edges[-1], 300)
+    x = np.linspace(edges[0], edges[-1], 300)
     axes.fill_between(x, np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi), color=QUIET, alpha=0.35, lw=0)
-    step = chosen.edges[2] - chosen.edges[0]
-    used = []
-    for colour, sensor in chosen.sensors:
+    step, used = edges[2] - edges[0], []
+    for colour, sensor in sensors:
         for name, histogram in sensor.histograms.items():
             counts = np.array(histogram).reshape(-1, 2).sum(axis=1)
             density = counts / (counts.sum() * step)
-            axes.stairs(density, chosen.edges[::2], color=colour, ls=LINES[name], lw=1.1)
+            axes.stairs(density, edges[::2], color=colour, ls=LINES[name], lw=1.1)
             used.append(name)
     handles = [
         Line2D([], [], color=INK, ls=LINES[name], label=name) for name in dict.fromkeys(used)
@@ -424,17 +388,11 @@ def _error_spreads(axes: Any, chosen: Chosen) -> None:
         asked = Line2D([], [], color=QUIET, lw=6, alpha=0.35, label="asked: N(0, 1)")
         axes.legend(handles=[asked, *handles], frameon=False, fontsize=8.5, loc="upper right")
     axes.set_xlim(-5, 5)
-    finish(
-        axes,
-        "Errors of plots",
-        "error over its standard deviation",
-        "density",
-        drawn=used,
-        nothing="no plots whose error is known",
-    )
+    scale, nothing = "error over its standard deviation", "no plots whose error is known"
+    finish(axes, "Errors of plots", scale, "density", drawn=used, nothing=nothing)
 
 
-def _legend(axes: Any, chosen: Chosen) -> None:
+def _legend(axes: Any, links: Links, sensors: Sensors, *, left_out: int) -> None:
     """The legend: which colour is whose, and what it asked."""
     from matplotlib.lines import Line2D
 
@@ -443,7 +401,7 @@ def _legend(axes: Any, chosen: Chosen) -> None:
         Line2D([], [], color=INK, label="asked", **ASKED),
         Line2D([], [], color=INK, lw=1.1, marker="o", ms=3.5, label="delivered, bars: 95 %"),
     ]
-    for colour, link in chosen.links:
+    for colour, link in links:
         fit, how = link.fit, ""
         if fit.not_comparable or not isfinite(fit.p_value):
             how = f"delay not compared: {fit.not_comparable or 'too few'}"
@@ -455,13 +413,13 @@ def _legend(axes: Any, chosen: Chosen) -> None:
             several = [*several[: LEGEND_LINES - 1], f"... {several[-1]}"]
         label = "\n".join(several).replace("$", r"\$")
         handles.append(Line2D([], [], color=colour, lw=3, label=label))
-    if not chosen.links:
+    if not links:
         handles += [
             Line2D([], [], color=colour, lw=3, label=printable(sensor.sensor))
-            for colour, sensor in chosen.sensors
+            for colour, sensor in sensors
         ]
-    if chosen.left_out:
-        handles.append(Line2D([], [], lw=0, label=f"and {chosen.left_out} more, not drawn"))
+    if left_out:
+        handles.append(Line2D([], [], lw=0, label=f"and {left_out} more, not drawn"))
     axes.legend(handles=handles, loc="upper left", frameon=False, fontsize=9, labelspacing=0.9)
 
 

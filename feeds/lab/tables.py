@@ -20,11 +20,6 @@ from plotfeed.replay.plots_csv import as_text
 NOTHING = "-"
 
 
-def percent(share: float) -> str:
-    """A share from 0 to 1 in percent, without the sign."""
-    return number(share, "%")
-
-
 def number(value: Any, form: str) -> str:
     """A number, or text, in that form, % for shares; what is not there is a dash."""
     if isinstance(value, str):
