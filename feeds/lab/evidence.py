@@ -9,7 +9,7 @@ import json
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -133,13 +133,12 @@ class RecordedSettings:
         commands = _until(self._controlled[sensor], t_utc_ns)
         state = (sensor, bisect_right(self._instants_ns[sensor], elapsed_ns), commands)
         if state not in self._worked_out:
-            own = self._sensors[sensor]
+            own, self._worked_out[state] = self._sensors[sensor], None
             controlled = self._controlled[sensor][commands - 1][1] if commands else {}
-            try:
-                found = changed(own, *in_force(own.event, elapsed_ns), controlled)
-            except PlotfeedError:
-                found = None
-            self._worked_out[state] = found if commands <= MAX_CHANGES else None
+            if commands <= MAX_CHANGES:
+                with suppress(PlotfeedError):
+                    found = changed(own, *in_force(own.event, elapsed_ns), controlled)
+                    self._worked_out[state] = found
         return self._worked_out[state]
 
 
@@ -246,10 +245,9 @@ class AskedByTime:
         self.sectors = sensor.scan.sectors  # Of a scan
         self._sensor, self._settings, self._start_utc_ns = sensor.id, settings, start_utc_ns
         self._scene = scene
-        try:
-            self._sea_level: SeaLevel | None = scene.sea_level()
-        except PlotfeedError:
-            self._sea_level = None
+        self._sea_level: SeaLevel | None = None
+        with suppress(PlotfeedError):
+            self._sea_level = scene.sea_level()
         scan, chance = sensor.scan, Chance(scene.scene.seed, sensor.id)
         jitter_ns = scan.jitter_ms * NS_IN_MS
         self._timetable = Timetable(scan.period_ns, scan.sectors, jitter_ns, chance)
@@ -314,9 +312,11 @@ class SectorKey(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class PlotRows:
-    """Some rows of a table of plots, which is that of many messages."""
+class SectorPlots:
+    """The plots in a message: some rows of a table, which is that of many messages."""
 
+    key: SectorKey
+    number: int  # Of the message, among those of its sector
     table: MeasuredPlots
     first: int
     end: int
@@ -325,7 +325,7 @@ class PlotRows:
         return self.end - self.first
 
 
-def plots_in_rows(parts: Iterable[PlotRows]) -> MeasuredPlots:
+def plots_in_rows(parts: Iterable[SectorPlots]) -> MeasuredPlots:
     """The plots of all parts, in their order."""
     tables = [NO_PLOTS]
     for _, together in groupby(parts, key=lambda part: id(part.table)):
@@ -333,14 +333,6 @@ def plots_in_rows(parts: Iterable[PlotRows]) -> MeasuredPlots:
         rows = [np.arange(part.first, part.end) for part in several]
         tables.append(several[0].table.rows(np.concatenate(rows)))
     return MeasuredPlots.joined(tables)
-
-
-class SectorPlots(NamedTuple):
-    """The plots in a message, and which of its sector's messages it is."""
-
-    key: SectorKey
-    number: int
-    plots: PlotRows
 
 
 def sector_plots(
@@ -379,14 +371,14 @@ def sector_plots(
         for key, number, count in several:
             first, end = end, end + count
             if count:
-                yield SectorPlots(key, number, PlotRows(table, first, end))
+                yield SectorPlots(key, number, table, first, end)
 
 
 class WaitingPlots:
     """Plots by sector, until the ledger's entry comes, which is the last as a rule."""
 
     def __init__(self) -> None:
-        self._sectors: OrderedDict[SectorKey, dict[int, PlotRows]] = OrderedDict()
+        self._sectors: OrderedDict[SectorKey, dict[int, SectorPlots]] = OrderedDict()
         self.total = 0
 
     def add(self, found: SectorPlots) -> None:
@@ -394,8 +386,8 @@ class WaitingPlots:
         messages = self._sectors.setdefault(found.key, {})
         if found.number in messages:
             return
-        messages[found.number] = found.plots
-        self.total += len(found.plots)
+        messages[found.number] = found
+        self.total += len(found)
         while self.total > MAX_WAITING_PLOTS and self._sectors:
             self._forget(next(iter(self._sectors)))
 
@@ -403,7 +395,7 @@ class WaitingPlots:
         """Count the plots of a sector."""
         return sum(map(len, self._sectors.get(key, {}).values()))
 
-    def take(self, key: SectorKey, t_utc_ns: Ints | None = None) -> list[PlotRows] | None:
+    def take(self, key: SectorKey, t_utc_ns: Ints | None = None) -> list[SectorPlots] | None:
         """Plots of a sector, in order, which wait no longer; None if those times are of others.
 
         The sensor's clock may be ahead, but of all its plots by as much.
@@ -422,7 +414,7 @@ class WaitingPlots:
                 ahead_ns |= {*(measured_ns - true_ns).tolist()}
         return parts if len(ahead_ns) < 2 else None
 
-    def _forget(self, key: SectorKey) -> dict[int, PlotRows]:
+    def _forget(self, key: SectorKey) -> dict[int, SectorPlots]:
         messages = self._sectors.pop(key, {})
         self.total -= sum(map(len, messages.values()))
         return messages

@@ -21,8 +21,8 @@ from plotfeed.feeds.lab.evidence import (
     AskedByTime,
     AskedSensor,
     Evidence,
-    PlotRows,
     SectorKey,
+    SectorPlots,
     WaitingPlots,
     are_targets,
     names_of,
@@ -225,7 +225,7 @@ class Gathering:
         keys, is_asked = [key for part in parts for key in part.keys], self._against == "asked"
         names = names_of(told.plots)
         is_target, is_kept = are_targets(names), np.zeros(len(names), np.bool_)
-        plots: list[PlotRows] = []
+        plots: list[SectorPlots] = []
         sectors: list[Ints] = [np.zeros(0, np.int64)]
         ends = np.searchsorted(told.plots.entry, np.arange(len(told) + 1)).tolist()
         for row in np.flatnonzero(np.concatenate([part.is_read for part in parts])).tolist():

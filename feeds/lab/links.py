@@ -200,7 +200,14 @@ def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
     survival = (
         asked.loss.burst_survival(LONGEST_SUMMED) if asked and loses else np.array([math.nan])
     )
-    z, p = _burst_chances(total, count, survival)
+    z = p = math.nan
+    if count >= FEWEST_BURSTS and survival[-1] < 1e-9:
+        # The mean of lengths is sum S(n), that of their squares sum (2n - 1) S(n).
+        mean = survival.sum()
+        variance = ((2 * np.arange(1, len(survival) + 1) - 1) * survival).sum() - mean**2
+        if variance > 1e-9:
+            z = float((total - count * mean) / math.sqrt(count * variance))
+        p = p_of_lengths(survival, count, total)
     return Bursts(
         bursts=count,
         cut=order.cut_bursts,
@@ -215,17 +222,6 @@ def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
         ],
         lengths={str(n): times for n, times in sorted(lengths.items())},
     )
-
-
-def _burst_chances(total: int, count: int, survival: Floats) -> tuple[float, float]:
-    """A z-score by the mean of lengths, sum S(n), and of squares, sum (2n - 1) S(n); and p."""
-    if count < FEWEST_BURSTS or not survival[-1] < 1e-9:
-        return math.nan, math.nan
-    mean, z = survival.sum(), math.nan
-    variance = ((2 * np.arange(1, len(survival) + 1) - 1) * survival).sum() - mean**2
-    if variance > 1e-9:
-        z = float((total - count * mean) / math.sqrt(count * variance))
-    return z, p_of_lengths(survival, count, total)
 
 
 # Probabilities at which whole distributions are told, and 1.
@@ -311,6 +307,10 @@ def link_figures(sensor: str, number: int, of: LinkMessages, order: Order) -> Li
     passed, lost = len(of.let_through), fates[pb.LOST]
     corrupted = int((of.let_through.flipped_bit >= 0).sum())
     decided = lost + sum(fates[fate] for fate in PASSED_LOSS)
+    copies = len(of.sent) - len(first)
+    doubling = (copies, passed - copies, math.nan if asked is None else asked.link.duplicate)
+    is_full = asked is not None and asked.link.rate_kbit_s is not None  # a full queue takes some
+    duplicates = _share(*doubling) if is_full else _binomial(*doubling)
     return LinkFigures(
         sensor=sensor,
         number=number,
@@ -330,7 +330,7 @@ def link_figures(sensor: str, number: int, of: LinkMessages, order: Order) -> Li
         lateness=found_times(of.lateness_ns),
         loss=_loss(asked, lost, decided),
         bursts=burst_figures(asked, order),
-        duplicates=_duplicates(asked, len(of.sent) - len(first), passed),
+        duplicates=duplicates,
         corrupted=_binomial(corrupted, passed, asked.link.corrupt if asked else math.nan),
         overtook=_overtaking(asked, order),
         other_fates={name: fates[fate] for name, fate in OTHER_FATES.items()},
@@ -412,25 +412,17 @@ def _binomial(count: int, of: int, asked: float) -> Share:
 
 def _loss(asked: LinkExpectation | None, lost: int, of: int) -> Share:
     """Loss among messages on which the model of loss decided: outages hide what it would have."""
-    if asked is None:
-        return _share(lost, of, math.nan)
-    mean = 0.0 if asked.link.on_loss == "stall" else asked.loss.mean_loss
-    if not of:
+    mean = math.nan if asked is None else asked.loss.mean_loss
+    if asked is not None and asked.link.on_loss == "stall":
+        mean = 0.0
+    if asked is None or not of:
         return _share(lost, of, mean)
     if not 0 < mean < 1:
         return _share(lost, of, mean, p=p_of_binomial(lost, of, mean))
-    p, z = p_of_losses(asked.loss, of, lost), math.nan
+    z = math.nan
     if of * mean / asked.loss.mean_burst >= ENOUGH:
-        variance = (of * asked.loss.spread_of_loss(of)) ** 2
-        z = z_score(lost - of * mean, variance)
-    return _share(lost, of, mean, z, p)
-
-
-def _duplicates(asked: LinkExpectation | None, count: int, passed: int) -> Share:
-    of = passed - count
-    if asked is not None and asked.link.rate_kbit_s is not None:  # a full queue takes some
-        return _share(count, of, asked.link.duplicate)
-    return _binomial(count, of, asked.link.duplicate if asked else math.nan)
+        z = z_score(lost - of * mean, (of * asked.loss.spread_of_loss(of)) ** 2)
+    return _share(lost, of, mean, z, p_of_losses(asked.loss, of, lost))
 
 
 def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:
@@ -438,8 +430,8 @@ def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:
     share = p = math.nan
     if asked is not None:
         least_ms, most_ms = asked.delay.quantile_ms([0.0, 1.0])
-        same = least_ms == most_ms and asked.link.reorder is None
-        share = 0.0 if asked.link.keeps_order or same else math.nan
+        if asked.link.keeps_order or (least_ms == most_ms and asked.link.reorder is None):
+            share = 0.0
     if share == 0.0 and order.left:
         p = 0.0 if order.overtook else 1.0
     return _share(order.overtook, order.left, share, p=p)

@@ -267,39 +267,37 @@ def together(scene: Scene, variants: Sequence[Variant], name: str) -> Variant:
 
 def choices_of(scene: Scene) -> list[Variant]:
     """What a scene can choose besides effects: formats, sectors, periods, tracks on board."""
-    found = []
-    names = {name for sensor in scene.sensor for name in sensor.formats}
-    for name in sorted(names & FORMATS.keys()):
-        if FORMATS[name].facts.tells_tracks:
-            continue
-        has = {i: s for i, s in enumerate(scene.sensor) if name in s.formats}
-        others = {i: s.model_copy(update={"report": (name,)}) for i, s in has.items()}
-        found.append(_variant(scene, f"{name} alone", others, read_back=name))
-    for sectors in (8, 32, 128):
-        turning = {i: s for i, s in enumerate(scene.sensor) if s.scan.rotates}
-        others = {
-            i: s.model_copy(update={"scan": s.scan.model_copy(update={"sectors": sectors})})
-            for i, s in turning.items()
-            if s.scan.sectors != sectors
-        }
-        if others:
-            found.append(_variant(scene, f"{sectors} sectors", others))
-    staring = {i: s for i, s in enumerate(scene.sensor) if s.scan.kind == "staring"}
+    sensors = dict(enumerate(scene.sensor))
+
+    def scanned(which: Mapping[int, Sensor], **keys: Any) -> dict[int, Sensor]:
+        """Sensors whose scans have other keys."""
+        scans = {i: s.scan.model_copy(update=keys) for i, s in which.items()}
+        return {i: s.model_copy(update={"scan": scans[i]}) for i, s in which.items()}
+
+    choices: dict[str, dict[int, Sensor]] = {}
+    names = {name for sensor in scene.sensor for name in sensor.formats} & FORMATS.keys()
+    read_back = {f"{n} alone": n for n in sorted(names) if not FORMATS[n].facts.tells_tracks}
+    for choice, name in read_back.items():
+        has = {i: s for i, s in sensors.items() if name in s.formats}
+        choices[choice] = {i: s.model_copy(update={"report": (name,)}) for i, s in has.items()}
+    for count in (8, 32, 128):
+        turning = {i: s for i, s in sensors.items() if s.scan.rotates and s.scan.sectors != count}
+        choices[f"{count} sectors"] = scanned(turning, sectors=count)
     for factor in (0.5, 2.0):
-        others = {}
-        for i, s in staring.items():
-            scan = s.scan.model_copy(update={"period_s": max(s.scan.period_s * factor, 0.02)})
-            others[i] = s.model_copy(update={"scan": scan})
-        if others:
-            found.append(_variant(scene, f"staring periods times {factor:g}", others))
-    others = {
+        staring = choices[f"staring periods times {factor:g}"] = {}
+        for i, s in sensors.items():
+            if s.scan.kind == "staring":
+                staring |= scanned({i: s}, period_s=max(s.scan.period_s * factor, 0.02))
+    choices["tracks on board"] = {
         i: s.model_copy(update={"report": (*s.report, "tracks")})
-        for i, s in enumerate(scene.sensor)
+        for i, s in sensors.items()
         if "tracks" in s.formats and "tracks" not in s.report
     }
-    if others:
-        found.append(_variant(scene, "tracks on board", others))
-    return found
+    return [
+        _variant(scene, name, others, read_back=read_back.get(name, ""))
+        for name, others in choices.items()
+        if others
+    ]
 
 
 class Run(NamedTuple):
@@ -855,64 +853,63 @@ def rewritten(scene: Scene, found: Needs, verdict: str) -> str:
     """
     if not scene.text:
         raise PlotfeedError("the scene has no text of its own, which could be written otherwise")
-    text = scene.text
+    lines = scene.text.splitlines()
     for each in found.findings:
         if each.verdict != verdict or len(each.variant.effects) != 1:
             continue
         (effect,) = each.variant.effects
-        why = f"{each.variant.name}: {change_text(each.largest)}"
+        why = f"# {each.variant.name}: {change_text(each.largest)}"
         if verdict == "missing":
-            text = _added(text, each, effect, why)
+            lines = _added(lines, each.variant, effect, why)
         else:
             owners = None if effect.startswith("[") else each.variant.sensors
-            text = _commented_out(text, effect.strip("[]"), owners, why)
+            lines = _commented_out(lines, effect.strip("[]"), owners, why)
+    text = "\n".join(lines) + "\n"
     parsed(text.encode(), scene.folder / "scene.toml")  # what does not load is not written
     return text
 
 
-def _commented_out(text: str, key: str, owners: frozenset[int] | None, why: str) -> str:
-    """The text with a key or table as comments: of the scene, or of sensors by their numbers."""
+def _commented_out(
+    text: Sequence[str], key: str, owners: frozenset[int] | None, why: str
+) -> list[str]:
+    """The lines with a key or table as comments: of the scene, or of sensors by their numbers."""
     lines, number, table, depth, inside = [], -1, "", 0, False
     name = re.escape(key)
     header = rf"\[+{name}[\].]" if owners is None else rf"\[+sensor\.{name}[\].]"
-    for line in text.splitlines():
+    for line in text:
         plain = line.strip()
         if depth == 0 and plain.startswith("["):
             table = plain
             number += plain.startswith("[[sensor]]")
             inside = bool(re.match(header, plain)) and (owners is None or number in owners)
             if inside:
-                lines.append(f"# {why}")
+                lines.append(why)
         elif depth == 0 and plain.startswith("#"):
             inside = False
-        begins = (
-            owners is not None
-            and number in owners
-            and table.startswith("[[sensor]]")
-            and re.match(rf"{name}[\s.=]", plain)
-        )
+        is_owner = owners is not None and number in owners and table.startswith("[[sensor]]")
+        begins = is_owner and bool(re.match(rf"{name}[\s.=]", plain))
         if begins and depth == 0:
-            lines.append(f"# {why}")
-        goes = inside or depth > 0 or bool(begins)
-        if goes and (begins or depth > 0):
+            lines.append(why)
+        goes = inside or depth > 0 or begins
+        if begins or depth > 0:
             depth += sum(map(plain.count, "[{")) - sum(map(plain.count, "]}"))
         lines.append(f"# {line}" if goes and plain else line)
-    return "\n".join(lines) + "\n"
+    return lines
 
 
-def _added(text: str, found: Finding, effect: str, why: str) -> str:
-    """The text with a key of sensors that it did not name."""
-    on = next(each.on for each in SENSOR_EFFECTS if each.name == effect)
+def _added(text: Sequence[str], variant: Variant, effect: str, why: str) -> list[str]:
+    """The lines with a key of sensors that they did not name."""
     lines, number = [], -1
-    for line in text.splitlines():
+    for line in text:
         lines.append(line)
         if line.strip().startswith("[[sensor]]"):
             number += 1
-            if number in found.variant.sensors:
-                value = getattr(found.variant.scene.sensor[number], effect)
+            if number in variant.sensors:
+                value = getattr(variant.scene.sensor[number], effect)
+                on = next(each.on for each in SENSOR_EFFECTS if each.name == effect)
                 told = value.model_dump(exclude_unset=True) if hasattr(value, "model_dump") else on
-                lines += [f"# {why}", f"{effect} = {_toml(told)}"]
-    return "\n".join(lines) + "\n"
+                lines += [why, f"{effect} = {_toml(told)}"]
+    return lines
 
 
 def _toml(value: Any) -> str:

@@ -85,7 +85,8 @@ class LevelAxis:
         self.title = "level" if self.key is None else levels[0].changes[self.key][0]
         self.lines: dict[str, list[SweepLevel]] = {}  # Levels of a line, by its label
         for level in levels:
-            self.lines.setdefault(self._line(level), []).append(level)
+            line = "" if self.key is None else self._label(level, self.key)
+            self.lines.setdefault(line, []).append(level)
         self._at = {level.number: n for n, level in enumerate(levels)}
         at = [self.at(level) for level in levels]
         self.is_log = self.key is not None and 0 < LOG_FROM * min(at) < max(at)
@@ -98,14 +99,13 @@ class LevelAxis:
 
     def name(self, level: SweepLevel) -> str:
         """A label of a level."""
-        label = _label(level, range(len(level.changes)), with_scene=self._several)
-        return label or plain_text(level.scene)
+        return self._label(level) or plain_text(level.scene)
 
-    def _line(self, level: SweepLevel) -> str:
-        if self.key is None:
-            return ""
-        others = [n for n in range(len(level.changes)) if n != self.key]
-        return _label(level, others, with_scene=self._several)
+    def _label(self, level: SweepLevel, but: int | None = None) -> str:
+        """The scene, where there are several, and the values of all keys but one."""
+        told = [f"{k} = {v}" for n, (k, v) in enumerate(level.changes) if n != but]
+        text = ", ".join([level.scene, *told] if self._several else told)
+        return plain_text(text if len(text) <= LETTERS else f"...{text[-LETTERS:]}")
 
 
 def draw_by_level(
@@ -134,13 +134,6 @@ def draw_by_level(
     if drawn and any(axis.lines):
         axes.legend(frameon=False, fontsize=8.5)
     finish(axes, title, printable(axis.title), unit, drawn=drawn)
-
-
-def _label(level: SweepLevel, keys: Any, *, with_scene: bool) -> str:
-    parts = [level.scene] if with_scene else []
-    parts += [f"{level.changes[n][0]} = {level.changes[n][1]}" for n in keys]
-    text = ", ".join(parts)
-    return plain_text(text if len(text) <= LETTERS else f"...{text[-LETTERS:]}")
 
 
 def shades(count: int) -> list[Any]:

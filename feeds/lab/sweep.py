@@ -189,36 +189,37 @@ class _RunFigures:
 
     def take(self, seen: SimulatedSensor, arrival_ns: Ints) -> None:
         """Count what a sensor saw, and what of it arrived when."""
-        looks = seen.looks.rows(self._is_drone[seen.looks.drone])
-        plots = seen.plots
-        is_hit: Bools = plots.drone != FALSE_ALARM
+        looks, plots = seen.looks.rows(self._is_drone[seen.looks.drone]), seen.plots
+        is_false = plots.drone == FALSE_ALARM
+        is_hit: Bools = ~is_false
         is_hit[is_hit] = self._is_drone[plots.drone[is_hit]]
         sectors, count = seen.sectors, seen.sensor.scan.sectors
-        sector = np.searchsorted(
-            sectors.scan * count + sectors.index, plots.scan * count + plots.sector
-        )
+        numbers = sectors.scan * count + sectors.index
+        sector = np.searchsorted(numbers, plots.scan * count + plots.sector)
         left_ns = arrival_ns[sector]
         is_there = left_ns <= self._end_ns
-        delays_ns = (left_ns - seen.sectors.end_ns[sector])[is_there]
-        whose, when_ns = plots.drone[is_hit & is_there], left_ns[is_hit & is_there]
+        delays_ns = (left_ns - sectors.end_ns[sector])[is_there]
         counts = [len(looks), looks.pd.sum(), looks.detected.sum(), len(plots)]
-        counts += [np.sum(plots.drone == FALSE_ALARM), is_there.sum()]
+        counts += [is_false.sum(), is_there.sum()]
         self._totals += counts
         hits = plots.rows(is_hit)
         errors = [
+            float(delays_ns.mean() / 1e6) if len(delays_ns) else None,
             _rms(hits.range_m - hits.true_range_m),
             _rms(wrap_180(hits.azimuth_deg - hits.true_azimuth_deg)),
             _rms(hits.elevation_deg - hits.true_elevation_deg),
         ]
-        delay_ms = float(delays_ns.mean() / 1e6) if len(delays_ns) else None
-        n = len(self._is_drone)
-        by_drone = np.bincount(looks.drone, minlength=n)
-        detected = np.bincount(looks.drone[looks.detected], minlength=n)
-        self._looks += [by_drone, detected]
-        arrived = whose, when_ns
-        self._arrived.append(arrived)
-        self._add(seen.sensor.id, counts, [delay_ms, *errors], [by_drone, detected], arrived)
-        self._add_distances(seen.sensor.id, looks.range_m, looks.pd, looks.detected)
+        drones = looks.drone, looks.drone[looks.detected]
+        by_drone = np.array([np.bincount(each, minlength=len(self._is_drone)) for each in drones])
+        self._looks += by_drone
+        self._arrived.append((plots.drone[is_hit & is_there], left_ns[is_hit & is_there]))
+        self._add(seen.sensor.id, counts, errors, by_drone, self._arrived[-1])
+        bin_m, number = self._plan.bin_m, (looks.range_m // self._plan.bin_m).astype(np.int64)
+        of_bins = [np.bincount(number, weights) for weights in (None, looks.pd, looks.detected)]
+        for i in np.flatnonzero(of_bins[0]).tolist():
+            many, expected, detected = (of[i] for of in of_bins)
+            told = [i * bin_m, (i + 1) * bin_m, int(many), float(expected), int(detected)]
+            self.distances.append([seen.sensor.id, *told])
 
     def take_together(self) -> None:
         """Count what all sensors saw."""
@@ -230,64 +231,40 @@ class _RunFigures:
         sensor: str | None,
         counts: Any,
         errors: Sequence[float | None],
-        by_drone: Any,
+        by_drone: Ints,
         arrived: tuple[Ints, Ints],
     ) -> None:
+        """Rows of a sensor, and of the drones that it looked at."""
         plan, n = self._plan, len(self._is_drone)
-        first = self._told(enough_ns(*arrived, 1, 0, n))
         within_ns = round(plan.alert_within_s * NS)
+        first = self._told(enough_ns(*arrived, 1, 0, n))
         alert = self._told(enough_ns(*arrived, plan.alert_plots, within_ns, n))
         drones = np.flatnonzero(self._is_drone)
-        alert_m = np.nan_to_num(alert[1][drones])
+        alerted = int(np.isfinite(alert[0][drones]).sum())
+        usual_m = float(np.median(np.nan_to_num(alert[1][drones]))) if len(drones) else None
         looks, expected, *rest = (float(count) for count in counts)
-        self.sensors.append(
-            [
-                sensor,
-                int(looks),
-                expected,
-                *map(int, rest),
-                *errors,
-                len(drones),
-                int(np.isfinite(alert[0][drones]).sum()),
-                float(np.median(alert_m)) if len(drones) else None,
-            ]
-        )
+        row = [sensor, int(looks), expected, *map(int, rest), *errors]
+        self.sensors.append([*row, len(drones), alerted, usual_m])
         seen = drones if sensor is None else drones[by_drone[0][drones] > 0]
         for i in seen.tolist():
             each = [float(column[i]) for column in (*first, *alert)]
             times = [value if np.isfinite(value) else None for value in each]
-            counted = [int(column[i]) for column in by_drone]
-            self.drones.append([sensor, self._found.drones[i], *counted, *times])
+            self.drones.append([sensor, self._found.drones[i], *by_drone[:, i].tolist(), *times])
 
     def _told(self, t_utc_ns: Ints) -> tuple[Floats, Floats]:
         """Seconds after the beginning, and how far each drone then was from what is protected.
 
         NaN where it never was so, or the drone was there no more.
         """
-        after_s = np.full(len(t_utc_ns), np.nan)
-        distance_m = after_s.copy()
+        after_s, distance_m = np.full((2, len(t_utc_ns)), np.nan)
         which = np.flatnonzero(t_utc_ns != NEVER)
         if len(which):
             places_m = self._frame.from_ecef(self._found.place_ecef_m(which, t_utc_ns[which]))
             away_m = np.linalg.norm(places_m - np.array(self._plan.protect_enu_m), axis=1)
-            is_there = np.isfinite(away_m)
-            distance_m[which[is_there]] = away_m[is_there]
-            after_ns = t_utc_ns[which] - self._found.start_utc_ns
-            after_s[which[is_there]] = after_ns[is_there] / NS
+            there = which[np.isfinite(away_m)]
+            distance_m[there] = away_m[np.isfinite(away_m)]
+            after_s[there] = (t_utc_ns[there] - self._found.start_utc_ns) / NS
         return after_s, distance_m
-
-    def _add_distances(self, sensor: str, range_m: Floats, pd: Floats, detected: Bools) -> None:
-        if not len(range_m):
-            return
-        bin_m = self._plan.bin_m
-        number = (range_m // bin_m).astype(np.int64)
-        looks, expected, hits = (
-            np.bincount(number, weights=weights) for weights in (None, pd, detected)
-        )
-        for i in np.flatnonzero(looks).tolist():
-            edges = [i * bin_m, (i + 1) * bin_m]
-            counts = [int(looks[i]), float(expected[i]), int(hits[i])]
-            self.distances.append([sensor, *edges, *counts])
 
 
 def _rms(errors: Floats) -> float | None:
@@ -535,7 +512,7 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
     were = f", {before} of which were done" if before else ""
     columns = [
         *key_columns(figures, TextColumn("scene", "level.scene")),
-        TextColumn("sensor", lambda each: each.sensor or TOGETHER),
+        TextColumn("sensor", lambda each: each.sensor or TOGETHER, "s"),
         TextColumn("runs", "runs", "d"),
         *figure_columns(SHOWN),
     ]

@@ -118,6 +118,23 @@ class TrackTable:
         """Count what could not be read."""
         self.unreadable[reason] += 1
 
+    def take(
+        self,
+        payload: bytes,
+        content_type: str,
+        came_ns: int,
+        site: LocalFrame | None,
+        *,
+        has_received: bool = True,
+    ) -> None:
+        """Take the tracks in a message; what cannot be read is counted."""
+        try:
+            for told in tracks_in(payload, content_type, came_ns, site, self.refuse):
+                self.add(told, came_ns if has_received else None)
+        except DecodeError as error:
+            text = str(error)  # less what differs from message to message
+            self.refuse(text.partition(": ")[2] if text.startswith("octet ") else text)
+
     def read(self, source: str, crashed: str = "") -> TracksRead:
         """All reports so far."""
         told, names = self._told, list(dict.fromkeys(each.name for each in self._told))
@@ -524,28 +541,14 @@ def read_tracks(
         checked_topic_filter(each)
     chosen = topics or _topic_in(path, scene)
     with open_recording(path, date_utc_ns=date_utc_ns) as recording:
-        for message in recording.reader.messages():
-            if is_chosen(message.topic, chosen) and _is_heard(message):
-                take_message(table, message, site, has_received=recording.format not in UNRECEIVED)
+        # Messages of raw files are of the times that they tell: nobody knows when they came.
+        has_received = recording.format is not FileFormat.RAW
+        for m in recording.reader.messages():
+            if is_chosen(m.topic, chosen) and _is_heard(m):
+                came_ns = m.log_time_ns
+                table.take(m.payload, m.content_type, came_ns, site, has_received=has_received)
     where = ", ".join(chosen)
     return table.read(f"{path.name}: {where}" if where else path.name)
-
-
-# Formats of files whose messages are of the times that they tell: nobody knows when they came.
-UNRECEIVED = (FileFormat.RAW,)
-
-
-def take_message(
-    table: TrackTable, message: Recorded, site: LocalFrame | None, *, has_received: bool = True
-) -> None:
-    """Take the tracks in a message; what cannot be read is counted."""
-    try:
-        came_ns = message.log_time_ns
-        for told in tracks_in(message.payload, message.content_type, came_ns, site, table.refuse):
-            table.add(told, came_ns if has_received else None)
-    except DecodeError as error:
-        text = str(error)  # less what differs from message to message
-        table.refuse(text.partition(": ")[2] if text.startswith("octet ") else text)
 
 
 def _topic_in(path: Path, scene: Scene | None) -> Sequence[str]:

@@ -57,7 +57,7 @@ from plotfeed.feeds.lab.score import (
 from plotfeed.feeds.lab.scoring import COUNTS, FIGURE_NAMES, NoFlightError, ScoreSettings, score_run
 from plotfeed.feeds.lab.sweep import Results, figure_columns, key_columns, level_columns, span_of
 from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells, write_table
-from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable, take_message
+from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.scene.fields import frame_at, site_frame
@@ -84,7 +84,6 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import tables_of
 from plotfeed.proto.utc import NS
-from plotfeed.replay.recorded import Recorded
 
 # On which a tracker publishes, unless the scene's page.tracks_topic or an option says.
 USUAL_TOPIC = "tracker/tracks"
@@ -247,15 +246,8 @@ class _Heard:
         if self._messages > MAX_MESSAGES:
             self.failure = f"the tracker published more than {MAX_MESSAGES} messages"
             return
-        now_ns = self._clock.now_ns()
-        recorded = Recorded(
-            topic=message.topic,
-            payload=message.payload,
-            log_time_ns=now_ns,
-            publish_time_ns=now_ns,
-            content_type=message.content_type or "",
-        )
-        take_message(self.table, recorded, self._site)
+        kind = message.content_type or ""
+        self.table.take(message.payload, kind, self._clock.now_ns(), self._site)
 
 
 @contextlib.asynccontextmanager
@@ -497,13 +489,10 @@ def curve_table(points: Sequence[CurvePoint]) -> Table:
 
 def limit_table(points: Sequence[CurvePoint]) -> Table:
     """Verdicts at all levels."""
-    rows = [
-        (str(point.level), *(column.cell(verdict) for column in LIMITS))
-        for point in points
-        for verdict in point.verdicts
-    ]
-    sides = "".join(">" if column.form else "<" for column in LIMITS)
-    columns = of_cells(["at", *(column.head for column in LIMITS)], f"<{sides}")
+    verdicts = [(str(point.level), each) for point in points for each in point.verdicts]
+    cells = Table("", LIMITS, [each for _, each in verdicts])
+    rows = [(at, *row) for (at, _), row in zip(verdicts, cells.cells(), strict=True)]
+    columns = of_cells(["at", *cells.header], f"<{cells.sides}")
     return Table("Limits at each level", columns, rows)
 
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from plotfeed.feeds.lab.evidence import (
     NO_PLOTS,
-    PlotRows,
     RecordedSettings,
     SectorKey,
+    SectorPlots,
     WaitingPlots,
     are_targets,
     names_of,
@@ -240,7 +240,7 @@ class RecordedSectors:
             np.searchsorted(table.entry, numbers)
             for table in (told.looks, told.plots, told.messages)
         )
-        parts, by, is_known = list[PlotRows](), [0], np.zeros(len(told.plots), np.bool_)
+        parts, by, is_known = list[SectorPlots](), [0], np.zeros(len(told.plots), np.bool_)
         for i, (first, end) in enumerate(pairwise(plot_ends.tolist())):
             key = SectorKey(self._prefix, of.sensor[i], int(of.scan[i]), int(of.sector[i]))
             measured = self._waiting.take(key, told.plots.t_utc_ns[first:end])
