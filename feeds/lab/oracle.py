@@ -563,6 +563,12 @@ class _Look:
         """A place of the scene as it is seen from the sensor; (3,)."""
         return self.axes.of(self.scene.scene.site, place)
 
+    @cached_property
+    def sent_m(self) -> Floats:
+        """Places of transmitters from the sensor, (K, 3); none where it itself transmits."""
+        sent = getattr(self.sensor, "transmitters", ())
+        return np.array([self.offset_m(getattr(t, "place", t)) for t in sent]).reshape(-1, 3)
+
     def rate_m_s(self, start_m: ArrayLike = 0.0) -> Floats:
         """How fast targets recede from a place."""
         away_m = self.place_m - np.asarray(start_m)
@@ -836,15 +842,7 @@ def _external_db(sensor: Any, transmitter: Any) -> float:
     return float(10 * np.log10(total))
 
 
-def _stations(look: _Look) -> tuple[Floats, Floats]:
-    """Places of receivers (m, 3) and of transmitters (K, 3), from the sensor; its own is none."""
-    sensor: Any = look.sensor
-    others = [look.offset_m(each) for each in getattr(sensor, "receivers", ())]
-    sent = [look.offset_m(getattr(t, "place", t)) for t in getattr(sensor, "transmitters", ())]
-    return np.array([np.zeros(3), *others]), np.array(sent).reshape(-1, 3)
-
-
-def _noise_w(look: _Look, receiver_m: Floats, sent_m: Floats) -> Floats:
+def _noise_w(look: _Look, receiver_m: Floats) -> Floats:
     """What disturbs a receiver: in a hertz (eqs 5, 21), of a passive radar in each channel's band.
 
     That is what is left of the broadcast itself, and radio noise (eqs 28 to 31).
@@ -855,7 +853,7 @@ def _noise_w(look: _Look, receiver_m: Floats, sent_m: Floats) -> Floats:
     own = linear(sensor.line_loss_db + sensor.antenna_loss_db + sensor.receiver_noise_figure_db)
     heard_db = DIPOLE_DB + _gain_rx_db(sensor) + sensor.sidelobe_db + sensor.cancellation_db
     found = []
-    for source, place_m in zip(sensor.transmitters, sent_m - receiver_m, strict=True):
+    for source, place_m in zip(sensor.transmitters, look.sent_m - receiver_m, strict=True):
         wavelength_m = LIGHT_M_S / source.frequency_hz
         spread = (wavelength_m / (4 * np.pi * length(place_m))) ** 2
         way = look.way(place_m[None], wavelength_m, 0.0, receiver_m)[0]
@@ -878,19 +876,19 @@ def radar_equation(
     return np.asarray(power_w * linear(gains_db) * wavelength_m**2 * rcs_m2 / spread)
 
 
-def _echoes(look: _Look, receiver_m: Floats, sent_m: Floats) -> Floats:
+def _echoes(look: _Look, receiver_m: Floats) -> Floats:
     """Ratios of echoes by the radar equation, of passive radar before the correlator; (n, K).
 
     Eqs 1, 17, 24; integration counts where there is no correlator. Transmitters are seen from the
     sensor; without any it is the sensor itself that transmits.
     """
     sensor: Any = look.sensor
-    noise_w, frequency_hz = _noise_w(look, receiver_m, sent_m), _signals_hz(sensor)[0]
+    noise_w, frequency_hz = _noise_w(look, receiver_m), _signals_hz(sensor)[0]
     back_m = look.place_m - receiver_m
-    starts_m = sent_m - receiver_m if len(sent_m) else np.zeros((1, 3))
+    starts_m = look.sent_m - receiver_m if len(look.sent_m) else np.zeros((1, 3))
     found = np.empty((len(back_m), len(starts_m)))
     for k, start_m in enumerate(starts_m):
-        source = sensor.transmitters[k] if len(sent_m) else sensor
+        source = sensor.transmitters[k] if len(look.sent_m) else sensor
         wavelength_m = LIGHT_M_S / np.resize(frequency_hz, k + 1)[k]
         if _is_passive(sensor):
             power_w, gain_db = source.erp_w, DIPOLE_DB
@@ -948,12 +946,13 @@ def _pattern(sensor: Any, keys: Any, azimuth_deg: Floats, elevation_deg: Floats)
     return linear(-np.minimum(lost_db, keys.sidelobe_db))
 
 
-def _on_the_way(look: _Look, sent_m: Floats) -> Floats:
+def _on_the_way(look: _Look) -> Floats:
     """What is left of echoes by beams, cells, weather, jammers and aspect; (n, 1) or (n, K)."""
     sensor: Any = look.sensor
     azimuth_deg, elevation_deg, _ = directions(look.own_m)
     left = np.ones((len(look.range_m), 1))
     antenna, straddling, weather = sensor.antenna, sensor.straddling, sensor.weather
+    sent_m = look.sent_m
     frequency_hz = _signals_hz(sensor)[0]
     if antenna is not None and antenna.receive is not None:
         left = left * _pattern(sensor, antenna.receive, azimuth_deg, elevation_deg)[:, None]
@@ -985,16 +984,16 @@ def _on_the_way(look: _Look, sent_m: Floats) -> Floats:
         if weather.rain_echo and weather.rain_mm_h and sensor.type == "active_radar":
             left = left / (1 + _rain_over_noise(look, weather, float(db_km[0])))[:, None]
     if sensor.jamming:
-        left = left / (1 + _jamming(look, sent_m))
-    return left * _aspects(look, sent_m)
+        left = left / (1 + _jamming(look))
+    return left * _aspects(look)
 
 
-def _jamming(look: _Look, sent_m: Floats) -> Floats:
+def _jamming(look: _Look) -> Floats:
     """Noise of jammers over a radar's own, by the beam that looks at each target; (n, K)."""
     sensor: Any = look.sensor
     azimuth_deg, elevation_deg, _ = directions(look.own_m)
     frequency_hz, bandwidth_hz = _signals_hz(sensor)
-    noise_w_hz = _noise_w(look, np.zeros(3), sent_m)
+    noise_w_hz = _noise_w(look, np.zeros(3))
     if _is_passive(sensor):
         noise_w_hz = noise_w_hz / bandwidth_hz
     over = np.zeros((len(azimuth_deg), len(frequency_hz)))
@@ -1043,11 +1042,11 @@ def _jammer_over(
     return np.asarray(share * jammer.eirp_w / jammer.bandwidth_hz * linear(gain_db) * spread)
 
 
-def _aspects(look: _Look, sent_m: Floats, receiver_m: ArrayLike = 0.0) -> Floats:
+def _aspects(look: _Look, receiver_m: ArrayLike = 0.0) -> Floats:
     """Cross-sections by the side that is seen; between receiver and transmitter, if they part."""
-    left = np.ones((len(look.range_m), max(len(sent_m), 1)))
+    left = np.ones((len(look.range_m), max(len(look.sent_m), 1)))
     course_deg = np.degrees(np.arctan2(look.velocity[:, 0], look.velocity[:, 1]))
-    ways = [np.asarray(end_m) - look.place_m for end_m in (receiver_m, *sent_m)]
+    ways = [np.asarray(end_m) - look.place_m for end_m in (receiver_m, *look.sent_m)]
     back, *out = [way / length(way)[:, None] for way in ways]
     for number, signature in enumerate(look.signatures):
         mine = look.of == number
@@ -1187,8 +1186,7 @@ def _merged(look: _Look) -> None:
 def _polar(look: _Look) -> dict[str, Floats]:
     """An active or MIMO radar (eqs 1 to 23)."""
     sensor: Any = look.sensor
-    _, sent_m = _stations(look)
-    snrs = _echoes(look, np.zeros(3), sent_m) * _on_the_way(look, sent_m)
+    snrs = _echoes(look, np.zeros(3)) * _on_the_way(look)
     every = _intervals(look)[:, :, None] * snrs[:, None]
     n, count, signals = every.shape
     if getattr(sensor, "mount", None) is not None and (sensor.antenna or sensor.jamming):
@@ -1319,13 +1317,12 @@ def _aim_variance(look: _Look) -> Floats:
 def _passive(look: _Look) -> dict[str, Floats]:
     """A passive radar (eqs 24 to 36), a channel a transmitter."""
     sensor: Any = look.sensor
-    _, sent_m = _stations(look)
-    power = _echoes(look, np.zeros(3), sent_m) * _on_the_way(look, sent_m)
+    power = _echoes(look, np.zeros(3)) * _on_the_way(look)
     rows = np.arange(len(power))
     snr = _correlated(sensor, power)[rows, look.channel]
     pd, inverse = _detected(look, snr[:, None], 1)
     if sensor.doppler is not None:
-        of_sent = np.stack([look.rate_m_s(m) for m in sent_m], axis=-1)[rows, look.channel]
+        of_sent = np.stack([look.rate_m_s(m) for m in look.sent_m], axis=-1)[rows, look.channel]
         wavelength_m = (LIGHT_M_S / _signals_hz(sensor)[0])[look.channel]
         pd = pd * _passed(look, look.rate_m_s() + of_sent, 1, wavelength_m)
     _merged(look)
@@ -1341,10 +1338,9 @@ def _correlated(sensor: Any, power: Floats) -> Floats:
 def _several(look: _Look) -> dict[str, Floats]:
     """Several receivers: a channel a pair, each of which detects alone; places are not judged."""
     sensor: Any = look.sensor
-    receivers_m, sent_m = _stations(look)
     pairs = []
-    for each_m in receivers_m:
-        power = _echoes(look, each_m, sent_m) * _aspects(look, sent_m, each_m)
+    for each_m in (np.zeros(3), *map(look.offset_m, sensor.receivers)):
+        power = _echoes(look, each_m) * _aspects(look, each_m)
         pairs.append(_correlated(sensor, power) if _is_passive(sensor) else power)
     snr = np.concatenate(pairs, axis=1)[np.arange(len(look.range_m)), look.channel]
     return {"pd": _detected(look, snr[:, None], 1)[0], "snr_db": 10 * np.log10(snr)}

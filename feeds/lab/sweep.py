@@ -30,7 +30,7 @@ from plotfeed.feeds.lab.runs import (
     levels_of,
     scene_of,
 )
-from plotfeed.feeds.lab.tables import Table, TableColumns, TextColumn, check_suffix, write_table
+from plotfeed.feeds.lab.tables import Table, TextColumn, check_suffix, write_table
 from plotfeed.feeds.link.impairment import HELD, Impairment
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
@@ -403,46 +403,32 @@ TABLES: Mapping[str, tuple[str, Mapping[str, type]]] = {
 }
 
 
-def level_columns(
+def level_rows(
     levels: Sequence[SweepLevel],
-    results: Mapping[tuple[int, int], Mapping[str, Any]],
-    rows_of: Sequence[tuple[tuple[int, int], Sequence[Sequence[Any]]]],
+    results: Results,
+    rows_of: Mapping[tuple[int, int], Sequence[Sequence[Any]]],
     own: Mapping[str, type],
     *,
     first: str = "scene",
-) -> tuple[TableColumns, dict[str, type]]:
-    """Columns of rows by level and run, with those of the level, the run and its seed before them.
+) -> tuple[dict[str, type], list[Row]]:
+    """What columns hold, and rows by level and run, with those of the level, run and seed before.
 
     `first` is what it is called that tells levels apart beside their keys.
     """
-    paths = [path for path, _ in levels[0].changes]
     kinds: dict[str, type] = {first: str}
-    for n, path in enumerate(paths):
-        kinds[path] = _kind([level.values[n] for level in levels])
-    at = {level.number: level for level in levels}
-    found = []
-    for key, rows in rows_of:
+    for n, (path, _) in enumerate(levels[0].changes):
+        types = {type(level.values[n]) for level in levels}
+        one = len(types) == 1 and types <= {bool, int}
+        kinds[path] = next(iter(types)) if one else float if types <= {int, float} else str
+    at, found = {level.number: level for level in levels}, []
+    for key, rows in rows_of.items():
         level, result = at[key[0]], results[key]
-        cells = [_cell(v, kinds[path]) for path, v in zip(paths, level.values, strict=True)]
-        head = [level.scene, *cells, result["run"], result["seed"]]
-        found += [[*head, *row] for row in rows]
-    kinds |= {"run": int, "seed": int} | dict(own)
-    if not found:
-        return {column: [] for column in kinds}, kinds
-    return dict(zip(kinds, map(list, zip(*found, strict=True)), strict=True)), kinds
-
-
-def _kind(values: Sequence[Any]) -> type:
-    for kind in (bool, int):
-        if all(type(value) is kind for value in values):
-            return kind
-    return float if all(type(value) in (int, float) for value in values) else str
-
-
-def _cell(value: Any, kind: type) -> Any:
-    if kind is str:
-        return value if isinstance(value, str) else json.dumps(value)
-    return kind(value)
+        head: Row = [level.scene]
+        for path, value in level.by_path().items():
+            is_other = kinds[path] is str and not isinstance(value, str)
+            head.append(json.dumps(value) if is_other else kinds[path](value))
+        found += [[*head, result["run"], result["seed"], *row] for row in rows]
+    return kinds | {"run": int, "seed": int} | dict(own), found
 
 
 # Of distance, at least, up to the furthest range.
@@ -501,8 +487,8 @@ def run_sweep(files: Sequence[Path], settings: SweepSettings) -> int:
         figures = figures_of(levels, done)
         for name, path in settings.tables(TABLES).items():
             rows_of, own = TABLES[name]
-            rows = [(key, result[rows_of]) for key, result in done.items()]
-            write_table(path, *level_columns(levels, done, rows, own))
+            rows = {key: result[rows_of] for key, result in done.items()}
+            write_table(path, *level_rows(levels, done, rows, own))
         picture = settings.picture()
         if picture is not None:
             draw_sweep(picture, levels, figures, done)

@@ -102,17 +102,17 @@ class Table(NamedTuple):
         return f"<h2>{escape(self.title)}</h2>\n{table}"
 
 
-TableColumns = dict[str, list[Any]]
-
-
 def check_suffix(path: Path) -> None:
     """Raise `PlotfeedError` if no such table can be written here."""
     if path.suffix == PARQUET:
         need_extra("pyarrow", "Parquet", "parquet")
 
 
-def write_table(path: Path, columns: TableColumns, kinds: Mapping[str, type]) -> None:
-    """Write a table, whole or not at all; raises `PlotfeedError` and `OSError`."""
+def write_table(path: Path, kinds: Mapping[str, type], rows: Sequence[Sequence[Any]]) -> None:
+    """Write a table, whole or not at all, by what its columns hold, None in empty cells.
+
+    Raises `PlotfeedError` and `OSError`.
+    """
     check_suffix(path)
     if path.suffix == PARQUET:
         import pyarrow as pa
@@ -120,15 +120,15 @@ def write_table(path: Path, columns: TableColumns, kinds: Mapping[str, type]) ->
 
         types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
         schema = pa.schema([(name, types[kind]) for name, kind in kinds.items()])
+        named = [dict(zip(kinds, row, strict=True)) for row in rows]
         file = io.BytesIO()
-        pq.write_table(pa.table(columns, schema=schema), file, compression="zstd")
+        pq.write_table(pa.Table.from_pylist(named, schema), file, compression="zstd")
         octets = file.getvalue()
     else:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            writer.writerow([as_text(cell) if isinstance(cell, str) else cell for cell in row])
+        writer.writerow(kinds)
+        writer.writerows([as_text(c) if isinstance(c, str) else c for c in row] for row in rows)
         octets = text.getvalue().encode()
     part = path.with_name(f".{path.name}.part")
     with naming(str(path)):

@@ -55,7 +55,7 @@ from plotfeed.feeds.lab.score import (
     write_new,
 )
 from plotfeed.feeds.lab.scoring import COUNTS, FIGURE_NAMES, NoFlightError, ScoreSettings, score_run
-from plotfeed.feeds.lab.sweep import Results, figure_columns, key_columns, level_columns, span_of
+from plotfeed.feeds.lab.sweep import Results, figure_columns, key_columns, level_rows, span_of
 from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells, write_table
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable
 from plotfeed.feeds.messages.batch import Batch
@@ -627,13 +627,13 @@ def _write_scores(
 ) -> None:
     names = [*FIGURE_NAMES, *POSSIBLE]
     own = {"failure": str, "late_s": float, **dict.fromkeys(names, float)}
-    rows = []
-    for key, run in sorted(done.items()):
-        figures = finite([run["figures"][name] for name in names])
-        rows.append((key, [[run["failure"] or None, run["late_s"], *figures]]))
+    rows = {
+        key: [[run["failure"] or None, run["late_s"], *finite([run["figures"][n] for n in names])]]
+        for key, run in sorted(done.items())
+    }
     table, *charts = settings.files()
     first = "tracker" if len(settings.trackers) > 1 else "scene"
-    write_table(table, *level_columns(levels, done, rows, own, first=first))
+    write_table(table, *level_rows(levels, done, rows, own, first=first))
     for chart in charts:
         with curve_figure(points) as figure:
             pictures.save_picture(figure, chart)
