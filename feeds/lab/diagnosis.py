@@ -18,20 +18,16 @@ from plotfeed.models.verdicts import FittedEffect, deviation, joint_fit
 from plotfeed.proto.units import FOOT_M
 from plotfeed.proto.utc import DAY_NS, NS
 
-# Reports that are looked at, and those times drones.
-MOST, MOST_PAIRS = 400, 20_000
+MOST, MOST_PAIRS = 400, 20_000  # Reports that are looked at, and those times drones
 FEWEST = 20
-# Half of the reports further off than this: then times may be wrong by seconds.
-GROSS_M = 60.0
+GROSS_M = 60.0  # Half of the reports further off than this: then times may be wrong by seconds
 # Errors from which on being wrong counts hardly more: over the ground, of height, of velocity.
 SCALES = (10.0, 10.0, 3.0)
 FAR_M = 20_000.0
 # What a candidate must save: of the mean of the logarithms of squares, and in standard errors.
 SAVED, SURE = 0.3, 5.0
-# Further from any drone than this, a report says nothing of what is wrong.
-GATE_M = 1000.0
-# Of clocks, looked for in whole seconds either way.
-CLOCK_S = 120
+GATE_M = 1000.0  # Further from any drone than this, a report says nothing of what is wrong
+CLOCK_S = 120  # Of clocks, looked for in whole seconds either way
 CLOCK = "clock "
 KNOT_M_S = 1852.0 / 3600.0
 Change = Callable[[ReportedTracks], ReportedTracks]

@@ -53,8 +53,7 @@ from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 NO_PLOTS = MeasuredPlots.of(())
 TRUTH = "/truth"
-# What messages there may be, by what they say of themselves.
-LEDGERS = ("", LEDGER, LEDGER_BATCH)
+LEDGERS = ("", LEDGER, LEDGER_BATCH)  # What messages there may be, by what they say of themselves
 # Messages that are read together, and their octets, as those of the ledger have many sectors.
 AT_ONCE, OCTETS_AT_ONCE = 8192, 4 << 20
 REMEMBERED = 65_536  # Entries by which it is noticed that one was recorded twice

@@ -50,16 +50,11 @@ from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT, Damage, Stage
 # Settings of one sensor's link, of which numbers have an octet; others are not told.
 MAX_LINKS = 100
 MAX_SENSORS = 10_000
-# Looks and plots, of all sensors together, that are held until they are judged.
-MOST_HELD = 400_000
-# Of one sensor, from which on they are judged, however many sensors there are.
-FEWEST_HELD = 2000
-# Plots that wait, until all are judged by the ledger.
-MOST_WAITING = 20_000
-# In a row, of which is looked which are lacking although the sensor was at work.
-MOST_RUNS = 1000
-# Of a sensor, which takes so many times 32 octets.
-WRITTEN_TOGETHER = 4096
+MOST_HELD = 400_000  # Looks and plots, of all sensors together, that are held until they are judged
+FEWEST_HELD = 2000  # Of one sensor, from which on they are judged, however many sensors there are
+MOST_WAITING = 20_000  # Plots that wait, until all are judged by the ledger
+MOST_RUNS = 1000  # In a row, of which is looked which are lacking although the sensor was at work
+WRITTEN_TOGETHER = 4096  # Of a sensor, which takes so many times 32 octets
 STAGES: Mapping[judge.Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
 NOT_CLAIMED = "clutter that the scene has beside, or side lobes bring, is not claimed"
 OF_LOOKS = (

@@ -45,16 +45,14 @@ MEASURED = [
 # looked for at least.
 REACH = {"azimuth": 8.0, "range": 500.0, "bistatic range": 1000.0, "elevation": 8.0}
 PAIRED = [NAMES.index(name) for name in REACH]
-# Pairs of a plot and a look that are compared at once.
-AT_ONCE = 500_000
+AT_ONCE = 500_000  # Pairs of a plot and a look that are compared at once
 # Standard deviations within which plots of two targets may be taken for each other's.
 CONFUSED = 8.0
 # Widths of resolution within which echoes may merge: further apart, one pair in 60,000.
 MERGED = 4.0
 # Between plots that tell the same field of view, so that it has not changed meanwhile.
 SAME_FIELD_NS = 10 * NS
-# Either way, for the rates of what is measured.
-STEP_S = 0.25
+STEP_S = 0.25  # Either way, for the rates of what is measured
 # Usual times between looks at a target after which its way between them is not known.
 LONGEST_GAP = 5.0
 # In place of a sensor's site that nobody tells: only what is relative to it counts.

@@ -47,13 +47,10 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 
-# Looked at after so many runs, after twice as many, and so on.
-FIRST_RUNS = 4
-# Share of experiments in which an interval of a variant does not hold what it should.
-RISK = 0.05
+FIRST_RUNS = 4  # Looked at after so many runs, after twice as many, and so on
+RISK = 0.05  # Share of experiments in which an interval of a variant does not hold what it should
 CUTOFF_M = 100.0
-# Fewer plots give no errors that can be compared.
-FEWEST_PLOTS = 10
+FEWEST_PLOTS = 10  # Fewer plots give no errors that can be compared
 STRETCH_NS = NS
 
 # What is told of each sensor, the unit in which it is compared, and what that is a share of: of
@@ -76,8 +73,7 @@ class Effect(NamedTuple):
 
     name: str
     off: Any = None
-    # An ordinary value; None where there is none.
-    on: Any = None
+    on: Any = None  # An ordinary value; None where there is none
 
 
 # Of sensors. What a kind of sensor has not is no effect of it; what refuses a value has none there.
@@ -115,10 +111,8 @@ class Variant:
 
     name: str
     scene: Scene
-    # Sensors, by index, of which it tells.
-    sensors: frozenset[int]
-    # Whether it adds what the scene does not name.
-    adds: bool = False
+    sensors: frozenset[int]  # Sensors, by index, of which it tells
+    adds: bool = False  # Whether it adds what the scene does not name
     effects: tuple[str, ...] = ()
     # Formats of plots that are read back, by which errors are told; without, those of sensors.
     read_back: str = ""
@@ -145,8 +139,7 @@ class Finding:
 
     variant: Variant
     changes: tuple[Change, ...]
-    # "needed", "can go", "missing", "no need" or "undecided".
-    verdict: str
+    verdict: str  # "needed", "can go", "missing", "no need" or "undecided"
     # Processor time beside that of the scene as it is, with its interval; 1 is the same.
     cost: tuple[float, float, float]
 
@@ -171,13 +164,11 @@ class Needs:
     matters: float
     duration_s: float
     runs: int
-    # Seconds of processor a second of the scene.
-    cost_s: float
+    cost_s: float  # Seconds of processor a second of the scene
     findings: tuple[Finding, ...]
     # What is lost without a sensor: by its id, cover of drones by any sensor with it and without.
     covers: Mapping[str, tuple[float, float]]
-    # Runs of that duration after which all would probably be decided.
-    runs_needed: int
+    runs_needed: int  # Runs of that duration after which all would probably be decided
     as_it_is: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
@@ -350,8 +341,7 @@ class _Sensed:
     engine: Engine
     index: int
     drones: Ints
-    # Batches with their rows that are sectors of it.
-    sectors: Sequence[tuple[Batch, int]]
+    sectors: Sequence[tuple[Batch, int]]  # Batches with their rows that are sectors of it
     plots: Plots
     of_drones: Plots
 
@@ -638,8 +628,7 @@ WORDS = {
     "lost": ("share of messages lost", ""),
 }
 SEED = 1
-# Where the scene does not say when it begins.
-START_UTC_NS = 1_767_268_800 * NS
+START_UTC_NS = 1_767_268_800 * NS  # Where the scene does not say when it begins
 
 
 def print_needs(scene: Scene, settings: NeedsSettings) -> None:

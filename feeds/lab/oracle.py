@@ -42,8 +42,7 @@ EARTH_M, ECCENTRICITY2 = 6_378_137.0, 6.694379990141317e-3
 NEAREST_M = 1.0
 # A half-wave dipole over an isotropic antenna, by which a broadcast's power is stated.
 DIPOLE_DB = 2.15
-# Loss of a Gaussian beam one 3 dB width off its axis, one way.
-ONE_WIDTH_DB = 40 * np.log10(2)
+ONE_WIDTH_DB = 40 * np.log10(2)  # Loss of a Gaussian beam one 3 dB width off its axis, one way
 STEADY = np.inf
 # Of horizons in a recording: octets, parts of the circle, and what no edge is as far as.
 MOST_OCTETS, MOST_PARTS, FURTHER_M = 1 << 30, 3600, 4e6

@@ -23,8 +23,7 @@ from plotfeed.models.track_metrics import overtaken
 from plotfeed.proto.utc import DAY_NS, NS
 
 LEAST_SIGMA_M, UNMEASURED_SIGMA_M = 0.1, 300.0
-# Standard deviation of a velocity before anything is known of it.
-SPEED_M_S = 15.0
+SPEED_M_S = 15.0  # Standard deviation of a velocity before anything is known of it
 LEAST_DENSITY_M2_S3 = 1e-3
 
 

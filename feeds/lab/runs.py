@@ -85,10 +85,8 @@ def connected(address: str) -> Iterator[Any]:
         ray.shutdown()
 
 
-# Of a job whose process dies.
-TRIES = 4
-# Jobs for each processor that are handed out: one is worked on, and one waits.
-AHEAD = 2
+TRIES = 4  # Of a job whose process dies
+AHEAD = 2  # Jobs for each processor that are handed out: one is worked on, and one waits
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -211,12 +209,10 @@ def _told(work: Callable[[Job], Result]) -> Callable[[Job], tuple[Result | None,
     return done
 
 
-# Of a key.
-MAX_VALUES = 1000
+MAX_VALUES = 1000  # Of a key
 EXAMPLE = "such as link.latency_ms=0:2000:250 or sensor.radar.pfa=1e-6,1e-5"
 ALL = "*"
-# Entries that an error names.
-MOST_NAMED = 12
+MOST_NAMED = 12  # Entries that an error names
 _STEPS = re.compile(r"\s*([^:,\s]+):([^:,\s]+):([^:,\s]+)\s*")
 _WORD = re.compile(r"[A-Za-z_][\w.-]*")
 
@@ -403,8 +399,7 @@ def _refuse(path: str, what: str) -> NoReturn:
 
 MAX_LEVELS = 10_000
 SCENES_AT_HAND = 16
-# Of a level that cannot be, told in a line.
-MOST_PROBLEMS = 3
+MOST_PROBLEMS = 3  # Of a level that cannot be, told in a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -506,8 +501,7 @@ def digests(levels: Iterable[SweepLevel]) -> dict[str, str]:
 
 
 NAME = "journal.jsonl"
-# After the last of them comes 0 again.
-SEEDS = 1 << 63
+SEEDS = 1 << 63  # After the last of them comes 0 again
 
 
 def seed_of(first: int, run: int) -> int:

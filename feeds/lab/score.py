@@ -361,8 +361,7 @@ class ScoreReport:
         return values
 
 
-# In text; JSON has all.
-DRONES_TOLD = 50
+DRONES_TOLD = 50  # In text; JSON has all
 
 
 def lines(told: ScoreReport) -> Iterator[str]:
@@ -461,10 +460,8 @@ def closing(failure: str, verdicts: Sequence[LimitVerdict], where: str = "") -> 
 
 
 INCHES = (11.0, 3.0)
-# Of a line: more are drawn as means.
-MOST_POINTS = 1200
-# In the chart of drones: the first ones.
-MOST_DRONES = 60
+MOST_POINTS = 1200  # Of a line: more are drawn as means
+MOST_DRONES = 60  # In the chart of drones: the first ones
 BLUE, ORANGE, RED, GREY, GREEN = "#1d4ed8", "#c2410c", "#be123c", "#94a3b8", "#15803d"
 BINS = 60
 NAME = 16

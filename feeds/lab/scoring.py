@@ -133,12 +133,9 @@ class ScoreSettings(SceneTable):
         return found & within
 
 
-# A number that is silent for so long is another track's when it comes again.
-FORGOTTEN_S = 60.0
-# Velocities beyond this are not taken for any.
-FASTEST_M_S = 1e4
-# Over which a velocity that is not told is taken from two reports.
-KEPT_S = 10.0
+FORGOTTEN_S = 60.0  # A number that is silent for so long is another track's when it comes again
+FASTEST_M_S = 1e4  # Velocities beyond this are not taken for any
+KEPT_S = 10.0  # Over which a velocity that is not told is taken from two reports
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -617,13 +614,11 @@ def _p95(values: Floats) -> float:
     return float(np.quantile(values, 0.95)) if len(values) else math.nan
 
 
-# Steps times drones.
-MOST_CELLS = 50_000_000
+MOST_CELLS = 50_000_000  # Steps times drones
 # A tracker of which nothing comes for so long, and for so many times as long as it is usual from
 # one report to the next (95 %), has ended.
 SILENT_S, SILENT_TIMES = 10.0, 5.0
-# Below it a drone has no way along which to err.
-LEAST_SPEED_M_S = 1.0
+LEAST_SPEED_M_S = 1.0  # Below it a drone has no way along which to err
 
 
 class NoFlightError(PlotfeedError):
@@ -972,8 +967,7 @@ def report_figures(
     return found, samples
 
 
-# Standard errors of which one bound of 95 % is, by the normal law.
-SE_95 = 1.959964
+SE_95 = 1.959964  # Standard errors of which one bound of 95 % is, by the normal law
 
 
 def _lag_parts(errors: ReportErrors, dimensions: int) -> tuple[Floats, Floats]:

@@ -42,10 +42,8 @@ from plotfeed.models.verdicts import NOTHING, Interval, mean_interval, ratio_int
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
-# 2026-01-01T00:00:00Z: when scenes begin that do not say when.
-START_UTC_NS = 1_767_225_600 * NS
-# How long runs last of scenes that do not say for how long.
-USUAL_S = 60.0
+START_UTC_NS = 1_767_225_600 * NS  # 2026-01-01T00:00:00Z: when scenes begin that do not say when
+USUAL_S = 60.0  # How long runs last of scenes that do not say for how long
 NEVER = np.iinfo(np.int64).max
 Row = list[Any]
 
@@ -272,10 +270,8 @@ def _rms(errors: Floats) -> float | None:
     return float(np.sqrt(np.mean(errors**2))) if len(errors) else None
 
 
-# Of runs, by level and run.
-Results = Mapping[tuple[int, int], Mapping[str, Any]]
-# What tables for people call all sensors together.
-TOGETHER = "all"
+Results = Mapping[tuple[int, int], Mapping[str, Any]]  # Of runs, by level and run
+TOGETHER = "all"  # What tables for people call all sensors together
 ERRORS = ("range_rms_m", "azimuth_rms_deg", "elevation_rms_deg")
 # Figures of a level by name: their titles and forms, with % for shares.
 SHOWN = {
@@ -431,8 +427,7 @@ def level_rows(
     return kinds | {"run": int, "seed": int} | dict(own), found
 
 
-# Of distance, at least, up to the furthest range.
-CLASSES = 40
+CLASSES = 40  # Of distance, at least, up to the furthest range
 # Tables of a scene that make no difference where nothing is sent.
 NOT_SENT = ("asterix", "http", "mqtt", "page", "sapient", "tak", "udp", "websocket")
 # Ends of paths of keys that make none.
@@ -556,10 +551,8 @@ def _check(settings: SweepSettings, varied: Sequence[VariedKey]) -> None:
 
 
 INCHES_WIDE, INCHES_A_ROW = 15.0, 3.7
-# That are drawn.
-MOST_SENSORS = 6
-# In a class of distance that is drawn.
-FEWEST_LOOKS = 5
+MOST_SENSORS = 6  # That are drawn
+FEWEST_LOOKS = 5  # In a class of distance that is drawn
 DRAWN_ERRORS = ("rms of range, m", "rms of azimuth, degrees", "rms of elevation, degrees")
 
 

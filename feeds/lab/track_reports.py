@@ -44,8 +44,7 @@ from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 UNKNOWN_NS = -(2**63)
 LATEST_NS = 2**63 - 1
 COVARIANCES = ("east_m2", "north_m2", "up_m2", "east_north_m2", "east_up_m2", "north_up_m2")
-# Which of these stands where in a matrix.
-SQUARE = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+SQUARE = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # Which of these stands where in a matrix
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -503,14 +502,12 @@ def _counted(value: Any, key: str, read: Callable[[Any], int]) -> int:
         ) from None
 
 
-# Suffixes of tables, with what parts their columns.
-TABLES = {".csv": ",", ".tsv": "\t"}
+TABLES = {".csv": ",", ".tsv": "\t"}  # Suffixes of tables, with what parts their columns
 FEATURES = (".geojson", ".json", ".xml", ".cot")
 LINES = (".jsonl", ".ndjson")
 MAX_FILE_OCTETS = 1 << 30
 MOST_TOPICS = 1000
-# Messages of tracks, whoever sends them.
-OF_ASTERIX = asterix_content_type(62)
+OF_ASTERIX = asterix_content_type(62)  # Messages of tracks, whoever sends them
 
 
 def read_tracks(
@@ -671,8 +668,7 @@ def _take(table: TrackTable, entries: Iterator[Mapping[str, Any]], path: Path) -
         table.refuse(f"{path.name} holds no tracks")
 
 
-# Heights beyond this are not taken for any.
-HIGHEST_M = 1e5
+HIGHEST_M = 1e5  # Heights beyond this are not taken for any
 
 
 def is_place(told: ReportedTracks) -> Bools:

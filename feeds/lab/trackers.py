@@ -88,14 +88,10 @@ from plotfeed.proto.utc import NS
 # On which a tracker publishes, unless the scene's page.tracks_topic or an option says.
 USUAL_TOPIC = "tracker/tracks"
 CONNECT_S = 5.0
-# A tracker has so long for its tracks of the last plots.
-LAST_WORDS_S = 1.0
-# And so long to end when it is told to; then it is killed.
-TERM_S = 5.0
-# Of tracks that are taken in a run.
-MAX_MESSAGES = 1_000_000
-# Characters of a tracker's last line that are told.
-MAX_LINE = 200
+LAST_WORDS_S = 1.0  # A tracker has so long for its tracks of the last plots
+TERM_S = 5.0  # And so long to end when it is told to; then it is killed
+MAX_MESSAGES = 1_000_000  # Of tracks that are taken in a run
+MAX_LINE = 200  # Characters of a tracker's last line that are told
 # What a command may have in braces, and as PLOTFEED_TRACKER_... in its environment.
 PLACES = ("broker", "broker5", "host", "port", "port5", "prefix", "topic", "seed")
 _PLACE = re.compile(r"\{(\w+)\}")
