@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plotfeed.feeds.lab.flights import Truths
-from plotfeed.feeds.lab.scoring import Score, ScoreSettings, nearest_drones, score_run, truth_beside
+from plotfeed.feeds.lab.scoring import Score, ScoreSettings, nearest_drones, truth_beside
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, ReportedTracks, TracksRead
 from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
 from plotfeed.models.state import Floats, Ints
@@ -64,7 +64,7 @@ def diagnosed(truths: Truths, tracks: TracksRead, how: ScoreSettings) -> Diagnos
     findings += [_words(e._replace(value=e.value + clock_s * (e.name == "clock"))) for e in fitted]
     if not findings:
         return None
-    without = score_run(truths, replace(tracks, reports=told), how)
+    without = Score(truths, replace(tracks, reports=told), how)
     return Diagnosis(findings=tuple(findings), without=without)
 
 

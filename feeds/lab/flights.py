@@ -6,7 +6,6 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -116,7 +115,8 @@ class FlightsTally:
         place = np.empty(len(order), np.int64)
         place[[self._drones[name] for name in order]] = np.arange(len(order))
         looks: dict[tuple[int, int], Ints] = {}
-        parts = []
+        times: list[list[Ints]] = [[np.zeros(0, np.int64)] for _ in order]
+        places: list[list[Floats]] = [[np.zeros((0, 3))] for _ in order]
         for number, (sensor, rows) in enumerate(self._rows.items()):
             all_of = ToldLooks.joined(rows)
             aer = np.stack([all_of.azimuth_deg, all_of.elevation_deg, all_of.range_m])
@@ -126,17 +126,14 @@ class FlightsTally:
                 usable &= (when_ns >= within_utc_ns[0]) & (when_ns <= within_utc_ns[1])
             drone, t_ns = place[all_of.entry[usable]], when_ns[usable]
             at_m = self._frames[sensor].to_ecef(aer_to_enu(*aer[:, usable]))
-            parts.append((drone, t_ns, at_m))
             for each in np.unique(drone).tolist():
                 looks[each, number] = np.unique(t_ns[drone == each])
+                times[each].append(t_ns[drone == each])
+                places[each].append(at_m[drone == each])
         stand_m = [frame.origin_ecef_m for frame in self._frames.values()]
-        none = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)))
-        drone, t_ns, at_m = (np.concatenate(p) for p in zip(*(parts or [none]), strict=True))
-        by_drone = np.argsort(drone, kind="stable")
-        ends = np.searchsorted(drone[by_drone], np.arange(len(order) + 1)).tolist()
         paths = [
-            FlightPath.of(t_ns[by_drone[a:b]], at_m[by_drone[a:b]], self._gap_ns)
-            for a, b in pairwise(ends)
+            FlightPath.of(np.concatenate(t_ns), np.concatenate(at_m), self._gap_ns)
+            for t_ns, at_m in zip(times, places, strict=True)
         ]
         untold = [
             f"{many} looks of {sensor} have no place: where it stands is not told"

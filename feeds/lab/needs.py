@@ -39,7 +39,7 @@ from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.models.frames import LocalFrame, enu_to_aer, wrap_180
+from plotfeed.models.frames import enu_to_aer, wrap_180
 from plotfeed.models.sensors.sensor_model import NO_PLOTS
 from plotfeed.models.state import Floats, Ints, Plots
 from plotfeed.models.track_metrics import set_score
@@ -325,7 +325,7 @@ def run_of(variant: Variant, seed: int, start_utc_ns: int, duration_s: float) ->
     middles_ns = np.minimum(start_utc_ns + COVER_NS * stretches + COVER_NS // 2, end_ns)
     there = np.isfinite(engine.trajectories.positions_at(middles_ns)[:, rows, 0])
     for i in range(len(scene.sensor)):
-        own = _Sensed.of(engine, batches, i, rows)
+        own = _Sensed(engine, batches, i, rows)
         figures.append(own.figures(variant.read_back if i in variant.sensors else ""))
         stretch = (own.of_drones.t_utc_ns - start_utc_ns) // COVER_NS
         seen.append(frozenset(zip(own.of_drones.drone.tolist(), stretch.tolist(), strict=True)))
@@ -334,36 +334,23 @@ def run_of(variant: Variant, seed: int, start_utc_ns: int, duration_s: float) ->
     return Run(np.array(figures), spent_s / duration_s, tuple(seen), chances)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Sensed:
-    """What one sensor did in a run."""
+    """What one sensor, by its index, did in a run."""
 
-    engine: Engine
-    index: int
-    drones: Ints
-    sectors: Sequence[tuple[Batch, int]]  # Batches with their rows that are sectors of it
-    plots: Plots
-    of_drones: Plots
-
-    @classmethod
-    def of(cls, engine: Engine, batches: Sequence[Batch], index: int, drones: Ints) -> _Sensed:
-        """All of it, in the order of time."""
-        rows = [
+    def __init__(self, engine: Engine, batches: Sequence[Batch], index: int, drones: Ints) -> None:
+        self.engine, self.drones = engine, drones
+        self.sensor = engine.scene.sensor[index]
+        self.here = frame_at(engine.scene.scene.site, self.sensor.position_enu_m)
+        # Batches with their rows that are sectors of it, in the order of time.
+        self.sectors = [
             (batch, row)
             for batch in batches
             if batch.claims is None
             for row in np.flatnonzero(batch.sectors.sensor == index).tolist()
         ]
-        parts = [b.plots.between(b.plots_by[row], b.plots_by[row + 1]) for b, row in rows]
-        plots = Plots.joined(parts or [NO_PLOTS])
-        return cls(
-            engine=engine,
-            index=index,
-            drones=drones,
-            sectors=rows,
-            plots=plots,
-            of_drones=plots.rows(np.isin(plots.drone, drones)),
-        )
+        parts = [b.plots.between(b.plots_by[row], b.plots_by[row + 1]) for b, row in self.sectors]
+        self.plots = Plots.joined(parts or [NO_PLOTS])
+        self.of_drones = self.plots.rows(np.isin(self.plots.drone, drones))
 
     def figures(self, read_back: str) -> list[float]:
         """What is compared, in the order of `METRICS`; NaN for what the sensor has not."""
@@ -381,27 +368,18 @@ class _Sensed:
         found["alarms"] = (len(self.plots) - len(of_drones)) / scans
         read = self._read_back(read_back, of_drones) if read_back else of_drones
         found |= self._errors(of_drones, read)
-        outgoing = [one for b, row in self.sectors for one in b.messages[row]]
-        ends = [int(b.sectors.end_ns[row]) for b, row in self.sectors for _ in b.messages[row]]
-        left = [
-            one.due_utc_ns - end for one, end in zip(outgoing, ends, strict=True) if not one.fate
+        outgoing = [
+            (one.fate, one.due_utc_ns - int(b.sectors.end_ns[row]))
+            for b, row in self.sectors
+            for one in b.messages[row]
         ]
+        delays_ns = [delay_ns for fate, delay_ns in outgoing if not fate]
         if outgoing:
-            found["lost"] = 1 - len(left) / len(outgoing)
-        if left:
-            found["delay_s"] = float(np.mean(left)) / NS
+            found["lost"] = 1 - len(delays_ns) / len(outgoing)
+        if delays_ns:
+            found["delay_s"] = float(np.mean(delays_ns)) / NS
         found |= self._tracks(period_ns)
         return list(found.values())
-
-    @property
-    def sensor(self) -> Sensor:
-        """The keys of the sensor."""
-        return self.engine.scene.sensor[self.index]
-
-    @property
-    def here(self) -> LocalFrame:
-        """East, north and up of it."""
-        return frame_at(self.engine.scene.scene.site, self.sensor.position_enu_m)
 
     def _chances(self, scans: int) -> int:
         """How often a drone was within the sensor's range at the middle of a scan."""
@@ -431,15 +409,9 @@ class _Sensed:
         if len(plots) < FEWEST_PLOTS:
             return {}
         there = self.engine.trajectories.position_at(read.t_utc_ns.astype(np.int64), plots.drone)
-        enu_m = self.here.from_ecef(there)
-        azimuth_deg, elevation_deg, range_m = enu_to_aer(enu_m)
-        found = {}
-        for name, true in (
-            ("range_m", range_m),
-            ("azimuth_deg", azimuth_deg),
-            ("elevation_deg", elevation_deg),
-        ):
-            difference = getattr(read, name) - true
+        true, found = enu_to_aer(self.here.from_ecef(there)), {}
+        for name, column in zip(("azimuth_deg", "elevation_deg", "range_m"), true, strict=True):
+            difference = getattr(read, name) - column
             if name == "azimuth_deg":
                 difference = wrap_180(difference)
             difference = difference[np.isfinite(difference)]

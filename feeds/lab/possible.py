@@ -11,7 +11,7 @@ import numpy as np
 
 from plotfeed.feeds.lab.evidence import Evidence, EvidencePart, WaitingPlots, plots_in_rows
 from plotfeed.feeds.lab.flights import FlightsTally, Truths, scene_of, stands_of
-from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run
+from plotfeed.feeds.lab.scoring import Score, ScoreSettings
 from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTracks, TracksRead
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
@@ -162,7 +162,7 @@ def possible(run: RecordedRun, score: Score) -> Possible | None:
     how, p = score.settings.model_copy(update={"counts_tentative": True}), score.settings.order
     all_of = _followed(truths, joined.but(arrived_utc_ns=joined.t_utc_ns), how)
     came = _followed(truths, joined.rows(joined.arrived_utc_ns != UNKNOWN_NS), how)
-    best, linked = (score_run(truths, tracks, how) for tracks in (all_of, came))
+    best, linked = (Score(truths, tracks, how) for tracks in (all_of, came))
     axes = slice(how.dimensions)
     spread_m2 = np.trace(linked.errors.covariance_m2[:, axes, axes], axis1=1, axis2=2)
     of_best = best.as_stamped.gospa_m

@@ -37,7 +37,6 @@ from plotfeed.feeds.lab.scoring import (
     Figures,
     Score,
     ScoreSettings,
-    score_run,
     stretches,
 )
 from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells
@@ -709,7 +708,7 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
     truths = run.truths
     midnight_ns = truths.start_utc_ns // DAY_NS * DAY_NS
     tracks = read_tracks(file, scene, options.topics, date_utc_ns=midnight_ns)
-    score = score_run(truths, tracks, settings)
+    score = Score(truths, tracks, settings)
     told = ScoreReport(
         score=score,
         title="" if profile is None else profile.profile.title,

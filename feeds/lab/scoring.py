@@ -1,4 +1,4 @@
-"""A tracker's reports beside the flights of a run: `score_run`, and its figures."""
+"""A tracker's reports beside the flights of a run: its score, and its figures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,6 @@ from plotfeed.models.track_metrics import (
     GridRows,
     Level,
     Segments,
-    StepScores,
     TrackReports,
     Walked,
     WalkSettings,
@@ -444,76 +443,6 @@ class SensorScore:
     longest_gap_s: float  # The longest time for which a drone in its cover had no track
 
 
-@dataclass(frozen=True, kw_only=True)
-class Score:
-    """The score of a tracker for one run."""
-
-    scene: str
-    source: str  # Where tracks were found
-    start_utc_ns: int
-    end_utc_ns: int
-    settings: ScoreSettings
-    as_stamped: Figures  # Every report counts from the time that it is of, whenever it came
-    # Reports count from when they were received; None where that is not known.
-    as_known: Figures | None
-    reports: Figures
-    in_space: Figures  # Of sets, as stamped, and of reports, in space, of those that tell a height
-    # What figures are of, by the names that `figures` has; none of those of this run alone.
-    samples: Mapping[str, FigureSamples]
-    drones: Sequence[DroneScore]
-    counted: int  # Of the drones: those that count, and were anywhere
-    sensors: Sequence[SensorScore]
-    tracks: int
-    false_tracks: int  # That were of no drone ever
-    # By Kaplan and Meier: drones that never had a track are in it; infinite if most had none.
-    initiation_median_s: float
-    alert_median_m: float  # Likewise; 0 if most never were seen
-    never_tracked: int
-    silent_s: float  # From the last report to the end, if drones were there then
-    left_out: Mapping[str, int]  # Reports that were left out or are odd, by the reason
-    failure: str  # How the tracker failed; empty if it did not
-    notes: Sequence[str]
-    errors: ReportErrors
-    # Of each step of the grid: its time, what there was, which drones were there, and which of
-    # them had a track, (steps, drones).
-    t_utc_ns: Ints
-    steps: StepScores
-    there: Bools
-    tracked: Bools
-    # Of each drone: from when to when it was there.
-    stays_utc_ns: Sequence[Sequence[tuple[int, int]]]
-    # From each usable report to the drone that was nearest, over the ground; NaN for none.
-    nearest_m: Floats
-    # East and north of the site, or else of the middle, (n, 2): of drones with a track and without,
-    # and of false tracks.
-    places: Mapping[str, Floats]
-
-    @property
-    def since_s(self) -> Floats:
-        """Times of the steps, (steps,), from the beginning on."""
-        return (self.t_utc_ns - self.start_utc_ns) / NS
-
-    @property
-    def distances(self) -> str:
-        """Which distances are meant throughout, in words."""
-        return "over the ground" if self.settings.dimensions == 2 else "in space"
-
-    def figures(self) -> dict[str, float]:
-        """All figures by their names, NaN for what is not known: the same names for every run.
-
-        Those of what was known at the time begin with `known_`, and those in space with `space_`.
-        """
-        known, sets = self.as_known or Figures(), {name: self.as_stamped[name] for name in SETS}
-        counts = self.counted, self.never_tracked, self.tracks, self.false_tracks
-        values = (
-            *(*sets.values(), *(known[name] for name in SETS)),
-            *(*(self.reports[name] for name in REPORTS), *(self.in_space[n] for n in FIGURES)),
-            *(self.initiation_median_s, self.alert_median_m, *map(float, counts)),
-            *(float(sum(self.left_out.values())), self.silent_s),
-        )
-        return dict(zip(FIGURE_NAMES, values, strict=True))
-
-
 # As `Score.figures` has them.
 FIGURE_NAMES = (
     *SETS,
@@ -625,95 +554,131 @@ class NoFlightError(PlotfeedError):
     """No drone was in cover, or is scored."""
 
 
-def score_run(truths: Truths, tracks: TracksRead, settings: ScoreSettings | None = None) -> Score:
-    """Score a tracker; raises `NoFlightError`, or `PlotfeedError` for a run too long.
+class Score:
+    """The score of a tracker for one run.
 
     Whatever the tracker did, there is a score: what of its reports cannot be used is counted.
     """
-    how = settings or ScoreSettings()
-    whole, truths = truths, scored_part(truths, how)
-    field = _Field.of(truths, how)
-    usable = usable_tracks(tracks, field.span_utc_ns, field.level, how)
-    if how.leaves_out:
-        usable = usable.only(_are_scored(whole, field, usable.reports), "not scored")
-    if how.dimensions == 3:
-        if not truths.has_height:
-            raise PlotfeedError("dimensions = 3: the truth tells no heights")
-        usable = usable.only(usable.reports.has_height, "without a height")
-    used = usable.reports
-    beside = field.beside(usable, how.dimensions)
-    walked, errors, samples = beside.walked, beside.errors, dict(beside.samples)
-    known, in_space = None, Figures()
-    unknown = int(np.count_nonzero(used.known_utc_ns == UNKNOWN_NS))
-    if not unknown:
-        later = field.walked(usable, how.dimensions, as_known=True)
-        known, of_known, _ = _set_figures(field, used, *later)
-        samples |= {f"known_{name}": each for name, each in of_known.items()}
-    notes = [*truths.notes]
-    if used.has_height.any() and truths.has_height:
-        high = usable._replace(reports=used.rows(used.has_height))
-        space = beside if how.dimensions == 3 else field.beside(high, 3)
-        in_space = Figures({**space.sets, **space.reports})
-        samples |= {f"space_{name}": each for name, each in space.samples.items()}
-        if lack := len(used) - len(high.reports):
-            notes.append(f"{lack} of {len(used)} reports tell no height: not in space")
-    if unknown:
-        of = f"{unknown} of {len(used)} reports have no time of receipt"
-        notes.append(f"{of}: latency is of the others, and nothing is told as known")
-    tracked = np.zeros_like(field.there)
-    tracked[walked.assigned.step, walked.assigned.drone] = True
-    drones = drone_scores(field, beside.segments, errors, tracked)
-    start_ns, end_ns = field.span_utc_ns
-    silent_s = max((end_ns - int(used.t_utc_ns.max(initial=start_ns))) / NS, 0.0)
-    # Those that do not count were nowhere.
-    told = [each for each, p in zip(drones, truths.paths, strict=True) if len(p.t_utc_ns)]
-    seen = np.array([np.isfinite(each.initiation_s) for each in told], np.bool_)
-    waited_s = np.where(seen, [d.initiation_s for d in told], [d.cover_s for d in told])
-    # Those that were never seen would have been nearer than they ever came.
-    nearness_m = -np.where(seen, [d.alert_m for d in told], [d.closest_m for d in told])
-    is_false = np.ones(len(beside.rows), np.bool_)
-    is_false[walked.assigned.row] = False
-    nearest = field.beside_reports(used, beside.rows, walked.nearest)
-    near = truth_beside(truths, nearest, used.t_utc_ns, field.level)
-    return Score(
-        scene=truths.scene,
-        source=tracks.source,
-        start_utc_ns=start_ns,
-        end_utc_ns=end_ns,
-        settings=how,
-        as_stamped=beside.sets,
-        as_known=known,
-        reports=beside.reports,
-        in_space=in_space,
-        samples=samples,
-        drones=drones,
-        counted=len(told),
-        sensors=sensor_scores(field, errors, tracked),
-        tracks=len(usable.names),
-        false_tracks=len(usable.names) - len(np.unique(beside.segments.track)),
-        initiation_median_s=survival_quantile(waited_s, seen),
-        alert_median_m=max(-survival_quantile(nearness_m, seen), 0.0),
-        never_tracked=int(np.count_nonzero(~seen)),
-        silent_s=silent_s,
-        left_out=usable.counts,
-        failure=_failure(tracks, used, silent_s),
-        notes=notes,
-        errors=errors,
-        t_utc_ns=field.grid.t_utc_ns,
-        steps=walked.steps,
-        there=field.there,
-        tracked=tracked,
-        stays_utc_ns=[stays_of(p.t_utc_ns, p.gap_ns) for p in truths.paths],
-        nearest_m=distance_m(used.point[:, :3] - near.point[:, :3]),
-        places={
+
+    def __init__(
+        self, truths: Truths, tracks: TracksRead, settings: ScoreSettings | None = None
+    ) -> None:
+        """Raises `NoFlightError`, or `PlotfeedError` for a run too long."""
+        self.settings = how = settings or ScoreSettings()
+        whole, truths = truths, scored_part(truths, how)
+        field = _Field(truths, how)
+        usable = usable_tracks(tracks, field.span_utc_ns, field.level, how)
+        if how.leaves_out:
+            usable = usable.only(_are_scored(whole, field, usable.reports), "not scored")
+        if how.dimensions == 3:
+            if not truths.has_height:
+                raise PlotfeedError("dimensions = 3: the truth tells no heights")
+            usable = usable.only(usable.reports.has_height, "without a height")
+        used, beside = usable.reports, field.beside(usable, how.dimensions)
+        walked, errors = beside.walked, beside.errors
+        self.scene, self.source = truths.scene, tracks.source  # And where tracks were found
+        self.start_utc_ns, self.end_utc_ns = field.span_utc_ns
+        self.as_stamped = beside.sets  # Each report counts from the time it is of, whenever it came
+        # Reports count from when they were received; None where that is not known.
+        self.as_known: Figures | None = None
+        self.reports, self.errors = beside.reports, errors
+        self.in_space = Figures()  # Of sets, as stamped, and of reports that tell a height
+        # What figures are of, by the names that `figures` has; none of those of this run alone.
+        self.samples = dict(beside.samples)
+        self.notes = [*truths.notes]
+        self.left_out = usable.counts  # Reports that were left out or are odd, by the reason
+        unknown = int(np.count_nonzero(used.known_utc_ns == UNKNOWN_NS))
+        if not unknown:
+            later = field.walked(usable, how.dimensions, as_known=True)
+            self.as_known, of_known, _ = _set_figures(field, used, *later)
+            self.samples |= {f"known_{name}": each for name, each in of_known.items()}
+        if used.has_height.any() and truths.has_height:
+            high = usable._replace(reports=used.rows(used.has_height))
+            space = beside if how.dimensions == 3 else field.beside(high, 3)
+            self.in_space = Figures({**space.sets, **space.reports})
+            self.samples |= {f"space_{name}": each for name, each in space.samples.items()}
+            if lack := len(used) - len(high.reports):
+                of = f"{lack} of {len(used)} reports"
+                self.notes.append(f"{of} tell no height: not in space")
+        if unknown:
+            of = f"{unknown} of {len(used)} reports have no time of receipt"
+            self.notes.append(f"{of}: latency is of the others, and nothing is told as known")
+        # Of each step of the grid: its time, what there was, which drones were there, and which of
+        # them had a track, (steps, drones).
+        self.t_utc_ns, self.steps, self.there = field.grid.t_utc_ns, walked.steps, field.there
+        self.tracked = tracked = np.zeros_like(field.there)
+        tracked[walked.assigned.step, walked.assigned.drone] = True
+        self.drones = drone_scores(field, beside.segments, errors, tracked)
+        self.sensors = sensor_scores(field, errors, tracked)
+        self._begin(truths)
+        self.tracks = len(usable.names)
+        self.false_tracks = self.tracks - len(np.unique(beside.segments.track))  # Of no drone ever
+        last_ns = int(used.t_utc_ns.max(initial=self.start_utc_ns))
+        self.silent_s = max(
+            (self.end_utc_ns - last_ns) / NS, 0.0
+        )  # From the last report to the end
+        self.failure = _failure(tracks, used, self.silent_s)  # How the tracker failed; else empty
+        self._place(field, used, beside)
+
+    def _place(self, field: _Field, used: UsableReports, beside: _Beside) -> None:
+        """Say where there was what, for charts, and how far from drones reports were."""
+        truths, there = field.truths, field.states.point
+        # From each usable report to the drone that was nearest, over the ground; NaN for none.
+        nearest = field.beside_reports(used, beside.rows, beside.walked.nearest)
+        near = truth_beside(truths, nearest, used.t_utc_ns, field.level)
+        self.nearest_m = distance_m(used.point[:, :3] - near.point[:, :3])
+        is_false = np.ones(len(beside.rows), np.bool_)
+        is_false[beside.walked.assigned.row] = False
+        # East and north of the site, or else of the middle, (n, 2).
+        self.places = {
             name: (truths.site or truths.middle).from_ecef(points[:, :3])[:, :2]
             for name, points in (
-                ("drones with a track", field.states.point[tracked]),
-                ("drones without a track", field.states.point[field.there & ~tracked]),
+                ("drones with a track", there[self.tracked]),
+                ("drones without a track", there[field.there & ~self.tracked]),
                 ("tracks of no drone", beside.rows.point[is_false]),
             )
-        },
-    )
+        }
+
+    def _begin(self, truths: Truths) -> None:
+        """Say when drones were there, and first seen; those never seen are in the medians."""
+        # Of each drone: from when to when it was there.
+        self.stays_utc_ns = [stays_of(p.t_utc_ns, p.gap_ns) for p in truths.paths]
+        # Those that do not count were nowhere.
+        told = [each for each, p in zip(self.drones, truths.paths, strict=True) if len(p.t_utc_ns)]
+        self.counted = len(told)  # Of the drones: those that count, and were anywhere
+        seen = np.array([np.isfinite(each.initiation_s) for each in told], np.bool_)
+        self.never_tracked = int(np.count_nonzero(~seen))
+        waited_s = np.where(seen, [d.initiation_s for d in told], [d.cover_s for d in told])
+        # By Kaplan and Meier: drones that never had a track are in it; infinite if most had none.
+        self.initiation_median_s = survival_quantile(waited_s, seen)
+        # Those that were never seen would have been nearer than they ever came.
+        nearness_m = -np.where(seen, [d.alert_m for d in told], [d.closest_m for d in told])
+        self.alert_median_m = max(-survival_quantile(nearness_m, seen), 0.0)  # 0 if most were not
+
+    @property
+    def since_s(self) -> Floats:
+        """Times of the steps, (steps,), from the beginning on."""
+        return (self.t_utc_ns - self.start_utc_ns) / NS
+
+    @property
+    def distances(self) -> str:
+        """Which distances are meant throughout, in words."""
+        return "over the ground" if self.settings.dimensions == 2 else "in space"
+
+    def figures(self) -> dict[str, float]:
+        """All figures by their names, NaN for what is not known: the same names for every run.
+
+        Those of what was known at the time begin with `known_`, and those in space with `space_`.
+        """
+        known, sets = self.as_known or Figures(), {name: self.as_stamped[name] for name in SETS}
+        counts = self.counted, self.never_tracked, self.tracks, self.false_tracks
+        values = (
+            *(*sets.values(), *(known[name] for name in SETS)),
+            *(*(self.reports[name] for name in REPORTS), *(self.in_space[n] for n in FIGURES)),
+            *(self.initiation_median_s, self.alert_median_m, *map(float, counts)),
+            *(float(sum(self.left_out.values())), self.silent_s),
+        )
+        return dict(zip(FIGURE_NAMES, values, strict=True))
 
 
 def scored_part(truths: Truths, how: ScoreSettings) -> Truths:
@@ -754,55 +719,38 @@ class _Beside(NamedTuple):
     samples: dict[str, FigureSamples]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _Field:
-    """The flights on the grid."""
+    """The flights on the grid, from the first place of any drone to the last."""
 
-    truths: Truths
-    how: ScoreSettings
-    grid: Grid
-    span_utc_ns: tuple[int, int]
-    level: Level
-    states: TrueStates  # (steps, drones, ...)
-    there: Bools
-
-    @classmethod
-    def of(cls, truths: Truths, how: ScoreSettings) -> Self:
-        """The flights from the first place of any drone to the last."""
+    def __init__(self, truths: Truths, how: ScoreSettings) -> None:
+        self.truths, self.how = truths, how
         times = [path.t_utc_ns for path in truths.paths if len(path.t_utc_ns) > 1]
         if not times:
             raise NoFlightError("no flight to score against: no drone was looked at, or is scored")
-        span = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
+        first_ns, last_ns = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
+        self.span_utc_ns = first_ns, last_ns
         step_ns, many = round(how.step_s * NS), len(truths.paths)
-        first = -(-span[0] // step_ns)
-        steps = max(span[1] // step_ns - first + 1, 1)
+        first = -(-first_ns // step_ns)
+        steps = max(last_ns // step_ns - first + 1, 1)
         if steps * many > MOST_CELLS:
             raise PlotfeedError(
                 f"{steps} steps of {how.step_s:g} s for {many} drones are too many: "
                 "step_s can be longer, or the recording cut"
             )
-        grid = Grid(start_utc_ns=first * step_ns, step_ns=step_ns, steps=steps)
-        found = [path.states_at(grid.t_utc_ns) for path in truths.paths]
+        self.grid = Grid(start_utc_ns=first * step_ns, step_ns=step_ns, steps=steps)
+        found = [path.states_at(self.grid.t_utc_ns) for path in truths.paths]
         place_m, velocity_m_s = (np.concatenate(part) for part in zip(*found, strict=True))
         heights_m = true_states(place_m, velocity_m_s, Level(0.0)).point[:, 3]
         known_m = heights_m[np.isfinite(heights_m)]
-        level = Level(float(np.mean(known_m)) if len(known_m) else 0.0)
-        states = true_states(place_m, velocity_m_s, level)
-        by_step = TrueStates(
+        self.level = Level(float(np.mean(known_m)) if len(known_m) else 0.0)
+        states = true_states(place_m, velocity_m_s, self.level)
+        self.states = TrueStates(  # (steps, drones, ...)
             point=states.point.reshape(many, steps, 4).swapaxes(0, 1),
             velocity_enu_m_s=states.velocity_enu_m_s.reshape(many, steps, 3).swapaxes(0, 1),
             latitude_deg=states.latitude_deg.reshape(many, steps).T,
             longitude_deg=states.longitude_deg.reshape(many, steps).T,
         )
-        return cls(
-            truths=truths,
-            how=how,
-            grid=grid,
-            span_utc_ns=span,
-            level=level,
-            states=by_step,
-            there=np.isfinite(by_step.point[:, :, 0]),
-        )
+        self.there: Bools = np.isfinite(self.states.point[:, :, 0])
 
     def beside(self, usable: UsableTracks, dimensions: int) -> _Beside:
         """Tracks beside the flights, as stamped."""

@@ -54,7 +54,7 @@ from plotfeed.feeds.lab.score import (
     settings_of,
     write_new,
 )
-from plotfeed.feeds.lab.scoring import COUNTS, FIGURE_NAMES, NoFlightError, ScoreSettings, score_run
+from plotfeed.feeds.lab.scoring import COUNTS, FIGURE_NAMES, NoFlightError, Score, ScoreSettings
 from plotfeed.feeds.lab.sweep import Results, figure_columns, key_columns, level_rows, span_of
 from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells, write_table
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable
@@ -176,7 +176,7 @@ async def _run(job: RunJob) -> dict[str, Any]:
     figures, nothing = dict.fromkeys([*FIGURE_NAMES, *POSSIBLE], math.nan), ""
     limits: list[tuple[float, FigureSamples | None]] = [(math.nan, None)] * len(plan.limits)
     try:
-        score = score_run(truths, heard.table.read(topic, failure), plan.how)
+        score = Score(truths, heard.table.read(topic, failure), plan.how)
     except NoFlightError as error:
         nothing = str(error)
     else:

@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 from support.recordings import START_NS
 from support.scored_flights import NS, SITE, Flight, truths_of
 
-from plotfeed.feeds.lab.scoring import Score, ScoreSettings, score_run
+from plotfeed.feeds.lab.scoring import Score, ScoreSettings
 from plotfeed.feeds.lab.track_reports import ToldTrack, TrackTable
 from plotfeed.models.track_metrics import set_score
 
@@ -80,7 +80,7 @@ def scored(tracks: dict[str, list[list[float]]]) -> Score:
                     longitude_deg=longitude_deg, height_m=height_m,
                 )
             )  # fmt: skip
-    return score_run(truths_of(FLIGHTS), table.read("theirs"), ScoreSettings(stale_s=0.5))
+    return Score(truths_of(FLIGHTS), table.read("theirs"), ScoreSettings(stale_s=0.5))
 
 
 TITLES = {

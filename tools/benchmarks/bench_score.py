@@ -22,7 +22,7 @@ from aims import aim, ratios, spread
 from scipy.spatial.distance import cdist
 
 from plotfeed.feeds.lab.flights import Truths
-from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
+from plotfeed.feeds.lab.scoring import Score, ScoreSettings
 from plotfeed.feeds.lab.track_reports import ReportedTracks, TracksRead
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.track_metrics import FlightPath, set_score
@@ -82,7 +82,7 @@ def run_of(seconds: int) -> tuple[Truths, TracksRead]:
 def seconds_an_hour(truths: Truths, tracks: TracksRead, how: ScoreSettings, seconds: int) -> float:
     """Processor time of the score, for an hour of it."""
     start = time.process_time()
-    score_run(truths, tracks, how)
+    Score(truths, tracks, how)
     return (time.process_time() - start) * HOUR_S / seconds
 
 

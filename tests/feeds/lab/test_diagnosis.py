@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from support.scored_flights import NS, SITE, Flight, Given, followed_well, read_of, truths_of
 
 from plotfeed.feeds.lab.diagnosis import diagnosed
-from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
+from plotfeed.feeds.lab.scoring import Score, ScoreSettings
 from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.verdicts import joint_fit
@@ -104,14 +104,14 @@ def test_what_was_planted_is_named_and_undone(faults: list[Fault], named: list[s
     assert len(found.findings) == len(named)
     for text, begins in zip(found.findings, named, strict=True):
         assert text.startswith(begins), found.findings
-    clean = score_run(TRUTHS, read_of(followed_well(FLIGHTS, sigma_m=3.0, seed=4)))
+    clean = Score(TRUTHS, read_of(followed_well(FLIGHTS, sigma_m=3.0, seed=4)))
     assert found.without.as_stamped.gospa_m < 1.1 * clean.as_stamped.gospa_m
     assert found.without.in_space.position_rms_m < 1.1 * clean.in_space.position_rms_m
 
 
 def test_an_error_of_azimuth_is_no_lag() -> None:
     given = [(turned(1.0)(told), r) for told, r in followed_well(FLIGHTS, sigma_m=3.0, seed=4)]
-    reports = score_run(TRUTHS, read_of(given)).reports
+    reports = Score(TRUTHS, read_of(given)).reports
     assert abs(reports.lag_s) < 0.1
 
 

@@ -12,7 +12,7 @@ from support.scored_flights import followed_well, read_of
 
 from plotfeed.feeds.lab.flights import scene_of
 from plotfeed.feeds.lab.possible import Possible, RecordedRun, possible, read_run, told_of
-from plotfeed.feeds.lab.scoring import ScoreSettings, score_run
+from plotfeed.feeds.lab.scoring import Score, ScoreSettings
 from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
 
 MORE = 'report = ["asterix-062", "plots"]\ntracks = { kind = "plain" }\n'
@@ -24,7 +24,7 @@ def split(folder: Path, more: str = "", *, tracks: TracksRead | None = None) -> 
     text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=radar(more=MORE + more))
     path = record_session(scene_file(folder, text), folder / "x.mcap", 40.0)
     run = read_run(path)
-    score = score_run(run.truths, tracks or read_tracks(path, scene_of(path)), ScoreSettings())
+    score = Score(run.truths, tracks or read_tracks(path, scene_of(path)), ScoreSettings())
     found = possible(run, score)
     assert found is not None
     return found
@@ -58,5 +58,5 @@ def test_without_plots_nothing_is_said_of_what_was_possible(tmp_path: Path) -> N
     text = scene_text(sensors=radar(more=MORE))
     path = record_session(scene_file(tmp_path, text), tmp_path / "x.mcap", 5.0)
     run = read_run(path)
-    score = score_run(run.truths, read_of(followed_well()[:0]), ScoreSettings())
+    score = Score(run.truths, read_of(followed_well()[:0]), ScoreSettings())
     assert possible(RecordedRun(run.truths), score) is None

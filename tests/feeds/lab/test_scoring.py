@@ -27,14 +27,14 @@ from support.scored_flights import (
 
 from plotfeed.feeds.lab.flights import FlightsTally, Truths
 from plotfeed.feeds.lab.score import long_gap_share, update_share
-from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score, ScoreSettings, score_run
+from plotfeed.feeds.lab.scoring import FIGURE_NAMES, Score, ScoreSettings
 from plotfeed.proto.errors import PlotfeedError
 
 TRUTHS = truths_of()
 
 
 def scored(given: Given, truths: Truths = TRUTHS, **settings: object) -> Score:
-    return score_run(truths, read_of(given), ScoreSettings(**settings))  # type: ignore[arg-type]
+    return Score(truths, read_of(given), ScoreSettings(**settings))  # type: ignore[arg-type]
 
 
 def test_a_tracker_without_fault_has_none() -> None:
@@ -445,7 +445,7 @@ def test_a_shift_of_all_times_does_not_matter(by_ns: int) -> None:
 def test_without_flights_nothing_can_be_scored() -> None:
     empty = FlightsTally({"radar": SITE}).truths()
     with pytest.raises(PlotfeedError, match="no flight to score against"):
-        score_run(empty, read_of(followed_well()))
+        Score(empty, read_of(followed_well()))
 
 
 def test_looks_of_a_sensor_that_nobody_placed_are_told() -> None:
@@ -462,7 +462,7 @@ def test_too_fine_a_grid_is_refused() -> None:
     far = replace(path, t_utc_ns=path.t_utc_ns * np.int64(1))
     far.t_utc_ns[-1] += 10**17
     with pytest.raises(PlotfeedError, match="too many"):
-        score_run(replace(TRUTHS, paths=[far], drones=["a"]), read_of([]))
+        Score(replace(TRUTHS, paths=[far], drones=["a"]), read_of([]))
 
 
 @pytest.mark.parametrize(
@@ -479,7 +479,7 @@ def test_reports_that_are_held_back_are_missed_until_they_come() -> None:
         (told, last_ns + NS // 5 if first_ns < (told.t_utc_ns or 0) < last_ns else received)
         for told, received in followed_well()
     ]
-    on_time, late = (score_run(truths_of(), read_of(given)) for given in (followed_well(), held))
+    on_time, late = (Score(truths_of(), read_of(given)) for given in (followed_well(), held))
     assert (update_share(on_time, 1.0).value, long_gap_share(on_time, 5.0).value) == (1.0, 0.0)
     assert update_share(late, 1.0).value == pytest.approx(41 / 60)
     assert long_gap_share(late, 5.0).value == pytest.approx(20 / 60)
