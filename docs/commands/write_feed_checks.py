@@ -31,7 +31,7 @@ from scipy.stats import binom, norm, poisson
 import plotfeed.feeds.scene.examples
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.lab.evidence import AskedSensor
-from plotfeed.feeds.lab.gathering import judged_recording
+from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.lab.judge import FALSE_RATES, FeedTally, Verdicts, simulated_feed
 from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.lab.live import LiveScore
@@ -151,7 +151,7 @@ def scene_verdicts(path: Path, seed: int, seconds: float) -> SceneVerdicts:
                 )
 
         asyncio.run(session())
-        told = judged_recording(record, "claimed").verdicts
+        told = FeedReport(record, "claimed").verdicts
         recorded = {(each.sensor, each.name) for each in told.wrong}
     return SceneVerdicts(recorded, every.wrong)
 

@@ -24,7 +24,6 @@ from plotfeed.feeds.lab.needs import (
     choices_of,
     cost_text,
     draw,
-    needs_of,
     processor,
     variants_of,
 )
@@ -46,7 +45,7 @@ def found_of(name: str, settings: ChartSettings, *, choices: bool = False) -> Ne
     variants = variants_of(scene)
     if choices:
         variants = [*choices_of(scene), *(each for each in variants if not each.adds)]
-    return needs_of(
+    return Needs(
         scene,
         variants,
         matters=0.02,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, BinaryIO, NamedTuple
@@ -36,7 +36,6 @@ from plotfeed.feeds.lab.links import (
     Order,
     Setting,
     link_checks,
-    link_figures,
     orders_of,
 )
 from plotfeed.models.clutter import CLUTTER, SIDELOBE
@@ -45,7 +44,7 @@ from plotfeed.models.state import OTHER, Bools, Ints, Texts
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import LedgerTables, ToldMessages, ToldPlots
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT, Damage, Stage
+from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT, Stage
 
 # Settings of one sensor's link, of which numbers have an octet; others are not told.
 MAX_LINKS = 100
@@ -346,59 +345,6 @@ def echoes_of(told: LedgerTables, plots: ToldPlots) -> TrueEchoes:
     return found if len(alone) == len(plots) else found.rows(order)
 
 
-def judged_recording(path: Path, against: judge.Against) -> FeedReport:
-    """Judge a recording; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
-    with Evidence.of(path, STAGES[against]) as evidence, TemporaryFile() as spare:
-        attached = (attachment.name for attachment in evidence.log.attachments())
-        if against == "claimed" or SCENE_NAME in attached:
-            evidence.ask()
-        found = _gathered(evidence, against, spare)
-        scene = evidence.scene
-        places = {} if scene is None else {s.id: place for place, s in enumerate(scene.sensor)}
-        # As the scene has them, then by name.
-        sensors = sorted(found, key=lambda key: (key[0], places.get(key[1], len(places)), key[1]))
-        several = len({prefix for prefix, _ in sensors}) > 1
-        names = {key: "/".join(key) if several else key[1] for key in sensors}
-        after = "after the link" if against == "asked" else "as delivered"
-        when = {Stage.BEFORE: "before the link", Stage.AFTER: after, Stage.RECEIVED: "as received"}
-        plots_from = {
-            whose: f"{topic.removeprefix('/'.join(whose)).strip('/')}, {when[stage]}"
-            for (topic, stage), whose in evidence.carriers.items()
-        }
-        links = [
-            link_figures(names[key], number, link, order)
-            for key in sensors
-            for number, (link, order) in enumerate(found[key].messages(), 1)
-            if len(link.first)
-        ]
-        checks = [check for link in links for check in link_checks(link)]
-        for key in sensors:
-            checks += [replace(each, sensor=names[key]) for each in found[key].checks()]
-        notes = [f"its scene cannot be used: {evidence.problem}"] if evidence.problem else []
-        left_out = sum(each.left_out for each in found.values())
-        counts = {
-            "entries are no ledger and are left out": evidence.unreadable,
-            "entries were recorded twice and count once": evidence.repeated,
-            "entries are under more link settings than are told": left_out,
-        }
-        first_ns, last_ns = evidence.first_ns or 0, evidence.last_ns or 0
-        return FeedReport(
-            file=str(path),
-            scene="" if scene is None else scene.scene.name,
-            entries=sum(each.entries for each in found.values()),
-            first_utc_ns=min((link.first_utc_ns for link in links), default=first_ns),
-            last_utc_ns=max([last_ns, *(link.last_utc_ns for link in links)]),
-            links=links,
-            sensors=[_figures(names[k], found[k], plots_from.get(k, "")) for k in sensors],
-            verdicts=judge.Verdicts.of(checks, against),
-            notes=notes + [f"{count} {what}" for what, count in counts.items() if count],
-            damage=list(evidence.log.damage),
-            curve=[*CURVE.tolist(), 1.0],
-            normalised_edges=judge.EDGES.tolist(),
-            resolution={"times": 0.0, "distance": 1 / CELLS},
-        )
-
-
 def _gathered(
     evidence: Evidence, against: judge.Against, spare: BinaryIO
 ) -> dict[tuple[str, str], Gathering]:
@@ -442,77 +388,116 @@ def _gathered(
     return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorFigures:
     """What there was of a sensor, beside its checks."""
 
-    sensor: str
-    entries: int
-    # Where plots were found: their kind and whether before or after the link; empty for none.
-    plots_from: str
-    plots: int  # Of drones and what else was looked at, by the ledger
-    # Of what is no drone, by what it is; of clutter, which is not looked at, too.
-    plots_of_others: Mapping[str, int]
-    joined: int  # Of these, the ones that were found with what was measured
-    # Of the others, those in sectors whose recorded plots are not those of the ledger.
-    contradicted: int
-    not_compared: int  # Of those that were found: it is not known what they were to say
-    lost: int  # Sectors whose plots did not arrive, which a judge of claims leaves out
-    is_known: bool  # Whether the file has what the scene asks of the sensor
-    unjudged: str  # What of its plots is not judged, and why; empty where all is
-    looks_by_range: Sequence[judge.PdFigures]
-    looks_unjudged: int  # Of which it is not known what Pd was asked
-    why_not_pd: str
-    # Errors over their standard deviations between the report's edges, beyond in the last.
-    histograms: Mapping[str, Sequence[int]]
+    def __init__(self, name: str, of: Gathering, plots_from: str) -> None:
+        """`plots_from` is where plots were found: their kind and whether before the link or after.
+
+        It is empty for none.
+        """
+        tally, self.sensor, self.entries = of.tally, name, of.entries
+        self.plots_from = plots_from
+        self.plots = of.plots  # Of drones and what else was looked at, by the ledger
+        # Of what is no drone, by what it is; of clutter, which is not looked at, too.
+        self.plots_of_others = dict(sorted(of.of_others.items()))
+        self.joined = tally.joined  # Of these, the ones that were found with what was measured
+        # Of the others, those in sectors whose recorded plots are not those of the ledger.
+        self.contradicted = of.contradicted
+        self.not_compared = tally.left_out  # Of which it is not known what they were to say
+        self.lost = of.lost  # Sectors whose plots did not arrive: a judge of claims leaves them out
+        self.is_known = of.asked is not None  # Whether the file has what the scene asks of it
+        # What of its plots is not judged, and why; empty where all is.
+        self.unjudged = "" if of.asked is None else of.asked.unjudged
+        self.looks_by_range = tally.by_range()
+        self.looks_unjudged = tally.unjudged  # Of which it is not known what Pd was asked
+        self.why_not_pd = tally.why_not_pd
+        # Errors over their standard deviations between the report's edges, beyond in the last.
+        histograms = zip(judge.NAMES, tally.histograms.tolist(), strict=True)
+        self.histograms = {name: counts for name, counts in histograms if any(counts)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class FeedReport:
     """What a recording says of feeds."""
 
-    file: str
-    scene: str  # Of the session that was recorded; empty if the file has none
-    entries: int
-    # When the first message was handed over; without any, when the first entry was written.
-    first_utc_ns: int
-    last_utc_ns: int  # When the last entry was written, or the last message handed over
-    links: Sequence[LinkFigures]  # None beside claims
-    sensors: Sequence[SensorFigures]
-    verdicts: judge.Verdicts
-    notes: Sequence[str]
-    damage: Sequence[Damage]
-    curve: Sequence[float]  # Probabilities of the `curve_ms` of all distributions of times
-    normalised_edges: Sequence[float]
-    # Relative, of times that are quantiles; of Kolmogorov's distance.
-    resolution: Mapping[str, float]
+    def __init__(self, path: Path, against: judge.Against) -> None:
+        """Judge a recording; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
+        with Evidence.of(path, STAGES[against]) as evidence, TemporaryFile() as spare:
+            attached = (attachment.name for attachment in evidence.log.attachments())
+            if against == "claimed" or SCENE_NAME in attached:
+                evidence.ask()
+            self._take(path, evidence, against, _gathered(evidence, against, spare))
+
+    def _take(
+        self,
+        path: Path,
+        evidence: Evidence,
+        against: judge.Against,
+        found: Mapping[tuple[str, str], Gathering],
+    ) -> None:
+        """Say what was found of each sensor, in the order of the scene, and then by name."""
+        scene = evidence.scene
+        places = {} if scene is None else {s.id: place for place, s in enumerate(scene.sensor)}
+        sensors = sorted(found, key=lambda key: (key[0], places.get(key[1], len(places)), key[1]))
+        several = len({prefix for prefix, _ in sensors}) > 1
+        names = {key: "/".join(key) if several else key[1] for key in sensors}
+        after = "after the link" if against == "asked" else "as delivered"
+        when = {Stage.BEFORE: "before the link", Stage.AFTER: after, Stage.RECEIVED: "as received"}
+        plots_from = {
+            whose: f"{topic.removeprefix('/'.join(whose)).strip('/')}, {when[stage]}"
+            for (topic, stage), whose in evidence.carriers.items()
+        }
+        links = [
+            LinkFigures(names[key], number, link, order)
+            for key in sensors
+            for number, (link, order) in enumerate(found[key].messages(), 1)
+            if len(link.first)
+        ]
+        checks = [check for link in links for check in link_checks(link)]
+        for key in sensors:
+            checks += [replace(each, sensor=names[key]) for each in found[key].checks()]
+        notes = [f"its scene cannot be used: {evidence.problem}"] if evidence.problem else []
+        left_out = sum(each.left_out for each in found.values())
+        counts = {
+            "entries are no ledger and are left out": evidence.unreadable,
+            "entries were recorded twice and count once": evidence.repeated,
+            "entries are under more link settings than are told": left_out,
+        }
+        first_ns, last_ns = evidence.first_ns or 0, evidence.last_ns or 0
+        self.file = str(path)
+        # Of the session that was recorded; empty if the file has none.
+        self.scene = "" if scene is None else scene.scene.name
+        self.entries = sum(each.entries for each in found.values())
+        # When the first message was handed over; without any, when the first entry was written.
+        self.first_utc_ns = min((link.first_utc_ns for link in links), default=first_ns)
+        # When the last entry was written, or the last message handed over.
+        self.last_utc_ns = max([last_ns, *(link.last_utc_ns for link in links)])
+        self.links = links  # None beside claims
+        self.sensors = [SensorFigures(names[k], found[k], plots_from.get(k, "")) for k in sensors]
+        self.verdicts = judge.Verdicts.of(checks, against)
+        self.notes = notes + [f"{count} {what}" for what, count in counts.items() if count]
+        self.damage = list(evidence.log.damage)
+        self.curve = [*CURVE.tolist(), 1.0]  # Probabilities of all `curve_ms`
+        self.normalised_edges: list[float] = judge.EDGES.tolist()
+        # Relative, of times that are quantiles; of Kolmogorov's distance.
+        self.resolution = {"times": 0.0, "distance": 1 / CELLS}
 
     def as_values(self) -> dict[str, Any]:
         """The report for JSON: times also as text, and null for what is not there."""
-        values: dict[str, Any] = finite(asdict(self))
-        values["verdicts"] = self.verdicts.as_json()
+        held = vars(self) | {"verdicts": self.verdicts.as_json()}
+        values: dict[str, Any] = finite(_plain(held))
         for each in (values, *values["links"]):
             for end in ("first", "last"):
                 each[f"{end}_utc"] = iso_utc(each[f"{end}_utc_ns"])
         return values
 
 
-def _figures(name: str, of: Gathering, plots_from: str) -> SensorFigures:
-    histograms = dict(zip(judge.NAMES, of.tally.histograms.tolist(), strict=True))
-    return SensorFigures(
-        sensor=name,
-        entries=of.entries,
-        plots_from=plots_from,
-        plots=of.plots,
-        plots_of_others=dict(sorted(of.of_others.items())),
-        joined=of.tally.joined,
-        contradicted=of.contradicted,
-        not_compared=of.tally.left_out,
-        lost=of.lost,
-        is_known=of.asked is not None,
-        unjudged="" if of.asked is None else of.asked.unjudged,
-        looks_by_range=of.tally.by_range(),
-        looks_unjudged=of.tally.unjudged,
-        why_not_pd=of.tally.why_not_pd,
-        histograms={name: counts for name, counts in histograms.items() if any(counts)},
-    )
+def _plain(value: Any) -> Any:
+    """A tree of what objects hold, by the names of their attributes."""
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if is_dataclass(value):
+        return _plain({each.name: getattr(value, each.name) for each in fields(value)})
+    return _plain(vars(value)) if hasattr(value, "__dict__") else value

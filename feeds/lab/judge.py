@@ -441,49 +441,35 @@ def never(name: str, count: int, of: int) -> Check:
     return Check(name=name, expected=0.0, found=count, p=0.0 if count else 1.0, of=of)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PdFigures:
     """Looks at some ranges, and how many of them detected."""
 
-    from_m: float
-    to_m: float
-    looks: int
-    expected: float  # Mean of the looks' own probabilities
-    found: float  # Share detected, and its 95 % interval
-    low: float
-    high: float
-    p: float  # Probability of such a share, or one further off, by chance
+    def __init__(self, cells: Floats, from_m: float, to_m: float) -> None:
+        """`cells` are those of a `LookTally` there."""
+        count, sum_pd, *_ = cells
+        looks, pd, _, detected, off = cells.sum(axis=1).tolist()
+        mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
+        self.from_m, self.to_m, self.looks = from_m, to_m, round(looks)
+        self.expected = pd / looks  # Mean of the looks' own probabilities
+        self.found = detected / looks  # Share detected, and its 95 % interval
+        self.low, self.high = laws.share_interval(round(detected), self.looks)
+        # Probability of such a share, or one further off, by chance.
+        self.p = p_of_trials(count, mean_pd, residuals.nearer(round(detected), pd, off))
 
 
 def pd_by_range(looks: residuals.LookTally) -> list[PdFigures]:
     """Figures of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
-    cells, found = looks.cells(), []
+    cells = looks.cells()
     at = np.flatnonzero(cells[0])
     if not len(at):
         return []
     first, end = int(at[0]), int(at[-1]) + 1
     step = round(_round_up((end - first) * CELL_M / MAX_BINS) / CELL_M)
-    for begin in range(first // step * step, end, step):
-        within = cells[:, begin : begin + step]
-        count, sum_pd, *_ = within
-        if not count.any():
-            continue
-        many, pd, _, detected, off = within.sum(axis=1).tolist()
-        mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
-        low, high = laws.share_interval(round(detected), round(many))
-        found.append(
-            PdFigures(
-                from_m=begin * CELL_M,
-                to_m=(begin + step) * CELL_M,
-                looks=round(many),
-                expected=pd / many,
-                found=detected / many,
-                low=low,
-                high=high,
-                p=p_of_trials(count, mean_pd, residuals.nearer(round(detected), pd, off)),
-            )
-        )
-    return found
+    return [
+        PdFigures(cells[:, begin : begin + step], begin * CELL_M, (begin + step) * CELL_M)
+        for begin in range(first // step * step, end, step)
+        if cells[0, begin : begin + step].any()
+    ]
 
 
 def _round_up(width_m: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -176,52 +176,36 @@ LONGEST_SUMMED = 4096
 FEWEST_BURSTS = 10  # From which on their mean is taken to be normal
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Bursts:
-    """Messages lost in a row."""
+    """Messages lost in a row: what a link asks for, and what was found in order."""
 
-    bursts: int  # That are whole; the others are `cut`, by an end, an outage or another setting
-    cut: int
-    asked_mean: float
-    delivered_mean: float
-    z: float
-    p: float  # Probability of such a mean, or one further off, by chance
-    asked_survival: Sequence[float]  # Probability of 1, 2, ... or more.
-    delivered_survival: Sequence[float]
-    lengths: Mapping[str, int]  # How many were so long
-
-
-def burst_figures(asked: LinkExpectation | None, order: Order) -> Bursts:
-    """Bursts of losses that a link asks for, and those that were found in order."""
-    lengths = order.bursts
-    count, total = lengths.total(), sum(n * times for n, times in lengths.items())
-    told = min(max(10, *lengths, 0), LONGEST_TOLD)
-    loses = asked is not None and asked.link.on_loss == "drop"
-    survival = (
-        asked.loss.burst_survival(LONGEST_SUMMED) if asked and loses else np.array([math.nan])
-    )
-    z = p = math.nan
-    if count >= FEWEST_BURSTS and survival[-1] < 1e-9:
-        # The mean of lengths is sum S(n), that of their squares sum (2n - 1) S(n).
-        mean = survival.sum()
-        variance = ((2 * np.arange(1, len(survival) + 1) - 1) * survival).sum() - mean**2
-        if variance > 1e-9:
-            z = float((total - count * mean) / math.sqrt(count * variance))
-        p = p_of_lengths(survival, count, total)
-    return Bursts(
-        bursts=count,
-        cut=order.cut_bursts,
-        asked_mean=asked.loss.mean_burst if asked and loses else math.nan,
-        delivered_mean=total / count if count else math.nan,
-        z=z,
-        p=p,
-        asked_survival=survival[:told].tolist(),
-        delivered_survival=[
+    def __init__(self, asked: LinkExpectation | None, order: Order) -> None:
+        lengths = order.bursts
+        count, total = lengths.total(), sum(n * times for n, times in lengths.items())
+        told = min(max(10, *lengths, 0), LONGEST_TOLD)
+        loses = asked is not None and asked.link.on_loss == "drop"
+        survival = (
+            asked.loss.burst_survival(LONGEST_SUMMED) if asked and loses else np.array([math.nan])
+        )
+        self.bursts = count  # That are whole; others are `cut`: by an end, an outage, a new setting
+        self.cut = order.cut_bursts
+        self.asked_mean = asked.loss.mean_burst if asked and loses else math.nan
+        self.delivered_mean = total / count if count else math.nan
+        self.z = self.p = math.nan  # Probability of such a mean, or one further off, by chance
+        if count >= FEWEST_BURSTS and survival[-1] < 1e-9:
+            # The mean of lengths is sum S(n), that of their squares sum (2n - 1) S(n).
+            mean = survival.sum()
+            variance = ((2 * np.arange(1, len(survival) + 1) - 1) * survival).sum() - mean**2
+            if variance > 1e-9:
+                self.z = float((total - count * mean) / math.sqrt(count * variance))
+            self.p = p_of_lengths(survival, count, total)
+        # Probability of 1, 2, ... or more.
+        self.asked_survival: list[float] = survival[:told].tolist()
+        self.delivered_survival = [
             sum(times for n, times in lengths.items() if n >= least) / count if count else math.nan
             for least in range(1, told + 1)
-        ],
-        lengths={str(n): times for n, times in sorted(lengths.items())},
-    )
+        ]
+        self.lengths = {str(n): times for n, times in sorted(lengths.items())}  # How many were so
 
 
 # Probabilities at which whole distributions are told, and 1.
@@ -236,16 +220,17 @@ OTHER_FATES = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LatencyFigures:
-    """A distribution of times in milliseconds."""
+    """A distribution of times in milliseconds, by its quantiles."""
 
-    mean_ms: float
-    p50_ms: float
-    p90_ms: float
-    p99_ms: float
-    max_ms: float
-    curve_ms: Sequence[float]  # At the probabilities of the report's `curve`
+    def __init__(
+        self, mean_ms: float, max_ms: float, quantiles_ms: Callable[[Floats], Floats]
+    ) -> None:
+        self.mean_ms = mean_ms
+        self.p50_ms, self.p90_ms, self.p99_ms = quantiles_ms(np.array([0.5, 0.9, 0.99])).tolist()
+        self.max_ms = max_ms
+        # At the probabilities of the report's `curve`.
+        self.curve_ms: list[float] = quantiles_ms(np.append(CURVE, 1.0)).tolist()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -263,92 +248,57 @@ class Fit:
     not_comparable: str = ""  # Why there is nothing to compare with; empty if there is
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """A share of messages, asked and delivered."""
+    """A share of messages, asked and delivered.
 
-    count: int
-    of: int
-    asked: float
-    delivered: float
-    z: float  # Of the delivered share, in standard deviations from the asked one
-    p: float  # Probability of such a share, or one further off, by chance; NaN if nothing is asked
+    `z` is that of the delivered share, in standard deviations from the asked one; `p` the
+    probability of such a share, or one further off, by chance, NaN if nothing is asked.
+    """
+
+    def __init__(
+        self, count: int, of: int, asked: float, z: float = math.nan, p: float = math.nan
+    ) -> None:
+        self.count, self.of, self.asked = count, of, asked
+        self.delivered = count / of if of else math.nan
+        self.z, self.p = z, p
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LinkFigures:
-    """A sensor's messages under one link setting, in figures."""
+    """A sensor's messages under one link setting: what a link asked and what it delivered."""
 
-    sensor: str
-    number: int  # Of the setting, among this sensor's, from 1 as they came into force
-    link: object  # The keys that were in force
-    link_problem: str  # Why nothing is known of what the link asked; empty if it is
-    first_utc_ns: int  # When the first message was handed over
-    last_utc_ns: int
-    messages: int
-    sent: int
-    asked: LatencyFigures | None
-    delivered: LatencyFigures
-    fit: Fit
-    # Of the engine: sending less when the link was to let the message leave.
-    lateness: LatencyFigures
-    loss: Share
-    bursts: Bursts
-    duplicates: Share
-    corrupted: Share
-    overtook: Share  # Messages that left before one that had been handed over earlier
-    other_fates: Mapping[str, int]
-
-
-def link_figures(sensor: str, number: int, of: LinkMessages, order: Order) -> LinkFigures:
-    """What a link asked and what it delivered, in figures."""
-    text, asked, first = of.setting.text, of.setting.asked, of.first
-    fates = Counter(first.fate.tolist())
-    passed, lost = len(of.let_through), fates[pb.LOST]
-    corrupted = int((of.let_through.flipped_bit >= 0).sum())
-    decided = lost + sum(fates[fate] for fate in PASSED_LOSS)
-    copies = len(of.sent) - len(first)
-    doubling = (copies, passed - copies, math.nan if asked is None else asked.link.duplicate)
-    is_full = asked is not None and asked.link.rate_kbit_s is not None  # a full queue takes some
-    duplicates = _share(*doubling) if is_full else _binomial(*doubling)
-    return LinkFigures(
-        sensor=sensor,
-        number=number,
-        link=text if text and asked is None else json.loads(text or "{}"),
-        link_problem=of.setting.problem,
-        first_utc_ns=int(first.due_utc_ns.min(initial=1 << 62)) if len(first) else 0,
-        last_utc_ns=int(first.due_utc_ns.max(initial=-(1 << 62))) if len(first) else 0,
-        messages=len(first),
-        sent=fates[pb.SENT],
-        asked=None
-        if asked is None or asked.link.down
-        else _times(
-            asked.delay.mean_ms(), float(asked.delay.quantile_ms([1.0])[0]), asked.delay.quantile_ms
-        ),
-        delivered=found_times(of.delays_ns),
-        fit=_fit(asked, of),
-        lateness=found_times(of.lateness_ns),
-        loss=_loss(asked, lost, decided),
-        bursts=burst_figures(asked, order),
-        duplicates=duplicates,
-        corrupted=_binomial(corrupted, passed, asked.link.corrupt if asked else math.nan),
-        overtook=_overtaking(asked, order),
-        other_fates={name: fates[fate] for name, fate in OTHER_FATES.items()},
-    )
-
-
-def _times(
-    mean_ms: float, max_ms: float, quantiles_ms: Callable[[Floats], Floats]
-) -> LatencyFigures:
-    p50_ms, p90_ms, p99_ms = quantiles_ms(np.array([0.5, 0.9, 0.99])).tolist()
-    return LatencyFigures(
-        mean_ms=mean_ms,
-        p50_ms=p50_ms,
-        p90_ms=p90_ms,
-        p99_ms=p99_ms,
-        max_ms=max_ms,
-        curve_ms=quantiles_ms(np.append(CURVE, 1.0)).tolist(),
-    )
+    def __init__(self, sensor: str, number: int, of: LinkMessages, order: Order) -> None:
+        """`number` is that of the setting, among this sensor's, from 1 as they came into force."""
+        text, asked, first = of.setting.text, of.setting.asked, of.first
+        fates = Counter(first.fate.tolist())
+        passed, copies = len(of.let_through), len(of.sent) - len(first)
+        decided = fates[pb.LOST] + sum(fates[fate] for fate in PASSED_LOSS)
+        corrupted = int((of.let_through.flipped_bit >= 0).sum())
+        due_ns = first.due_utc_ns
+        self.sensor, self.number = sensor, number
+        self.link: object = text if text and asked is None else json.loads(text or "{}")
+        self.link_problem = of.setting.problem  # Why nothing is known of what it asked; else empty
+        # When the first message was handed over, and the last.
+        self.first_utc_ns = int(due_ns.min(initial=1 << 62)) if len(first) else 0
+        self.last_utc_ns = int(due_ns.max(initial=-(1 << 62))) if len(first) else 0
+        self.messages, self.sent = len(first), fates[pb.SENT]
+        self.asked: LatencyFigures | None = None
+        if asked is not None and not asked.link.down:
+            law, most_ms = asked.delay, float(asked.delay.quantile_ms([1.0])[0])
+            self.asked = LatencyFigures(law.mean_ms(), most_ms, law.quantile_ms)
+        self.delivered = found_times(of.delays_ns)
+        self.fit = _fit(asked, of)
+        # Of the engine: sending less when the link was to let the message leave.
+        self.lateness = found_times(of.lateness_ns)
+        self.loss = _loss(asked, fates[pb.LOST], decided)
+        self.bursts = Bursts(asked, order)
+        doubling = (copies, passed - copies, math.nan if asked is None else asked.link.duplicate)
+        # A full queue takes some.
+        is_full = asked is not None and asked.link.rate_kbit_s is not None
+        self.duplicates = Share(*doubling) if is_full else _binomial(*doubling)
+        self.corrupted = _binomial(corrupted, passed, asked.link.corrupt if asked else math.nan)
+        # Messages that left before one that had been handed over earlier.
+        self.overtook = _overtaking(asked, order)
+        self.other_fates = {name: fates[fate] for name, fate in OTHER_FATES.items()}
 
 
 def found_times(times_ns: Ints) -> LatencyFigures:
@@ -362,7 +312,7 @@ def found_times(times_ns: Ints) -> LatencyFigures:
         return np.asarray(in_order[ranks] / 1e6)
 
     mean_ms = float(times_ns.sum(dtype=np.float64)) / n / 1e6 if n else math.nan
-    return _times(mean_ms, float(in_order[-1]) / 1e6 if n else math.nan, quantiles_ms)
+    return LatencyFigures(mean_ms, float(in_order[-1]) / 1e6 if n else math.nan, quantiles_ms)
 
 
 def _fit(asked: LinkExpectation | None, of: LinkMessages) -> Fit:
@@ -398,16 +348,11 @@ def _fit(asked: LinkExpectation | None, of: LinkMessages) -> Fit:
     )
 
 
-def _share(count: int, of: int, asked: float, z: float = math.nan, p: float = math.nan) -> Share:
-    delivered = count / of if of else math.nan
-    return Share(count=count, of=of, asked=asked, delivered=delivered, z=z, p=p)
-
-
 def _binomial(count: int, of: int, asked: float) -> Share:
     if math.isnan(asked):
-        return _share(count, of, asked)
+        return Share(count, of, asked)
     z = z_score(count - of * asked, of * asked * (1 - asked))
-    return _share(count, of, asked, z, p_of_binomial(count, of, asked) if of else math.nan)
+    return Share(count, of, asked, z, p_of_binomial(count, of, asked) if of else math.nan)
 
 
 def _loss(asked: LinkExpectation | None, lost: int, of: int) -> Share:
@@ -416,13 +361,13 @@ def _loss(asked: LinkExpectation | None, lost: int, of: int) -> Share:
     if asked is not None and asked.link.on_loss == "stall":
         mean = 0.0
     if asked is None or not of:
-        return _share(lost, of, mean)
+        return Share(lost, of, mean)
     if not 0 < mean < 1:
-        return _share(lost, of, mean, p=p_of_binomial(lost, of, mean))
+        return Share(lost, of, mean, p=p_of_binomial(lost, of, mean))
     z = math.nan
     if of * mean / asked.loss.mean_burst >= ENOUGH:
         z = z_score(lost - of * mean, (of * asked.loss.spread_of_loss(of)) ** 2)
-    return _share(lost, of, mean, z, p_of_losses(asked.loss, of, lost))
+    return Share(lost, of, mean, z, p_of_losses(asked.loss, of, lost))
 
 
 def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:
@@ -434,7 +379,7 @@ def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:
             share = 0.0
     if share == 0.0 and order.left:
         p = 0.0 if order.overtook else 1.0
-    return _share(order.overtook, order.left, share, p=p)
+    return Share(order.overtook, order.left, share, p=p)
 
 
 def link_checks(link: LinkFigures) -> Iterator[Check]:

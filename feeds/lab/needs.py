@@ -16,7 +16,7 @@ import platform
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from operator import attrgetter
 from pathlib import Path
@@ -131,59 +131,6 @@ class Change(NamedTuple):
     share: float
     share_low: float
     share_high: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
-    """What a variant changes: all figures, the largest, and its verdict."""
-
-    variant: Variant
-    changes: tuple[Change, ...]
-    verdict: str  # "needed", "can go", "missing", "no need" or "undecided"
-    # Processor time beside that of the scene as it is, with its interval; 1 is the same.
-    cost: tuple[float, float, float]
-
-    @property
-    def largest(self) -> Change | None:
-        """The change that a tracker would notice most, or where it is not known, might."""
-        if self.verdict == "undecided":
-            return max(self.changes, key=lambda c: max(-c.share_low, c.share_high), default=None)
-        return max(self.changes, key=lambda c: abs(c.share), default=None)
-
-    @property
-    def size(self) -> float:
-        """The share of the largest change."""
-        return abs(self.largest.share) if self.largest else 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Needs:
-    """What was found of a scene."""
-
-    scene: str
-    matters: float
-    duration_s: float
-    runs: int
-    cost_s: float  # Seconds of processor a second of the scene
-    findings: tuple[Finding, ...]
-    # What is lost without a sensor: by its id, cover of drones by any sensor with it and without.
-    covers: Mapping[str, tuple[float, float]]
-    runs_needed: int  # Runs of that duration after which all would probably be decided
-    as_it_is: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    @property
-    def front(self) -> list[Finding]:
-        """Findings than which none is both cheaper and smaller, the cheapest first."""
-        costs, sizes = np.array([(each.cost[0], each.size) for each in self.findings]).T
-        return [self.findings[i] for i in on_front(costs, sizes).tolist()]
-
-    @property
-    def head(self) -> str:
-        """What was run, in a line."""
-        return (
-            f"{self.scene}: {self.runs} runs of {self.duration_s:g} s, each variant with the seeds "
-            f"of the scene as it is; a change of {self.matters:.3g} matters"
-        )
 
 
 def variants_of(scene: Scene) -> list[Variant]:
@@ -458,110 +405,143 @@ class _Sensed:
         return found | ({"completeness": followed / drones} if drones else {})
 
 
-def needs_of(
-    scene: Scene,
-    variants: Sequence[Variant],
-    *,
-    matters: float,
-    runs: int,
-    duration_s: float,
-    seed: int,
-    start_utc_ns: int,
-    progress: Callable[[int, int, int], object] = lambda *_: None,
-) -> Needs:
-    """Compare each variant with the scene as it is; raises `PlotfeedError`.
+class Needs:
+    """What was found of a scene: each variant compared with the scene as it is."""
 
-    `matters` is the share from which a change does. There are at most so many `runs` of each, with
-    seeds from `seed` on; what is decided is not run again. `progress` is told the number of runs
-    that were done, how many there may be, and how many variants are undecided.
-    """
-    if not scene.fleet.names:
-        raise PlotfeedError("the scene flies no drones, of which there would be something to say")
-    every = frozenset(range(len(scene.sensor)))
-    base = Variant(name="as it is", scene=scene, sensors=every)
-    as_it_is: list[Run] = []
-    others: dict[str, list[Run]] = {each.name: [] for each in variants}
-    open_, findings = list(variants), dict[str, Finding]()
-    looks = {n for n in (FIRST_RUNS * 2**k for k in range(20)) if n < runs} | {runs}
-    for k in range(runs):
-        as_it_is.append(run_of(base, seed + k, start_utc_ns, duration_s))
-        for each in open_:
-            others[each.name].append(run_of(each, seed + k, start_utc_ns, duration_s))
-        progress(k + 1, runs, len(open_))
-        if k + 1 not in looks:
-            continue
-        for each in open_:
-            pairs = list(zip(as_it_is, others[each.name], strict=True))
-            findings[each.name] = _finding(
-                each, scene, pairs, matters=matters, risk=RISK / len(looks)
+    def __init__(
+        self,
+        scene: Scene,
+        variants: Sequence[Variant],
+        *,
+        matters: float,
+        runs: int,
+        duration_s: float,
+        seed: int,
+        start_utc_ns: int,
+        progress: Callable[[int, int, int], object] = lambda *_: None,
+    ) -> None:
+        """Compare each variant; raises `PlotfeedError`.
+
+        `matters` is the share from which a change does. There are at most so many `runs` of each,
+        with seeds from `seed` on; what is decided is not run again. `progress` is told the number
+        of runs that were done, how many there may be, and how many variants are undecided.
+        """
+        if not scene.fleet.names:
+            raise PlotfeedError(
+                "the scene flies no drones, of which there would be something to say"
             )
-        open_ = [each for each in open_ if findings[each.name].verdict == "undecided"]
-        if not open_:
-            break
-    covered = []
-    for run in as_it_is:  # What all sensors saw, and what all but each of them did
-        seen = (run.seen, *(run.seen[:i] + run.seen[i + 1 :] for i in range(len(run.seen))))
-        covered.append([len(run.chances.intersection(frozenset().union(*each))) for each in seen])
-    of_all = sum(len(run.chances) for run in as_it_is) or 1
-    with_all, *without = np.sum(covered, axis=0) / of_all
-    figures = np.mean([run.figures for run in as_it_is], axis=0)
-    needed = []  # By each, until its widest interval is as narrow as the share that matters
-    for name, found in findings.items():
-        widest = max(((c.share_high - c.share_low) / 2 for c in found.changes), default=0.0)
-        needed.append(max(FIRST_RUNS, math.ceil(len(others[name]) * (widest / matters) ** 2)))
-    return Needs(
-        scene=scene.scene.name,
-        matters=matters,
-        duration_s=duration_s,
-        runs=len(as_it_is),
-        cost_s=float(np.median([run.cost_s for run in as_it_is])),
-        findings=tuple(findings[each.name] for each in variants),
-        covers={
-            sensor.id: (float(with_all), float(left))
-            for sensor, left in zip(scene.sensor, without, strict=True)
-        },
-        runs_needed=max(needed, default=2),
-        as_it_is={
-            sensor.id: dict(zip(METRICS, figures[i].tolist(), strict=True))
-            for i, sensor in enumerate(scene.sensor)
-        },
-    )
-
-
-def _finding(
-    variant: Variant, scene: Scene, pairs: Sequence[tuple[Run, Run]], *, matters: float, risk: float
-) -> Finding:
-    """What a variant changes by pairs of runs of one seed, the scene as it is first."""
-    before = np.array([run.figures for run, _ in pairs])
-    after = np.array([run.figures for _, run in pairs])
-    sensors = sorted(variant.sensors)
-    told = [
-        (i, k, name)
-        for i in sensors
-        for k, name in enumerate(METRICS)
-        if np.isfinite(before[:, i, k] + after[:, i, k]).all()
-    ]
-    changes = []
-    for i, k, name in told:
-        sensor, one = scene.sensor[i], before[:, i, k]
-        wholes = {
-            "itself": abs(float(one.mean())),
-            "plots": float(np.nansum(before[:, i, :2].mean(axis=0))),
-            "period": sensor.scan.period_s,
+        self.scene, self.matters, self.duration_s = scene.scene.name, matters, duration_s
+        every = frozenset(range(len(scene.sensor)))
+        base = Variant(name="as it is", scene=scene, sensors=every)
+        as_it_is: list[Run] = []
+        others: dict[str, list[Run]] = {each.name: [] for each in variants}
+        open_, findings = list(variants), dict[str, Finding]()
+        looks = {n for n in (FIRST_RUNS * 2**k for k in range(20)) if n < runs} | {runs}
+        for k in range(runs):
+            as_it_is.append(run_of(base, seed + k, start_utc_ns, duration_s))
+            for each in open_:
+                others[each.name].append(run_of(each, seed + k, start_utc_ns, duration_s))
+            progress(k + 1, runs, len(open_))
+            if k + 1 not in looks:
+                continue
+            for each in open_:
+                pairs = list(zip(as_it_is, others[each.name], strict=True))
+                findings[each.name] = Finding(each, scene, pairs, matters, RISK / len(looks))
+            open_ = [each for each in open_ if findings[each.name].verdict == "undecided"]
+            if not open_:
+                break
+        self.runs = len(as_it_is)
+        # Seconds of processor a second of the scene.
+        self.cost_s = float(np.median([run.cost_s for run in as_it_is]))
+        self.findings = [findings[each.name] for each in variants]
+        covered = []
+        for run in as_it_is:  # What all sensors saw, and what all but each of them did
+            seen = (run.seen, *(run.seen[:i] + run.seen[i + 1 :] for i in range(len(run.seen))))
+            unions = (frozenset[tuple[int, int]]().union(*each) for each in seen)
+            covered.append([len(run.chances & union) for union in unions])
+        of_all = sum(len(run.chances) for run in as_it_is) or 1
+        with_all, *without = (np.sum(covered, axis=0) / of_all).tolist()
+        ids = [sensor.id for sensor in scene.sensor]
+        # What is lost without a sensor: cover of drones by any sensor with it and without.
+        self.covers = {name: (with_all, left) for name, left in zip(ids, without, strict=True)}
+        needed = []  # By each, until its widest interval is as narrow as the share that matters
+        for name, found in findings.items():
+            widest = max(((c.share_high - c.share_low) / 2 for c in found.changes), default=0.0)
+            needed.append(max(FIRST_RUNS, math.ceil(len(others[name]) * (widest / matters) ** 2)))
+        # Runs of that duration after which all would probably be decided.
+        self.runs_needed = max(needed, default=2)
+        figures = np.mean([run.figures for run in as_it_is], axis=0).tolist()
+        self.as_it_is = {
+            name: dict(zip(METRICS, of, strict=True)) for name, of in zip(ids, figures, strict=True)
         }
-        interval = _interval(after[:, i, k] - one, risk / len(told))
-        shares = np.array(interval) / (wholes.get(METRICS[name], 1.0) or 1.0)
-        changes.append(Change(sensor.id, name, float(one.mean()), *interval, *shares.tolist()))
-    matter = [c for c in changes if c.share_low > matters or c.share_high < -matters]
-    is_clear = bool(changes) and all(max(-c.share_low, c.share_high) < matters for c in changes)
-    words = ("missing", "no need") if variant.adds else ("needed", "can go")
-    ratios = [other.cost_s / run.cost_s for run, other in pairs]
-    return Finding(
-        variant=variant,
-        changes=tuple(changes),
-        verdict=words[0] if matter else words[1] if is_clear else "undecided",
-        cost=_interval(np.array(ratios), RISK),
-    )
+
+    @property
+    def front(self) -> list[Finding]:
+        """Findings than which none is both cheaper and smaller, the cheapest first."""
+        costs, sizes = np.array([(each.cost[0], each.size) for each in self.findings]).T
+        return [self.findings[i] for i in on_front(costs, sizes).tolist()]
+
+    @property
+    def head(self) -> str:
+        """What was run, in a line."""
+        return (
+            f"{self.scene}: {self.runs} runs of {self.duration_s:g} s, each variant with the seeds "
+            f"of the scene as it is; a change of {self.matters:.3g} matters"
+        )
+
+
+class Finding:
+    """What a variant changes by pairs of runs of one seed, the scene as it is first."""
+
+    def __init__(
+        self,
+        variant: Variant,
+        scene: Scene,
+        pairs: Sequence[tuple[Run, Run]],
+        matters: float,
+        risk: float,
+    ) -> None:
+        before = np.array([run.figures for run, _ in pairs])
+        after = np.array([run.figures for _, run in pairs])
+        told = [
+            (i, k, name)
+            for i in sorted(variant.sensors)
+            for k, name in enumerate(METRICS)
+            if np.isfinite(before[:, i, k] + after[:, i, k]).all()
+        ]
+        self.variant, self.changes = variant, list[Change]()
+        for i, k, name in told:
+            sensor, one = scene.sensor[i], before[:, i, k]
+            wholes = {
+                "itself": abs(float(one.mean())),
+                "plots": float(np.nansum(before[:, i, :2].mean(axis=0))),
+                "period": sensor.scan.period_s,
+            }
+            interval = _interval(after[:, i, k] - one, risk / len(told))
+            shares = np.array(interval) / (wholes.get(METRICS[name], 1.0) or 1.0)
+            change = Change(sensor.id, name, float(one.mean()), *interval, *shares.tolist())
+            self.changes.append(change)
+        furthest = [max(-c.share_low, c.share_high) for c in self.changes]
+        words = ("missing", "no need") if variant.adds else ("needed", "can go")
+        self.verdict = "undecided"
+        if any(c.share_low > matters or c.share_high < -matters for c in self.changes):
+            self.verdict = words[0]
+        elif furthest and max(furthest) < matters:
+            self.verdict = words[1]
+        # Processor time beside that of the scene as it is, with its interval; 1 is the same.
+        self.cost = _interval(np.array([other.cost_s / run.cost_s for run, other in pairs]), RISK)
+
+    @property
+    def largest(self) -> Change | None:
+        """The change that a tracker would notice most, or where it is not known, might."""
+        if self.verdict == "undecided":
+            return max(self.changes, key=lambda c: max(-c.share_low, c.share_high), default=None)
+        return max(self.changes, key=lambda c: abs(c.share), default=None)
+
+    @property
+    def size(self) -> float:
+        """The share of the largest change."""
+        return abs(self.largest.share) if self.largest else 0.0
 
 
 def _interval(values: Floats, risk: float) -> tuple[float, float, float]:
@@ -648,7 +628,7 @@ def _found(scene: Scene, variants: Sequence[Any], settings: ChartSettings, matte
         line = f"{done} of {most} runs at most, {undecided} undecided, {took_s:.0f} s"
         say(line, err=True)
 
-    return needs_of(
+    return Needs(
         scene,
         variants,
         matters=matters,

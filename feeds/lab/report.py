@@ -14,7 +14,7 @@ import numpy as np
 from plotfeed.feeds.console.extras import check_picture
 from plotfeed.feeds.console.printed import Row, printable, say, say_damage
 from plotfeed.feeds.console.process import refuse_if_there
-from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures, judged_recording
+from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures
 from plotfeed.feeds.lab.judge import NAMES, Against, Verdicts
 from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, link_text
@@ -432,7 +432,7 @@ def print_report(path: Path, *, as_json: bool, chart: Path | None, force: bool =
     if chart is not None:
         refuse_if_there(chart, force=force)  # before anything is read in vain
         check_picture(chart)
-    told = judged_recording(path, "asked")
+    told = FeedReport(path, "asked")
     if chart is not None:
         draw_report(told, chart)
     if as_json:

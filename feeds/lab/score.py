@@ -25,7 +25,7 @@ from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
 from plotfeed.feeds.lab.diagnosis import Diagnosis, diagnosed
 from plotfeed.feeds.lab.flights import read_trial, scene_of
-from plotfeed.feeds.lab.gathering import judged_recording
+from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.lab.lab_settings import ScoreOptions
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
 from plotfeed.feeds.lab.possible import Possible, RecordedRun, possible, read_run, told_of
@@ -345,8 +345,8 @@ class ScoreReport:
                 "dimensions": score.settings.dimensions,
                 "settings": score.settings.model_dump(),
                 "figures": score.figures(),
-                "drones": [asdict(each) for each in score.drones],
-                "sensors": [asdict(each) for each in score.sensors],
+                "drones": [vars(each) for each in score.drones],
+                "sensors": [vars(each) for each in score.sensors],
                 "left_out": dict(score.left_out),
                 "failure": score.failure,
                 "notes": list(score.notes),
@@ -734,7 +734,7 @@ def _check_feed(recording: Path, options: ScoreOptions) -> int:
         if getattr(options, name):
             option = {"topics": "topic", "changes": "set"}.get(name, name)
             raise PlotfeedError(f"--feed checks sensors, and --{option} is about a tracker")
-    told = judged_recording(recording, "claimed")
+    told = FeedReport(recording, "claimed")
     for line in [json.dumps(told.as_values())] if options.as_json else feed_lines(told):
         say(line)
     return int(bool(told.verdicts.wrong))

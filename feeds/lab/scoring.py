@@ -411,38 +411,6 @@ FIGURES = {**SETS, **REPORTS}
 COUNTS = frozenset({"breaks", "swaps", "false_tracks", "never_tracked"})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DroneScore:
-    """One drone, while sensors looked at it."""
-
-    drone: str
-    cover_s: float
-    completeness: float
-    tracks: int
-    breaks: int
-    number_changes: int
-    longest_s: float
-    # From when it came into cover to when its first report was received; NaN if it never was.
-    initiation_s: float
-    alert_m: float  # How far it was then, over the ground, from what is protected; NaN likewise
-    closest_m: float  # As near as it came to what is protected
-    position_rms_m: float
-    position_p95_m: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorScore:
-    """Drones while one sensor looked at them, whoever saw them."""
-
-    sensor: str
-    drones: int
-    cover_s: float
-    completeness: float
-    position_rms_m: float
-    position_p95_m: float
-    longest_gap_s: float  # The longest time for which a drone in its cover had no track
-
-
 # As `Score.figures` has them.
 FIGURE_NAMES = (
     *SETS,
@@ -454,52 +422,46 @@ FIGURE_NAMES = (
 )
 
 
-def drone_scores(
-    field: _Field, segments: Segments, errors: ReportErrors, tracked: Bools
-) -> list[DroneScore]:
-    """Each drone's own score, in their order."""
-    truths, step_s = field.truths, field.grid.step_ns / NS
-    protected = field.how.place(truths)
-    received_ns, found = errors.known_utc_ns, []
-    for number, (name, path) in enumerate(zip(truths.drones, truths.paths, strict=True)):
+class DroneScore:
+    """One drone, by its number, while sensors looked at it."""
+
+    def __init__(
+        self, field: _Field, number: int, segments: Segments, errors: ReportErrors, tracked: Bools
+    ) -> None:
+        truths, step_s, of = field.truths, field.grid.step_ns / NS, errors.drone == number
+        path, protected = truths.paths[number], field.how.place(truths)
         steps = np.flatnonzero(field.there[:, number])
         following = followed(segments.rows(segments.drone == number), steps)
         covered = int(np.count_nonzero(tracked[steps, number]))
-        initiation_s = alert_m = closest_m = math.nan
+        apart_m, stamped_ns = errors.distance_m[of], errors.t_utc_ns[of]
+        known_ns = errors.known_utc_ns[of]
+        self.drone = truths.drones[number]
+        self.cover_s = len(steps) * step_s
+        self.completeness = covered / len(steps) if len(steps) else math.nan
+        self.tracks, self.breaks = following.tracks, following.breaks
+        self.number_changes = following.number_changes
+        self.longest_s = following.longest_steps * step_s
+        # From when it came into cover to when its first report was received; NaN if it never was.
+        self.initiation_s = math.nan
+        self.alert_m = math.nan  # How far it was then, over the ground, from what is protected
+        self.closest_m = math.nan  # As near as it came to what is protected
         if protected is not None and len(path.t_utc_ns):
-            closest_m = float(_over_ground_m(path.position_ecef_m, protected).min())
-        of = errors.drone == number
-        apart_m, stamped_ns, known_ns = errors.distance_m[of], errors.t_utc_ns[of], received_ns[of]
+            self.closest_m = float(_over_ground_m(path.position_ecef_m, protected).min())
         if len(known_ns):
             first = int(np.argmin(known_ns))
-            initiation_s = max((int(known_ns[first]) - int(path.t_utc_ns[0])) / NS, 0.0)
+            self.initiation_s = max((int(known_ns[first]) - int(path.t_utc_ns[0])) / NS, 0.0)
             if protected is not None:  # where it was then, or else when it was seen
                 place_m, _ = path.states_at(np.array([known_ns[first], stamped_ns[first]]))
                 then_m, seen_m = _over_ground_m(place_m, protected).tolist()
-                alert_m = then_m if math.isfinite(then_m) else seen_m
-        found.append(
-            DroneScore(
-                drone=name,
-                cover_s=len(steps) * step_s,
-                completeness=covered / len(steps) if len(steps) else math.nan,
-                tracks=following.tracks,
-                breaks=following.breaks,
-                number_changes=following.number_changes,
-                longest_s=following.longest_steps * step_s,
-                initiation_s=initiation_s,
-                alert_m=alert_m,
-                closest_m=closest_m,
-                position_rms_m=_rms(apart_m),
-                position_p95_m=_p95(apart_m),
-            )
-        )
-    return found
+                self.alert_m = then_m if math.isfinite(then_m) else seen_m
+        self.position_rms_m, self.position_p95_m = _rms(apart_m), _p95(apart_m)
 
 
-def sensor_scores(field: _Field, errors: ReportErrors, tracked: Bools) -> list[SensorScore]:
-    """Drones in the cover of each sensor, in their order; the gap is that between its looks."""
-    found, truths, step_s = [], field.truths, field.grid.step_ns / NS
-    for number, name in enumerate(truths.sensors):
+class SensorScore:
+    """Drones while one sensor, by its number, looked at them, whoever saw them."""
+
+    def __init__(self, field: _Field, number: int, errors: ReportErrors, tracked: Bools) -> None:
+        truths, step_s = field.truths, field.grid.step_ns / NS
         inside = np.zeros_like(field.there)
         of_errors = np.zeros(len(errors), np.bool_)
         for drone, path in enumerate(truths.paths):
@@ -512,18 +474,13 @@ def sensor_scores(field: _Field, errors: ReportErrors, tracked: Bools) -> list[S
             of_errors[own] = covered_at(looks_ns, errors.t_utc_ns[own], path.gap_ns)
         apart_m, cover = errors.distance_m[of_errors], int(inside.sum())
         begins, ends = stretches(inside & ~tracked)
-        found.append(
-            SensorScore(
-                sensor=name,
-                drones=int(np.count_nonzero(inside.any(axis=0))),
-                cover_s=cover * step_s,
-                completeness=int((inside & tracked).sum()) / cover if cover else math.nan,
-                position_rms_m=_rms(apart_m),
-                position_p95_m=_p95(apart_m),
-                longest_gap_s=int((ends - begins).max(initial=0)) * step_s,
-            )
-        )
-    return found
+        self.sensor = truths.sensors[number]
+        self.drones = int(np.count_nonzero(inside.any(axis=0)))
+        self.cover_s = cover * step_s
+        self.completeness = int((inside & tracked).sum()) / cover if cover else math.nan
+        self.position_rms_m, self.position_p95_m = _rms(apart_m), _p95(apart_m)
+        # The longest time for which a drone in its cover had no track.
+        self.longest_gap_s = int((ends - begins).max(initial=0)) * step_s
 
 
 def stretches(flags: Bools) -> tuple[Ints, Ints]:
@@ -608,8 +565,11 @@ class Score:
         self.t_utc_ns, self.steps, self.there = field.grid.t_utc_ns, walked.steps, field.there
         self.tracked = tracked = np.zeros_like(field.there)
         tracked[walked.assigned.step, walked.assigned.drone] = True
-        self.drones = drone_scores(field, beside.segments, errors, tracked)
-        self.sensors = sensor_scores(field, errors, tracked)
+        self.drones = [
+            DroneScore(field, number, beside.segments, errors, tracked)
+            for number in range(len(truths.drones))
+        ]
+        self.sensors = [SensorScore(field, n, errors, tracked) for n in range(len(truths.sensors))]
         self._begin(truths)
         self.tracks = len(usable.names)
         self.false_tracks = self.tracks - len(np.unique(beside.segments.track))  # Of no drone ever

@@ -286,9 +286,8 @@ SHOWN = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LevelFigures:
-    """One sensor at one level, or all together; intervals are over runs.
+    """One sensor at one level, or all together, in runs; intervals are over these.
 
     `figures` has the share of looks at drones that detected them, false alarms in a run, the share
     of drones with an alert, the mean of runs of the median distance at the alert (0 of a drone
@@ -296,12 +295,35 @@ class LevelFigures:
     root mean squares of errors of plots.
     """
 
-    level: SweepLevel
-    sensor: str | None  # None of all together
-    runs: int
-    expected_pd: float
-    arrived: float  # Share of plots that passed the link before the end
-    figures: Mapping[str, Interval]
+    def __init__(
+        self,
+        level: SweepLevel,
+        sensor: str | None,
+        rows: Mapping[int, Sequence[Any]],
+        first: Mapping[int, Sequence[Any]] | None,
+    ) -> None:
+        """`rows` are by runs, and `first` those of the first level."""
+        of, before = _columns_of(rows), None if first is None else _columns_of(first)
+        self.level, self.runs = level, len(rows)
+        self.sensor = sensor  # None of all together
+        looks, plots = of["looks"].sum(), of["plots"].sum()
+        self.expected_pd = float(of["expected"].sum() / looks) if looks else np.nan
+        # Share of plots that passed the link before the end.
+        self.arrived = float(of["arrived"].sum() / plots) if plots else np.nan
+        change = NOTHING
+        if before is not None and first is not None and first.keys() == rows.keys():
+            change = mean_interval(of["alert_distance_m"] - before["alert_distance_m"])
+        self.figures = {
+            "pd": ratio_interval(of["detected"], of["looks"]),
+            "false_alarms": mean_interval(of["false_alarms"]),
+            "alerted": ratio_interval(of["alerted"], of["drones"]),
+            "alert_distance_m": mean_interval(of["alert_distance_m"]),
+            "alert_change_m": change,
+        }
+        for name in ERRORS:  # of all plots of all runs, as far as they are known
+            many = np.where(np.isnan(of[name]), 0.0, of["detected"])
+            squares = ratio_interval(of[name] ** 2 * of["detected"], many)
+            self.figures[name] = Interval(*np.sqrt(squares).tolist())
 
     def as_json(self) -> dict[str, Any]:
         """Figures by name, intervals as value, low and high."""
@@ -317,45 +339,23 @@ class LevelFigures:
         }
 
 
+def _columns_of(rows: Mapping[int, Sequence[Any]]) -> dict[str, Floats]:
+    """What a sensor's rows of runs hold, by the name of the column."""
+    columns = np.array([*rows.values()], np.float64).T
+    return dict(zip(list(SENSOR_COLUMNS)[1:], columns, strict=True))
+
+
 def figures_of(levels: Sequence[SweepLevel], results: Results) -> list[LevelFigures]:
     """Figures of every level that has a run: of all sensors together, and then of each."""
     rows: dict[tuple[int, str | None], dict[int, list[Any]]] = {}  # By level and sensor, by run
     for (number, run), result in sorted(results.items()):
         for sensor, *row in result["sensors"]:
             rows.setdefault((number, sensor), {})[run] = row
-    names = list(SENSOR_COLUMNS)[1:]
-    columns = {
-        key: dict(zip(names, np.array([*of.values()], np.float64).T, strict=True))
-        for key, of in rows.items()
-    }
-    found, by_number = [], {level.number: level for level in levels}
-    for (number, sensor), of in columns.items():
-        first = levels[0].number, sensor
-        change = NOTHING
-        if first in rows and rows[first].keys() == rows[number, sensor].keys():
-            change = mean_interval(of["alert_distance_m"] - columns[first]["alert_distance_m"])
-        looks, plots = of["looks"].sum(), of["plots"].sum()
-        figures = {
-            "pd": ratio_interval(of["detected"], of["looks"]),
-            "false_alarms": mean_interval(of["false_alarms"]),
-            "alerted": ratio_interval(of["alerted"], of["drones"]),
-            "alert_distance_m": mean_interval(of["alert_distance_m"]),
-            "alert_change_m": change,
-        }
-        for name in ERRORS:  # of all plots of all runs, as far as they are known
-            many = np.where(np.isnan(of[name]), 0.0, of["detected"])
-            squares = ratio_interval(of[name] ** 2 * of["detected"], many)
-            figures[name] = Interval(*np.sqrt(squares).tolist())
-        found.append(
-            LevelFigures(
-                level=by_number[number],
-                sensor=sensor,
-                runs=len(rows[number, sensor]),
-                expected_pd=float(of["expected"].sum() / looks) if looks else np.nan,
-                arrived=float(of["arrived"].sum() / plots) if plots else np.nan,
-                figures=figures,
-            )
-        )
+    by_number = {level.number: level for level in levels}
+    found = [
+        LevelFigures(by_number[number], sensor, of, rows.get((levels[0].number, sensor)))
+        for (number, sensor), of in rows.items()
+    ]
     return sorted(found, key=lambda each: (each.level.number, each.sensor is not None))
 
 

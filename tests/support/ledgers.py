@@ -9,8 +9,8 @@ from pathlib import Path
 
 from support.links import OCTETS, due_times, passed
 
-from plotfeed.feeds.lab.gathering import FeedReport, judged_recording
-from plotfeed.feeds.link.impairment import Outcome
+from plotfeed.feeds.lab.gathering import FeedReport
+from plotfeed.feeds.link.impairment import Fate, Outcome
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
@@ -121,7 +121,7 @@ def changed(
 
 def told(path: Path) -> FeedReport:
     """What is reported of a file."""
-    return judged_recording(path, "asked")
+    return FeedReport(path, "asked")
 
 
 def told_of(folder: Path, ledgers: Sequence[pb.Ledger | bytes]) -> FeedReport:

@@ -10,7 +10,7 @@ import pytest
 from support.every_kind import SENSORS
 from support.ledgers import record_session
 
-from plotfeed.feeds.lab.gathering import judged_recording
+from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.lab.judge import Against
 from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.models.sensors.acoustic import MicrophoneArray
@@ -44,6 +44,6 @@ def test_a_fault_of_the_running_process_is_named(
         patched.setattr(kind, method, lambda self, *of: factor * right(self, *of))
         record = record_session(scene, tmp_path / "record.mcap", 40.0)
     for against in get_args(Against):
-        wrong = {each.name for each in judged_recording(record, against).verdicts.wrong}
+        wrong = {each.name for each in FeedReport(record, against).verdicts.wrong}
         assert named <= wrong
         assert all(name.startswith("Pd") for name in wrong - named)

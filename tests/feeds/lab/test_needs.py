@@ -14,9 +14,9 @@ from support.every_kind import EMITTER, RF
 from plotfeed.feeds.lab.needs import (
     METRICS,
     Finding,
+    Needs,
     Variant,
     choices_of,
-    needs_of,
     on_front,
     rewritten,
     run_of,
@@ -75,7 +75,7 @@ def bearings_with(**keys: Any) -> Scene:
 
 def found(scene: Scene, variants: list[Variant], seed: int = 1, **how: Any) -> list[Finding]:
     asked = {"matters": 0.02, "runs": 8, "duration_s": 10.0, **how}
-    return list(needs_of(scene, variants, seed=seed, start_utc_ns=START_NS, **asked).findings)
+    return list(Needs(scene, variants, seed=seed, start_utc_ns=START_NS, **asked).findings)
 
 
 def only(scene: Scene, name: str) -> list[Variant]:
@@ -151,7 +151,7 @@ def test_the_front_is_what_nothing_beats() -> None:
 @pytest.mark.parametrize("name", ["section-4", "field-day"])
 def test_a_lean_scene_loads_and_has_lost_what_can_go(name: str) -> None:
     scene = example(name)
-    told = needs_of(
+    told = Needs(
         scene, [v for v in variants_of(scene) if len(v.effects) == 1], matters=0.02, runs=2,
         duration_s=2.0, seed=1, start_utc_ns=START_NS,
     )  # fmt: skip

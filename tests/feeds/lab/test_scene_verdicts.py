@@ -16,7 +16,7 @@ from support.ledgers import record_session
 from support.significance import assert_chance
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
-from plotfeed.feeds.lab.gathering import judged_recording
+from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.lab.judge import FALSE_RATES, simulated_feed
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.scene.sensors.effect_keys import BiasKeys, DegradationKeys
@@ -142,7 +142,7 @@ def test_what_a_format_tells_in_coarse_steps_is_expected_so(
     path = tmp_path / "steps.toml"
     path.write_text(scene([sensor], drones, seed=7).text)
     record = record_session(path, tmp_path / "steps.mcap", seconds)
-    checks = [c for c in judged_recording(record, "asked").verdicts.checks if c.name in names]
+    checks = [c for c in FeedReport(record, "asked").verdicts.checks if c.name in names]
     assert len(checks) == 2
     for check in checks:
         assert check.of > 800
