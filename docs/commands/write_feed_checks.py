@@ -179,7 +179,7 @@ def called_wrong(scene: Scene, name: str, copies: int, seconds: float) -> list[s
     for seen in simulate(made, seconds, start_utc_ns=START_UTC_NS).values():
         tally = FeedTally("claimed")
         tally.take(simulated_feed(made, seen))
-        found.append({c.name for c in Verdicts.of(tally.checks(), "claimed").wrong})
+        found.append({c.name for c in Verdicts(tally.checks(), "claimed").wrong})
     return found
 
 
@@ -250,7 +250,7 @@ def write_kinds(names: Iterable[str] = KINDS) -> None:
                 feed = simulated_feed(scene, until(seen, seconds))
                 tally = FeedTally("claimed")
                 tally.take(feed._replace(expected=[AskedSensor(scene, says).claimed]))
-                runs.append(Verdicts.of(tally.checks(), "claimed").checks)
+                runs.append(Verdicts(tally.checks(), "claimed").checks)
         period_s = says.scan.period_s
         rows.append((name, *(told_rates(fault, *found[fault], period_s) for fault in OF_KINDS)))
         print(*rows[-1], sep=" | ", flush=True)

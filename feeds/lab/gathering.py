@@ -271,7 +271,7 @@ class Gathering:
         links, sent = told.entries.link.tolist(), told.messages
         for text in dict.fromkeys(links):
             if text not in self.links and len(self.links) < MAX_LINKS:
-                self.links[text] = Setting.of(text)
+                self.links[text] = Setting(text)
         numbers = {text: number for number, text in enumerate(self.links)}
         number = np.array([numbers.get(text, -1) for text in links], np.int64)
         self.left_out += int((number < 0).sum())
@@ -474,7 +474,7 @@ class FeedReport:
         self.last_utc_ns = max([last_ns, *(link.last_utc_ns for link in links)])
         self.links = links  # None beside claims
         self.sensors = [SensorFigures(names[k], found[k], plots_from.get(k, "")) for k in sensors]
-        self.verdicts = judge.Verdicts.of(checks, against)
+        self.verdicts = judge.Verdicts(checks, against)
         self.notes = notes + [f"{count} {what}" for what, count in counts.items() if count]
         self.damage = list(evidence.log.damage)
         self.curve = [*CURVE.tolist(), 1.0]  # Probabilities of all `curve_ms`

@@ -778,21 +778,15 @@ def simulated_feed(scene: Scene, seen: SimulatedSensor, sectors: int = 0) -> Sen
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Verdicts:
-    """All checks of a recording, judged together: in which of right ones any is called wrong."""
+    """All checks of a recording, judged together."""
 
-    against: Against
-    checks: Sequence[Check]
-    false_rate: float
-
-    @classmethod
-    def of(cls, checks: Iterable[Check], against: Against) -> Verdicts:
-        """Judge checks together."""
-        every, rate = list(checks), FALSE_RATES[against]
-        wrong = residuals.wrong_at(every, rate)
-        judged = [replace(c, wrong=w) for c, w in zip(every, wrong, strict=True)]
-        return cls(against=against, checks=judged, false_rate=rate)
+    def __init__(self, checks: Iterable[Check], against: Against) -> None:
+        every = list(checks)
+        self.against: Against = against
+        self.false_rate = FALSE_RATES[against]  # Share of right ones in which any is called wrong
+        wrong = residuals.wrong_at(every, self.false_rate)
+        self.checks = [replace(c, wrong=w) for c, w in zip(every, wrong, strict=True)]
 
     @property
     def wrong(self) -> list[Check]:

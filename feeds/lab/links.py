@@ -102,30 +102,24 @@ def orders_of(sent: ToldMessages, links: int) -> list[Order]:
 LET_THROUGH = frozenset({pb.SENT, pb.UNDELIVERED, pb.ENDED, pb.STALE})
 
 
-@dataclass(frozen=True, slots=True)
 class Setting:
-    """A link as the ledger has it."""
+    """A link as the ledger has it: JSON of its keys, whatever that may be, empty for none."""
 
-    text: str  # JSON of its keys, empty for none
-    asked: LinkExpectation | None  # None if it is not a link as we know them
-    problem: str = ""  # Why not
-
-    @classmethod
-    def of(cls, text: str) -> Setting:
-        """Whatever it may be."""
-        if not text:
-            return cls(text, LinkExpectation(LinkSettings()))
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.asked: LinkExpectation | None = None  # None if it is not a link as we know them
+        self.problem = ""  # Why not
         try:
-            tree = json.loads(text)
-        except (ValueError, RecursionError):
-            return cls(text, None, "expected JSON")
-        if not isinstance(tree, dict):
-            return cls(text, None, "expected an object")
-        try:
-            return cls(text, LinkExpectation(LinkSettings.model_validate_json(text)))
+            tree = json.loads(text or "{}")
+            if isinstance(tree, dict):
+                self.asked = LinkExpectation(LinkSettings.model_validate_json(text or "{}"))
+            else:
+                self.problem = "expected an object"
         except ValidationError as error:
             key, what = next(problems_of(error, tree))
-            return cls(text, None, f"{key}: {what}" if key else what)
+            self.problem = f"{key}: {what}" if key else what
+        except (ValueError, RecursionError):
+            self.problem = "expected JSON"
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,30 +38,6 @@ class KnownPlots(Columns):
     covariance_ecef_m2: Floats
 
 
-class Possible(NamedTuple):
-    """GOSPA, metres, of what was possible, and of the tracker; with its loss by whose fault it is.
-
-    What sensors do not detect, or not exactly, is the feed's; what does not come, or late, the
-    link's; the rest is the tracker's. Parts are of GOSPA to its order, and add up to its own.
-    """
-
-    of_feed_m: float
-    of_link_m: float
-    of_tracker_m: float
-    completeness: float  # Of a tracker that knows whose each plot is
-    position_rms_m: float
-    # The least that this error is in the mean of many such runs, whatever the tracker, by plots
-    # that came: posterior Cramer and Rao, of drones that turn at random as hard as these did. In
-    # one run it may be smaller by chance, as errors of one flight hang together.
-    bound_m: float
-    # Plots of drones that tell no place by themselves, or not how exact it is: not in it.
-    placeless: int
-
-    def figures(self) -> dict[str, float]:
-        """Figures by name, those of `POSSIBLE`."""
-        return dict(zip(POSSIBLE, self, strict=False))
-
-
 POSSIBLE = (
     *("gospa_feed_m", "gospa_link_m", "gospa_tracker_m"),
     *("possible_completeness", "possible_rms_m", "bound_rms_m"),
@@ -153,30 +129,56 @@ def read_run(path: Path, scene: Scene | None = None) -> RecordedRun:
     return RecordedRun(of_run, found, placeless)
 
 
+class Possible:
+    """GOSPA, metres, of what was possible, and of the tracker; with its loss by whose fault it is.
+
+    What sensors do not detect, or not exactly, is the feed's; what does not come, or late, the
+    link's; the rest is the tracker's. Parts are of GOSPA to its order, and add up to its own.
+    """
+
+    def __init__(self, run: RecordedRun, parts: Sequence[KnownPlots], score: Score) -> None:
+        truths, joined = run.truths, KnownPlots.joined(parts)
+        how, p = score.settings.model_copy(update={"counts_tentative": True}), score.settings.order
+        all_of = _followed(truths, joined.but(arrived_utc_ns=joined.t_utc_ns), how)
+        came = _followed(truths, joined.rows(joined.arrived_utc_ns != UNKNOWN_NS), how)
+        best, linked = (Score(truths, tracks, how) for tracks in (all_of, came))
+        axes = slice(how.dimensions)
+        spread_m2 = np.trace(linked.errors.covariance_m2[:, axes, axes], axis1=1, axis2=2)
+        of_best = best.as_stamped.gospa_m
+        of_linked = max((linked.as_known or linked.as_stamped).gospa_m, of_best)
+        own = max((score.as_known or score.as_stamped).gospa_m, of_linked)
+        self.of_feed_m = of_best
+        self.of_link_m: float = (of_linked**p - of_best**p) ** (1 / p)
+        self.of_tracker_m: float = (own**p - of_linked**p) ** (1 / p)
+        self.completeness = best.as_stamped.completeness  # Of who knows whose each plot is
+        self.position_rms_m = linked.reports.position_rms_m
+        # The least that this error is in the mean of many such runs, whatever the tracker, by plots
+        # that came: posterior Cramer and Rao, of drones that turn at random as hard as these did.
+        # In one run it may be smaller by chance, as errors of one flight hang together.
+        self.bound_m = float(np.sqrt(spread_m2.mean())) if len(spread_m2) else np.nan
+        # Plots of drones that tell no place by themselves, or not how exact it is: not in it.
+        self.placeless = run.placeless
+
+    def figures(self) -> dict[str, float]:
+        """Figures by name, those of `POSSIBLE`."""
+        return dict(zip(POSSIBLE, vars(self).values(), strict=False))
+
+    def __str__(self) -> str:
+        parts = {"feed": self.of_feed_m, "link": self.of_link_m, "tracker": self.of_tracker_m}
+        worst = max(parts, key=lambda name: parts[name])
+        told = ", ".join(f"{name} {value:.1f} m" for name, value in parts.items())
+        less = f"; {self.placeless} plots without a place are not in it" if self.placeless else ""
+        return (
+            f"GOSPA by whose fault: {told}: most is the {worst}'s. Who knows whose each plot is "
+            f"has {self.completeness:.1%} of the drones, to {self.position_rms_m:.1f} m; in the "
+            f"mean of many such runs no tracker does better than {self.bound_m:.1f} m{less}"
+        )
+
+
 def possible(run: RecordedRun, score: Score) -> Possible | None:
     """What could have been made of the plots; None where none of them has a place."""
-    truths, parts = run.truths, [each for each in run.plots if len(each)]
-    if not parts:
-        return None
-    joined = KnownPlots.joined(parts)
-    how, p = score.settings.model_copy(update={"counts_tentative": True}), score.settings.order
-    all_of = _followed(truths, joined.but(arrived_utc_ns=joined.t_utc_ns), how)
-    came = _followed(truths, joined.rows(joined.arrived_utc_ns != UNKNOWN_NS), how)
-    best, linked = (Score(truths, tracks, how) for tracks in (all_of, came))
-    axes = slice(how.dimensions)
-    spread_m2 = np.trace(linked.errors.covariance_m2[:, axes, axes], axis1=1, axis2=2)
-    of_best = best.as_stamped.gospa_m
-    of_linked = max((linked.as_known or linked.as_stamped).gospa_m, of_best)
-    own = max((score.as_known or score.as_stamped).gospa_m, of_linked)
-    return Possible(
-        of_feed_m=of_best,
-        of_link_m=(of_linked**p - of_best**p) ** (1 / p),
-        of_tracker_m=(own**p - of_linked**p) ** (1 / p),
-        completeness=best.as_stamped.completeness,
-        position_rms_m=linked.reports.position_rms_m,
-        bound_m=float(np.sqrt(spread_m2.mean())) if len(spread_m2) else np.nan,
-        placeless=run.placeless,
-    )
+    parts = [each for each in run.plots if len(each)]
+    return Possible(run, parts, score) if parts else None
 
 
 def _followed(truths: Truths, plots: KnownPlots, how: ScoreSettings) -> TracksRead:
@@ -248,16 +250,3 @@ def _followed(truths: Truths, plots: KnownPlots, how: ScoreSettings) -> TracksRe
         ended=np.zeros(len(track), np.bool_),
     )
     return TracksRead(reports=reports, names=list(truths.drones), source="possible")
-
-
-def told_of(found: Possible) -> str:
-    """What was possible, in a line."""
-    parts = {"feed": found.of_feed_m, "link": found.of_link_m, "tracker": found.of_tracker_m}
-    worst = max(parts, key=lambda name: parts[name])
-    told = ", ".join(f"{name} {value:.1f} m" for name, value in parts.items())
-    less = f"; {found.placeless} plots without a place are not in it" if found.placeless else ""
-    return (
-        f"GOSPA by whose fault: {told}: most is the {worst}'s. Who knows whose each plot is has "
-        f"{found.completeness:.1%} of the drones, to {found.position_rms_m:.1f} m; in the mean of "
-        f"many such runs no tracker does better than {found.bound_m:.1f} m{less}"
-    )

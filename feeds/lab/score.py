@@ -23,12 +23,12 @@ from pydantic import Field, ValidationError, model_validator
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import finite, printable, say
 from plotfeed.feeds.console.process import new_file, refuse_if_there
-from plotfeed.feeds.lab.diagnosis import Diagnosis, diagnosed
+from plotfeed.feeds.lab.diagnosis import diagnosed
 from plotfeed.feeds.lab.flights import read_trial, scene_of
 from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.lab.lab_settings import ScoreOptions
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
-from plotfeed.feeds.lab.possible import Possible, RecordedRun, possible, read_run, told_of
+from plotfeed.feeds.lab.possible import RecordedRun, possible, read_run
 from plotfeed.feeds.lab.report import feed_lines
 from plotfeed.feeds.lab.scoring import (
     FIGURE_NAMES,
@@ -40,7 +40,7 @@ from plotfeed.feeds.lab.scoring import (
     stretches,
 )
 from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells
-from plotfeed.feeds.lab.track_reports import read_tracks
+from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.models.state import Floats, Ints
@@ -279,16 +279,20 @@ WORKED_OUT: Mapping[str, tuple[str, Callable[[Score, float], FigureSamples]]] = 
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreReport:
     """A score, and all that is said of it."""
 
-    score: Score
-    title: str = ""  # Of the profile, and what that notes
-    note: str = ""
-    verdicts: Sequence[LimitVerdict] = ()
-    diagnosis: Diagnosis | None = None
-    possible: Possible | None = None
+    def __init__(
+        self, run: RecordedRun, tracks: TracksRead, settings: ScoreSettings,
+        profile: ScoreProfile | None,
+    ) -> None:  # fmt: skip
+        self.score = Score(run.truths, tracks, settings)
+        # Of the profile, and what that notes.
+        self.title = "" if profile is None else profile.profile.title
+        self.note = "" if profile is None else profile.profile.note
+        self.verdicts = [] if profile is None else verdicts_of(self.score, profile)
+        self.diagnosis = diagnosed(run.truths, tracks, settings)
+        self.possible = possible(run, self.score)
 
     @property
     def is_kept(self) -> bool:
@@ -316,7 +320,7 @@ class ScoreReport:
             yield f"your {', then '.join(self.diagnosis.findings)}"
             yield f"without that GOSPA would be {then} m, where it is {now} m as stamped"
         if self.possible is not None:
-            yield told_of(self.possible)
+            yield str(self.possible)
         yield from score.notes
         for reason, many in score.left_out.items():
             yield f"{many} reports: {reason}"
@@ -352,7 +356,7 @@ class ScoreReport:
                 "notes": list(score.notes),
                 "findings": [] if found is None else list(found.findings),
                 "figures_without": None if found is None else found.without.figures(),
-                "possible": None if self.possible is None else self.possible._asdict(),
+                "possible": None if self.possible is None else vars(self.possible),
                 "profile": self.title,
                 "limits": [asdict(each) for each in self.verdicts],
             }
@@ -705,18 +709,10 @@ def score_recording(recording: Path, options: ScoreOptions) -> int:
         run = RecordedRun(read_trial(options.truth, scene, date_utc_ns=midnight_ns))
     else:
         run = read_run(recording, scene)
-    truths = run.truths
-    midnight_ns = truths.start_utc_ns // DAY_NS * DAY_NS
+    midnight_ns = run.truths.start_utc_ns // DAY_NS * DAY_NS
     tracks = read_tracks(file, scene, options.topics, date_utc_ns=midnight_ns)
-    score = Score(truths, tracks, settings)
-    told = ScoreReport(
-        score=score,
-        title="" if profile is None else profile.profile.title,
-        note="" if profile is None else profile.profile.note,
-        verdicts=[] if profile is None else verdicts_of(score, profile),
-        diagnosis=diagnosed(truths, tracks, settings),
-        possible=possible(run, score),
-    )
+    told = ScoreReport(run, tracks, settings, profile)
+    score = told.score
     if options.out is not None:
         write_new(options.out, html_of(told), force=options.force)
     if options.junit is not None:

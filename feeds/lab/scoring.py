@@ -574,9 +574,8 @@ class Score:
         self.tracks = len(usable.names)
         self.false_tracks = self.tracks - len(np.unique(beside.segments.track))  # Of no drone ever
         last_ns = int(used.t_utc_ns.max(initial=self.start_utc_ns))
-        self.silent_s = max(
-            (self.end_utc_ns - last_ns) / NS, 0.0
-        )  # From the last report to the end
+        # From the last report to the end.
+        self.silent_s = max((self.end_utc_ns - last_ns) / NS, 0.0)
         self.failure = _failure(tracks, used, self.silent_s)  # How the tracker failed; else empty
         self._place(field, used, beside)
 

@@ -51,6 +51,6 @@ def called_wrong(
     seen = simulate(scene, duration_s, seed=seed, start_utc_ns=START_NS)
     found: dict[str, list[set[str]]] = {}
     for name, sensor in seen.items():
-        wrong = Verdicts.of(claims_of(scene, sensor), "claimed").wrong
+        wrong = Verdicts(claims_of(scene, sensor), "claimed").wrong
         found.setdefault(name.rpartition("-")[0], []).append({check.name for check in wrong})
     return found
