@@ -29,15 +29,7 @@ from plotfeed.feeds.lab.evidence import (
     plots_in_rows,
 )
 from plotfeed.feeds.lab.laws import CELLS, TrueEchoes, TruePlots
-from plotfeed.feeds.lab.links import (
-    CURVE,
-    LinkFigures,
-    LinkMessages,
-    Order,
-    Setting,
-    link_checks,
-    orders_of,
-)
+from plotfeed.feeds.lab.links import CURVE, LinkFigures, Order, Setting, link_checks, orders_of
 from plotfeed.models.clutter import CLUTTER, SIDELOBE
 from plotfeed.models.residuals import Check
 from plotfeed.models.state import OTHER, Bools, Ints, Texts
@@ -260,12 +252,12 @@ class Gathering:
         """Sectors that are lacking although the sensor was at work."""
         return 0 if self.asked is None else sum(map(self.asked.missed, lacking_of(self._runs)))
 
-    def messages(self) -> Iterator[tuple[LinkMessages, Order]]:
+    def messages(self) -> Iterator[tuple[Setting, ToldMessages, Order]]:
         """What became of messages, by link setting."""
         sent = self._kept.all()
         orders = orders_of(sent.rows(sent.copy == 0), len(self.links))
         for number, setting in enumerate(self.links.values()):
-            yield LinkMessages(setting, sent.rows(sent.entry == number)), orders[number]
+            yield setting, sent.rows(sent.entry == number), orders[number]
 
     def _take_messages(self, told: LedgerTables) -> None:
         links, sent = told.entries.link.tolist(), told.messages
@@ -448,10 +440,10 @@ class FeedReport:
             for (topic, stage), whose in evidence.carriers.items()
         }
         links = [
-            LinkFigures(names[key], number, link, order)
+            LinkFigures(names[key], number, *of)
             for key in sensors
-            for number, (link, order) in enumerate(found[key].messages(), 1)
-            if len(link.first)
+            for number, of in enumerate(found[key].messages(), 1)
+            if (of[1].copy == 0).any()
         ]
         checks = [check for link in links for check in link_checks(link)]
         for key in sensors:

@@ -122,42 +122,6 @@ class Setting:
             self.problem = "expected JSON"
 
 
-@dataclass(frozen=True, slots=True)
-class LinkMessages:
-    """What became of a sensor's messages under one setting: first copies, and duplicates too."""
-
-    setting: Setting
-    sent: ToldMessages
-
-    @property
-    def first(self) -> ToldMessages:
-        """First copies, whatever became of them."""
-        return self.sent.rows(self.sent.copy == 0)
-
-    @property
-    def let_through(self) -> ToldMessages:
-        """Copies that the link let through, first ones and duplicates."""
-        return self.sent.rows(np.isin(self.sent.fate, [*LET_THROUGH]))
-
-    @property
-    def delays_ns(self) -> Ints:
-        """Sending less being handed over, of first copies."""
-        left = self.first.rows(self.first.fate == pb.SENT)
-        return _apart_ns(left.sent_utc_ns, left.due_utc_ns)
-
-    @property
-    def drawn_ns(self) -> Ints:
-        """Delays as the link drew them, without the engine's lateness."""
-        drawn = self.let_through.rows(self.let_through.copy == 0)
-        return _apart_ns(drawn.link_due_utc_ns, drawn.due_utc_ns)
-
-    @property
-    def lateness_ns(self) -> Ints:
-        """Sending less when the link was to let it leave, of all that left."""
-        left = self.sent.rows(self.sent.fate == pb.SENT)
-        return _apart_ns(left.sent_utc_ns, left.link_due_utc_ns)
-
-
 def _apart_ns(later_ns: Ints, earlier_ns: Ints) -> Ints:
     """Differences of times that a hostile file may have made too large for 64 bits."""
     limit, apart_ns = 1 << 62, later_ns.astype(np.float64) - earlier_ns
@@ -260,17 +224,30 @@ class Share:
 class LinkFigures:
     """A sensor's messages under one link setting: what a link asked and what it delivered."""
 
-    def __init__(self, sensor: str, number: int, of: LinkMessages, order: Order) -> None:
-        """`number` is that of the setting, among this sensor's, from 1 as they came into force."""
-        text, asked, first = of.setting.text, of.setting.asked, of.first
+    def __init__(
+        self, sensor: str, number: int, setting: Setting, sent: ToldMessages, order: Order
+    ) -> None:
+        """`number` is that of the setting, among this sensor's, from 1 as they came into force.
+
+        `sent` is what became of its messages under that setting: first copies, and duplicates too.
+        """
+        text, asked = setting.text, setting.asked
+        first = sent.rows(sent.copy == 0)
+        through = sent.rows(np.isin(sent.fate, [*LET_THROUGH]))
+        left = sent.rows(sent.fate == pb.SENT)
         fates = Counter(first.fate.tolist())
-        passed, copies = len(of.let_through), len(of.sent) - len(first)
+        passed, copies = len(through), len(sent) - len(first)
         decided = fates[pb.LOST] + sum(fates[fate] for fate in PASSED_LOSS)
-        corrupted = int((of.let_through.flipped_bit >= 0).sum())
+        corrupted = int((through.flipped_bit >= 0).sum())
         due_ns = first.due_utc_ns
+        # Sending less being handed over, of first copies; and as the link drew it, without the
+        # engine's lateness.
+        handed, drawn = left.rows(left.copy == 0), through.rows(through.copy == 0)
+        delays_ns = _apart_ns(handed.sent_utc_ns, handed.due_utc_ns)
+        drawn_ns = _apart_ns(drawn.link_due_utc_ns, drawn.due_utc_ns)
         self.sensor, self.number = sensor, number
         self.link: object = text if text and asked is None else json.loads(text or "{}")
-        self.link_problem = of.setting.problem  # Why nothing is known of what it asked; else empty
+        self.link_problem = setting.problem  # Why nothing is known of what it asked; else empty
         # When the first message was handed over, and the last.
         self.first_utc_ns = int(due_ns.min(initial=1 << 62)) if len(first) else 0
         self.last_utc_ns = int(due_ns.max(initial=-(1 << 62))) if len(first) else 0
@@ -279,10 +256,10 @@ class LinkFigures:
         if asked is not None and not asked.link.down:
             law, most_ms = asked.delay, float(asked.delay.quantile_ms([1.0])[0])
             self.asked = LatencyFigures(law.mean_ms(), most_ms, law.quantile_ms)
-        self.delivered = found_times(of.delays_ns)
-        self.fit = _fit(asked, of)
+        self.delivered = found_times(delays_ns)
+        self.fit = _fit(asked, delays_ns, drawn_ns)
         # Of the engine: sending less when the link was to let the message leave.
-        self.lateness = found_times(of.lateness_ns)
+        self.lateness = found_times(_apart_ns(left.sent_utc_ns, left.link_due_utc_ns))
         self.loss = _loss(asked, fates[pb.LOST], decided)
         self.bursts = Bursts(asked, order)
         doubling = (copies, passed - copies, math.nan if asked is None else asked.link.duplicate)
@@ -309,7 +286,7 @@ def found_times(times_ns: Ints) -> LatencyFigures:
     return LatencyFigures(mean_ms, float(in_order[-1]) / 1e6 if n else math.nan, quantiles_ms)
 
 
-def _fit(asked: LinkExpectation | None, of: LinkMessages) -> Fit:
+def _fit(asked: LinkExpectation | None, delays_ns: Ints, drawn_ns: Ints) -> Fit:
     """How far delays are from their law, or why they do not follow one that has a spread."""
     if asked is None:
         return Fit(not_comparable="not known")
@@ -324,14 +301,13 @@ def _fit(asked: LinkExpectation | None, of: LinkMessages) -> Fit:
     }
     why_not = [reason for reason, holds in reasons.items() if holds]
     if why_not:
-        other_ns = np.abs(of.drawn_ns - round(asked.delay.mean_ms() * 1e6))
+        other_ns = np.abs(drawn_ns - round(asked.delay.mean_ms() * 1e6))
         other = int((other_ns > 1).sum()) if why_not == ["all the same"] else 0
         return Fit(not_comparable=", ".join(why_not), other=other)
     # The sum of an autoregression's correlations rho^k bounds how much its distribution function
     # varies more than that of independent draws.
     rho = abs(asked.link.delay_correlation)
     share = (1 - rho) / (1 + rho)
-    delays_ns, drawn_ns = of.delays_ns, of.drawn_ns
     distance, link_distance = (law_distance(asked.delay, ns) for ns in (delays_ns, drawn_ns))
     return Fit(
         distance=distance,

@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from copy import copy
 from html import escape
 from importlib.metadata import version
 from importlib.resources import files
@@ -144,34 +144,11 @@ def load_profile(name: str) -> ScoreProfile:
         raise PlotfeedError(f"{name}: no TOML: {error}") from None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LimitVerdict:
     """A limit, and whether what is known of a figure decides that it is kept."""
 
-    name: str
-    figure: str
-    asked: str
-    value: float
-    low: float
-    high: float  # Between these the figure lies; not known of what is of this run alone
-    status: Decision
-    of: int  # How many reports, periods, drones or runs the figure is of; 0 where that says nothing
-    note: str
-
-    @property
-    def told(self) -> str:
-        """The figure beside what is asked."""
-        value = "not known" if math.isnan(self.value) else f"{self.value:.6g}"
-        between = "" if math.isnan(self.low) else f" ({self.low:.6g} to {self.high:.6g})"
-        many = f" (of {self.of})" if self.of else ""
-        noted = f": {self.note}" if self.note else ""
-        return f"{self.figure} {value}{between}{many}, asked {self.asked}{noted}"
-
-    @classmethod
-    def of_interval(
-        cls, limit: ScoreLimit, figure: str, found: Interval, of: int, unit: str
-    ) -> Self:
-        """The verdict on a limit by an interval; `unit` says what more of which would decide."""
+    def __init__(self, limit: ScoreLimit, figure: str, found: Interval, of: int, unit: str) -> None:
+        """By an interval; `unit` says what more of which would decide."""
         alone = not unit and not math.isnan(found.value)
         held = Interval(*[found.value] * 3) if alone else found
         status, note = decided(held, limit.at_most, limit.at_least), "of this run" * alone
@@ -182,15 +159,27 @@ class LimitVerdict:
         if limit.figure in SETS:
             how = "as stamped" if figure == limit.figure else "as known"
             note = f"{how}; {note}" if note else how
-        return cls(
-            name=limit.title,
-            figure=limit.figure,
-            asked=limit.asked,
-            **found._asdict(),
-            status=status,
-            of=of,
-            note=note,
-        )
+        self.name, self.figure, self.asked = limit.title, limit.figure, limit.asked
+        # The figure lies between low and high; they are not known of what is of this run alone.
+        self.value, self.low, self.high = found
+        self.status: Decision = status
+        self.of = of  # How many reports, periods, drones or runs it is of; 0 if that says nothing
+        self.note = note
+
+    @property
+    def told(self) -> str:
+        """The figure beside what is asked."""
+        value = "not known" if math.isnan(self.value) else f"{self.value:.6g}"
+        between = "" if math.isnan(self.low) else f" ({self.low:.6g} to {self.high:.6g})"
+        many = f" (of {self.of})" if self.of else ""
+        noted = f": {self.note}" if self.note else ""
+        return f"{self.figure} {value}{between}{many}, asked {self.asked}{noted}"
+
+    def at(self, level: object) -> Self:
+        """The same verdict, by a name that says at which level."""
+        named = copy(self)
+        named.name = f"{self.name} ({level})"
+        return named
 
 
 def verdicts_of(score: Score, profile: ScoreProfile) -> list[LimitVerdict]:
@@ -205,7 +194,7 @@ def verdicts_of(score: Score, profile: ScoreProfile) -> list[LimitVerdict]:
         bounds = Interval(value, math.nan, math.nan) if samples is None else samples.interval(risk)
         of = len(samples.parts) if samples is not None and limit.figure in WORKED_OUT else 0
         unit = "" if samples is None else "long a run"
-        found.append(LimitVerdict.of_interval(limit, figure, bounds, of, unit))
+        found.append(LimitVerdict(limit, figure, bounds, of, unit))
     return found
 
 
@@ -358,7 +347,7 @@ class ScoreReport:
                 "figures_without": None if found is None else found.without.figures(),
                 "possible": None if self.possible is None else vars(self.possible),
                 "profile": self.title,
-                "limits": [asdict(each) for each in self.verdicts],
+                "limits": [vars(each) for each in self.verdicts],
             }
         )
         return values

@@ -379,7 +379,7 @@ class CurvePoint(NamedTuple):
             figure = judged_figure(limit, is_known=True)
             is_count = figure.removeprefix("known_").removeprefix("space_") in COUNTS
             found = seeds_interval(values, risk, column("trials", n), are_counts=is_count)
-            verdicts.append(LimitVerdict.of_interval(limit, figure, found, len(runs), "many runs"))
+            verdicts.append(LimitVerdict(limit, figure, found, len(runs), "many runs"))
         return cls(
             level,
             tracker,
@@ -413,7 +413,7 @@ class CurvePoint(NamedTuple):
             "unscored": list(self.unscored),
             "late_s": self.late_s,
             "figures": {name: figure._asdict() for name, figure in self.figures.items()},
-            "limits": [asdict(verdict) for verdict in self.verdicts],
+            "limits": [vars(verdict) for verdict in self.verdicts],
         }
 
 
@@ -594,11 +594,7 @@ def score_tracker(scene: Path, settings: TrackerSettings, options: ScoreOptions)
         _write_scores(levels, points, done, settings)
     survived = list(survivals(points, asked))
     failures = [failure for point in points for failure in point.failures]
-    verdicts = [
-        replace(verdict, name=f"{verdict.name} ({point.level})")
-        for point in points
-        for verdict in point.verdicts
-    ]
+    verdicts = [verdict.at(point.level) for point in points for verdict in point.verdicts]
     _write_verdicts(points, survived, verdicts, profile, options)
     values = {
         "runs": settings.runs,

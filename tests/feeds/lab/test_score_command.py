@@ -156,14 +156,14 @@ class Tags(HTMLParser):
 def test_a_page_is_marked_as_kept_where_every_limit_is_passed() -> None:
     limit = ScoreLimit(figure="gospa_m", at_most=10.0)
     passed, open_, failed = (
-        LimitVerdict.of_interval(limit, "known_gospa_m", Interval(*found), 1, "long a run")
+        LimitVerdict(limit, "known_gospa_m", Interval(*found), 1, "long a run")
         for found in ((5.0, 4.0, 6.0), (9.0, 7.0, 11.0), (20.0, 19.0, 21.0))
     )
     assert mark_of("", [passed, passed]) == "kept"
     assert mark_of("", [passed, open_]) == mark_of("", []) == ""
     assert mark_of("", [passed, open_, failed]) == mark_of("dead", [passed]) == "broken"
     assert open_.note == "as known; about 4 times as long a run would decide"
-    stamped = LimitVerdict.of_interval(limit, "gospa_m", Interval(5.0, 4.0, 6.0), 1, "long a run")
+    stamped = LimitVerdict(limit, "gospa_m", Interval(5.0, 4.0, 6.0), 1, "long a run")
     assert stamped.note == "as stamped"
 
 
