@@ -191,19 +191,45 @@ class LatencyFigures:
         self.curve_ms: list[float] = quantiles_ms(np.append(CURVE, 1.0)).tolist()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """Delivered delays against the law that was asked; Kolmogorov and Smirnov."""
+    """Delivered delays against the law that was asked, or why they do not follow one.
 
-    distance: float = math.nan  # Of what was delivered, engine and all
-    p_value: float = math.nan
-    # Of the delays that the link drew, without the engine's lateness.
-    link_distance: float = math.nan
-    link_p_value: float = math.nan
-    # Messages that tell as much as these did, where successive delays are correlated.
-    independent: float = math.nan
-    other: int = 0  # Messages with another delay than the one that is asked of all of them
-    not_comparable: str = ""  # Why there is nothing to compare with; empty if there is
+    By Kolmogorov and Smirnov: of what was delivered, engine and all, and of the delays that the
+    link drew, without the engine's lateness.
+    """
+
+    def __init__(self, asked: LinkExpectation | None, delays_ns: Ints, drawn_ns: Ints) -> None:
+        self.distance = self.p_value = self.link_distance = self.link_p_value = math.nan
+        # Messages that tell as much as these did, where successive delays are correlated.
+        self.independent = math.nan
+        self.other = 0  # Messages with another delay than the one that is asked of all of them
+        self.not_comparable = "not known"  # Why there is nothing to compare with; empty if there is
+        if asked is None:
+            return
+        link, (least_ms, most_ms) = asked.link, asked.delay.quantile_ms([0.0, 1.0])
+        reasons = {
+            "down": link.down,
+            "stalls": link.on_loss == "stall",
+            "kept in order": link.in_order,
+            "rate limited": link.rate_kbit_s is not None,
+            "reordered on purpose": link.reorder is not None,
+            "all the same": not most_ms > least_ms,
+        }
+        self.not_comparable = ", ".join(reason for reason, holds in reasons.items() if holds)
+        if self.not_comparable == "all the same":
+            other_ns = np.abs(drawn_ns - round(asked.delay.mean_ms() * 1e6))
+            self.other = int((other_ns > 1).sum())
+        if self.not_comparable:
+            return
+        # The sum of an autoregression's correlations rho^k bounds how much its distribution
+        # function varies more than that of independent draws.
+        rho = abs(link.delay_correlation)
+        share = (1 - rho) / (1 + rho)
+        self.independent = len(delays_ns) * share
+        self.distance = law_distance(asked.delay, delays_ns)
+        self.p_value = p_of_distance(self.distance, self.independent)
+        self.link_distance = law_distance(asked.delay, drawn_ns)
+        self.link_p_value = p_of_distance(self.link_distance, len(drawn_ns) * share)
 
 
 class Share:
@@ -257,7 +283,7 @@ class LinkFigures:
             law, most_ms = asked.delay, float(asked.delay.quantile_ms([1.0])[0])
             self.asked = LatencyFigures(law.mean_ms(), most_ms, law.quantile_ms)
         self.delivered = found_times(delays_ns)
-        self.fit = _fit(asked, delays_ns, drawn_ns)
+        self.fit = Fit(asked, delays_ns, drawn_ns)
         # Of the engine: sending less when the link was to let the message leave.
         self.lateness = found_times(_apart_ns(left.sent_utc_ns, left.link_due_utc_ns))
         self.loss = _loss(asked, fates[pb.LOST], decided)
@@ -284,38 +310,6 @@ def found_times(times_ns: Ints) -> LatencyFigures:
 
     mean_ms = float(times_ns.sum(dtype=np.float64)) / n / 1e6 if n else math.nan
     return LatencyFigures(mean_ms, float(in_order[-1]) / 1e6 if n else math.nan, quantiles_ms)
-
-
-def _fit(asked: LinkExpectation | None, delays_ns: Ints, drawn_ns: Ints) -> Fit:
-    """How far delays are from their law, or why they do not follow one that has a spread."""
-    if asked is None:
-        return Fit(not_comparable="not known")
-    link, (least_ms, most_ms) = asked.link, asked.delay.quantile_ms([0.0, 1.0])
-    reasons = {
-        "down": link.down,
-        "stalls": link.on_loss == "stall",
-        "kept in order": link.in_order,
-        "rate limited": link.rate_kbit_s is not None,
-        "reordered on purpose": link.reorder is not None,
-        "all the same": not most_ms > least_ms,
-    }
-    why_not = [reason for reason, holds in reasons.items() if holds]
-    if why_not:
-        other_ns = np.abs(drawn_ns - round(asked.delay.mean_ms() * 1e6))
-        other = int((other_ns > 1).sum()) if why_not == ["all the same"] else 0
-        return Fit(not_comparable=", ".join(why_not), other=other)
-    # The sum of an autoregression's correlations rho^k bounds how much its distribution function
-    # varies more than that of independent draws.
-    rho = abs(asked.link.delay_correlation)
-    share = (1 - rho) / (1 + rho)
-    distance, link_distance = (law_distance(asked.delay, ns) for ns in (delays_ns, drawn_ns))
-    return Fit(
-        distance=distance,
-        p_value=p_of_distance(distance, len(delays_ns) * share),
-        link_distance=link_distance,
-        link_p_value=p_of_distance(link_distance, len(drawn_ns) * share),
-        independent=len(delays_ns) * share,
-    )
 
 
 def _binomial(count: int, of: int, asked: float) -> Share:

@@ -238,47 +238,43 @@ def choices_of(scene: Scene) -> list[Variant]:
     ]
 
 
-class Run(NamedTuple):
-    """One run of a variant: figures by sensor, (sensors, metrics); processor seconds a second."""
-
-    figures: Floats
-    cost_s: float
-    # Of each sensor the (drone, stretch of 5 s) in which it plotted, and of all that there were.
-    seen: tuple[frozenset[tuple[int, int]], ...]
-    chances: frozenset[tuple[int, int]]
-
-
 COVER_NS = 5 * NS
 NOTHING_READ = MeasuredPlots.of(())
 
 
-def run_of(variant: Variant, seed: int, start_utc_ns: int, duration_s: float) -> Run:
-    """Run it through the engine; raises `PlotfeedError`."""
-    scene = variant.scene
-    general = scene.scene.model_copy(update={"seed": seed})
-    scene = scene.model_copy(update={"scene": general})
-    engine = Engine(scene, start_utc_ns)
-    batches: list[Batch] = []
-    spent_s, end_ns = 0.0, start_utc_ns + round(duration_s * NS)
-    for t_ns in (*range(start_utc_ns + STRETCH_NS, end_ns, STRETCH_NS), end_ns):
-        began_s = time.process_time()
-        batches += engine.until(t_ns)
-        spent_s += time.process_time() - began_s
-    names = frozenset(scene.fleet.names)
-    rows = np.array([i for i, name in enumerate(engine.trajectories.names) if name in names])
-    figures, seen = [], []
-    # At the middles of stretches, where drones are: by them it is known what there was to be seen.
-    stretches = np.arange(-(-(end_ns - start_utc_ns) // COVER_NS))
-    middles_ns = np.minimum(start_utc_ns + COVER_NS * stretches + COVER_NS // 2, end_ns)
-    there = np.isfinite(engine.trajectories.positions_at(middles_ns)[:, rows, 0])
-    for i in range(len(scene.sensor)):
-        own = _Sensed(engine, batches, i, rows)
-        figures.append(own.figures(variant.read_back if i in variant.sensors else ""))
-        stretch = (own.of_drones.t_utc_ns - start_utc_ns) // COVER_NS
-        seen.append(frozenset(zip(own.of_drones.drone.tolist(), stretch.tolist(), strict=True)))
-    k, d = np.nonzero(there)
-    chances = frozenset(zip(rows[d].tolist(), k.tolist(), strict=True))
-    return Run(np.array(figures), spent_s / duration_s, tuple(seen), chances)
+class Run:
+    """One run of a variant through the engine."""
+
+    def __init__(self, variant: Variant, seed: int, start_utc_ns: int, duration_s: float) -> None:
+        """Run it; raises `PlotfeedError`."""
+        scene = variant.scene
+        general = scene.scene.model_copy(update={"seed": seed})
+        engine = Engine(scene.model_copy(update={"scene": general}), start_utc_ns)
+        batches: list[Batch] = []
+        spent_s, end_ns = 0.0, start_utc_ns + round(duration_s * NS)
+        for t_ns in (*range(start_utc_ns + STRETCH_NS, end_ns, STRETCH_NS), end_ns):
+            began_s = time.process_time()
+            batches += engine.until(t_ns)
+            spent_s += time.process_time() - began_s
+        self.cost_s = spent_s / duration_s  # Processor seconds a second
+        names = frozenset(scene.fleet.names)
+        rows = np.array([i for i, name in enumerate(engine.trajectories.names) if name in names])
+        figures = []
+        # Of each sensor the (drone, stretch of 5 s) in which it plotted, and all that there were.
+        self.seen: list[frozenset[tuple[int, int]]] = []
+        for i in range(len(scene.sensor)):
+            own = _Sensed(engine, batches, i, rows)
+            figures.append(own.figures(variant.read_back if i in variant.sensors else ""))
+            stretch = ((own.of_drones.t_utc_ns - start_utc_ns) // COVER_NS).tolist()
+            plotted = zip(own.of_drones.drone.tolist(), stretch, strict=True)
+            self.seen.append(frozenset(plotted))
+        self.figures = np.array(figures)  # By sensor, (sensors, metrics)
+        # At the middles of stretches, where drones are: by them it is known what was to be seen.
+        stretches = np.arange(-(-(end_ns - start_utc_ns) // COVER_NS))
+        middles_ns = np.minimum(start_utc_ns + COVER_NS * stretches + COVER_NS // 2, end_ns)
+        there = np.isfinite(engine.trajectories.positions_at(middles_ns)[:, rows, 0])
+        k, d = np.nonzero(there)
+        self.chances = frozenset(zip(rows[d].tolist(), k.tolist(), strict=True))
 
 
 class _Sensed:
@@ -438,9 +434,9 @@ class Needs:
         open_, findings = list(variants), dict[str, Finding]()
         looks = {n for n in (FIRST_RUNS * 2**k for k in range(20)) if n < runs} | {runs}
         for k in range(runs):
-            as_it_is.append(run_of(base, seed + k, start_utc_ns, duration_s))
+            as_it_is.append(Run(base, seed + k, start_utc_ns, duration_s))
             for each in open_:
-                others[each.name].append(run_of(each, seed + k, start_utc_ns, duration_s))
+                others[each.name].append(Run(each, seed + k, start_utc_ns, duration_s))
             progress(k + 1, runs, len(open_))
             if k + 1 not in looks:
                 continue

@@ -531,7 +531,7 @@ class Score:
             if not truths.has_height:
                 raise PlotfeedError("dimensions = 3: the truth tells no heights")
             usable = usable.only(usable.reports.has_height, "without a height")
-        used, beside = usable.reports, field.beside(usable, how.dimensions)
+        used, beside = usable.reports, _Beside(field, usable, how.dimensions)
         walked, errors = beside.walked, beside.errors
         self.scene, self.source = truths.scene, tracks.source  # And where tracks were found
         self.start_utc_ns, self.end_utc_ns = field.span_utc_ns
@@ -551,7 +551,7 @@ class Score:
             self.samples |= {f"known_{name}": each for name, each in of_known.items()}
         if used.has_height.any() and truths.has_height:
             high = usable._replace(reports=used.rows(used.has_height))
-            space = beside if how.dimensions == 3 else field.beside(high, 3)
+            space = beside if how.dimensions == 3 else _Beside(field, high, 3)
             self.in_space = Figures({**space.sets, **space.reports})
             self.samples |= {f"space_{name}": each for name, each in space.samples.items()}
             if lack := len(used) - len(high.reports):
@@ -666,18 +666,6 @@ def _are_scored(whole: Truths, field: _Field, reports: UsableReports) -> Bools:
     return found
 
 
-class _Beside(NamedTuple):
-    """Tracks beside drones in some dimensions, as stamped."""
-
-    rows: GridRows
-    walked: Walked
-    segments: Segments
-    errors: ReportErrors
-    sets: Figures
-    reports: Figures
-    samples: dict[str, FigureSamples]
-
-
 class _Field:
     """The flights on the grid, from the first place of any drone to the last."""
 
@@ -711,14 +699,6 @@ class _Field:
         )
         self.there: Bools = np.isfinite(self.states.point[:, :, 0])
 
-    def beside(self, usable: UsableTracks, dimensions: int) -> _Beside:
-        """Tracks beside the flights, as stamped."""
-        rows, walked = self.walked(usable, dimensions, as_known=False)
-        sets, of_sets, segments = _set_figures(self, usable.reports, rows, walked)
-        errors = report_errors(self, usable.reports, walked, dimensions)
-        reports, of_reports = report_figures(errors, dimensions)
-        return _Beside(rows, walked, segments, errors, sets, reports, of_sets | of_reports)
-
     def walked(
         self, usable: UsableTracks, dimensions: int, *, as_known: bool
     ) -> tuple[GridRows, Walked]:
@@ -747,6 +727,18 @@ class _Field:
             good = (keys[at] == wanted) & (step >= 0) & (step < self.grid.steps)
             found[good] = values[at[good]]
         return found
+
+
+class _Beside:
+    """Tracks beside the flights in some dimensions, as stamped."""
+
+    def __init__(self, field: _Field, usable: UsableTracks, dimensions: int) -> None:
+        self.rows, self.walked = field.walked(usable, dimensions, as_known=False)
+        of = _set_figures(field, usable.reports, self.rows, self.walked)
+        self.sets, of_sets, self.segments = of
+        self.errors = report_errors(field, usable.reports, self.walked, dimensions)
+        self.reports, of_reports = report_figures(self.errors, dimensions)
+        self.samples = of_sets | of_reports
 
 
 def _set_figures(

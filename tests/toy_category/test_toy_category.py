@@ -12,7 +12,7 @@ from support.asyncapi_rules import problems
 from toy_category.asterix_250 import FORMAT
 
 from plotfeed.feeds.formats import FORMATS, carries_plots, register
-from plotfeed.feeds.lab.needs import METRICS, choices_of, run_of
+from plotfeed.feeds.lab.needs import METRICS, Run, choices_of
 from plotfeed.feeds.recording.decoded_text import message_lines
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.schema import text_of
@@ -84,7 +84,7 @@ def test_schemas_tell_of_it() -> None:
 def test_the_chart_compares_it(radar_scene: Scene) -> None:
     (ours,) = [each for each in choices_of(radar_scene) if each.read_back == "asterix-250"]
     plain, read = (
-        run_of(each, 1, 1_767_268_800 * NS, 20.0).figures[0, list(METRICS).index("range_m")]
+        Run(each, 1, 1_767_268_800 * NS, 20.0).figures[0, list(METRICS).index("range_m")]
         for each in (replace(ours, read_back=""), ours)
     )
     assert 0 < abs(read - plain) <= 0.5  # half a step

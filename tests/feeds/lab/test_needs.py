@@ -15,11 +15,11 @@ from plotfeed.feeds.lab.needs import (
     METRICS,
     Finding,
     Needs,
+    Run,
     Variant,
     choices_of,
     on_front,
     rewritten,
-    run_of,
     variants_of,
 )
 from plotfeed.feeds.lab.oracle import rain_db_km
@@ -113,7 +113,7 @@ def test_rain_takes_what_the_radar_equation_says() -> None:
     weather = {"rain_mm_h": brentq(excess_db, 1.0, 300.0)}
     wet = scene_with(weather=weather, power_w=2000.0, drones=0)
     weak = scene_with(power_w=2000.0 / 10**1.2, drones=0)
-    seen = [run_of(Variant(name="", scene=s, sensors=frozenset([0])), 1, START_NS, 60.0)
+    seen = [Run(Variant(name="", scene=s, sensors=frozenset([0])), 1, START_NS, 60.0)
             for s in (wet, weak)]  # fmt: skip
     assert seen[0].figures[0, 0] == pytest.approx(seen[1].figures[0, 0], abs=0.03)
     (told,) = found(wet, only(wet, "without weather"))
@@ -126,7 +126,7 @@ def test_both_sides_draw_the_same_numbers() -> None:
     (variant,) = only(scene, "without degradation")
     base = Variant(name="", scene=scene, sensors=frozenset([0]))
     one, other = (
-        np.array([run_of(each, seed, START_NS, 10.0).figures[0, 0] for seed in range(1, 25)])
+        np.array([Run(each, seed, START_NS, 10.0).figures[0, 0] for seed in range(1, 25)])
         for each in (base, variant)
     )
     assert 0.2 < one.mean() < 0.8
@@ -138,7 +138,7 @@ def test_a_format_that_is_coarse_shows_its_steps() -> None:
     (variant,) = [each for each in choices_of(scene) if each.read_back == "asterix-048"]
     base = Variant(name="", scene=scene, sensors=frozenset([0]))
     column = list(METRICS).index("range_m")
-    fine, coarse = (run_of(v, 1, START_NS, 10.0).figures[0, column] for v in (base, variant))
+    fine, coarse = (Run(v, 1, START_NS, 10.0).figures[0, column] for v in (base, variant))
     step_m = 1852 / 256
     assert coarse == pytest.approx(np.hypot(fine, step_m / np.sqrt(12)), rel=0.15)
 
