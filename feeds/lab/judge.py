@@ -371,7 +371,7 @@ class FeedTally:
             kept = np.flatnonzero(feed.looks.channel != SEARCH)
             looks, sigmas = feed.looks.rows(kept), sigmas[:, kept]
             feed = feed._replace(looks=looks.but(channel=np.zeros(len(looks), np.int64)))
-        pairs, looks = compared_plots(feed), feed.looks
+        pairs, looks = ComparedPlots(feed), feed.looks
         if not pairs.columns:
             self.left += len(feed.plots)
             if not len(feed.plots) and feed.merging is None:  # else several looks have one outcome
@@ -482,39 +482,33 @@ def _round_up(width_m: float) -> float:
     return 10 * CELL_M * math.ceil(width_m / (10 * CELL_M))
 
 
-class ComparedPlots(NamedTuple):
-    """Pairs of plots and looks of one sector, and how what was measured differs from the truth."""
+class ComparedPlots:
+    """All pairs of a feed's plots and looks of one sector that are not far from each other."""
 
-    candidates: residuals.Candidates  # By the quantities of `columns` alone
-    columns: list[int]
-    error: Floats  # Of all quantities, (n, k), with its sigma and kurtosis
-    sigma: Floats
-    kurtosis: Floats
-
-
-def compared_plots(feed: SensorFeed) -> ComparedPlots:
-    """All pairs of the feed's plots and looks that are not far from each other."""
-    parts = [_compare(feed, plot, look) for plot, look in _pairs(feed)]
-    plot, look, error, variance, kurtosis = (
-        np.concatenate(columns) if parts else np.zeros((0, len(NAMES)))
-        for columns in (zip(*parts, strict=True) if parts else [()] * 5)
-    )
-    known = np.isfinite(error) & np.isfinite(variance)
-    if feed.is_bistatic:
-        known[:, NAMES.index("range")] = False  # it follows from the others
-    known[:, NAMES.index("range rate")] = False
-    known = known.reshape(-1, len(NAMES))
-    columns = [i for i in PAIRED if known[:, i].any()]
-    rows = known[:, columns].any(axis=1) if columns else np.zeros(len(known), np.bool_)
-    error, sigma = np.where(known, error, np.nan)[rows], np.sqrt(np.maximum(variance, 1e-12))[rows]
-    candidates = residuals.Candidates(
-        plot=plot[rows].astype(np.int64),
-        look=look[rows].astype(np.int64),
-        error=error[:, columns],
-        sigma=sigma[:, columns],
-    )
-    usual = np.where(np.isfinite(kurtosis), kurtosis, 3.0)[rows]
-    return ComparedPlots(candidates, columns, error, sigma, usual)
+    def __init__(self, feed: SensorFeed) -> None:
+        parts = [_compare(feed, plot, look) for plot, look in _pairs(feed)]
+        plot, look, error, variance, kurtosis = (
+            np.concatenate(columns) if parts else np.zeros((0, len(NAMES)))
+            for columns in (zip(*parts, strict=True) if parts else [()] * 5)
+        )
+        known = np.isfinite(error) & np.isfinite(variance)
+        if feed.is_bistatic:
+            known[:, NAMES.index("range")] = False  # it follows from the others
+        known[:, NAMES.index("range rate")] = False
+        known = known.reshape(-1, len(NAMES))
+        # Quantities by which they are paired.
+        self.columns = columns = [i for i in PAIRED if known[:, i].any()]
+        rows = known[:, columns].any(axis=1) if columns else np.zeros(len(known), np.bool_)
+        # How what was measured differs from the truth, of all quantities, (n, k), with its spread.
+        self.error = np.where(known, error, np.nan)[rows]
+        self.sigma: Floats = np.sqrt(np.maximum(variance, 1e-12))[rows]
+        self.kurtosis = np.where(np.isfinite(kurtosis), kurtosis, 3.0)[rows]
+        self.candidates = residuals.Candidates(
+            plot=plot[rows].astype(np.int64),
+            look=look[rows].astype(np.int64),
+            error=self.error[:, columns],
+            sigma=self.sigma[:, columns],
+        )
 
 
 def _pairs(feed: SensorFeed) -> Iterator[tuple[Ints, Ints]]:

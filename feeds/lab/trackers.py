@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -252,16 +252,8 @@ async def _started(
 ) -> AsyncIterator[_TrackerProcess]:
     """The tracker's process, which is gone afterwards with all that it has started."""
     url, port = f"mqtt://{broker.host}:{broker.port}", str(broker.port)
-    values = {
-        "broker": url,
-        "broker5": url,
-        "host": broker.host,
-        "port": port,
-        "port5": port,
-        "prefix": prefix,
-        "topic": topic,
-        "seed": str(job.seed),
-    }
+    told_of = (url, url, broker.host, port, port, prefix, topic, str(job.seed))
+    values = dict(zip(PLACES, told_of, strict=True))
     told = {f"PLOTFEED_TRACKER_{name.upper()}": value for name, value in values.items()}
     try:
         process = await asyncio.create_subprocess_exec(
@@ -348,49 +340,40 @@ LATE_S, LATE_SHARE = 0.1, 0.1
 AT_A_LEVEL = "at each level "
 
 
-class CurvePoint(NamedTuple):
+class CurvePoint:
     """A tracker at one level: means over runs, with intervals, and verdicts on the limits."""
 
-    level: SweepLevel
-    tracker: str
-    runs: int
-    failures: Sequence[str]  # How it failed in runs in which it did
-    unscored: Sequence[str]  # Why there was nothing to score, in runs without a drone in cover
-    late_s: float  # By how much the machine itself was late
-    figures: Mapping[str, Interval]
-    limits: Floats  # Figures of limits, (limits, runs)
-    verdicts: Sequence[LimitVerdict]
-
-    @classmethod
-    def of(
-        cls, level: SweepLevel, tracker: str, results: Results, asked: Sequence[ScoreLimit],
+    def __init__(
+        self,
+        level: SweepLevel,
+        tracker: str,
+        results: Results,
+        asked: Sequence[ScoreLimit],
         looks: int,
-    ) -> CurvePoint:  # fmt: skip
-        """The runs of a level, as its journal has them, judged at each of so many looks."""
+    ) -> None:
+        """By the runs of the level, as its journal has them, judged at each of so many looks."""
         runs = [result for (number, _), result in results.items() if number == level.number]
 
         def column(of: str, name: Any) -> Floats:
             return np.array([run[of][name] for run in runs], np.float64)
 
-        limits = np.array([column("limits", n) for n in range(len(asked))]).reshape(-1, len(runs))
+        self.level, self.tracker, self.runs = level, tracker, len(runs)
+        # How it failed in runs in which it did, and why there was nothing to score in others.
+        self.failures = [run["failure"] for run in runs if run["failure"]]
+        self.unscored = [run["unscored"] for run in runs if run.get("unscored")]
+        # By how much the machine itself was late.
+        self.late_s = float(np.mean([run["late_s"] for run in runs])) if runs else np.nan
+        self.figures = {name: mean_interval(column("figures", name)) for name in SHOWN}
+        # Figures of limits, (limits, runs).
+        limits = [column("limits", n) for n in range(len(asked))]
+        self.limits = np.array(limits).reshape(-1, len(runs))
+        self.verdicts: list[LimitVerdict] = []
         risk = look_risk(looks, RISK / max(len(asked), 1))
-        verdicts = []
-        for n, (limit, values) in enumerate(zip(asked, limits, strict=True)):
+        for n, (limit, values) in enumerate(zip(asked, self.limits, strict=True)):
             figure = judged_figure(limit, is_known=True)
             is_count = figure.removeprefix("known_").removeprefix("space_") in COUNTS
             found = seeds_interval(values, risk, column("trials", n), are_counts=is_count)
-            verdicts.append(LimitVerdict(limit, figure, found, len(runs), "many runs"))
-        return cls(
-            level,
-            tracker,
-            len(runs),
-            [run["failure"] for run in runs if run["failure"]],
-            [run["unscored"] for run in runs if run.get("unscored")],
-            float(np.mean([run["late_s"] for run in runs])) if runs else np.nan,
-            {name: mean_interval(column("figures", name)) for name in SHOWN},
-            limits,
-            verdicts,
-        )
+            self.verdicts.append(LimitVerdict(limit, figure, found, self.runs, "many runs"))
 
     @property
     def is_scored(self) -> bool:
@@ -578,7 +561,7 @@ def score_tracker(scene: Path, settings: TrackerSettings, options: ScoreOptions)
             finish_runs(kept, run_tracker, open_levels, settings, plan, runs=runs)
             done = kept.of_first(runs)
             for level in open_levels:
-                point = CurvePoint.of(level, plan.of(level).name, done, asked, looks)
+                point = CurvePoint(level, plan.of(level).name, done, asked, looks)
                 decided_by[level.number] = point
             open_levels = [lv for lv in open_levels if not decided_by[lv.number].is_decided]
             if not open_levels:

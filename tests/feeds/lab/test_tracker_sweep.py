@@ -14,7 +14,7 @@ from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.lab.runs import SweepLevel
 from plotfeed.feeds.lab.score import ScoreLimit
-from plotfeed.feeds.lab.trackers import CurvePoint, TrackerCommand, survivals
+from plotfeed.feeds.lab.trackers import SHOWN, CurvePoint, TrackerCommand, survivals
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.errors import PlotfeedError
 
@@ -145,16 +145,20 @@ def test_a_profile_holds_its_limits_with_a_tracker(file: Path, tmp_path: Path) -
     assert junit.read_text().count("<failure") == 2
 
 
-def points_of(values: np.ndarray, late_s: float = 0.0) -> list[CurvePoint]:
+def points_of(limit: ScoreLimit, values: np.ndarray, late_s: float = 0.0) -> list[CurvePoint]:
     """A tracker at latencies of 0 to 2 s, by a limit's figures, (levels, runs)."""
-    return [
-        CurvePoint(
-            level=SweepLevel(n, "scene", "", "", (("link.latency_ms", str(500 * n)),)),
-            tracker="mine", runs=values.shape[1], failures=[], unscored=[],
-            late_s=late_s, figures={}, limits=values[n][None], verdicts=[],
-        )
+    rest = {
+        "failure": "",
+        "late_s": late_s,
+        "figures": dict.fromkeys(SHOWN, 1.0),
+        "trials": [np.nan],
+    }
+    runs = {at: rest | {"limits": [value]} for at, value in np.ndenumerate(values)}
+    levels = [
+        SweepLevel(n, "scene", "", "", (("link.latency_ms", str(500 * n)),))
         for n in range(len(values))
-    ]  # fmt: skip
+    ]
+    return [CurvePoint(level, "mine", runs, [limit], 1) for level in levels]
 
 
 def test_what_a_tracker_survives_is_told_with_an_interval_or_why_not() -> None:
@@ -162,13 +166,13 @@ def test_what_a_tracker_survives_is_told_with_an_interval_or_why_not() -> None:
     limit = ScoreLimit(figure="gospa_m", at_most=60.0)
     rng = np.random.default_rng(1)
     values = np.array([52.8, 57.0, 62.5, 66.0, 70.2])[:, None] + rng.normal(0, 1.0, (5, 10))
-    (found,) = survivals(points_of(values, late_s=0.15), [limit])
+    (found,) = survivals(points_of(limit, values, late_s=0.15), [limit])
     assert 600 < found.level.low < found.level.value < found.level.high < 1000
     assert str(found).startswith("mine, gospa_m at most 60: holds to ")
     assert "of link.latency_ms (" in str(found)
-    (late,) = survivals(points_of(values, late_s=0.25), [limit])
+    (late,) = survivals(points_of(limit, values, late_s=0.25), [limit])
     assert str(late).endswith("not told: the machine itself was late by 0.25 s")
-    (kept,) = survivals(points_of(values - 20.0), [limit])
+    (kept,) = survivals(points_of(limit, values - 20.0), [limit])
     assert str(kept).endswith("holds at all levels of link.latency_ms (all levels to all levels)")
 
 
