@@ -474,7 +474,8 @@ class Needs:
     @property
     def front(self) -> list[Finding]:
         """Findings than which none is both cheaper and smaller, the cheapest first."""
-        costs, sizes = np.array([(each.cost[0], each.size) for each in self.findings]).T
+        costs = np.array([each.cost[0] for each in self.findings])
+        sizes = np.array([each.size for each in self.findings])
         return [self.findings[i] for i in on_front(costs, sizes).tolist()]
 
     @property
