@@ -11,7 +11,7 @@ from support.scene_files import radar, scene_file, scene_text
 from support.scored_flights import followed_well, read_of
 
 from plotfeed.feeds.lab.flights import scene_of
-from plotfeed.feeds.lab.possible import Possible, RecordedRun, possible, read_run, told_of
+from plotfeed.feeds.lab.possible import Possible, RecordedRun, possible, read_run
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings
 from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
 
@@ -47,10 +47,10 @@ def test_a_loss_is_of_whoever_caused_it(tmp_path: Path, more: str, whose: str) -
 def test_a_tracker_that_says_nothing_is_to_blame(tmp_path: Path) -> None:
     found = split(tmp_path, tracks=read_of([]))
     assert found.of_tracker_m > 3 * np.hypot(found.of_feed_m, found.of_link_m)
-    assert "most is the tracker's" in told_of(found)
+    assert "most is the tracker's" in str(found)
     assert found.completeness > 0.9
     assert 0.5 < found.position_rms_m / found.bound_m < 2.0
-    assert f"no tracker does better than {found.bound_m:.1f} m" in told_of(found)
+    assert f"no tracker does better than {found.bound_m:.1f} m" in str(found)
     assert found.placeless == 0
 
 
