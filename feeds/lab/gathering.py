@@ -176,7 +176,7 @@ class Gathering:
             if self._runs.shape[1] > MOST_RUNS + 2 * self._joined_runs:
                 self._runs = runs_of(self._runs)
                 self._joined_runs = self._runs.shape[1]
-        held = replace(told, messages=told.messages.between(0, 0))
+        held = replace(told, messages=told.messages.rows(np.zeros(0, np.int64)))  # They are kept
         self._parts.append(_Part(held, keys, [self._number(key) for key in keys], is_read))
         self.held += len(told.looks) + len(told.plots)
 
