@@ -82,7 +82,7 @@ from plotfeed.models.verdicts import (
 )
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.ledger import tables_of
+from plotfeed.proto.ledger import LedgerTables, tables_of
 from plotfeed.proto.utc import NS
 
 # On which a tracker publishes, unless the scene's page.tracks_topic or an option says.
@@ -172,6 +172,11 @@ async def _run(job: RunJob) -> dict[str, Any]:
         await run_over(brokers, scene, clock=clock, duration_s=duration_s, observers=[followed])
         await asyncio.sleep(LAST_WORDS_S)
         failure = tracker.failure() or heard.failure
+    late_s: list[Floats] = [np.zeros(1)]  # By how much the machine itself was late
+    for told in followed.ledgers:
+        followed.tally.add(told)
+        sent = told.messages.rows(told.messages.delivered)
+        late_s.append((sent.sent_utc_ns - sent.link_due_utc_ns) / NS)
     truths = followed.tally.truths(site=site_frame(site), scene=scene.scene.name)
     figures, nothing = dict.fromkeys([*FIGURE_NAMES, *POSSIBLE], math.nan), ""
     limits: list[tuple[float, FigureSamples | None]] = [(math.nan, None)] * len(plan.limits)
@@ -190,7 +195,7 @@ async def _run(job: RunJob) -> dict[str, Any]:
         "seed": job.seed,
         "failure": failure,
         "unscored": nothing,
-        "late_s": float(np.quantile(np.concatenate(followed.late_s), 0.95)),
+        "late_s": float(np.quantile(np.concatenate(late_s), 0.95)),
         "figures": figures,
         "limits": [value for value, _ in limits],
         "trials": [np.nan if of is None else of.trials for _, of in limits],
@@ -204,16 +209,13 @@ class _Followed(Observer):
         site, sensors = scene.scene.site, scene.sensor
         self._frames = {sensor.id: frame_at(site, sensor.position_enu_m) for sensor in sensors}
         self.tally = FlightsTally(self._frames, max(s.scan.period_s for s in sensors))
+        self.ledgers: list[LedgerTables] = []  # Counted after the run, which they would hold up
         self.plots: list[KnownPlots] = []
         self.placeless = 0
-        self.late_s: list[Floats] = [np.zeros(1)]  # By how much the machine itself was late
 
     def ledger(self, message: Message) -> None:
         """A sector is told of."""
-        told = tables_of([message.payload])
-        self.tally.add(told)
-        sent = told.messages.rows(told.messages.delivered)
-        self.late_s.append((sent.sent_utc_ns - sent.link_due_utc_ns) / NS)
+        self.ledgers.append(tables_of([message.payload]))
 
     def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
         """What became of a sector's plots is known."""
