@@ -148,7 +148,7 @@ class LimitVerdict:
     """A limit, and whether what is known of a figure decides that it is kept."""
 
     def __init__(self, limit: ScoreLimit, figure: str, found: Interval, of: int, unit: str) -> None:
-        """By an interval; `unit` says what more of which would decide."""
+        """Judge an interval; `unit` says what more of which would decide."""
         alone = not unit and not math.isnan(found.value)
         held = Interval(*[found.value] * 3) if alone else found
         status, note = decided(held, limit.at_most, limit.at_least), "of this run" * alone
@@ -176,7 +176,7 @@ class LimitVerdict:
         return f"{self.figure} {value}{between}{many}, asked {self.asked}{noted}"
 
     def at(self, level: object) -> Self:
-        """The same verdict, by a name that says at which level."""
+        """A copy of the verdict whose name says at which level it is."""
         named = copy(self)
         named.name = f"{self.name} ({level})"
         return named

@@ -353,7 +353,7 @@ class CurvePoint:
         asked: Sequence[ScoreLimit],
         looks: int,
     ) -> None:
-        """By the runs of the level, as its journal has them, judged at each of so many looks."""
+        """Judge the runs of the level, as its journal has them, at each of so many looks."""
         runs = [result for (number, _), result in results.items() if number == level.number]
 
         def column(of: str, name: Any) -> Floats:

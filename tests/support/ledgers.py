@@ -10,7 +10,7 @@ from pathlib import Path
 from support.links import OCTETS, due_times, passed
 
 from plotfeed.feeds.lab.gathering import FeedReport
-from plotfeed.feeds.link.impairment import Fate, Outcome
+from plotfeed.feeds.link.impairment import Outcome
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
