@@ -1,9 +1,10 @@
 // What is looked at, in the part of the address after #: kept on reload, and the same for whom it is sent to.
 // The truth is never in it: whoever gets such an address asks for that himself.
 
+import { byId } from "./common.js";
+
 const WRITE_EVERY_MS = 500;
 const PLACES = { east: 1, north: 1, scale: 4 };
-const byId = (id) => document.getElementById(id);
 
 export class Address {
   #written = "";

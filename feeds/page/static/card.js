@@ -1,6 +1,7 @@
 // What is known of the mark that is selected, and what the marks mean.
 
 import { colours } from "./colours.js";
+import { byId, element, fixed, line } from "./common.js";
 import { inKilometres } from "./ground.js";
 import { dronePlace, trackPlace } from "./marks.js";
 import { drawBolt } from "./looks.js";
@@ -8,8 +9,6 @@ import { shapeOf, swatch } from "./shapes.js";
 import { droneState, stateOf } from "./track_states.js";
 import { azimuthOf } from "./viewport.js";
 
-const byId = (id) => document.getElementById(id);
-const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)}${unit}` : "–");
 const clock = (ms) => new Date(ms).toISOString().slice(11, 23);
 
 /** Show what is selected; false if it is no longer there. */
@@ -18,7 +17,7 @@ export function showCard(picture, selected, { truth, nowMs }) {
   byId("card-title").textContent = found ? found.title : "Nothing selected";
   byId("card-hint").hidden = Boolean(found);
   byId("card-values").replaceChildren(...(found?.rows ?? []).flatMap(([name, measured, real = ""]) => {
-    const cells = [["dt", name], ["dd", measured], ["dd", real]].map(([tag, words]) => Object.assign(document.createElement(tag), { textContent: words }));
+    const cells = [["dt", name], ["dd", measured], ["dd", real]].map(([tag, words]) => element(tag, words));
     cells[2].className = "true";
     return cells;
   }));
@@ -107,25 +106,17 @@ function arrowhead(context) {
   context.stroke();
 }
 
-function line(context, x0, y0, x1, y1) {
-  context.beginPath();
-  context.moveTo(x0, y0);
-  context.lineTo(x1, y1);
-  context.stroke();
-}
-
 /** What the marks mean that are shown: the shapes of the scene's kinds of sensors first. */
 export function showLegend(truth, scene) {
-  const kinds = new Map((scene?.sensors ?? []).map((sensor) => [sensor.type, sensor.label])), head = document.createElement("li");
-  head.textContent = "Sensors, and their plots:";
+  const kinds = new Map((scene?.sensors ?? []).map((sensor) => [sensor.type, sensor.label])), head = element("li", "Sensors, and their plots:");
   const shapes = [...kinds].map(([type, label]) => {
-    const item = document.createElement("li");
+    const item = element("li");
     item.append(swatch(shapeOf(type), ""), label);
     return item;
   });
   const names = Object.keys(MARKS).filter((name) => truth || ALWAYS.includes(name)), dpr = devicePixelRatio || 1;
   byId("legend").replaceChildren(...(kinds.size ? [head, ...shapes] : []), ...names.map((name) => {
-    const item = document.createElement("li"), canvas = document.createElement("canvas");
+    const item = element("li"), canvas = element("canvas");
     canvas.width = canvas.height = 18 * dpr;
     canvas.setAttribute("aria-hidden", "true");
     const context = canvas.getContext("2d");

@@ -1,15 +1,16 @@
 // Cards: parts of the page that are moved over the picture and back, closed, and opened again. What is marked
 // data-card and begins with a heading is one; this browser keeps which are open, and where.
 
+import { byId, element, keep, kept } from "./common.js";
+
 const KEPT = "plotfeed-cards";
 const STEP = 24; // pixels that a key moves a card
 const MOVES = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] };
 const LEAST_DRAG = 5;
 const LEAST_SEEN = 60; // pixels of a card that stay within the window
-const byId = (id) => document.getElementById(id);
 
 function button(words, label, kind, onClick) {
-  const made = Object.assign(document.createElement("button"), { type: "button", textContent: words, className: kind, title: label });
+  const made = element("button", words, { type: "button", className: kind, title: label });
   made.setAttribute("aria-label", label);
   made.addEventListener("click", onClick);
   return made;
@@ -21,8 +22,8 @@ export class Cards {
   /** onChange() is told when room was made or taken. */
   constructor(onChange) {
     this.onChange = onChange;
-    const kept = read();
-    for (const element of document.querySelectorAll("[data-card]")) this.#add(element, kept[element.dataset.card] ?? {});
+    const before = read();
+    for (const part of document.querySelectorAll("[data-card]")) this.#add(part, before[part.dataset.card] ?? {});
     this.#hearMenu();
     addEventListener("resize", () => { for (const card of this.#cards.values()) this.#place(card); });
   }
@@ -51,21 +52,20 @@ export class Cards {
     this.#changed();
   }
 
-  #add(element, state) {
-    const name = element.dataset.card, head = element.querySelector("h2"), title = element.dataset.title ?? head.textContent;
-    const label = document.createElement("label"), box = Object.assign(document.createElement("input"), { type: "checkbox" });
+  #add(part, state) {
+    const name = part.dataset.card, head = part.querySelector("h2"), title = part.dataset.title ?? head.textContent;
+    const label = element("label"), box = element("input", "", { type: "checkbox" });
     label.append(box, ` ${title}`);
     byId("cards-list").append(label);
-    const card = { element, state, box, name };
+    const card = { element: part, state, box, name };
     this.#cards.set(name, card);
-    const tools = document.createElement("div");
-    tools.className = "card-tools";
+    const tools = element("div", "", { className: "card-tools" });
     card.floater = button("↗", `Move ${name}`, "float", () => this.#float(card, "left" in state ? null : undefined));
     card.floater.addEventListener("keydown", (event) => this.#moveByKey(card, event));
     tools.append(card.floater, button("×", `Close ${name}`, "close", () => { this.show(name, false); byId("cards-button").focus(); }));
-    element.append(tools);
-    if ("closed" in state) element.hidden = state.closed;
-    box.checked = !element.hidden;
+    part.append(tools);
+    if ("closed" in state) part.hidden = state.closed;
+    box.checked = !part.hidden;
     box.addEventListener("change", () => this.show(name, box.checked));
     this.#hearDrag(card, head);
     this.#place(card);
@@ -137,16 +137,14 @@ export class Cards {
   }
 
   #changed() {
-    try {
-      localStorage.setItem(KEPT, JSON.stringify(Object.fromEntries([...this.#cards].map(([name, { state }]) => [name, state]))));
-    } catch { /* a browser that keeps nothing */ }
+    keep(KEPT, JSON.stringify(Object.fromEntries([...this.#cards].map(([name, { state }]) => [name, state]))));
     this.onChange();
   }
 }
 
 function read() {
   try {
-    return JSON.parse(localStorage.getItem(KEPT)) ?? {};
+    return JSON.parse(kept(KEPT)) ?? {};
   } catch {
     return {};
   }

@@ -1,6 +1,7 @@
 // A small chart on a canvas: axes with round numbers, lines, bars, dots.
 
 import { colours, faded } from "./colours.js";
+import { byId, line } from "./common.js";
 import { nice } from "./ground.js";
 
 const LEAST_LEFT = 38, GAP = 5, RIGHT = 8, TOP = 6, BOTTOM = 17;
@@ -13,7 +14,7 @@ export class Chart {
   #left = LEAST_LEFT; // of the axis: room for the widest of its words
 
   constructor(id) {
-    this.canvas = document.getElementById(id);
+    this.canvas = byId(id);
     this.context = this.canvas.getContext("2d");
   }
 
@@ -50,10 +51,7 @@ export class Chart {
     this.#left = Math.max(LEAST_LEFT, ...levels.map((value) => context.measureText(yTick(value)).width + 2 * GAP));
     for (const value of levels) {
       const y = Math.round(this.y(value)) + 0.5;
-      context.beginPath();
-      context.moveTo(this.#left, y);
-      context.lineTo(this.width - RIGHT, y);
-      context.stroke();
+      line(context, this.#left, y, this.width - RIGHT, y);
       context.fillText(yTick(value), this.#left - GAP, Math.min(y, this.height - BOTTOM - 4));
     }
     context.textBaseline = "alphabetic";
@@ -130,10 +128,7 @@ export class Chart {
     context.strokeStyle = colour;
     context.lineWidth = 1;
     for (const [x, y, low, high] of points) {
-      context.beginPath();
-      context.moveTo(this.x(x), this.y(low));
-      context.lineTo(this.x(x), this.y(high));
-      context.stroke();
+      line(context, this.x(x), this.y(low), this.x(x), this.y(high));
       context.beginPath();
       context.arc(this.x(x), this.y(y), 2.4, 0, 2 * Math.PI);
       context.fill();

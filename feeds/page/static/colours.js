@@ -1,6 +1,9 @@
 // The colours of the theme, read from the style sheet so that they are written once.
 
+import { keep, kept } from "./common.js";
+
 export const SENSOR_COLOURS = 8;
+const KEPT = "plotfeed-theme";
 const NAMES = ["night", "sea", "panel", "line", "ink", "quiet", "accent", "good", "warn", "bad", "grid", "grid-strong", "map", "map-line", "track", "truth", "gone"];
 
 export const colours = { sensors: [], font: "11px sans-serif" };
@@ -25,17 +28,11 @@ export function faded(colour, alpha) {
 
 /** The theme that was chosen, or that the system has. */
 export function startTheme() {
-  let chosen = null;
-  try {
-    chosen = localStorage.getItem("plotfeed-theme");
-  } catch { /* a browser that keeps nothing */ }
-  setTheme(chosen ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
+  setTheme(kept(KEPT) ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
 }
 
 export function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
-  try {
-    localStorage.setItem("plotfeed-theme", theme);
-  } catch { /* the same */ }
+  keep(KEPT, theme);
   readColours();
 }

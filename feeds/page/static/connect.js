@@ -1,6 +1,7 @@
 // Connect here: where the chosen sensor's messages are in this session, and lines to copy that receive them.
 
-const byId = (id) => document.getElementById(id);
+import { byId, element } from "./common.js";
+
 const quoted = (words) => `'${words.replaceAll("'", `'\\''`)}'`;
 const LEAVES_MS = 2500; // for which it is said that something was copied
 
@@ -67,10 +68,6 @@ function snippets({ brokers = [], sensors = {} }, id) {
   return found;
 }
 
-function element(tag, words, more = {}) {
-  return Object.assign(document.createElement(tag), { textContent: words }, more);
-}
-
 /** Show them of a sensor. */
 export function showConnections(news, id) {
   const told = news.connect ?? {}, { topics = [] } = told.sensors?.[id] ?? {};
@@ -83,7 +80,7 @@ export function showConnections(news, id) {
   const all = snippets(told, id);
   byId("connect-none").hidden = all.length > 0;
   byId("connect-snippets").replaceChildren(...all.map(([title, words]) => {
-    const item = document.createElement("li"), head = element("p", title), block = element("pre", words, { tabIndex: 0 });
+    const item = element("li"), head = element("p", title), block = element("pre", words, { tabIndex: 0 });
     const copy = element("button", "Copy", { type: "button" });
     block.setAttribute("aria-label", title);
     copy.setAttribute("aria-label", `Copy: ${title}`);

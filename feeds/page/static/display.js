@@ -1,5 +1,6 @@
 // The plan-position display: its layers, what the mouse and the keys do there, and a loop of frames.
 
+import { byId } from "./common.js";
 import { hearGestures } from "./gestures.js";
 import { drawGround, inKilometres, ringSpacing } from "./ground.js";
 import { dronePlace, drawMarks, drawMoving, placeOf, trackPlace } from "./marks.js";
@@ -14,7 +15,6 @@ const LONGEST_STILL_MS = 150;
 const CALM_MS = 250; // between pictures, for who wants little motion
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const OVER = ".bar > *, .foot > *, .display > .selected"; // over the picture
-const byId = (id) => document.getElementById(id);
 
 /** A layer that is drawn elsewhere and then copied. */
 function layer() {

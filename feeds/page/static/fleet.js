@@ -1,6 +1,6 @@
 // How the parts of a fleet do, where the page is a fleet's.
 
-const byId = (id) => document.getElementById(id);
+import { byId, element } from "./common.js";
 
 export class FleetCard {
   #told = null;
@@ -17,18 +17,14 @@ export class FleetCard {
     this.#told = told;
     byId("fleet-text").textContent = `Parts ${told.parts.length}, take-overs ${told.takeovers}, gaps ${told.gaps}`;
     byId("fleet-rows").replaceChildren(...told.parts.map(row));
-    byId("fleet-gaps").replaceChildren(...told.last_gaps.map((words) => cell("li", words)));
+    byId("fleet-gaps").replaceChildren(...told.last_gaps.map((words) => element("li", words)));
   }
 }
 
 function row({ part, claim, sensors, state, worker, age_s: age, lateness_p99_us: late }) {
   const of = sensors.length > 3 ? `${sensors.slice(0, 2).join(", ")} and ${sensors.length - 2} more` : sensors.join(", ");
-  const made = document.createElement("li"), news = age === null ? "no news yet" : `heard ${age.toFixed(1)} s ago, late by ${(late / 1e3).toFixed(2)} ms (p99)`;
-  made.append(cell("strong", `${part}.${claim} ${state}`), ` ${worker || "nobody"}: ${of}; ${news}`);
+  const made = element("li"), news = age === null ? "no news yet" : `heard ${age.toFixed(1)} s ago, late by ${(late / 1e3).toFixed(2)} ms (p99)`;
+  made.append(element("strong", `${part}.${claim} ${state}`), ` ${worker || "nobody"}: ${of}; ${news}`);
   made.title = sensors.join(", ");
   return made;
-}
-
-function cell(tag, words) {
-  return Object.assign(document.createElement(tag), { textContent: words });
 }

@@ -1,6 +1,7 @@
 // What lies still under the marks: map, range rings, azimuth spokes, cover, sites. Drawn anew only when the view moves.
 
 import { colours, faded, sensorColour } from "./colours.js";
+import { line } from "./common.js";
 import { Labels } from "./labels.js";
 import { drawJammers } from "./looks.js";
 import { shapeOf, traceShape } from "./shapes.js";
@@ -120,21 +121,18 @@ function traceCover(context, view, sensor) {
 function drawSquares(context, view, labels) {
   const spacing = ringSpacing(view), inset = 14;
   const along = Math.min(Math.max(view.y(0) + inset, inset), view.height - inset), beside = Math.min(Math.max(view.x(0) + 2 * inset, 2 * inset), view.width - 3 * inset);
-  const line = (x0, y0, x1, y1, isMain) => {
+  const gridLine = (x0, y0, x1, y1, isMain) => {
     context.strokeStyle = isMain ? colours["grid-strong"] : colours.grid;
     context.lineWidth = 1;
-    context.beginPath();
-    context.moveTo(x0, y0);
-    context.lineTo(x1, y1);
-    context.stroke();
+    line(context, x0, y0, x1, y1);
   };
   const first = (value) => Math.ceil(value / spacing) * spacing;
   for (let east = first(view.eastAt(0)); view.x(east) < view.width; east += spacing) {
-    line(view.x(east), 0, view.x(east), view.height, Math.abs(east) < spacing / 2);
+    gridLine(view.x(east), 0, view.x(east), view.height, Math.abs(east) < spacing / 2);
     labels.at(`${inKilometres(Math.abs(east))}${east > 0 ? " E" : east < 0 ? " W" : ""}`, view.x(east), along, colours.quiet);
   }
   for (let north = first(view.northAt(view.height)); view.y(north) > 0; north += spacing) {
-    line(0, view.y(north), view.width, view.y(north), Math.abs(north) < spacing / 2);
+    gridLine(0, view.y(north), view.width, view.y(north), Math.abs(north) < spacing / 2);
     labels.at(`${inKilometres(Math.abs(north))}${north > 0 ? " N" : north < 0 ? " S" : ""}`, beside, view.y(north), colours.quiet);
   }
 }
@@ -169,10 +167,7 @@ function drawSpokes(context, view, labels) {
     if (azimuth % 30 === 0) {
       context.strokeStyle = azimuth % 90 === 0 ? colours["grid-strong"] : colours.grid;
       context.lineWidth = 1;
-      context.beginPath();
-      context.moveTo(x + hub * s, y - hub * c);
-      context.lineTo(x + long * s, y - long * c);
-      context.stroke();
+      line(context, x + hub * s, y - hub * c, x + long * s, y - long * c);
     }
     if (inside && azimuth % 30 === 0) {
       const out = Math.min(

@@ -1,11 +1,8 @@
 // The help: what there is to see in the scene, and the keys.
 
-const byId = (id) => document.getElementById(id);
-const NAMES = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓", " ": "Space", Escape: "Esc", "-": "−" };
+import { byId, element } from "./common.js";
 
-function element(tag, words) {
-  return Object.assign(document.createElement(tag), { textContent: words });
-}
+const NAMES = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓", " ": "Space", Escape: "Esc", "-": "−" };
 
 /** What is said of keys, {key: [words, …]}, those with the same words together. */
 export function showKeys(keys) {
@@ -14,7 +11,7 @@ export function showKeys(keys) {
     if (words) byWords.set(words, [...(byWords.get(words) ?? []), NAMES[key] ?? key.toUpperCase()]);
   }
   byId("keys").replaceChildren(...[...byWords].map(([words, names]) => {
-    const row = document.createElement("tr"), first = document.createElement("td");
+    const row = element("tr"), first = element("td");
     first.append(...names.flatMap((name) => [element("kbd", name), " "]));
     row.append(first, element("td", words));
     return row;
@@ -24,7 +21,7 @@ export function showKeys(keys) {
 
 /** What a scene says of itself: {words, look_for}. */
 export function showAbout({ words, look_for: lookFor = [] } = {}) {
-  const list = document.createElement("ul");
+  const list = element("ul");
   list.append(...lookFor.map((line) => element("li", line)));
   byId("about").replaceChildren(...(words ? [element("p", words)] : []), ...(lookFor.length ? [element("h3", "What to look for"), list] : []));
 }

@@ -1,6 +1,7 @@
 // Words beside marks: each where it covers no other and no site; what finds no place is left out.
 
 import { colours } from "./colours.js";
+import { line } from "./common.js";
 
 const NEAR = [[10, -9], [10, 9], [-10, -9], [-10, 9], [12, 0], [-12, 0], [0, -16], [0, 16]];
 const FAR = [22, 36, 52, 70, 90].flatMap((r) => [[1, 0.4], [1, -0.4], [-1, 0.4], [-1, -0.4], [0.7, 0.8], [0.7, -0.8], [-0.7, 0.8], [-0.7, -0.8]].map(([x, y]) => [r * x, r * y]));
@@ -69,10 +70,7 @@ export class Labels {
   #lead(x, y, toX, toY, colour) {
     this.context.strokeStyle = colour;
     this.context.lineWidth = 1;
-    this.context.beginPath();
-    this.context.moveTo(x, y);
-    this.context.lineTo(toX, toY);
-    this.context.stroke();
+    line(this.context, x, y, toX, toY);
   }
 
   /** With a halo, so that lines do not cut it. */

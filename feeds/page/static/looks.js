@@ -1,6 +1,7 @@
 // What looks: the lenses of mounts and the beams that a radar steers, where they point; and who jams.
 
 import { colours, faded, sensorColour } from "./colours.js";
+import { line } from "./common.js";
 
 const JAMMER_HALF = 7;
 const radians = (azimuth) => ((azimuth - 90) * Math.PI) / 180;
@@ -42,10 +43,7 @@ function drawWedge(context, view, sensor, from, span, fill) {
 
 function drawRay(context, view, sensor, azimuth) {
   const x = view.x(sensor.east_m), y = view.y(sensor.north_m), far = sensor.range_max_m / view.scale;
-  context.beginPath();
-  context.moveTo(x, y);
-  context.lineTo(x + far * Math.cos(radians(azimuth)), y + far * Math.sin(radians(azimuth)));
-  context.stroke();
+  line(context, x, y, x + far * Math.cos(radians(azimuth)), y + far * Math.sin(radians(azimuth)));
 }
 
 /** Jammers, each once, with a line to every sensor that hears it. */
@@ -60,12 +58,7 @@ export function drawJammers(context, view, scene, hidden, labels) {
     context.strokeStyle = faded(colours.bad, 0.55);
     context.lineWidth = 1;
     context.setLineDash([2, 5]);
-    for (const sensor of jams) {
-      context.beginPath();
-      context.moveTo(x, y);
-      context.lineTo(view.x(sensor.east_m), view.y(sensor.north_m));
-      context.stroke();
-    }
+    for (const sensor of jams) line(context, x, y, view.x(sensor.east_m), view.y(sensor.north_m));
     context.setLineDash([]);
     drawBolt(context, x, y, JAMMER_HALF);
     labels?.block(x, y, JAMMER_HALF);

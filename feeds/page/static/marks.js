@@ -4,6 +4,7 @@
 import { FALSE_ALARM, TrackFlag } from "./frames.js";
 import { ageText, fadedTo, isSilent } from "./track_states.js";
 import { colours, faded, sensorColour, SENSOR_COLOURS } from "./colours.js";
+import { line } from "./common.js";
 import { Labels } from "./labels.js";
 import { drawPointing, watching } from "./looks.js";
 import { packed } from "./pixels.js";
@@ -79,10 +80,7 @@ function drawSweeps(context, view, picture, scene, nowMs, hidden) {
     }
     context.strokeStyle = faded(colour, 0.75);
     context.lineWidth = 1.2;
-    context.beginPath();
-    context.moveTo(x, y);
-    context.lineTo(x + radius * Math.cos(beam), y + radius * Math.sin(beam));
-    context.stroke();
+    line(context, x, y, x + radius * Math.cos(beam), y + radius * Math.sin(beam));
   }
 }
 
@@ -240,10 +238,7 @@ function drawTracks(context, view, { tracks }, nowMs, { layers }, labels) {
     context.setLineDash(silent ? [1, 4] : track.flags & TrackFlag.COASTED ? [4, 3] : []);
     context.strokeRect(x - 6 * size, y - 6 * size, 12 * size, 12 * size);
     context.setLineDash([]);
-    context.beginPath();
-    context.moveTo(x, y);
-    if (!silent) context.lineTo(view.x(east + AHEAD_S * (track.velocity_east_m_s || 0)), view.y(north + AHEAD_S * (track.velocity_north_m_s || 0)));
-    context.stroke();
+    if (!silent) line(context, x, y, view.x(east + AHEAD_S * (track.velocity_east_m_s || 0)), view.y(north + AHEAD_S * (track.velocity_north_m_s || 0)));
     if (labelled) labels.beside(`${track.name === String(track.id) ? "T" : ""}${track.name.slice(0, 20)}${silent ? ` ${ageText(track, nowMs)}` : ""}`, x, y, silent ? colours.quiet : colours.ink, { size });
   }
 }
@@ -255,10 +250,7 @@ function drawSelection(context, view, picture, nowMs, { selected, truth }) {
   context.strokeStyle = colours.ink;
   context.lineWidth = 1.5;
   if (truth && selected.kind === "plot" && picture.plots.drone[selected.at] >= 0) {
-    context.beginPath();
-    context.moveTo(x, y);
-    context.lineTo(view.x(picture.plots.true_east_m[selected.at]), view.y(picture.plots.true_north_m[selected.at]));
-    context.stroke();
+    line(context, x, y, view.x(picture.plots.true_east_m[selected.at]), view.y(picture.plots.true_north_m[selected.at]));
   }
   context.beginPath();
   context.arc(x, y, 12 * size, 0, 2 * Math.PI);

@@ -4,6 +4,7 @@ import { Address } from "./address.js";
 import { showCard, showLegend } from "./card.js";
 import { Cards } from "./cards.js";
 import { readColours, setTheme, startTheme } from "./colours.js";
+import { byId } from "./common.js";
 import { showConnections } from "./connect.js";
 import { Display } from "./display.js";
 import { Feed } from "./feed.js";
@@ -27,7 +28,6 @@ import { Timeline } from "./timeline.js";
 import { Tour } from "./tour.js";
 import { Heights, Trails } from "./trails.js";
 
-const byId = (id) => document.getElementById(id);
 const reader = new FrameReader();
 const picture = new Picture();
 startTheme();

@@ -2,6 +2,7 @@
 
 import { describe } from "./card.js";
 import { colours, faded } from "./colours.js";
+import { byId, element, line } from "./common.js";
 import { inKilometres } from "./ground.js";
 import { placeOf } from "./marks.js";
 import { azimuthOf } from "./viewport.js";
@@ -9,7 +10,6 @@ import { azimuthOf } from "./viewport.js";
 const LOOK_EVERY_MS = 60;
 const MOST_ROWS = 7; // of the card; all of them are in that of what is selected
 const AXIS_M = 6_378_137, FLATTENING = 1 / 298.257223563, E2 = FLATTENING * (2 - FLATTENING); // WGS-84
-const byId = (id) => document.getElementById(id);
 const rad = Math.PI / 180;
 
 /** Latitude and longitude, degrees, of a place so far east and north on the horizontal plane of a site. */
@@ -79,10 +79,7 @@ export class Pointer {
     context.strokeStyle = colours.accent;
     context.lineWidth = 1.5;
     context.setLineDash([6, 4]);
-    context.beginPath();
-    context.moveTo(x0, y0);
-    context.lineTo(x1, y1);
-    context.stroke();
+    line(context, x0, y0, x1, y1);
     context.setLineDash([]);
     for (const [x, y] of [[x0, y0], [x1, y1]]) context.strokeRect(x - 3, y - 3, 6, 6);
     context.font = colours.font;
@@ -129,7 +126,7 @@ export class Pointer {
     box.hidden = !found;
     if (!found) return;
     const rows = found.rows.slice(0, MOST_ROWS).map(([name, ...values]) => `${name} ${values.filter(Boolean).join(" · ")}`.trim());
-    box.replaceChildren(...[found.title, ...rows].map((words) => Object.assign(document.createElement("div"), { textContent: words })));
+    box.replaceChildren(...[found.title, ...rows].map((words) => element("div", words)));
     const { view } = display, left = Math.min(this.#at.x + 14, view.width - box.offsetWidth - 4), below = this.#at.y + 16;
     box.style.left = `${Math.max(left, 0)}px`;
     box.style.top = `${below + box.offsetHeight > view.height ? Math.max(this.#at.y - box.offsetHeight - 12, 0) : below}px`;

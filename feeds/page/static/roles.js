@@ -1,6 +1,7 @@
 // Presenter and audience: who this page is, what it may do, what the presenter gives, and who did what.
 
-const byId = (id) => document.getElementById(id);
+import { byId, element, keep, kept } from "./common.js";
+
 const KEPT_NAME = "plotfeed-name";
 const NO_CONTROLS = "The presenter has not given the audience the controls.";
 const NO_TRUTH = "The presenter has not given the audience the truth.";
@@ -29,15 +30,11 @@ export class Roles {
       byId(`give-${gift}`).addEventListener("change", (event) => this.#give({ [gift]: event.target.checked }));
     }
     byId("who").value = this.name;
-    byId("who").addEventListener("change", () => { keep(byId("who").value); this.onName(); });
+    byId("who").addEventListener("change", () => { keep(KEPT_NAME, byId("who").value); this.onName(); });
   }
 
   get name() {
-    try {
-      return localStorage.getItem(KEPT_NAME) ?? "";
-    } catch {
-      return "";
-    }
+    return kept(KEPT_NAME) ?? "";
   }
 
   /** Whether this page may ask for the truth. */
@@ -61,10 +58,8 @@ export class Roles {
     byId("truth").disabled = !this.maySeeTruth;
     byId("truth").title = this.maySeeTruth ? "Drones, false alarms and lost plots: not for a tracker team" : NO_TRUTH;
     byId("actions").replaceChildren(...[...actions].reverse().map(({ t_utc_ms: at, who, what }) => {
-      const item = document.createElement("li"), time = document.createElement("time"), by = document.createElement("b");
-      time.textContent = new Date(at).toISOString().slice(11, 19);
-      by.textContent = who;
-      item.append(time, " ", by, ` ${what}`);
+      const item = element("li"), time = element("time", new Date(at).toISOString().slice(11, 19));
+      item.append(time, " ", element("b", who), ` ${what}`);
       return item;
     }));
     byId("no-actions").hidden = actions.length > 0;
@@ -77,10 +72,4 @@ function audienceAddress(url) {
   const found = new URL(url);
   found.host = location.host;
   return found.href;
-}
-
-function keep(name) {
-  try {
-    localStorage.setItem(KEPT_NAME, name);
-  } catch { /* a browser that keeps nothing */ }
 }

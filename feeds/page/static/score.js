@@ -2,12 +2,11 @@
 
 import { Chart } from "./chart.js";
 import { colours } from "./colours.js";
+import { byId, element, fixed } from "./common.js";
 import { nice } from "./ground.js";
 
 const HISTORY_S = 120;
 const NONE = "Shown with the truth, where the scene has a tracker under test.";
-const byId = (id) => document.getElementById(id);
-const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)}${unit}` : "–");
 const percent = (share) => (Number.isFinite(share) ? `${(100 * share).toFixed(0)} %` : "–");
 const short = (value) => `${+value.toPrecision(3)}`;
 
@@ -46,7 +45,7 @@ export class Score {
   }
 
   #show(score) {
-    byId("score-values").replaceChildren(...ROWS.flatMap(([name, told]) => [cell("dt", name), cell("dd", told(score.window))]));
+    byId("score-values").replaceChildren(...ROWS.flatMap(([name, told]) => [element("dt", name), element("dd", told(score.window))]));
     if (score.reports) this.#draw(score.cutoff_m);
     const wrong = score.feed.filter((check) => check.wrong), judged = score.feed.filter((check) => check.z != null);
     const named = wrong.map(({ sensor, check, found, unit }) => `${sensor}: ${check} ${short(found)} ${unit}`.trim()).join("; ");
@@ -60,8 +59,4 @@ export class Score {
     this.#chart.begin({ low: -HISTORY_S, high: 0, top, unit: "s ago", xStep: 30, xTick: (v) => String(-v), yTick: short });
     this.#chart.line(this.#past.map((value, i) => [i - this.#past.length + 1, value]), colours.track);
   }
-}
-
-function cell(tag, words) {
-  return Object.assign(document.createElement(tag), { textContent: words });
 }

@@ -1,12 +1,12 @@
 // The table of sensors, and what can be asked of the one that is chosen.
 
 import { SENSOR_COLOURS } from "./colours.js";
+import { byId, element } from "./common.js";
 import { pointingWords } from "./looks.js";
 import { refusals } from "./roles.js";
 import { shapeOf, swatch } from "./shapes.js";
 import { askedLoss } from "./strips.js";
 
-const byId = (id) => document.getElementById(id);
 const DEGRADED_PFA = 10; // times
 const DEGRADED_LOSS_DB = 6;
 const EXAMPLES = { pfa: "1e-6", latency: "250", jitter: "20", loss: "5", burst: "3" };
@@ -46,7 +46,7 @@ export class Sensors {
   }
 
   #row(sensor, number) {
-    const row = document.createElement("tr");
+    const row = element("tr");
     row.innerHTML = '<td><input type="checkbox" checked></td><td><button type="button" aria-pressed="false"></button></td><td class="number">0</td><td></td>';
     const box = row.querySelector("input"), button = row.querySelector("button");
     box.setAttribute("aria-label", `Show ${sensor.id}`);

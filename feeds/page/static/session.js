@@ -1,8 +1,8 @@
 // The session as a whole: its clock, recording and replay, the choice of scenes, totals and refusals.
 
+import { byId, element } from "./common.js";
 import { refusals } from "./roles.js";
 
-const byId = (id) => document.getElementById(id);
 const TOTALS = [
   ["drones", "Drones"], ["forgotten", "Forgotten"], ["looks", "Looks"], ["plots", "Plots"], ["false_alarms", "False alarms"], ["messages", "Messages"],
   ["lost", "Lost"], ["duplicated", "Duplicated"], ["undelivered", "Undelivered"], ["missed_scans", "Missed scans"], ["telemetry", "Telemetry"], ["refused", "Refused"], ["stale", "Too late"],
@@ -32,13 +32,7 @@ export class Session {
     this.#hear("replay-stop", () => ({ replay: { stop: true } }));
     byId("speed").addEventListener("change", () => this.#send({ clock: { speed: Number(byId("speed").value) } }));
     this.#hearScrubbing();
-    byId("totals").replaceChildren(...TOTALS.flatMap(([key, words]) => {
-      const dt = document.createElement("dt"), dd = document.createElement("dd");
-      dt.textContent = words;
-      dd.id = `total-${key}`;
-      dd.textContent = "0";
-      return [dt, dd];
-    }));
+    byId("totals").replaceChildren(...TOTALS.flatMap(([key, words]) => [element("dt", words), element("dd", "0", { id: `total-${key}` })]));
   }
 
   get #state() {
@@ -99,10 +93,10 @@ export class Session {
     const { news } = this.picture, { clock = {}, record = {}, replay = {}, scenes = [], recordings = [], notes = [] } = this.#state, refuses = refusals(news);
     byId("scene-name").textContent = news.scene?.name ?? "";
     document.title = news.scene ? `${news.scene.name} · plotfeed` : "plotfeed";
-    for (const element of document.querySelectorAll("[data-needs]")) {
-      const need = element.dataset.needs;
-      element.title = refuses[need] ?? "";
-      element.disabled = need in refuses || (need === "scene" && !scenes.length) || (need === "replay" && !recordings.length);
+    for (const part of document.querySelectorAll("[data-needs]")) {
+      const need = part.dataset.needs;
+      part.title = refuses[need] ?? "";
+      part.disabled = need in refuses || (need === "scene" && !scenes.length) || (need === "replay" && !recordings.length);
     }
     byId("pause").textContent = clock.paused ? "Go on" : "Pause";
     byId("pause").setAttribute("aria-pressed", String(Boolean(clock.paused)));

@@ -1,9 +1,9 @@
 // Stories: what can happen at a word, by one click, and is taken back by another; and undo.
 
+import { byId, element } from "./common.js";
 import { refusals } from "./roles.js";
 
 export const MARK_COLOURS = { story: "warn", change: "accent", script: "quiet" };
-const byId = (id) => document.getElementById(id);
 
 export class Stories {
   #buttons = new Map(); // by story
@@ -39,8 +39,8 @@ export class Stories {
   #renew(stories) {
     this.#buttons.clear();
     byId("stories").replaceChildren(...stories.map(({ id, title, text }, i) => {
-      const story = document.createElement("div"), button = Object.assign(document.createElement("button"), { type: "button", textContent: title });
-      story.append(button, Object.assign(document.createElement("p"), { id: `story-${i}`, textContent: text }));
+      const story = element("div"), button = element("button", title, { type: "button" });
+      story.append(button, element("p", text, { id: `story-${i}` }));
       button.setAttribute("aria-describedby", `story-${i}`);
       button.addEventListener("click", () => this.#send(this.#isOn(id) ? { story: id, reset: true } : { story: id }));
       this.#buttons.set(id, button);

@@ -2,6 +2,7 @@
 
 import { Chart } from "./chart.js";
 import { colours, faded, sensorColour } from "./colours.js";
+import { byId } from "./common.js";
 import { nice } from "./ground.js";
 import { MARK_COLOURS, storiesOf } from "./stories.js";
 
@@ -10,7 +11,7 @@ const HISTORY_S = 120;
 const LEAST_LOOKS = 3; // in a bin of range
 const FAR_OUT = 3; // times what 95 % of the seconds stay below
 const LEAST_SECONDS = 10;
-const say = (id, words) => { document.getElementById(id).textContent = words; };
+const say = (id, words) => { byId(id).textContent = words; };
 const sum = (numbers) => numbers.reduce((a, b) => a + b, 0);
 const short = (value) => (Math.abs(value) >= 1000 ? `${+(value / 1000).toPrecision(3)}k` : `${+value.toPrecision(3)}`);
 

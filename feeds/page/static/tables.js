@@ -1,12 +1,12 @@
 // Drones, plots and tracks as a plain table: sorted by any column, filtered by words, of bounded length.
 
+import { byId, element } from "./common.js";
 import { dronePlace, trackPlace } from "./marks.js";
 import { droneState, stateOf } from "./track_states.js";
 import { azimuthOf } from "./viewport.js";
 
 const MOST_ROWS = 200;
 const MOST_PLOTS = 5000; // the newest, of which rows are made
-const byId = (id) => document.getElementById(id);
 const clock = (ms) => new Date(ms).toISOString().slice(11, 21);
 
 /** Heading, value to sort by, and digits if it is a number. */
@@ -68,8 +68,8 @@ export class Tables {
       this.#drawn = `${kind} ${shown}`;
       byId("table-body").replaceChildren();
       head.replaceChildren(...COLUMNS[kind].slice(0, shown).map(([words, digits], i) => {
-        const cell = Object.assign(document.createElement("th"), { scope: "col", className: digits === undefined ? "" : "number" });
-        const button = Object.assign(document.createElement("button"), { type: "button", textContent: words });
+        const cell = element("th", "", { scope: "col", className: digits === undefined ? "" : "number" });
+        const button = element("button", words, { type: "button" });
         button.dataset.column = i;
         cell.append(button);
         return cell;
@@ -98,7 +98,7 @@ export class Tables {
   #newRow(body, columns) {
     const row = body.insertRow();
     for (let k = 0; k < columns; k++) row.insertCell().className = COLUMNS[this.#kind][k][1] === undefined ? "" : "number";
-    row.cells[0].append(Object.assign(document.createElement("button"), { type: "button" }));
+    row.cells[0].append(element("button", "", { type: "button" }));
     return row;
   }
 

@@ -1,13 +1,13 @@
 // The time line of the last minutes: marks of stories, changes and losses, and looking back while it runs.
 
 import { colours } from "./colours.js";
+import { byId } from "./common.js";
 import { MARK_COLOURS } from "./stories.js";
 
 const SPANS_S = [60, 120, 300, 600, 1800, 3600];
 const STEP_S = 5;
 const BEFORE_MARK_MS = 1000;
 const LEAST_BACK_MS = 50;
-const byId = (id) => document.getElementById(id);
 const clock = (ms) => new Date(ms).toISOString().slice(11, 19);
 
 /** 80 s as "1 min 20 s". */

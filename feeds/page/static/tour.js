@@ -1,8 +1,9 @@
 // What a stranger sees first: a line of words about the scene, and a tour of the page in its place, which can
 // be skipped and is not shown again.
 
+import { byId, keep, kept } from "./common.js";
+
 const KEPT = "plotfeed-tour";
-const byId = (id) => document.getElementById(id);
 const STEPS = [
   ["display", "This is the site from above, north up. Each small mark is what a sensor reported; it fades as it grows old. A ray is a bearing alone."],
   ["sensors-title", "Each sensor has a colour, and each kind of sensor a shape. Choose one here to look at it closely."],
@@ -21,7 +22,7 @@ export class Tour {
     byId("tour-next").addEventListener("click", () => this.#go(this.#step + 1));
     byId("tour-skip").addEventListener("click", () => this.#go(STEPS.length));
     byId("tour-start").addEventListener("click", () => this.#go(0));
-    if (!wasSeen()) this.#go(0);
+    if (kept(KEPT) !== "seen") this.#go(0);
   }
 
   /** The words of another scene, which stand there without the tour. */
@@ -32,7 +33,7 @@ export class Tour {
 
   #go(step) {
     this.#step = step < STEPS.length ? step : -1;
-    if (this.#step < 0) remember();
+    if (this.#step < 0) keep(KEPT, "seen");
     this.#show();
     if (step > 0 && this.#step >= 0) partOf(this.#step).scrollIntoView({ block: "nearest" });
   }
@@ -52,18 +53,4 @@ export class Tour {
 function partOf(step) {
   const part = byId(STEPS[step][0]);
   return part.closest("[data-card]") ?? part;
-}
-
-function wasSeen() {
-  try {
-    return localStorage.getItem(KEPT) === "seen";
-  } catch {
-    return false;
-  }
-}
-
-function remember() {
-  try {
-    localStorage.setItem(KEPT, "seen");
-  } catch { /* a browser that keeps nothing */ }
 }

@@ -2,6 +2,7 @@
 
 import { Chart } from "./chart.js";
 import { colours, faded, sensorColour } from "./colours.js";
+import { byId } from "./common.js";
 import { nice } from "./ground.js";
 import { dronePlace, trackPlace } from "./marks.js";
 import { isSilent } from "./track_states.js";
@@ -10,7 +11,6 @@ const NOTED_EVERY_MS = 500;
 const LONGEST_MS = 300_000;
 const MOST_TRAILS = 2000;
 const PARTS = 4; // of a trail, each fainter
-const byId = (id) => document.getElementById(id);
 
 export class Trails {
   #trails = new Map(); // "drone 3" or "track 12": ms, east, north in turns
