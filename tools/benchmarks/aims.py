@@ -1,10 +1,15 @@
-"""How benchmarks say what they found: aims all in the same words, ratios with their spread."""
+"""What benchmarks have alike: how they say what they found, and how they ask other libraries."""
 
 from __future__ import annotations
 
+import json
 import statistics
+import subprocess
 import time
-from collections.abc import Iterable, Sequence
+import venv
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
 
 
 def aim(what: str, limit: str, found: str, *, is_met: bool) -> str:
@@ -21,6 +26,52 @@ def spread(values: Iterable[float], form: str = ".2f") -> str:
 def ratios(ours: Sequence[float], theirs: Sequence[float]) -> list[float]:
     """How many times the other ours is, run by run: each has one of its own beside it."""
     return [a / b for a, b in zip(ours, theirs, strict=True)]
+
+
+def us_per_call(call: Callable[[], object], seconds: float) -> float:
+    """Mean of as many calls as go into that time; at least one."""
+    calls = 0
+    start = now = time.perf_counter()
+    while now - start < seconds or not calls:
+        for _ in range(max(1, calls // 4)):
+            call()
+            calls += 1
+        now = time.perf_counter()
+    return (now - start) / calls * 1e6
+
+
+def python_with(name: str, *packages: str) -> Path:
+    """The interpreter of an environment with those; it is made where it is missing."""
+    folder = Path(__file__).parents[2] / name
+    python = folder / "bin" / "python"
+    if not python.exists():
+        venv.create(folder, with_pip=True)
+    quiet = ("--quiet", "--disable-pip-version-check")
+    subprocess.run([python, "-m", "pip", "install", *quiet, *packages], check=True)
+    return python
+
+
+class Other:
+    """Another library in a process of its own: `script serve` answers questions, a line each."""
+
+    def __init__(self, python: str | Path, script: str) -> None:
+        self._process = subprocess.Popen(
+            [python, script, "serve"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def ask(self, **question: Any) -> Any:
+        """The answer to a question."""
+        assert self._process.stdin
+        assert self._process.stdout
+        self._process.stdin.write(json.dumps(question) + "\n")
+        self._process.stdin.flush()
+        return json.loads(self._process.stdout.readline())
+
+    def close(self) -> None:
+        """Ends the process."""
+        assert self._process.stdin
+        self._process.stdin.close()
+        self._process.wait(10)
 
 
 YARDSTICK = """A yardstick is a fixed piece of work, half of it Python's and half NumPy's, measured

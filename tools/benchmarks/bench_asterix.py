@@ -12,14 +12,10 @@ from __future__ import annotations
 import json
 import os
 import platform
-import subprocess
 import sys
-import time
-from collections.abc import Callable
 from importlib.metadata import version
-from typing import Any
 
-from aims import ratios, spread
+from aims import Other, ratios, spread, us_per_call
 from asterix_cases import CASES, SAC, SIC, SOURCE, theirs
 
 LIBASTERIX = f"libasterix {version('libasterix')}"
@@ -27,18 +23,6 @@ LIBASTERIX = f"libasterix {version('libasterix')}"
 SIZES = (1, 10, 100, 1000)
 REPEATS = 5
 SECONDS_A_REPEAT = 0.03
-
-
-def us_per_call(call: Callable[[], object], seconds: float) -> float:
-    """Mean of as many calls as go into that time; at least one."""
-    calls = 0
-    start = now = time.perf_counter()
-    while now - start < seconds or not calls:
-        for _ in range(max(1, calls // 4)):
-            call()
-            calls += 1
-        now = time.perf_counter()
-    return (now - start) / calls * 1e6
 
 
 def serve_libasterix() -> None:
@@ -59,43 +43,17 @@ def serve_libasterix() -> None:
         if "rows" in question:
             number, rows = question["category"], question["rows"]
             category = getattr(generated, f"Cat_{number:03}_{editions.get(number, '1_0')}")
-            print(encoded(len(rows)).hex(), flush=True)
+            print(json.dumps(encoded(len(rows)).hex()), flush=True)
         else:
             n = question["us"]
             print(us_per_call(lambda: encoded(n), SECONDS_A_REPEAT), flush=True)  # noqa: B023
-
-
-class Libasterix:
-    """libasterix in a process of its own."""
-
-    def __init__(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, __file__, "serve"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-
-    def ask(self, **question: Any) -> str:
-        """The answer to a question."""
-        assert self._process.stdin
-        assert self._process.stdout
-        self._process.stdin.write(json.dumps(question) + "\n")
-        self._process.stdin.flush()
-        return self._process.stdout.readline().strip()
-
-    def close(self) -> None:
-        """Ends the process."""
-        assert self._process.stdin
-        self._process.stdin.close()
-        self._process.wait(10)
 
 
 def main(categories: list[int]) -> None:
     """Measures and prints a table."""
     import numpy as np
 
-    libasterix = Libasterix()
+    libasterix = Other(sys.executable, __file__)
     print(f"µs a record: median (least to most) of {REPEATS} repeats in turns.")
     print(f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}; Python")
     print(f"{platform.python_version()}, NumPy {np.__version__}, {LIBASTERIX}.\n")
@@ -106,7 +64,7 @@ def main(categories: list[int]) -> None:
     libasterix.close()
 
 
-def measure(number: int, libasterix: Libasterix) -> None:
+def measure(number: int, libasterix: Other) -> None:
     """Prints the lines of one category."""
     import numpy as np
 
@@ -141,7 +99,7 @@ def measure(number: int, libasterix: Libasterix) -> None:
         for _ in range(REPEATS):
             ours.append(us_per_call(lambda: encoder.records(columns), SECONDS_A_REPEAT) / n)  # noqa: B023
             if known:
-                others.append(float(libasterix.ask(us=n)) / n)
+                others.append(libasterix.ask(us=n) / n)
         print(_line(number, encoder.record_length, n, ours, others), flush=True)
 
 

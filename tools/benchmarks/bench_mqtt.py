@@ -15,15 +15,12 @@ import subprocess
 import sys
 import threading
 import time
-import venv
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-from aims import ratios, spread
+from aims import python_with, ratios, spread
 
-PROJECT = Path(__file__).parents[2]
-OTHER = PROJECT / ".venv-bench"
 OURS = "plotfeed"
 OTHERS = {"aiomqtt": "aiomqtt==2.5.1", "paho-mqtt": "paho-mqtt"}
 CLIENTS = (OURS, *OTHERS)
@@ -119,16 +116,6 @@ class Measured:
         print(json.dumps([self._count / wall, cpu / self._count * 1e6]), flush=True)
 
 
-def _python() -> Path:
-    """The interpreter of the clients' environment."""
-    python = OTHER / "bin" / "python"
-    if not python.exists():
-        venv.create(OTHER, with_pip=True)
-    quiet = ("--quiet", "--disable-pip-version-check")
-    subprocess.run([python, "-m", "pip", "install", *quiet, *OTHERS.values()], check=True)
-    return python
-
-
 def _versions(python: Path) -> str:
     listed = subprocess.run(
         [python, "-m", "pip", "list", "--format=json", "--disable-pip-version-check"],
@@ -143,7 +130,7 @@ async def main() -> None:
     """Measures and prints a table."""
     from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 
-    python = _python()
+    python = python_with(".venv-bench", *OTHERS.values())
     broker = await EmbeddedBroker.start(18831)
     found: dict[tuple[str, int], list[Any]] = defaultdict(list)
     try:

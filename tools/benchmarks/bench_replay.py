@@ -21,16 +21,15 @@ import struct
 import subprocess
 import sys
 import tempfile
-import venv
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from aims import ratios, spread
+from aims import python_with, ratios, spread
 
 PROJECT = Path(__file__).parents[2]
-OTHER = PROJECT / ".venv-ast-tool"
+OTHER = ".venv-ast-tool"
 IN_C = "clock_nanosleep and sendto in C"
 AST_TOOL = "ast-tool-py==0.27.25"
 SECONDS, DRIFT_SECONDS = 12.0, 40.0
@@ -214,19 +213,22 @@ def mcap(path: Path, octets: int, count: int) -> Path:
     return path
 
 
-def by_plotfeed(path: Path, port: int, *more: str) -> dict[str, Any]:
-    """Replay it; the counts."""
+def replayed(path: Path, *options: str) -> dict[str, Any]:
+    """What a replay with those options counts."""
     command = [sys.executable, "-m", "plotfeed.feeds.cli", "replay", str(path), "--json"]
-    out = subprocess.run(
-        [*command, "--udp", f"{HOST}:{port}", *more], check=True, stdout=subprocess.PIPE
-    ).stdout
+    out = subprocess.run([*command, *options], check=True, stdout=subprocess.PIPE).stdout
     counts: dict[str, Any] = json.loads(out)
     return counts
 
 
+def by_plotfeed(path: Path, port: int) -> None:
+    """Replay it."""
+    replayed(path, "--udp", f"{HOST}:{port}")
+
+
 def by_ast_tool(path: Path, port: int, *more: str) -> None:
     """The same, by two processes and a pipe."""
-    tool = OTHER / "bin" / "ast-tool-py"
+    tool = PROJECT / OTHER / "bin" / "ast-tool-py"
     player = subprocess.Popen(
         [tool, "replay", "--format", "pcap", *more, path], stdout=subprocess.PIPE
     )
@@ -264,18 +266,29 @@ def errors_us(messages: Sequence[Any], heard: Heard) -> Any:
     return (late_ns - late_ns.min()) / 1e3
 
 
+def by_turns(
+    file: Path, messages: Sequence[Any], repeats: int, told: Callable[[Any], Any]
+) -> dict[str, list[Any]]:
+    """What is told of the errors of each player, microseconds, run by run."""
+    found: dict[str, list[Any]] = {name: [] for name in players()}
+    for _ in range(repeats):
+        for name, play in players().items():
+            listener = Listener(file.parent, len(messages))
+            play(file, listener.port)
+            found[name].append(told(errors_us(messages, listener.heard())))
+    return found
+
+
 def exactness(folder: Path, messages: Sequence[Any], repeats: int) -> None:
     """Prints the table of timing errors."""
     import numpy as np
 
-    file = pcap(folder / "short.pcap", messages)
-    found: dict[str, list[Any]] = {name: [] for name in players()}
-    for _ in range(repeats):
-        for name, play in players().items():
-            listener = Listener(folder, len(messages))
-            play(file, listener.port)
-            errors = errors_us(messages, listener.heard())
-            found[name].append([*np.percentile(errors, (50, 99)), errors.max()])
+    found = by_turns(
+        pcap(folder / "short.pcap", messages),
+        messages,
+        repeats,
+        lambda errors: [*np.percentile(errors, (50, 99)), errors.max()],
+    )
     print(f"Timing error, µs: median (least to most) of {repeats} runs in turns of a recording of "
           f"{SECONDS:g} s,\n{len(messages)} datagrams. {AST_TOOL}.\n")  # fmt: skip
     print("| | p50 | p99 | most |\n|---|--:|--:|--:|")
@@ -299,18 +312,16 @@ def drift(folder: Path, messages: Sequence[Any], repeats: int) -> None:
     """Prints how much later the last seconds came than the first."""
     import numpy as np
 
-    file = pcap(folder / "long.pcap", messages)
     print("\nDrift: median error of the last 5 s less that of the first 5, of a recording of "
           f"{DRIFT_SECONDS:g} s,\nµs: median (least to most) of {repeats} runs.\n")  # fmt: skip
     print("| | drift |\n|---|--:|")
     few = sum(m.log_time_ns < messages[0].log_time_ns + 5 * S for m in messages)
-    found: dict[str, list[float]] = {name: [] for name in players()}
-    for _ in range(repeats):
-        for name, play in players().items():
-            listener = Listener(folder, len(messages))
-            play(file, listener.port)
-            errors = errors_us(messages, listener.heard())
-            found[name].append(float(np.median(errors[-few:]) - np.median(errors[:few])))
+    found = by_turns(
+        pcap(folder / "long.pcap", messages),
+        messages,
+        repeats,
+        lambda errors: float(np.median(errors[-few:]) - np.median(errors[:few])),
+    )
     for name, drifts in found.items():
         print(f"| {name} | {spread(drifts, '.1f')} |", flush=True)
 
@@ -326,11 +337,11 @@ def rates(folder: Path, messages: Sequence[Any], repeats: int) -> None:
         file = mcap(folder / f"{octets}.mcap", octets, count)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
             deaf.bind((HOST, 0))
-            port = deaf.getsockname()[1]
-            runs = [by_plotfeed(file, port, "--speed", "max") for _ in range(repeats)]
+            way = "--udp", f"{HOST}:{deaf.getsockname()[1]}", "--speed", "max"
+            runs = [replayed(file, *way) for _ in range(repeats)]
         print(f"| plotfeed | {octets} | UDP | {_rate(runs, theirs)} |", flush=True)
         for broker, url in brokers(folder):
-            runs = [by_broker(file, url) for _ in range(repeats)]
+            runs = [replayed(file, "--broker", url, "--speed", "max") for _ in range(repeats)]
             print(f"| plotfeed | {octets} | MQTT, {broker} | {_rate(runs, theirs)} |", flush=True)
     mean = statistics.mean(len(m.payload) for m in messages)
     print(f"| ast-tool-py | {mean:.0f} | UDP | {_spread(theirs)} | |")
@@ -345,16 +356,6 @@ def at_full_speed(folder: Path, messages: Sequence[Any], repeats: int) -> list[f
         heard = listener.heard()
         found.append((heard.count - 1) / (int(heard.times_ns[-1] - heard.times_ns[0]) / S) / 1e3)
     return found
-
-
-def by_broker(file: Path, url: str) -> dict[str, Any]:
-    """Replay it to a broker to which nobody listens; the counts."""
-    command = [sys.executable, "-m", "plotfeed.feeds.cli", "replay", str(file), "--json"]
-    out = subprocess.run(
-        [*command, "--broker", url, "--speed", "max"], check=True, stdout=subprocess.PIPE
-    ).stdout
-    counts: dict[str, Any] = json.loads(out)
-    return counts
 
 
 def brokers(folder: Path) -> Iterator[tuple[str, str]]:
@@ -384,19 +385,9 @@ def _spread(values: Sequence[float]) -> str:
     return f"{middle:,.{digits}f} ({min(values):,.{digits}f} to {max(values):,.{digits}f})"
 
 
-def _install() -> None:
-    python = OTHER / "bin" / "python"
-    if not python.exists():
-        venv.create(OTHER, with_pip=True)
-    quiet = ("--quiet", "--disable-pip-version-check")
-    subprocess.run(
-        [python, "-m", "pip", "install", *quiet, AST_TOOL], check=True, stderr=subprocess.DEVNULL
-    )
-
-
 def main(repeats: int) -> None:
     """Measures and prints."""
-    _install()
+    python_with(OTHER, AST_TOOL)
     sys.path.insert(0, str(PROJECT / "tests"))
     with tempfile.TemporaryDirectory() as folder:
         long = recorded(Path(folder), DRIFT_SECONDS)

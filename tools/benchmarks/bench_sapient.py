@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import os
 import platform
-import time
 from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
-from aims import ratios, spread
+from aims import ratios, spread, us_per_call
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from ulid import ULID
 
@@ -28,6 +27,7 @@ from plotfeed.models.state import Plots
 from plotfeed.proto.sapient.encode_sapient import DetectionEncoder
 
 REPEATS = 5
+SECONDS_A_REPEAT = 0.05
 SIZES = (1, 10, 100, 1000)
 T_NS = InstantClock().now_ns() // 10**9 * 10**9
 
@@ -79,15 +79,6 @@ def from_parts(node_id: str, found: Plots) -> list[bytes]:
     ]
 
 
-def us_per_call(call: Callable[[], object]) -> float:
-    """Mean over some 50 ms."""
-    calls, start = 0, time.perf_counter()
-    while time.perf_counter() - start < 0.05:
-        call()
-        calls += 1
-    return (time.perf_counter() - start) / calls * 1e6
-
-
 def main() -> None:
     """Measures and prints a table."""
     scene = example("section-4")
@@ -122,7 +113,8 @@ def main() -> None:
     for _ in range(REPEATS):
         for n in SIZES:
             for name, way in ways.items():
-                times.setdefault((name, n), []).append(us_per_call(lambda: way(n)) / n)  # noqa: B023
+                us = us_per_call(lambda: way(n), SECONDS_A_REPEAT)  # noqa: B023
+                times.setdefault((name, n), []).append(us / n)
     octets = len(encoder.messages(T_NS, found[1])[0])
     print(f"{octets} octets a message; µs a message: median (least to most) of {REPEATS}")
     print("repeats in turns, by the number of detections in a group.")

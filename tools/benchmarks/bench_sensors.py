@@ -12,18 +12,12 @@ from __future__ import annotations
 import json
 import os
 import statistics
-import subprocess
 import sys
-import time
-import venv
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from aims import aim, ratios, spread
+from aims import Other, aim, python_with, ratios, spread, us_per_call
 
-PROJECT = Path(__file__).parents[2]
-OTHER = PROJECT / ".venv-stonesoup"
 STONESOUP = "stonesoup==1.9.1"
 
 SIZES = (1, 100, 1000, 10_000)
@@ -67,20 +61,8 @@ CASES = {
 }
 
 
-def ns_per_call(call: Callable[[], object], seconds: float) -> float:
-    """Mean of as many calls as go into that time; at least one."""
-    calls = 0
-    start = now = time.perf_counter()
-    while now - start < seconds or not calls:
-        for _ in range(max(1, calls // 4)):
-            call()
-            calls += 1
-        now = time.perf_counter()
-    return (now - start) / calls * 1e9
-
-
 def serve_stonesoup() -> None:
-    """In the other environment: one question a line, {"targets"} or {"ns", "radar"}."""
+    """In the other environment: one question a line, {"targets"} or {"us", "radar"}."""
     import datetime
 
     import numpy as np
@@ -128,35 +110,8 @@ def serve_stonesoup() -> None:
             found = {name: len(radar.measure(set(truths))) for name, radar in radars.items()}
             print(json.dumps({name: n / len(truths) for name, n in found.items()}), flush=True)
         else:
-            some, radar = set(truths[: question["ns"]]), radars[question["radar"]]
-            print(ns_per_call(lambda: radar.measure(some), SECONDS_A_REPEAT), flush=True)  # noqa: B023
-
-
-class StoneSoup:
-    """Stone Soup in a process of its own."""
-
-    def __init__(self) -> None:
-        python = OTHER / "bin" / "python"
-        if not python.exists():
-            venv.create(OTHER, with_pip=True)
-            subprocess.run([python, "-m", "pip", "install", "--quiet", STONESOUP], check=True)
-        self._process = subprocess.Popen(
-            [python, __file__, "serve"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def ask(self, **question: Any) -> Any:
-        """The answer to a question."""
-        assert self._process.stdin
-        assert self._process.stdout
-        self._process.stdin.write(json.dumps(question) + "\n")
-        self._process.stdin.flush()
-        return json.loads(self._process.stdout.readline())
-
-    def close(self) -> None:
-        """Ends the process."""
-        assert self._process.stdin
-        self._process.stdin.close()
-        self._process.wait(10)
+            some, radar = set(truths[: question["us"]]), radars[question["radar"]]
+            print(us_per_call(lambda: radar.measure(some), SECONDS_A_REPEAT), flush=True)  # noqa: B023
 
 
 def models() -> dict[str, Any]:
@@ -212,7 +167,7 @@ def main() -> None:
         name: len(sensors[name].observe(seen[name][1000], np.random.default_rng(1))[1]) / 1000
         for name in CASES
     }
-    other = StoneSoup()
+    other = Other(python_with(".venv-stonesoup", STONESOUP), __file__)
     theirs = other.ask(targets=seen["active"][max(SIZES_OF_STONESOUP)].position_enu_m.tolist())
     rng = np.random.default_rng(2)
     times: dict[tuple[str, int], list[float]] = {}
@@ -220,10 +175,10 @@ def main() -> None:
         for n in SIZES:
             for name in CASES:
                 look = sensors[name].observe
-                ns = ns_per_call(lambda: look(seen[name][n], rng), SECONDS_A_REPEAT)  # noqa: B023
-                times.setdefault((name, n), []).append(ns / n)
+                us = us_per_call(lambda: look(seen[name][n], rng), SECONDS_A_REPEAT)  # noqa: B023
+                times.setdefault((name, n), []).append(us * 1e3 / n)
             for name in THEIRS if n in SIZES_OF_STONESOUP else ():
-                times.setdefault((name, n), []).append(other.ask(ns=n, radar=name) / n)
+                times.setdefault((name, n), []).append(other.ask(us=n, radar=name) * 1e3 / n)
     other.close()
 
     print(f"ns per target and scan: median (least to most) of {REPEATS} repeats, in turns.")
