@@ -101,7 +101,7 @@ class SessionCollector(Observer):
             value=totals.other_sessions,
         )
         yield GaugeMetricFamily(
-            "plotfeed_inbox", "Messages that wait to be taken in", value=session.input_queue.waiting
+            "plotfeed_inbox", "Messages that wait to be taken in", value=len(session.intake)
         )
         yield GaugeMetricFamily(
             "plotfeed_intake_behind_seconds",

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import ChangeError, Command, ControlError
 from plotfeed.feeds.scene.report_formats import CUE_TOPIC
@@ -71,12 +70,10 @@ class Intake:
         """How many messages wait."""
         return len(self._reports) + len(self._commands)
 
-    def statistics(self) -> QueueStatistics:
-        """What has come in, and waits to be taken in."""
-        reports, commands = self._reports.statistics(), self._commands.statistics()
-        return QueueStatistics(
-            **{name: getattr(reports, name) + getattr(commands, name) for name in reports.__slots__}
-        )
+    @property
+    def given_up(self) -> int:
+        """How many found no room, or gave way to later ones."""
+        return self._reports.given_up + self._commands.given_up
 
     def queue(self, topic: str, payload: bytes, content_type: str | None) -> None:
         """Let wait what has come in, or drop it if too much of its topic waits already.

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from plotfeed.feeds.link.impairment import Impairment, flip
-from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.messages.message import HELD_NS, Message
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -38,7 +37,7 @@ class Uplink:
         self._impairment = None if link is None else self._impair(link)
         self._number = 0
         # What waits for the link to be up again, each with the others of its sector.
-        self._held: BoundedQueue[tuple[Message, list[Message]]] = BoundedQueue(0)
+        self._held: list[tuple[Message, list[Message]]] = []
 
     def passed(self, messages: Sequence[Message]) -> Sequence[Message]:
         """Messages that are handed to the link when they are due, each with what becomes of it.
@@ -66,7 +65,8 @@ class Uplink:
         else:
             self._impairment.change(settings)
         let_go: list[Message] = []
-        for one, others in [self._held.take() for _ in range(len(self._held))]:
+        held, self._held = self._held, []
+        for one, others in held:
             copies = len(others)
             self._pass(one, others, self._impairment, at_utc_ns)
             if one.leaves_utc_ns != HELD_NS:
@@ -79,9 +79,10 @@ class Uplink:
         """Ask the link what becomes of one that is handed to it then, or again."""
         fate, copies = impairment.pass_on(t_utc_ns, len(one.payload))
         if not fate:  # it holds what comes
-            one.leaves_utc_ns = HELD_NS
-            self._held.limit = impairment.link.queue_messages
-            if not self._held.put((one, others)):
+            if len(self._held) < impairment.link.queue_messages:
+                one.leaves_utc_ns = HELD_NS
+                self._held.append((one, others))
+            else:
                 one.leaves_utc_ns, one.fate = one.due_utc_ns, pb.QUEUE_FULL
         elif fate != pb.SENT:
             one.leaves_utc_ns, one.fate = one.due_utc_ns, fate

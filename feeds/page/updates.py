@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.feeds.messages.bounded_queue import BoundedQueue, QueueStatistics
+from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.page.page_access import Role, name_in
 from plotfeed.proto.errors import PlotfeedError
 
@@ -267,13 +267,9 @@ class Viewer:
 
     def start_again(self) -> None:
         """Forget what waits; a snapshot is next."""
-        self._queue.drop_all()
+        self._queue.clear()
         self._needs_all = True
         self._filled.set()
-
-    def statistics(self) -> QueueStatistics:
-        """What has waited so far; dropped are updates that it was too slow for."""
-        return self._queue.statistics()
 
     def show_truth(self, *, shown: bool) -> None:
         """Show the drones or do not, from a snapshot on."""

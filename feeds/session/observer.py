@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.scene import Scene
@@ -18,7 +17,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
     from plotfeed.feeds.engine.change_control import ChangeControl
-    from plotfeed.feeds.engine.intake import Input
+    from plotfeed.feeds.engine.intake import Input, Intake
     from plotfeed.feeds.session.running_sensor import RunningSensor
 
 
@@ -31,10 +30,7 @@ class RunningSession(Protocol):
     trajectories: Trajectories
     sensors: Mapping[str, RunningSensor]
     changes: ChangeControl
-
-    @property
-    def input_queue(self) -> QueueStatistics:
-        """What has come in, and waits to be taken in."""
+    intake: Intake  # What has come in, and waits to be taken in
 
     def receive(self, inputs: Sequence[Input], t_utc_ns: int) -> None:
         """Take in telemetry and commands together, as of that time."""

@@ -27,7 +27,6 @@ from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.ledger_messages import Kept, ledger_messages
 from plotfeed.feeds.link.outbox import Departure, prepare_all, send_all
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.bounded_queue import QueueStatistics
 from plotfeed.feeds.messages.message import Message, records
 from plotfeed.feeds.scene.changes import ClockCommand, Command, ControlError, command_of
 from plotfeed.feeds.scene.scene import Scene
@@ -173,7 +172,7 @@ class Session:
             from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 
             self._mapped = MappedReports(scene.telemetry.mapping)
-        self._intake = Intake(
+        self.intake = Intake(
             engine,
             totals,
             self._publish,
@@ -192,7 +191,7 @@ class Session:
         self._loop = SessionLoop[Kept](
             clock,
             self._schedule,
-            inputs=self._intake,
+            inputs=self.intake,
             drain=self._drain,
             write_later=self._write_ledger,
             before_due=who_care(observers, "before_due"),
@@ -329,7 +328,7 @@ class Session:
                 await asyncio.sleep(STAND_BY_S)
                 continue
             done_ns = self.clock.now_ns()
-            self._intake.take_in(done_ns, lambda: False)
+            self.intake.take_in(done_ns, lambda: False)
             await self._catch_up(done_ns)
 
     async def _join(self, part: SessionPart) -> None:
@@ -409,7 +408,7 @@ class Session:
         from plotfeed.feeds.transport.live_source import LiveSource
 
         def refuse(kind: str, drone: str, refused: Refused) -> None:
-            self._intake.refuse_later(self._root + (drone or kind), refused)
+            self.intake.refuse_later(self._root + (drone or kind), refused)
 
         return [
             LiveSource(
@@ -438,14 +437,9 @@ class Session:
             content_type = f"{self.clock.now_ns()}"  # a mapping asks for no type
         self._loop.queue_input(topic, payload, content_type)
 
-    @property
-    def input_queue(self) -> QueueStatistics:
-        """What has come in, and waits to be taken in."""
-        return self._intake.statistics()
-
     def receive(self, inputs: Sequence[Input], t_utc_ns: int) -> None:
         """Take in telemetry and commands together, as of that time."""
-        self._intake.receive(inputs, t_utc_ns)
+        self.intake.receive(inputs, t_utc_ns)
 
     def command(self, command: dict[str, Any]) -> dict[str, Any]:
         """Do now what might have come in as a command, and say what is in force.
@@ -510,11 +504,11 @@ class Session:
             is_behind = speed > 1 and clock.now_ns() - due_ns > TICK_NS
             self._most_at_once = min(int(TICKS_BEHIND * speed), MOST_TICKS) if is_behind else 1
             self._at_once = min(self._at_once, self._most_at_once)
-        self._intake.keep_up(due_ns - 1)
-        if self._intake:
+        self.intake.keep_up(due_ns - 1)
+        if self.intake:
             self._at_once = 1
             began_ns = clock.left_ns(due_ns)
-            self._intake.take_in(due_ns - 1, lambda: began_ns - clock.left_ns(due_ns) > INTAKE_NS)
+            self.intake.take_in(due_ns - 1, lambda: began_ns - clock.left_ns(due_ns) > INTAKE_NS)
         self._work_out(due_ns // TICK_NS)
 
     def _work_out(self, k: int) -> None:
@@ -560,7 +554,7 @@ class Session:
         if (end_ns := engine.next_end_ns) is not None:
             ends_ns.append(end_ns)
         self._plan_tick(max((min(ends_ns) // TICK_NS - 1) * TICK_NS, self._earliest_ns))
-        if self._intake:
+        if self.intake:
             self._input_waits()
 
     def _leave_out(self, now_ns: int) -> dict[int, int]:

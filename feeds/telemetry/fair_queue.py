@@ -6,8 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from plotfeed.feeds.messages.bounded_queue import QueueStatistics
-
 # Telemetry of a second from a few thousand drones; beyond it a topic has room for one message.
 MAX_WAITING = 20_000
 MAX_OF_TOPIC = 64  # Of one drone: a second of more than anybody sends
@@ -42,24 +40,13 @@ class FairQueue:
         self._turns: dict[str, list[tuple[bytes, str | None]]] = {}
         self._since_s: dict[str, float] = {}
         self._known: set[str] = set()
+        self.given_up = 0  # How many those were from the beginning
         self._strangers = self._waiting = self._large_octets = 0
-        self._put = self._taken = self._given_up = 0
         self._behind = (0.0, 0.0)
 
     def __len__(self) -> int:
         """How many wait."""
         return self._waiting
-
-    def statistics(self) -> QueueStatistics:
-        """Counts so far; octets are those of large messages alone."""
-        return QueueStatistics(
-            limit=self._limit,
-            waiting=self._waiting,
-            octets=self._large_octets,
-            put=self._put,
-            taken=self._taken,
-            dropped=self._given_up,
-        )
 
     def of_topic(self, topic: str) -> int:
         """How many messages of a topic wait."""
@@ -97,11 +84,9 @@ class FairQueue:
         elif len(waiting) >= self._limit_of_topic or self._waiting >= self._limit:
             self._forget(waiting.pop(0)[0])
             self._waiting -= 1
-            self._put -= 1
             self._drop(topic)
         waiting.append((payload, content_type))
         self._waiting += 1
-        self._put += 1
 
     def take(self, least: int) -> list[Turn]:
         """All that waits of the topics whose turn it is, until it is so many messages or more."""
@@ -118,7 +103,6 @@ class FairQueue:
                 for payload, _ in waiting:
                     self._forget(payload)
         self._waiting -= number
-        self._taken += number
         return turns
 
     def take_one(self) -> Turn:
@@ -133,7 +117,6 @@ class FairQueue:
             self._strangers -= topic not in self._known
         self._forget(first[0])
         self._waiting -= 1
-        self._taken += 1
         return topic, [first]
 
     def behind_s(self) -> float:
@@ -146,7 +129,7 @@ class FairQueue:
         return self._behind[1]
 
     def _drop(self, topic: str) -> None:
-        self._given_up += 1
+        self.given_up += 1
         told = topic in self.dropped or len(self.dropped) < MAX_TOPICS_TOLD
         self.dropped[topic if told else ""] += 1
 

@@ -74,7 +74,7 @@ class AtWork(Observer):
 
     def report(self, report: Batch) -> None:
         self.sectors.append(report)
-        self.most_waiting = max(self.most_waiting, self.session.input_queue.waiting)
+        self.most_waiting = max(self.most_waiting, len(self.session.intake))
 
     def received(self, *_: object) -> None:
         self.taken += 1

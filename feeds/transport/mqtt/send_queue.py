@@ -158,7 +158,7 @@ class SendQueue:
         return self._take_out(next(iter(self._order))).message
 
     def _take_out(self, key: Hashable) -> _Waiting:
-        return self._order.pop(key).drop(key)
+        return self._order.pop(key).take(key)
 
     def _drop(self, one: Message) -> None:
         self._counts.dropped += 1

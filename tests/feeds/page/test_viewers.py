@@ -42,7 +42,6 @@ async def test_a_slow_viewer_drops_what_waits_and_makes_up_by_a_snapshot() -> No
     await viewer.next()
     for number in range(MAX_QUEUED + 6):
         viewer.offer(update(number))
-    assert viewer.statistics().dropped == MAX_QUEUED + 1
     made_up = await viewer.next()
     assert made_up.startswith(b"all")
     assert f'{{"missed_updates": {MAX_QUEUED + 6}}}'.encode() in made_up
@@ -56,7 +55,6 @@ async def test_what_waits_for_a_viewer_is_bounded_in_octets_too() -> None:
     viewer = Viewer(lambda: SNAPSHOT)
     await viewer.next()
     viewer.offer(update(1, MAX_QUEUED_OCTETS + 1))
-    assert viewer.statistics().dropped == 1
     assert b'"missed_updates": 1' in await viewer.next()
     viewer.start_again()  # as when another scene begins: nothing was missed
     assert await viewer.next() == b"all"

@@ -88,10 +88,10 @@ async def test_a_flood_of_telemetry_is_counted_and_holds_no_sector_up(
                 markers += 1
                 await asyncio.sleep(0.1)
             await session.sectors_more(2)
-    heard = session.taken + session.session.input_queue.dropped
+    heard = session.taken + session.session.intake.given_up
     totals = session.totals
     assert totals.telemetry + totals.conflated + totals.refused == heard
-    assert totals.flooded == session.session.input_queue.dropped
+    assert totals.flooded == session.session.intake.given_up
     assert MAX_WAITING < heard <= FLOOD + markers
     assert {"d0", "d10", "d20", "d30", "d40", "marker"} == {*session.session.trajectories.names}
     assert session.most_waiting <= MAX_WAITING
@@ -199,7 +199,7 @@ async def test_a_minute_of_garbage_is_refused_in_lines_and_changes_nothing(
     totals = session.totals
     assert totals.telemetry + totals.controls == published["good"] > 5
     assert totals.refused == published["bad"] > 100
-    assert session.session.input_queue.dropped == 0
+    assert session.session.intake.given_up == 0
     # On a slow machine its reports are so far apart that it is gone in between.
     assert {*session.session.trajectories.names} <= {"good"}
     assert session.session.sensors["radar"].sensor == what.sensor[0]
