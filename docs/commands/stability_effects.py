@@ -97,7 +97,7 @@ def forgotten() -> Case:
         plain=float(left_out),
         cure="halving between anchors 64 time constants apart",
         ours=float(np.abs(values @ values.T - exact).max()),
-        test="models/effects/test_drift.py::"
+        test="models/effects/test_readings.py::"
         "test_the_covariance_is_that_of_gauss_and_markov_to_the_last_digits",
     )
 
@@ -115,7 +115,7 @@ def slow_drift() -> Case:
         plain=relative(plain, exact),
         cure="√(tanh h)",
         ours=relative(np.sqrt(np.tanh(1e-9)), exact),
-        test="models/effects/test_drift.py::"
+        test="models/effects/test_readings.py::"
         "test_the_covariance_is_that_of_gauss_and_markov_to_the_last_digits",
     )
 

@@ -119,7 +119,7 @@ def grazing() -> Case:
         plain=relative(plain, exact),
         cure="4h₁h₂ over the sum of the ways; sums of squares",
         ours=relative(propagation.two_ray_factor(h1, h2, ground, wavelength, -1.0), exact),
-        test="models/effects/test_multipath.py::test_far_away_power_falls_with_the_fourth_power_of_distance_beyond_free_space",
+        test="models/test_propagation.py::test_far_away_power_falls_with_the_fourth_power_of_distance_beyond_free_space",
     )
 
 

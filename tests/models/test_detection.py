@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
+from scipy import integrate, stats
+from scipy.special import gammainc, gammaincc, gammainccinv, gammaincinv
 from support.given_files import reference
+from support.radar_equations import detected_power_density
+from support.significance import assert_mean
 
-from plotfeed.models import detection
+from plotfeed.models import detection, propagation
+from plotfeed.models.detection import gamma_exceeded_with, inverse_detected_snr
+from plotfeed.models.propagation import C_M_S
 
 snr_dbs = st.floats(-60, 60)
 pfas = st.floats(-15, -0.1).map(lambda exponent: 10.0**exponent)
@@ -182,3 +189,136 @@ def test_draws_of_undefined_and_infinite_targets():
     rng = np.random.default_rng(0)
     power, _ = detection.draw_detected_snr_swerling1([np.nan, np.inf], 1e-6, 16, rng)
     np.testing.assert_array_equal(power, [np.nan, np.inf])
+
+
+# Tabulated quantiles of gamma variables: against SciPy's inverse, and back through the tail.
+
+
+RNG = np.random.default_rng(61)
+PROBABILITIES = np.concatenate(
+    [
+        RNG.uniform(0, 1, 20_000),
+        10 ** RNG.uniform(-30, 0, 20_000),
+        10 ** RNG.uniform(-300, 0, 2_000),
+        1 - 10 ** RNG.uniform(-15, 0, 20_000),
+    ]
+)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 8, 30, 199, 201, 1000, 10**5])
+def test_it_is_the_inverse_of_the_tail_to_1e_13(order: int) -> None:
+    found = gamma_exceeded_with(PROBABILITIES, order)
+    exact = np.where(
+        PROBABILITIES < 0.5,
+        gammainccinv(order, PROBABILITIES),
+        gammaincinv(order, 1 - PROBABILITIES),
+    )
+    np.testing.assert_allclose(found, exact, rtol=1e-13)
+
+
+@pytest.mark.parametrize("order", [1, 100, 10**5, 10**7, 10**8])
+def test_the_way_back_gives_the_probability(order: int) -> None:
+    """Where SciPy's way back is right: of high orders it loses the lowest 4e-6."""
+    found = gamma_exceeded_with(PROBABILITIES, order)
+    usual = (PROBABILITIES > 1e-14) & (PROBABILITIES < 1 - 1e-5)
+    digits = 1e-9 if order > 1000 else 1e-12
+    low = PROBABILITIES < 0.5
+    back = np.where(low, gammaincc(order, found), gammainc(order, found))
+    whole = np.where(low, PROBABILITIES, 1 - PROBABILITIES)
+    np.testing.assert_allclose(back[usual], whole[usual], rtol=digits)
+
+
+def test_ends_and_what_is_no_probability() -> None:
+    probabilities = np.array([0.0, 1e-320, 0.5, 1.0, np.nan, -0.1])
+    found = gamma_exceeded_with(probabilities, 1.0)
+    assert found[0] == np.inf
+    assert 700 < found[1] < 740
+    assert found[2] == pytest.approx(np.log(2), rel=1e-14)
+    assert found[3] == 0.0
+    assert np.isnan(found[4:]).all()
+
+
+def test_no_value_depends_on_its_company() -> None:
+    together = gamma_exceeded_with(PROBABILITIES[:999], 1000)
+    alone = np.concatenate([gamma_exceeded_with(p[None], 1000) for p in PROBABILITIES[:999]])
+    np.testing.assert_array_equal(together, alone)
+
+
+# The mean of 1/x over detections of power x, which scales the variance of a radar's errors.
+
+
+def test_agrees_with_the_reference_where_the_noise_is_known() -> None:
+    """With N reference cells the threshold scatters by 1/sqrt(N), which adds a few parts in N."""
+    table = reference("fluctuating_rms_given_detection.csv")
+    snr = 10 ** (table["mean_snr_db"] / 10)
+    for pfa in np.unique(table["pfa"]):
+        rows = table["pfa"] == pfa
+        rms = np.sqrt(inverse_detected_snr(snr[rows], float(pfa), 10**9))
+        np.testing.assert_allclose(rms, table["rms_inv_sqrt_inst_snr"][rows], rtol=1e-8)
+
+
+@pytest.mark.parametrize("snr_db", [-10, 0, 10, 20, 40, 60])
+@pytest.mark.parametrize("n_reference", [1, 4, 16, 64])
+def test_is_the_integral_over_the_density_of_detected_powers(
+    n_reference: int, snr_db: float
+) -> None:
+    """To 1e-4: an average over 128 thresholds, the worst at one reference cell."""
+    snr = 10 ** (snr_db / 10)
+    sensor = {"pfa": 1e-4, "n_reference": n_reference}
+
+    def integrand(log_x: float) -> float:
+        return float(detected_power_density(sensor, np.exp(log_x), snr))
+
+    edges = np.linspace(-12, np.log((1 + snr) * 1e3 + 1e6), 21)
+    integral = sum(
+        integrate.quad(integrand, low, high, epsabs=0, epsrel=1e-10, limit=400)[0]
+        for low, high in pairwise(edges)
+    )
+    assert float(inverse_detected_snr(snr, 1e-4, n_reference)) == pytest.approx(integral, rel=1e-4)
+
+
+@pytest.mark.parametrize(("snr_db", "n_reference"), [(3.0, 4), (10.0, 16), (20.0, 16)])
+def test_is_the_mean_over_cells_that_crossed_their_own_thresholds(
+    snr_db: float, n_reference: int
+) -> None:
+    """Swerling 1 cells and their reference cells drawn one by one."""
+    rng = np.random.default_rng(71)
+    snr, pfa, n = 10 ** (snr_db / 10), 1e-2, 300_000
+    alpha = pfa ** (-1 / n_reference) - 1
+    power = (1 + snr) * rng.standard_exponential(n)
+    threshold = alpha * rng.standard_exponential((n, n_reference)).sum(axis=1)
+    detected = power[power > threshold]
+    assert_mean(1 / detected, float(inverse_detected_snr(snr, pfa, n_reference)))
+
+
+# The paper's scenario from end to end: what each sensor's equations give along the approach.
+
+
+RCS_M2 = 0.01
+PFA = 1e-6
+
+
+def test_active_radar():
+    ranges = np.array([7e3, 5e3, 4e3])
+    case = (500, 20, 35.4, C_M_S / 10e9, RCS_M2, 0.06, ranges, ranges, 4, 5)
+    pd = detection.pd_cfar_swerling1(propagation.radar_snr(*case), PFA, 16)
+    assert pd == pytest.approx([0.965, 0.991, 0.996], abs=5e-4)
+
+
+def test_mimo_radar_of_three_transmitters():
+    ranges = np.array([5e3, 4e3, 3e3])
+    case = (2000, 11.6, 11.6, C_M_S / 15e9, RCS_M2, 0.06, ranges, ranges, 2, 5)
+    snr = propagation.radar_snr(*case)
+    pd = detection.pd_noncoherent_swerling2(snr, PFA, 3)
+    assert pd == pytest.approx([0.268, 0.739, 0.977], abs=5e-4)
+    looks = np.repeat(snr[:, None], 3, axis=1)
+    assert detection.pd_noncoherent_unequal(looks, PFA) == pytest.approx(pd, rel=1e-12)
+
+
+def test_microphone():
+    ranges = np.array([200.0, 150.0, 100.0, 75.0])
+    ground_db = propagation.ground_attenuation_db((50 + 1.5) / 2, ranges)
+    attenuation_db = propagation.sound_divergence_db(ranges) + 0.005 * ranges + ground_db + 3 + 3
+    level_db = propagation.sound_level_db(80, 3, attenuation_db)
+    pd = detection.pd_logistic(level_db + 9.03, 32)
+    assert pd == pytest.approx([0.018, 0.224, 0.926, 0.994], abs=5e-4)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.given_files import reference
 
 from plotfeed.models import propagation
-from plotfeed.models.propagation import C_M_S
+from plotfeed.models.propagation import C_M_S, GALACTIC, MAN_MADE, external_noise_db, two_ray_factor
 
 metres = st.floats(-50e3, 50e3)
 points = st.tuples(metres, metres, metres)
@@ -169,3 +169,92 @@ def test_ground_attenuation_lies_between_nothing_and_its_limit(height, distance)
 def test_sound_at_no_distance():
     assert propagation.ground_attenuation_db(10.0, 0.0) == 0
     assert propagation.sound_divergence_db(0.0) == -np.inf
+
+
+# Two rays over flat ground: against the sum of two waves, at its limits, and in every radio.
+
+
+heights = st.floats(0.1, 500.0)
+ranges = st.floats(10.0, 20_000.0)
+wavelengths = st.floats(0.01, 3.0)
+reflections = st.floats(-1.0, 1.0)
+
+
+@given(heights, heights, ranges, wavelengths, reflections)
+def test_the_factor_is_that_of_two_waves_that_meet(h1, h2, ground, wavelength, rho):
+    detour = np.hypot(ground, h1 + h2) - np.hypot(ground, h1 - h2)
+    waves = 1 + rho * np.exp(2j * np.pi * detour / wavelength)
+    factor = two_ray_factor(h1, h2, ground, wavelength, rho)
+    rounding = 2 * np.pi / wavelength * np.hypot(ground, h1 + h2) * 1e-15
+    assert factor == pytest.approx(abs(waves) ** 2, rel=1e-9, abs=1e-13 + 10 * rounding)
+
+
+def test_far_away_power_falls_with_the_fourth_power_of_distance_beyond_free_space():
+    """Grazing a perfect mirror, F is the phase itself: F^2 goes as one over the square."""
+    h1, h2, wavelength = 2.0, 3.0, 0.5
+    ground = np.array([1e5, 1e6, 1e7, 1e8])
+    closed = (4 * np.pi * h1 * h2 / (wavelength * ground)) ** 2
+    np.testing.assert_allclose(two_ray_factor(h1, h2, ground, wavelength, -1.0), closed, rtol=1e-5)
+    np.testing.assert_allclose(
+        two_ray_factor(h1, h2, ground[2:], wavelength, -1.0), closed[2:], rtol=1e-9
+    )
+
+
+def test_on_the_ground_and_at_no_distance_there_is_a_number():
+    assert two_ray_factor(0.0, 50.0, 100.0, 0.03, -0.9) == pytest.approx(0.01, rel=1e-12)
+    assert two_ray_factor(-3.0, 50.0, 100.0, 0.03, -0.9) == pytest.approx(0.01, rel=1e-12)
+    assert np.isfinite(two_ray_factor(0.0, 0.0, 0.0, 0.03, -0.9))
+    assert np.isfinite(two_ray_factor(2.0, 2.0, 0.0, 0.03, -0.9))
+
+
+# External noise: lines of ITU-R P.372, where they hold, and their sum.
+
+
+ENVIRONMENTS = pytest.mark.parametrize("environment", MAN_MADE)
+
+
+@pytest.mark.parametrize(
+    ("environment", "at_1_mhz", "at_10_mhz"),
+    [
+        ("city", 76.8, 49.1),
+        ("residential", 72.5, 44.8),
+        ("rural", 67.2, 39.5),
+        ("quiet-rural", 53.6, 25.0),
+    ],
+)
+def test_man_made_noise_is_c_at_1_mhz_and_loses_d_a_decade(environment, at_1_mhz, at_10_mhz):
+    line = MAN_MADE[environment]
+    assert line.median_db([1e6, 10e6]) == pytest.approx([at_1_mhz, at_10_mhz], abs=1e-12)
+    assert external_noise_db(environment, 1e6) == pytest.approx(at_1_mhz)  # nothing else there
+
+
+def test_residential_noise_continued_to_600_mhz_is_what_section_4_gives():
+    line = MAN_MADE["residential"]
+    assert line.c_db - line.d_db * np.log10(600) == pytest.approx(-4.45, abs=0.005)
+    assert np.isnan(external_noise_db("residential", 600e6))
+
+
+def test_powers_of_man_made_and_galactic_noise_add():
+    assert GALACTIC.median_db(100e6) == pytest.approx(6.0)
+    # rural at 100 MHz is 11.8 dB; 15.14 + 3.98 is 19.12
+    assert external_noise_db("rural", 100e6) == pytest.approx(12.814, abs=1e-3)
+    assert external_noise_db("rural", 101e6) == pytest.approx(11.68, abs=0.01)
+
+
+@ENVIRONMENTS
+def test_there_is_no_noise_outside_the_range_of_the_line(environment):
+    line = MAN_MADE[environment]
+    edges_hz = 1e6 * np.array([line.min_mhz, line.max_mhz])
+    assert np.isfinite(external_noise_db(environment, edges_hz)).all()
+    outside = np.array([0.0, -1.0, 0.99 * edges_hz[0], 1.01 * edges_hz[1], 1e12, np.inf, np.nan])
+    assert np.isnan(external_noise_db(environment, outside)).all()
+
+
+@given(st.floats(0.3e6, 250e6))
+def test_the_busier_the_place_the_louder(frequency_hz):
+    city, residential, rural = (
+        external_noise_db(place, frequency_hz) for place in ("city", "residential", "rural")
+    )
+    assert city > residential > rural
+    quiet = external_noise_db("quiet-rural", frequency_hz)
+    assert np.isnan(quiet) if frequency_hz > 100e6 else quiet < rural

@@ -156,6 +156,11 @@ def test_from_a_transmitter_its_own_horizon_counts():
     assert (found < 0.5).sum() > 20
 
 
+def test_what_is_cut_off_still_has_a_level():
+    assert 0 < OPAQUE**2 < 1e-30
+    assert np.isfinite(20 * np.log10(OPAQUE))
+
+
 def test_what_no_raster_knows_hides_nothing():
     void = ElevationTile(heights_m=np.full((2, 2), -32768, ">i2"), north_deg=41, west_deg=-4,
                          row_step_deg=1.0, column_step_deg=1.0, void=-32768)  # fmt: skip

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
+import random
+from typing import Any
 
-from plotfeed.models.chance import Chance
-from plotfeed.models.effects.readings import Drift, Readings
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.models.chance import Chance, Purpose
+from plotfeed.models.effects.readings import Drift, Readings, SkewFrame, own_axes
+from plotfeed.models.frames import LocalFrame, aer_to_enu
+from plotfeed.models.state import Floats
 
 S = 1_000_000_000
 TIMES_NS = np.array([5, 5, 9, 5]) * S
@@ -48,3 +56,112 @@ def test_what_does_not_drift_costs_no_draw():
     np.testing.assert_allclose(readings.range_m(np.array([1000.0]), TIMES_NS[:1]), 1006.0, 1e-15)
     azimuth_deg = np.array([1.0])
     assert readings.azimuth_deg(azimuth_deg, TIMES_NS[:1]) is azimuth_deg
+
+
+# Own axes of a sensor that stands askew: one rotation, and where it puts things.
+
+
+FRAME = LocalFrame(40.45, -3.73, 650.0)
+offsets = st.floats(-180.0, 180.0)
+tilts = st.floats(0.0, 45.0)
+azimuths = st.floats(0.0, 360.0)
+elevations = st.floats(-80.0, 80.0)
+
+
+@given(offsets, tilts, azimuths)
+def test_it_is_a_rotation(offset_deg, tilt_deg, towards_deg):
+    axes = own_axes(offset_deg, tilt_deg, towards_deg)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), rtol=0, atol=3e-15)
+    assert np.linalg.det(axes) == pytest.approx(1.0, abs=1e-14)
+
+
+@given(tilts, azimuths, azimuths, elevations)
+def test_a_tilt_raises_what_is_where_it_leans_to(tilt_deg, towards_deg, azimuth_deg, elevation_deg):
+    """Spherical trigonometry: sine of the elevation over the leaning horizon."""
+    seen = own_axes(0.0, tilt_deg, towards_deg) @ aer_to_enu(azimuth_deg, elevation_deg, 1.0)
+    tilt, el = np.radians(tilt_deg), np.radians(elevation_deg)
+    away = np.radians(azimuth_deg - towards_deg)
+    sine = np.sin(el) * np.cos(tilt) + np.cos(el) * np.sin(tilt) * np.cos(away)
+    assert seen[2] == pytest.approx(sine, abs=1e-14)
+
+
+@given(offsets, tilts, azimuths, st.tuples(azimuths, elevations, st.floats(10.0, 20_000.0)))
+def test_a_skew_frame_is_the_rotation_of_the_level_one(offset_deg, tilt_deg, towards_deg, place):
+    skew = SkewFrame.at(
+        FRAME, azimuth_offset_deg=offset_deg, tilt_deg=tilt_deg, tilt_azimuth_deg=towards_deg
+    )
+    place_ecef_m = FRAME.to_ecef(aer_to_enu(*place))
+    seen = skew.from_ecef(place_ecef_m)
+    axes = own_axes(offset_deg, tilt_deg, towards_deg)
+    np.testing.assert_allclose(seen, axes @ FRAME.from_ecef(place_ecef_m), atol=1e-8)
+    np.testing.assert_allclose(skew.to_ecef(seen), place_ecef_m, atol=5e-9)
+
+
+# Gauss-Markov drift: its covariance to the last digits, its law, and its memory of nothing.
+
+
+class Axes:
+    """In the place of chance: each draw is an axis of its own, so that values are coefficients."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self.axes: dict[int, int] = {}
+
+    def rng(self, _purpose: Purpose, step: int) -> Axes:
+        self.step = step
+        return self
+
+    def standard_normal(self, n: int) -> Floats:
+        axis = self.axes.setdefault(self.step, len(self.axes))
+        return np.eye(n)[axis]
+
+
+def coefficients(steps: list[int], steps_a_constant: float, n: int = 400) -> Floats:
+    axes: Any = Axes(n)
+    drift = Drift(axes, step_ns=S, time_constant_ns=steps_a_constant * S, n=n)
+    return drift.at(np.array(steps, np.int64) * S)
+
+
+@pytest.mark.parametrize("steps_a_constant", [0.01, 0.5, 3.0, 10.0, 600.0, 1e6])
+def test_the_covariance_is_that_of_gauss_and_markov_to_the_last_digits(
+    steps_a_constant: float,
+) -> None:
+    spread = np.unique(np.round(np.geomspace(1, 30 * steps_a_constant + 20, 12)).astype(int))
+    steps = [*range(8), *(1_700_000_000 + spread).tolist()]
+    value = coefficients(steps, steps_a_constant)
+    lags = np.abs(np.subtract.outer(steps, steps))
+    covariance = np.exp(-lags / steps_a_constant)
+    np.testing.assert_allclose(value @ value.T, covariance, rtol=0, atol=3e-15)
+
+
+steps = st.integers(0, 9_000_000_000)
+
+
+@given(st.lists(steps, min_size=1, max_size=6), st.floats(1.0, 1e4), st.integers(0, 999))
+def test_the_same_comes_in_any_order_and_company(
+    asked: list[int], steps_a_constant: float, seed: int
+) -> None:
+    def drift() -> Drift:
+        chance = Chance(5, "radar")
+        return Drift(chance, step_ns=S, time_constant_ns=steps_a_constant * S, n=2)
+
+    alone = {step: drift().at(np.array([step * S]))[0].tolist() for step in asked}
+    shuffled = asked * 2
+    random.Random(seed).shuffle(shuffled)  # noqa: S311
+    one = drift()
+    for step in shuffled:
+        assert one.at(np.array([step * S]))[0].tolist() == alone[step]
+    together = drift().at(np.array(shuffled, np.int64) * S)
+    assert together.tolist() == [alone[step] for step in shuffled]
+
+
+def test_within_a_step_it_stands_still() -> None:
+    drift = Drift(Chance(5, "radar"), step_ns=S, time_constant_ns=60 * S, n=2)
+    values = drift.at(np.array([7 * S, 7 * S + 1, 8 * S - 1, 8 * S]))
+    assert values[0].tolist() == values[1].tolist() == values[2].tolist()
+    assert values[3].tolist() != values[2].tolist()
+
+
+def test_a_week_later_and_at_the_end_of_time_there_is_a_value() -> None:
+    drift = Drift(Chance(5, "radar"), step_ns=20_000_000, time_constant_ns=1e9 * S, n=2)
+    assert np.isfinite(drift.at(np.array([0, 7 * 86_400 * S, (1 << 63) - 1]))).all()

@@ -1,0 +1,391 @@
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plotfeed.models import track_metrics
+from plotfeed.models.frames import LocalFrame
+from plotfeed.models.track_metrics import (
+    FlightPath,
+    Grid,
+    GridRows,
+    Level,
+    TrackReports,
+    along_enu,
+    covered_at,
+    on_grid,
+    ospa2_m,
+    rates,
+    rates_by_differences,
+    set_score,
+    stays_of,
+    t_gospa,
+)
+
+
+def distances(truth: list[float], tracks: list[float]) -> np.ndarray:
+    return np.abs(np.subtract.outer(np.array(truth, float), np.array(tracks, float)))
+
+
+def test_the_worked_case() -> None:
+    """Truths at 0 and 100, tracks at 3, 104 and 500, c 50, p 2."""
+    score = set_score(distances([0, 100], [3, 104, 500]), 50.0, 2.0)
+    assert (score.localisation, score.missed, score.false) == (25.0, 0.0, 1250.0)
+    assert score.gospa_m() == pytest.approx(35.7071, abs=1e-4)
+    assert score.ospa_m == pytest.approx(29.0115, abs=1e-4)
+    assert (score.rows.tolist(), score.columns.tolist()) == ([0, 1], [0, 1])
+
+
+@pytest.mark.parametrize(
+    ("shape", "gospa_m", "ospa_m"),
+    [((0, 0), 0.0, 0.0), ((2, 0), 50.0, 50.0), ((0, 1), 50 / 2**0.5, 50.0)],
+)
+def test_nothing_on_one_side(shape: tuple[int, int], gospa_m: float, ospa_m: float) -> None:
+    score = set_score(np.zeros(shape), 50.0, 2.0)
+    assert score.gospa_m() == pytest.approx(gospa_m)
+    assert score.ospa_m == ospa_m
+
+
+def test_what_is_at_the_cut_off_or_unknown_is_missed_and_false() -> None:
+    for distance in (50.0, 80.0, np.nan, np.inf):
+        score = set_score(np.array([[distance]]), 50.0, 2.0)
+        assert (score.localisation, score.missed, score.false) == (0.0, 1250.0, 1250.0)
+        assert len(score.rows) == 0
+
+
+def by_all_pairings(apart: np.ndarray, cutoff_m: float, order: float) -> tuple[float, float]:
+    """GOSPA and OSPA by their definitions: every pairing is tried."""
+    if apart.shape[0] > apart.shape[1]:
+        apart = apart.T
+    m, n = apart.shape
+    limit = cutoff_m**order
+    gospa = ospa = np.inf
+    for chosen in permutations(range(n), m):
+        each = apart[np.arange(m), list(chosen)]
+        cut = np.minimum(each, cutoff_m) ** order
+        ospa = min(ospa, cut.sum() + limit * (n - m))
+        for mask in range(1 << m):
+            paired = [i for i in range(m) if mask >> i & 1]
+            if all(each[i] < cutoff_m for i in paired):
+                cost = sum(each[i] ** order for i in paired)
+                gospa = min(gospa, cost + limit / 2 * (m + n - 2 * len(paired)))
+    return gospa ** (1 / order), (ospa / n) ** (1 / order) if n else 0.0
+
+
+places = st.lists(st.floats(0, 100), max_size=4)
+
+
+@given(places, places, st.floats(1, 60), st.sampled_from([1.0, 2.0]))
+def test_no_pairing_is_better(
+    truth: list[float], tracks: list[float], cutoff_m: float, order: float
+) -> None:
+    apart = distances(truth, tracks)
+    score = set_score(apart, cutoff_m, order)
+    gospa_m, ospa_m = by_all_pairings(apart, cutoff_m, order)
+    assert score.gospa_m(order) == pytest.approx(gospa_m, rel=1e-9, abs=1e-6)
+    assert score.ospa_m == pytest.approx(ospa_m, rel=1e-9, abs=1e-6)
+
+
+@given(places, places, st.randoms())
+def test_the_order_of_either_does_not_matter(truth: list, tracks: list, chance: object) -> None:
+    apart = distances(truth, tracks)
+    rows, columns = list(range(len(truth))), list(range(len(tracks)))
+    chance.shuffle(rows)  # type: ignore[attr-defined]
+    chance.shuffle(columns)  # type: ignore[attr-defined]
+    one, other = set_score(apart, 40.0), set_score(apart[rows][:, columns], 40.0)
+    assert other[:4] == pytest.approx(one[:4], rel=1e-9, abs=1e-6)
+
+
+NS = 1_000_000_000
+T_NS = 1_767_268_800 * NS
+GRID = Grid(start_utc_ns=T_NS, step_ns=NS, steps=10)
+
+
+def reports(*rows: tuple[float, float, int], ended: tuple[int, ...] = ()) -> TrackReports:
+    """Of a track that flies along the first axis at 2 m/s: time, when it came, number."""
+    t_s, known_s, track = (np.array(column) for column in zip(*rows, strict=True))
+    n = len(rows)
+    return TrackReports(
+        t_utc_ns=T_NS + np.round(t_s * NS).astype(np.int64),
+        known_utc_ns=T_NS + np.round(known_s * NS).astype(np.int64),
+        track=track.astype(np.int64),
+        point=np.stack([2 * t_s, *[np.zeros(n)] * 3], axis=-1),
+        rate=np.tile([2.0, 0.0, 0.0, 0.0], (n, 1)),
+        ended=np.isin(np.arange(n), ended),
+    )
+
+
+def grid_places(rows: GridRows) -> dict[tuple[int, int], float]:
+    return {
+        (int(k), int(track)): float(point[0])
+        for k, track, point in zip(rows.step, rows.track, rows.point, strict=True)
+    }
+
+
+def test_a_track_is_moved_on_until_it_is_stale() -> None:
+    found = grid_places(on_grid(reports((0.5, 0.5, 0), (2.5, 2.5, 0)), GRID, 3.0, as_known=False))
+    assert found == {(k, 0): pytest.approx(2.0 * k) for k in (1, 2, 3, 4, 5)}
+
+
+def test_a_report_at_a_step_counts_there() -> None:
+    rows = on_grid(reports((0.0, 0.0, 0), (1.0, 1.0, 0)), GRID, 1.0, as_known=False)
+    assert rows.step.tolist() == [0, 1, 2]
+    assert rows.age_s.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_one_that_ended_is_not_there() -> None:
+    given = reports((0.0, 0.0, 0), (2.0, 2.0, 0), ended=(1,))
+    assert on_grid(given, GRID, 5.0, as_known=False).step.tolist() == [0, 1]
+
+
+def test_as_known_reports_count_from_when_they_came_and_age_since_they_hold() -> None:
+    given = reports((0.0, 2.0, 0), (1.0, 2.5, 0), (2.0, 9.0, 0))
+    rows = on_grid(given, GRID, 4.0, as_known=True)
+    assert dict(zip(rows.step.tolist(), rows.age_s.tolist(), strict=True)) == {
+        2: 2.0,
+        3: 2.0,
+        4: 3.0,
+        5: 4.0,
+    }
+
+
+def test_as_known_what_a_later_report_has_overtaken_never_counts() -> None:
+    given = reports((0.0, 5.0, 0), (1.0, 1.0, 0), (1.0, 1.0, 1), (2.0, 2.0, 1))
+    rows = on_grid(given, GRID, 10.0, as_known=True)
+    assert set(rows.report[rows.track == 0].tolist()) == {1}
+    assert set(rows.report[rows.track == 1].tolist()) == {2, 3}
+
+
+def test_rows_are_by_step_and_track_and_none_is_there_twice() -> None:
+    rng = np.random.default_rng(1)
+    given = reports(*sorted(((t, t + 0.1, k) for k in range(4) for t in rng.uniform(0, 9, 30)),
+                            key=lambda row: (row[2], row[0])))  # fmt: skip
+    for as_known in (False, True):
+        rows = on_grid(given, GRID, 2.0, as_known=as_known)
+        keys = rows.step * 10 + rows.track
+        assert (np.diff(keys) > 0).all()
+        for k, track, report in zip(rows.step, rows.track, rows.report, strict=True):
+            of_track = np.flatnonzero(given.track == track)
+            at_ns = (given.known_utc_ns if as_known else given.t_utc_ns)[of_track]
+            assert report == of_track[at_ns <= T_NS + k * NS][-1]
+
+
+def test_of_none_there_are_no_rows() -> None:
+    none = reports((0.0, 0.0, 0)).rows(np.zeros(1, np.bool_))
+    assert [len(on_grid(none, GRID, 5.0, as_known=each)) for each in (True, False)] == [0, 0]
+
+
+def test_a_velocity_that_is_not_told_is_that_between_the_last_two_reports() -> None:
+    given = reports((0.0, 0.0, 0), (1.0, 1.0, 0), (2.0, 2.0, 1), (20.0, 20.0, 1))
+    rate = np.full((4, 4), np.nan)
+    found = rates_by_differences(given.track, given.t_utc_ns, given.point, rate, 10.0)
+    assert found[1].tolist() == [2.0, 0.0, 0.0, 0.0]
+    assert np.isnan(found[[0, 2, 3]]).all()
+
+
+CUTOFF_M, ORDER, SWITCH_M = 10.0, 1.0, 2.0
+
+
+def worked(track_there: list[list[int]]) -> float:
+    """One flight over four steps, tracks 1 m off it."""
+    there = np.array(track_there, np.bool_)
+    return t_gospa(
+        np.ones((4, 1, there.shape[1])),
+        np.ones((4, 1), np.bool_),
+        there,
+        cutoff_m=CUTOFF_M,
+        order=ORDER,
+        switch_m=SWITCH_M,
+    ).t_gospa_m(ORDER)
+
+
+def test_a_hand_over_half_way_costs_a_switch() -> None:
+    assert worked([[1, 0], [1, 0], [0, 1], [0, 1]]) == pytest.approx(6.0)
+
+
+def test_a_track_that_ends_half_way_costs_what_is_missed() -> None:
+    assert worked([[1], [1], [0], [0]]) == pytest.approx(12.0)
+
+
+def test_one_track_throughout_costs_its_error_alone() -> None:
+    assert worked([[1], [1], [1], [1]]) == pytest.approx(4.0)
+
+
+def drawn(seed: int, steps: int, drones: int, tracks: int) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    return (
+        rng.uniform(0, 20, (steps, drones, tracks)),
+        rng.random((steps, drones)) < 0.8,
+        rng.random((steps, tracks)) < 0.8,
+    )
+
+
+def test_without_switching_costs_it_is_gospa_step_by_step() -> None:
+    apart, drones, tracks = drawn(1, 5, 3, 4)
+    whole = t_gospa(apart, drones, tracks, cutoff_m=CUTOFF_M, order=2.0, switch_m=0.0)
+    each = [
+        set_score(apart[k][drones[k]][:, tracks[k]], CUTOFF_M, 2.0).gospa_m() ** 2 for k in range(5)
+    ]
+    assert sum(whole) == pytest.approx(sum(each))
+
+
+def by_dynamic_programming(
+    apart: np.ndarray, drones: np.ndarray, tracks: np.ndarray, order: float, switch: float
+) -> float:
+    """T-GOSPA of one or two flights and two tracks, over all ways to pair them at each step."""
+    limit, change = CUTOFF_M**order, switch**order / 2
+    pairings = [set(), {(0, 0)}, {(0, 1)}]
+    if apart.shape[1] == 2:
+        pairings += [{(1, 0)}, {(1, 1)}, {(0, 0), (1, 1)}, {(0, 1), (1, 0)}]
+
+    def cost(k: int, pairs: set[tuple[int, int]]) -> float:
+        total = limit / 2 * (drones[k].sum() + tracks[k].sum())
+        for i, j in pairs:
+            if drones[k, i] and tracks[k, j]:
+                total += min(apart[k, i, j], CUTOFF_M) ** order - limit
+        return total
+
+    best = [cost(0, pairs) for pairs in pairings]
+    for k in range(1, len(apart)):
+        best = [
+            cost(k, now)
+            + min(b + change * len(now ^ was) for b, was in zip(best, pairings, strict=True))
+            for now in pairings
+        ]
+    return min(best)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("flights", [1, 2])
+def test_it_is_the_cheapest_way_through_all_pairings(seed: int, flights: int) -> None:
+    """The linear programme may only be lower where it splits a pairing, which these do not."""
+    apart, drones, tracks = drawn(seed, 6, flights, 2)
+    for switch in (0.5, 4.0):
+        found = sum(t_gospa(apart, drones, tracks, cutoff_m=CUTOFF_M, order=2.0, switch_m=switch))
+        assert found <= by_dynamic_programming(apart, drones, tracks, 2.0, switch) + 1e-6
+        if flights == 1:
+            best = by_dynamic_programming(apart, drones, tracks, 2.0, switch)
+            assert found == pytest.approx(best)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pairs_without_rivals_are_as_the_programme_has_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    saved = rng.uniform(-100, 0, (8, 3)) * (rng.random((8, 3)) < 0.5)
+    number = np.arange(3)
+    for change in (1.0, 30.0):
+        costs = []
+        for weights in (
+            track_metrics._alone(saved, change),
+            track_metrics._together(saved, number, number, change),
+        ):
+            moves = np.abs(np.diff(weights, axis=0)).sum()
+            costs.append((weights * saved).sum() + change * moves)
+        assert costs[0] == pytest.approx(costs[1])
+
+
+def test_ospa2_of_a_track_that_comes_late() -> None:
+    """A flight over four steps; a track 1 m off over the last two: (10 + 10 + 1 + 1) / 4."""
+    there = np.array([[0], [0], [1], [1]], np.bool_)
+    found_m = ospa2_m(np.ones((4, 1, 1)), np.ones((4, 1), np.bool_), there, CUTOFF_M, 2.0)
+    assert found_m == pytest.approx(5.5)
+
+
+def test_ospa2_of_one_flight_and_two_tracks() -> None:
+    """Half of it each: ((5.5^2 + 10^2) / 2)^(1/2)."""
+    there = np.array([[1, 0], [1, 0], [0, 1], [0, 1]], np.bool_)
+    found_m = ospa2_m(np.ones((4, 1, 2)), np.ones((4, 1), np.bool_), there, CUTOFF_M, 2.0)
+    assert found_m == pytest.approx(((5.5**2 + 100) / 2) ** 0.5)
+
+
+def test_ospa2_of_nothing_is_nothing() -> None:
+    none = np.zeros((4, 0), np.bool_)
+    assert ospa2_m(np.zeros((4, 0, 0)), none, none, CUTOFF_M) == 0.0
+
+
+FRAME = LocalFrame(40.45, -3.73, 650.0)
+
+
+def turning(t_s: np.ndarray) -> np.ndarray:
+    """15 m/s on a circle of 60 m: 3.75 m/s2."""
+    angle = t_s * 15.0 / 60.0
+    return np.stack([60 * np.cos(angle), 60 * np.sin(angle), 100 + 0 * t_s], axis=-1)
+
+
+def path_of(t_s: np.ndarray, gap_s: float = 6.0) -> FlightPath:
+    t_ns = T_NS + np.round(t_s * NS).astype(np.int64)
+    return FlightPath.of(t_ns, FRAME.to_ecef(turning(t_s)), round(gap_s * NS))
+
+
+def test_between_looks_of_a_second_a_turn_is_known_to_centimetres() -> None:
+    path = path_of(np.arange(0.0, 30.0, 1.0))
+    t_s = np.linspace(2.0, 27.0, 301)
+    place_m, velocity_m_s = path.states_at(T_NS + np.round(t_s * NS).astype(np.int64))
+    wrong_m = np.linalg.norm(FRAME.from_ecef(place_m) - turning(t_s), axis=1)
+    assert wrong_m.max() < 0.06
+    speed_m_s = np.linalg.norm(velocity_m_s, axis=1)
+    assert np.abs(speed_m_s - 15.0).max() < 0.35
+
+
+def test_looks_of_several_sensors_in_any_order_are_one_flight() -> None:
+    rng = np.random.default_rng(1)
+    t_s = np.sort(np.concatenate([np.arange(0.0, 30.0, 1.0), rng.uniform(0, 29, 40)]))
+    rng.shuffle(t_s)
+    path = path_of(t_s)
+    assert (np.diff(path.t_utc_ns) > 0).all()
+    at_s = np.linspace(2.0, 27.0, 301)
+    place_m, _ = path.states_at(T_NS + np.round(at_s * NS).astype(np.int64))
+    assert np.linalg.norm(FRAME.from_ecef(place_m) - turning(at_s), axis=1).max() < 0.06
+
+
+def test_beyond_the_ends_and_in_gaps_it_is_not_there() -> None:
+    path = path_of(np.array([0.0, 1.0, 2.0, 10.0, 11.0]))
+    t_s = np.array([-0.1, 0.0, 1.5, 2.0, 5.0, 10.5, 11.0, 11.1])
+    place_m, _ = path.states_at(T_NS + np.round(t_s * NS).astype(np.int64))
+    there = np.isfinite(place_m[:, 0]).tolist()
+    assert there[:3] == [False, True, True]
+    assert there[4:] == [False, True, True, False]
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_of_one_look_no_flight_follows(count: int) -> None:
+    path = path_of(np.arange(float(count)))
+    place_m, velocity_m_s = path.states_at(np.array([T_NS]))
+    assert np.isnan(place_m).all()
+    assert np.isnan(velocity_m_s).all()
+
+
+def test_cover_is_between_looks_that_are_near_each_other() -> None:
+    looks = np.array([0, 1, 2, 10, 11])
+    at = np.array([-1, 0, 1, 2, 5, 10, 11, 12])
+    assert covered_at(looks, at, 3).tolist() == [False, *[True] * 3, False, True, True, False]
+    assert stays_of(looks, 3) == [(0, 2), (10, 11)]
+    assert stays_of(looks[:0], 3) == []
+
+
+def test_errors_over_the_ground_are_east_and_north_at_the_drone() -> None:
+    """20 km from the site, where the site's own horizontal leans by a fifth of a degree."""
+    place = FRAME.to_ecef(np.array([14_000.0, 14_000.0, 300.0]))
+    latitude_deg, longitude_deg, height_m = FRAME.to_geodetic([14_000.0, 14_000.0, 300.0])
+    there = LocalFrame(float(latitude_deg), float(longitude_deg), float(height_m))
+    assert np.linalg.norm(there.origin_ecef_m - place) < 1e-6
+    wrong = there.to_geodetic(np.array([30.0, -40.0, 7.0]))
+    level = Level(float(height_m))
+    at = (np.array([each]) for each in (latitude_deg, longitude_deg))
+    true_point = level.points(latitude_deg, longitude_deg, height_m)[None]
+    point = level.points(wrong[0], wrong[1], wrong[2])[None]
+    error_m = along_enu(point - true_point, *at)
+    assert error_m[0] == pytest.approx([30.0, -40.0, 7.0], abs=2e-3)
+    assert np.linalg.norm((point - true_point)[0, :3]) == pytest.approx(50.0, abs=2e-3)
+
+
+def test_a_velocity_moves_a_point_as_far_as_it_says() -> None:
+    rate = rates(np.array([40.0]), np.array([-3.0]), np.array([[3.0, -4.0, np.nan]]))[0]
+    assert np.linalg.norm(rate[:3]) == pytest.approx(5.0)
+    assert rate[3] == 0.0
+    back = along_enu(rate[None], np.array([40.0]), np.array([-3.0]))[0]
+    assert back == pytest.approx([3.0, -4.0, 0.0])
