@@ -11,6 +11,7 @@ from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.scene.fields import frame_at, geodetic
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.feeds.telemetry.receiver import to_json
@@ -33,61 +34,51 @@ DEGREE_DIGITS, METRE_DIGITS = 9, 4  # Digits after the point of places: 0.1 mm
 MOUNT_DIGITS = 4  # Of where mounts point, degrees
 
 
-class SensorDescriber:
-    """Describes the sensors of a scene with their keys as they are at a time."""
-
-    def __init__(self, scene: Scene) -> None:
-        """Raises `PlotfeedError` if the scene's geoid cannot be read."""
-        self._site, self._prefix = scene.scene.site, scene.mqtt.prefix
-        self._sea_level = scene.sea_level()
-
-    def description(self, sensor: Sensor) -> pb.SensorDescription:
-        """What and where a sensor is, what it covers and how it reports; without a time."""
-        here = frame_at(self._site, sensor.position_enu_m)
-        described = pb.SensorDescription(
-            sensor=sensor.id,
-            type=sensor.type,
-            enabled=sensor.enabled,
-            azimuth_reference=pb.SensorDescription.TRUE_NORTH,
-            elevation_reference=pb.SensorDescription.HORIZONTAL_OF_SENSOR,
-            range_kind=RANGE_KINDS[sensor.geometry],
-            scan_kind=sensor.scan.kind,
-            scan_period_s=sensor.scan.period_s,
-            sectors=sensor.scan.sectors,
-            range_max_m=sensor.range_max_m,
-            accuracies=_accuracies(sensor.model(self._site)),
-            outputs=outputs_of(self._prefix, sensor),
-            transmitters=self._transmitters(sensor),
+def description_of(scene: Scene, sea_level: SeaLevel, sensor: Sensor) -> pb.SensorDescription:
+    """What and where a sensor is, what it covers and how it reports; without a time."""
+    site = scene.scene.site
+    here = frame_at(site, sensor.position_enu_m)
+    described = pb.SensorDescription(
+        sensor=sensor.id,
+        type=sensor.type,
+        enabled=sensor.enabled,
+        azimuth_reference=pb.SensorDescription.TRUE_NORTH,
+        elevation_reference=pb.SensorDescription.HORIZONTAL_OF_SENSOR,
+        range_kind=RANGE_KINDS[sensor.geometry],
+        scan_kind=sensor.scan.kind,
+        scan_period_s=sensor.scan.period_s,
+        sectors=sensor.scan.sectors,
+        range_max_m=sensor.range_max_m,
+        accuracies=_accuracies(sensor.model(site)),
+        outputs=outputs_of(scene.mqtt.prefix, sensor),
+        **_place(sea_level, here.latitude_deg, here.longitude_deg, here.height_m),
+    )
+    for channel, transmitter in enumerate(sensor.illuminators):
+        described.transmitters.add(
+            id=transmitter.id,
+            channel=channel,
+            frequency_hz=transmitter.frequency_hz,
+            **_place(sea_level, *geodetic(site, transmitter.place).tolist()),
         )
-        self._put(described, here.latitude_deg, here.longitude_deg, here.height_m)
-        for key, value in limits_of(sensor).items():
-            if value is not None:
-                setattr(described, key, value)
-        if any(REPORT_FORMATS[name].categories for name in sensor.report):
-            described.sac, described.sic = sensor.sac, sensor.sic
-        return described
+    for key, value in limits_of(sensor).items():
+        if value is not None:
+            setattr(described, key, value)
+    if any(REPORT_FORMATS[name].categories for name in sensor.report):
+        described.sac, described.sic = sensor.sac, sensor.sic
+    return described
 
-    def _transmitters(self, sensor: Sensor) -> Iterator[pb.Transmitter]:
-        for channel, transmitter in enumerate(sensor.illuminators):
-            told = pb.Transmitter(
-                id=transmitter.id, channel=channel, frequency_hz=transmitter.frequency_hz
-            )
-            self._put(told, *geodetic(self._site, transmitter.place).tolist())
-            yield told
 
-    def _put(
-        self,
-        told: pb.SensorDescription | pb.Transmitter,
-        latitude_deg: float,
-        longitude_deg: float,
-        height_m: float,
-    ) -> None:
-        """Say where something is."""
-        above_sea_m = height_m - float(self._sea_level.undulation_m(latitude_deg, longitude_deg))
-        told.latitude_deg = round(latitude_deg, DEGREE_DIGITS)
-        told.longitude_deg = round(longitude_deg, DEGREE_DIGITS)
-        told.height_m = round(height_m, METRE_DIGITS)
-        told.altitude_m = round(above_sea_m, METRE_DIGITS)
+def _place(
+    sea_level: SeaLevel, latitude_deg: float, longitude_deg: float, height_m: float
+) -> dict[str, Any]:
+    """Where something is, as descriptions say it."""
+    above_sea_m = height_m - float(sea_level.undulation_m(latitude_deg, longitude_deg))
+    return {
+        "latitude_deg": round(latitude_deg, DEGREE_DIGITS),
+        "longitude_deg": round(longitude_deg, DEGREE_DIGITS),
+        "height_m": round(height_m, METRE_DIGITS),
+        "altitude_m": round(above_sea_m, METRE_DIGITS),
+    }
 
 
 def status_of(description: pb.SensorDescription) -> pb.SensorStatus:

@@ -175,6 +175,8 @@ class AsterixFormat(ABC):
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
+        # As encoders know the sensors, by their index in the scene.
+        self._numbers = numbers_of(sensors)
         self._addresses: dict[int, dict[int, Address]] = {}  # By category, of each sensor
 
     @abstractmethod

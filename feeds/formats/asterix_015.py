@@ -183,7 +183,6 @@ class Asterix205(AsterixFormat):
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         super().__init__(scene, sensors)
-        self._numbers = numbers_of(sensors)
         places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
         self._bearings = BearingEncoder205(
             *sources_of(sensors),

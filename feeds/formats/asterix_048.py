@@ -36,7 +36,6 @@ class Asterix048(AsterixFormat):
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         super().__init__(scene, sensors)
-        self._numbers = numbers_of(sensors)
         self._plots = PlotEncoder048(*sources_of(sensors), max_octets=limits_of(scene, sensors))
         self._sea_level = scene.sea_level()
         places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]

@@ -11,7 +11,6 @@ from plotfeed.feeds.formats import (
     Sensors,
     among,
     limits_of,
-    numbers_of,
     says_how_it_is,
     sources_of,
 )
@@ -30,7 +29,6 @@ class Asterix062(AsterixFormat):
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         super().__init__(scene, sensors)
-        self._numbers = numbers_of(sensors)
         source = sources_of(sensors)
         self._encoder = TrackEncoder062(*source, max_octets=limits_of(scene, sensors))
         self._service = StatusEncoder063(*source)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.engine.sensor_description import (
-    SensorDescriber,
     description_message,
+    description_of,
     mount_status,
     settings_message,
     status_message,
@@ -24,6 +24,7 @@ from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import instants_ns, joined
+from plotfeed.feeds.scene.sea_level import SeaLevel
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.timing.clock import Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -47,7 +48,7 @@ class RunningSensor:
         i: int,
         way_out: Callable[[Sensor, pb.SensorStatus, int], tuple[Outbox, Announcer | None]],
         *,
-        describer: SensorDescriber,
+        sea_level: SeaLevel,
         schedule: Schedule,
         totals: SessionCounters,
         changed: Sequence[Callable[[Sensor], object]],
@@ -58,12 +59,12 @@ class RunningSensor:
         `way_out` is asked once, as of `start_ns`, with how the sensor is should the session die.
         """
         sensor = self.sensor = engine.sensors.sensors[i]  # As it is now
-        self._description = describer.description(sensor)
+        self._description = description_of(engine.scene, sea_level, sensor)
         self._status = status_of(self._description)
         self.outbox, self._announcer = way_out(sensor, status_of(self._description), start_ns)
         self._engine, self._sensors, self._i = engine, engine.sensors, i
         self._prefix = engine.scene.mqtt.prefix
-        self._describer, self._schedule = describer, schedule
+        self._sea_level, self._schedule = sea_level, schedule
         self._totals, self._changed = totals, changed
         self._since_ns = 0  # Since when its keys, and what control asks of them, are so
         self._scan = self._plots = 0  # The last one that was reported, and all so far
@@ -149,7 +150,7 @@ class RunningSensor:
             return
         self.sensor = sensor
         self._status.enabled = sensor.enabled
-        described = self._describer.description(sensor)
+        described = description_of(self._engine.scene, self._sea_level, sensor)
         described.time_utc.CopyFrom(self._description.time_utc)
         if described != self._description:
             described.time_utc.FromNanoseconds(at_utc_ns)

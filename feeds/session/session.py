@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS, MissedScans
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.engine.intake import Input, Intake
-from plotfeed.feeds.engine.sensor_description import SensorDescriber
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.ledger_messages import Kept, ledger_messages
 from plotfeed.feeds.link.outbox import Departure, prepare_all, send_all
@@ -227,13 +226,13 @@ class Session:
         topics += self._mapped.topics if self._mapped else []
         will = self._presence.will(self.start_ns)
         self._outbox = self._outputs.of_session(topics, self._hear, will)
-        describer = SensorDescriber(own)
+        sea_level = own.sea_level()
         self.sensors: Mapping[str, RunningSensor] = {
             sensor.id: RunningSensor(
                 engine,
                 i,
                 self._outputs.of_sensor,
-                describer=describer,
+                sea_level=sea_level,
                 schedule=self._schedule,
                 totals=totals,
                 changed=who_care(observers, "settings"),

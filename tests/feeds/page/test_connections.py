@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.engine.sensor_description import SensorDescriber
+from plotfeed.feeds.engine.sensor_description import description_of
 from plotfeed.feeds.page.scene_outline import connections
 from plotfeed.feeds.scene.scene import example, load
 
@@ -31,9 +31,8 @@ def test_topics_are_those_that_the_sensors_describe() -> None:
     assert told["brokers"] == [
         {"protocol": "MQTT", "url": "mqtt://127.0.0.1:1884", "needs_password": False}
     ]
-    describer = SensorDescriber(scene)
     for sensor in scene.sensor:
-        outputs = [o.topic for o in describer.description(sensor).outputs]
+        outputs = [o.topic for o in description_of(scene, scene.sea_level(), sensor).outputs]
         assert [t["topic"] for t in told["sensors"][sensor.id]["topics"]] == outputs != []
     assert "truth" not in json.dumps(told)
     assert "control" not in json.dumps(told)
