@@ -16,7 +16,6 @@ from datetime import UTC
 from functools import partial
 from hashlib import blake2b
 from itertools import repeat
-from operator import attrgetter
 from pathlib import Path
 
 from plotfeed.feeds.console.printed import say, say_damage, with_progress
@@ -27,7 +26,7 @@ from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
-from plotfeed.replay.files import FORMATS, FileFormat, Recording, format_of_suffix, writer_to
+from plotfeed.replay.files import FORMATS, FileFormat, format_of_suffix, writer_to
 from plotfeed.replay.recorded import (
     PLOT_TABLES,
     SCENE_NAME,
@@ -76,6 +75,11 @@ class WrittenCounts:
         """The first and the last time, as JSON has them."""
         named = {"first_utc": self.first_ns, "last_utc": self.last_ns}
         return {name: None if t_ns is None else iso_utc(t_ns) for name, t_ns in named.items()}
+
+    def say_left_out(self) -> None:
+        """Print how many messages the file does not hold, and why."""
+        for reason, count in self.left_out.items():
+            say(f"  left out {count} messages: {reason}")
 
 
 @dataclass(slots=True)
@@ -138,7 +142,31 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
         raise PlotfeedError(
             f"{target} is not written: nothing of {counts.read} messages would be in it: {why}"
         )
-    (_print_json if settings.as_json else _print)(source, target, recording, form, counts)
+    if settings.as_json:
+        found = {
+            "source": str(source),
+            "from": str(recording.format),
+            "target": str(target),
+            "to": str(form),
+            "messages": counts.messages,
+            "octets": counts.octets,
+            "read": counts.read,
+            **counts.times(),
+            "left_out": dict(counts.left_out),
+            "notes": counts.notes,
+            "damage": [asdict(each) for each in reader.damage],
+        }
+        say(json.dumps(found))
+        return 0
+    say(
+        f"{source} ({recording.format}) to {target} ({form}): {counts.messages} messages, "
+        f"{counts.octets} octets"
+    )
+    counts.say_left_out()
+    for note in counts.notes[:MAX_NOTES]:
+        say(f"  {note}")
+    if len(counts.notes) > MAX_NOTES:
+        say(f"  and {len(counts.notes) - MAX_NOTES} more; --json has all")
     return 0
 
 
@@ -212,43 +240,8 @@ def _chosen(
             counts.left_out[f"of stage {message.stage}; --stage takes them"] += 1
 
 
-def _print(
-    source: Path, target: Path, recording: Recording, form: FileFormat, counts: ConversionCounts
-) -> None:
-    say(
-        f"{source} ({recording.format}) to {target} ({form}): {counts.messages} messages, "
-        f"{counts.octets} octets"
-    )
-    for reason, count in counts.left_out.items():
-        say(f"  left out {count} messages: {reason}")
-    for note in counts.notes[:MAX_NOTES]:
-        say(f"  {note}")
-    if len(counts.notes) > MAX_NOTES:
-        say(f"  and {len(counts.notes) - MAX_NOTES} more; --json has all")
-
-
-def _print_json(
-    source: Path, target: Path, recording: Recording, form: FileFormat, counts: ConversionCounts
-) -> None:
-    found = {
-        "source": str(source),
-        "from": str(recording.format),
-        "target": str(target),
-        "to": str(form),
-        "messages": counts.messages,
-        "octets": counts.octets,
-        "read": counts.read,
-        **counts.times(),
-        "left_out": dict(counts.left_out),
-        "notes": counts.notes,
-        "damage": [asdict(each) for each in recording.reader.damage],
-    }
-    say(json.dumps(found))
-
-
 # Messages that are looked for in other files; the oldest are then forgotten.
 MAX_REMEMBERED = 1_000_000
-_log_time = attrgetter("log_time_ns")
 
 
 @dataclass(slots=True)
@@ -293,10 +286,30 @@ def merge_recordings(
         keep(True)
         for path, log in zip(sources, logs, strict=True):
             say_damage(path, log.damage, all_in="; --json has all")
-        if as_json:
-            _say_json(sources, logs, target, counts)
-        else:
-            _say(sources, target, counts)
+    if as_json:
+        found = {
+            "target": str(target),
+            "messages": counts.messages,
+            "octets": counts.octets,
+            "of": counts.of,
+            "twice": counts.twice,
+            "left_out": dict(counts.left_out),
+            **counts.times(),
+            "damage": {
+                str(path): [asdict(each) for each in log.damage]
+                for path, log in zip(sources, logs, strict=True)
+            },
+        }
+        say(json.dumps(found))
+        return 0
+    say(
+        f"{target}: {counts.messages} messages of {len(sources)} recordings, {counts.octets} octets"
+    )
+    for source, number in counts.of.items():
+        say(f"  {number} of {source}")
+    if counts.twice:
+        say(f"  left out {counts.twice} messages that another recording has")
+    counts.say_left_out()
     return 0
 
 
@@ -329,7 +342,7 @@ def _merged(
     seen: OrderedDict[bytes, tuple[int, dict[int, int]]] = OrderedDict()
     for path in sources:
         counts.of[str(path)] = 0
-    for message, n in heapq.merge(*numbered, key=lambda each: _log_time(each[0])):
+    for message, n in heapq.merge(*numbered, key=lambda each: each[0].log_time_ns):
         counts.of[str(sources[n])] += 1
         # What makes messages the same, whenever they were recorded.
         said = (message.topic, str(message.stage), message.content_type, *message.properties)
@@ -346,34 +359,3 @@ def _merged(
         seen.move_to_end(key)
         if len(seen) > MAX_REMEMBERED:
             seen.popitem(last=False)
-
-
-def _say(sources: Sequence[Path], target: Path, counts: MergeCounts) -> None:
-    say(
-        f"{target}: {counts.messages} messages of {len(sources)} recordings, {counts.octets} octets"
-    )
-    for path, number in counts.of.items():
-        say(f"  {number} of {path}")
-    if counts.twice:
-        say(f"  left out {counts.twice} messages that another recording has")
-    for why, number in counts.left_out.items():
-        say(f"  left out {number} messages: {why}")
-
-
-def _say_json(
-    sources: Sequence[Path], logs: Sequence[RecordingReader], target: Path, counts: MergeCounts
-) -> None:
-    found = {
-        "target": str(target),
-        "messages": counts.messages,
-        "octets": counts.octets,
-        "of": counts.of,
-        "twice": counts.twice,
-        "left_out": dict(counts.left_out),
-        **counts.times(),
-        "damage": {
-            str(path): [asdict(each) for each in log.damage]
-            for path, log in zip(sources, logs, strict=True)
-        },
-    }
-    say(json.dumps(found))

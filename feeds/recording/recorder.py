@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from io import BufferedWriter
 from pathlib import Path
@@ -249,18 +250,15 @@ class RawFile(Observer):
 
 def attachments_of(scene: Scene, now_utc_ns: int) -> Iterator[Attachment]:
     """The scene's text, and the files that it reads, by the names that it knows them by."""
+    attached = partial(Attachment, log_time_ns=now_utc_ns)
     if scene.text:
-        text = scene.text.encode()
-        yield Attachment(
-            name=SCENE_NAME, media_type="application/toml", data=text, log_time_ns=now_utc_ns
-        )
+        data = scene.text.encode()
+        yield attached(name=SCENE_NAME, media_type="application/toml", data=data)
     for name in files_of(scene):
         from plotfeed.feeds.engine.terrain_files import horizons_of
 
         data = horizons_of(scene) if name == HORIZONS else scene.file(name).read_bytes()
-        yield Attachment(
-            name=name, media_type="application/octet-stream", data=data, log_time_ns=now_utc_ns
-        )
+        yield attached(name=name, media_type="application/octet-stream", data=data)
 
 
 def files_of(scene: Scene) -> Iterable[str]:

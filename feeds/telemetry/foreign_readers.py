@@ -43,9 +43,8 @@ class _Markup:
         self._text: list[str] = []
         self._point: list[str | None] = []
         self._track: dict[str, list[str]] = {}
-        self._mark: dict[str, str] | None = (
-            None  # Texts of the placemark that is open, without track
-        )
+        # Texts of the placemark that is open, without track.
+        self._mark: dict[str, str] | None = None
 
     def begin(self, name: str, attributes: dict[str, str]) -> None:
         """An element, with its prefix."""

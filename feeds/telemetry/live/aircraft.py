@@ -124,7 +124,9 @@ class AircraftReports(Listener):
 
         `qnh_hpa` is the pressure at sea level, by which altitudes of pressure become such above it.
         """
-        self._kind, self._template = kind, template
+        by_kind = {"sbs1": self._hear_lines, "beast": self._hear_frames}
+        self._hear = by_kind.get(kind, self._hear_blocks)
+        self._template = template
         # What the pressure altitude 0 is above the sea.
         self._over_sea_m = ((qnh_hpa or STANDARD_HPA) - STANDARD_HPA) * METRES_PER_HPA
         self._aircraft: dict[str, _Aircraft] = {}
@@ -133,12 +135,7 @@ class AircraftReports(Listener):
 
     def hear(self, peer: str, data: bytes, now_utc_ns: int) -> Iterator[HeardReport]:
         """The reports in octets of a receiver."""
-        if self._kind == "sbs1":
-            yield from self._hear_lines(peer, data, now_utc_ns)
-        elif self._kind == "beast":
-            yield from self._hear_frames(peer, data, now_utc_ns)
-        else:
-            yield from self._hear_blocks(peer, data, now_utc_ns)
+        return self._hear(peer, data, now_utc_ns)
 
     def forget(self, peer: str) -> None:
         """Drop the beginning of a line, frame or block."""

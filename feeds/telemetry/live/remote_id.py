@@ -30,9 +30,8 @@ from plotfeed.proto.utc import NS, utc_ns
 HOUR_NS = 3600 * NS
 # A position that would be older, or as far ahead, is of a clock that is off: it is of now.
 OFF_NS = 60 * NS
-MAX_TRANSMITTERS = (
-    1000  # Whose identities are remembered; the one that has been silent longest gives way
-)
+# Whose identities are remembered; the one that has been silent longest gives way.
+MAX_TRANSMITTERS = 1000
 
 
 def report_of(location: OdidLocation, now_utc_ns: int) -> PositionReport:
