@@ -153,7 +153,7 @@ class ErrorSums:
         self._own, self._next = np.zeros((k, 3, 3)), np.zeros((k, 3, 3))
         self._kurtosis = np.zeros(k)
         self._pairs = np.zeros(k, np.int64)
-        self._extra, self._extra_squares, self._extra_fourths = np.zeros((3, k))
+        self._extra_squares, self._extra_fourths = np.zeros((2, k))
         self.count = np.zeros(k, np.int64)
         self.plots = 0
 
@@ -175,7 +175,6 @@ class ErrorSums:
             self.count[i] += of.shape[1]
             if gate is not None:
                 extra = min(false_hits, float(of.shape[1]))
-                self._extra[i] += extra
                 self._extra_squares[i] += extra * (gate[i] ** 2 / 3 - 1)
                 self._extra_fourths[i] += extra * gate[i] ** 4 / 5
         self.plots += len(r)

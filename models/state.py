@@ -7,8 +7,9 @@ int64 nanoseconds of UTC since 1970, drones an index into the session's list of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -118,6 +119,13 @@ class Emitter:
     identity: str = ""
 
 
+def endless(value: object, dtype: type) -> NDArray[Any]:
+    """A column of the same throughout, as long as anybody asks for: it takes no memory."""
+    one: NDArray[Any] = np.empty((), dtype)
+    one[()] = value
+    return np.broadcast_to(one, 1 << 40)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signature:
     """What there is of a drone to sense; NaN where it is not known."""
@@ -138,14 +146,14 @@ class Signature:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signatures:
-    """Signatures of all drones, by index: columns (n,); what is None is as `Signature` has it."""
+    """Signatures of all drones, by index: columns (n,), or longer; as `Signature` has it if not."""
 
     rcs_m2: Floats
     sound_power_db: Floats
     emitters: Sequence[tuple[Emitter, ...]]
-    size_m: Floats | None = None
-    target_class: Texts | None = None
-    model: Texts | None = None
+    size_m: Floats = field(default_factory=partial(endless, np.nan, np.float64))
+    target_class: Texts = field(default_factory=partial(endless, DRONE, np.object_))
+    model: Texts = field(default_factory=partial(endless, "", np.object_))
     echoes: Any = None
     """`TargetEchoes`, or None where no drone states any."""
 
@@ -161,20 +169,6 @@ class Signatures:
             model=np.array([signature.model], np.object_),
             echoes=signature.echoes,
         )
-
-    def size_m_of(self, drone: Ints) -> Floats:
-        """Sizes of drones; (m,)."""
-        return np.full(len(drone), np.nan) if self.size_m is None else self.size_m[drone]
-
-    def target_class_of(self, drone: Ints) -> Texts:
-        """Classes of those drones; (m,)."""
-        if self.target_class is None:
-            return np.full(len(drone), DRONE, np.object_)
-        return self.target_class[drone]
-
-    def model_of(self, drone: Ints) -> Texts:
-        """Models of those drones; (m,)."""
-        return np.full(len(drone), "", np.object_) if self.model is None else self.model[drone]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,13 +287,6 @@ class Plots(Columns):
         if len(self) < 2 or (t_utc_ns[1:] >= t_utc_ns[:-1]).all():
             return self
         return self.rows(np.argsort(t_utc_ns, kind="stable"))
-
-
-def endless(value: object, dtype: type) -> NDArray[Any]:
-    """A column of the same throughout, as long as anybody asks for: it takes no memory."""
-    one: NDArray[Any] = np.empty((), dtype)
-    one[()] = value
-    return np.broadcast_to(one, 1 << 40)
 
 
 UNDECIDED = endless(False, np.bool_)  # Whether looks are detected, which is not known yet

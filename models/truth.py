@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
 from plotfeed.models.state import (
-    DRONE,
     NS,
     OTHER,
     Bools,
@@ -147,12 +146,7 @@ class EmitterTable(UserList[tuple[Emitter, ...]]):
         self._first[drone], self._count[drone], self._used = start, len(emitters), end
 
 
-# Columns of signatures, and what stands in those that are not given.
-NOT_GIVEN: dict[str, float | str] = {
-    **dict.fromkeys(("rcs_m2", "sound_power_db", "size_m"), np.nan),
-    "target_class": DRONE,
-    "model": "",
-}
+COLUMNS = ("rcs_m2", "sound_power_db", "size_m", "target_class", "model")
 
 
 class KnownSignatures:
@@ -162,10 +156,8 @@ class KnownSignatures:
         """`tells_echoes` where echoes of some drone may be stated."""
         self._echoes: list[TargetEcho | None] | None = [] if tells_echoes else None
         self._echo_columns: TargetEchoes | None = None
-        self._columns: dict[str, NDArray[Any]] = {
-            name: np.zeros(0, np.object_ if isinstance(value, str) else np.float64)
-            for name, value in NOT_GIVEN.items()
-        }
+        of_nobody = Signatures(rcs_m2=np.zeros(0), sound_power_db=np.zeros(0), emitters=())
+        self._columns: dict[str, NDArray[Any]] = {n: getattr(of_nobody, n)[:0] for n in COLUMNS}
         self._emitters = EmitterTable()
 
     def add_row(self) -> None:
@@ -195,8 +187,7 @@ class KnownSignatures:
     def put(self, rows: Ints, signatures: Signatures) -> None:
         """Put those of drones in their rows; (m,) each."""
         for name, column in self._columns.items():
-            given = getattr(signatures, name)
-            column[rows] = NOT_GIVEN[name] if given is None else given
+            column[rows] = getattr(signatures, name)[: len(rows)]
         known, echoes = self._echoes, signatures.echoes
         for i, row in enumerate(() if known is None else rows.tolist()):
             from plotfeed.models.effects.target_echoes import NOT_STATED

@@ -393,7 +393,7 @@ def each_its_own(signatures: Signatures, drone: Ints) -> Signatures:
         rcs_m2=signatures.rcs_m2[drone],
         sound_power_db=signatures.sound_power_db[drone],
         emitters=[emitters[i] for i in drone.tolist()],
-        size_m=signatures.size_m_of(drone),
+        size_m=signatures.size_m[drone],
         echoes=None if signatures.echoes is None else signatures.echoes.rows(drone),
     )
 
@@ -402,7 +402,7 @@ def not_emitted(sensor: Sensor, signatures: Signatures, drone: int = 0) -> str:
     """What a drone lacks of what such a sensor senses, as a verb; empty if it lacks nothing."""
     if sensor.sapient_type == "ACOUSTIC" and np.isnan(signatures.sound_power_db[drone]):
         return "makes no known sound"
-    if sensor.sapient_type == "CAMERA" and np.isnan(signatures.size_m_of(np.array([drone]))[0]):
+    if sensor.sapient_type == "CAMERA" and np.isnan(signatures.size_m[drone]):
         return "is of unknown size"
     if sensor.band_hz is None:
         return "has no known cross-section" * bool(

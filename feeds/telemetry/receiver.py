@@ -181,7 +181,7 @@ class TelemetryReceiver:
         t, latitude, longitude, altitude, references, velocity, *others = columns
         horizontal, vertical, _, rcs, sound, size, emitters, said = others
         rcs_m2, sound_power_db, size_m = np.array(rcs), np.array(sound), np.array(size)
-        classes = [name or DRONE for name in said] if any(said) else None
+        classes = [name or DRONE for name in said]
         self._trajectories.add_samples(
             names,
             np.array(t, np.int64),
@@ -197,8 +197,8 @@ class TelemetryReceiver:
                 ),
                 emitters=emitters,
                 size_m=np.where(np.isnan(size_m), self._size_m, size_m),
-                target_class=None if classes is None else np.array(classes, np.object_),
-                echoes=self._echoes and self._echoes.of(classes or [DRONE] * len(rows)),
+                target_class=np.array(classes, np.object_),
+                echoes=self._echoes and self._echoes.of(classes),
             ),
             starts=starts,
         )

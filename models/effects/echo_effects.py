@@ -7,7 +7,6 @@ are along the sensor's own axes. A Gaussian beam of width B at 3 dB loses 12.04 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -38,16 +37,8 @@ def cosecant_peak_loss_db(from_deg: ArrayLike, to_deg: ArrayLike) -> Floats:
     return as_floats(10 * np.log10(2 - spread))
 
 
-class BeamCut(ABC):
-    """The gain over one angle, azimuth or elevation."""
-
-    @abstractmethod
-    def loss_db(self, angle_deg: Floats) -> Floats:
-        """Loss below the peak, dB, one way; (n,)."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GaussianCut(BeamCut):
+class GaussianCut:
     """A beam, or several of one width side by side, of which the nearest counts.
 
     They are centred on the boresight, and close the circle if there are enough of them.
@@ -71,7 +62,7 @@ class GaussianCut(BeamCut):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CosecantSquaredCut(BeamCut):
+class CosecantSquaredCut:
     """A beam that makes a target of one height as strong at any range, between two elevations.
 
     Beyond them the gain falls off like a Gaussian beam that is at its middle there.
@@ -90,7 +81,7 @@ class CosecantSquaredCut(BeamCut):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TableCut(BeamCut):
+class TableCut:
     """Gains at angles off the boresight, which rise; linear in dB between, and as at the ends."""
 
     angles_deg: tuple[float, ...]
@@ -101,6 +92,19 @@ class TableCut(BeamCut):
         """Loss below 0 dB of the table."""
         off_deg = wrap_180(angle_deg - self.boresight_deg)
         return np.asarray(-np.interp(off_deg, self.angles_deg, self.gains_db))
+
+
+@dataclass(frozen=True, slots=True)
+class OffBeam:
+    """Directions that a beam does not point at: it has nothing there but its side lobes."""
+
+    def loss_db(self, angle_deg: Floats) -> Floats:
+        """Loss without bounds, of which a pattern leaves its side lobes."""
+        return np.full(len(angle_deg), np.inf)
+
+
+# The gain over one angle, azimuth or elevation.
+BeamCut = GaussianCut | CosecantSquaredCut | TableCut | OffBeam
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,15 +123,6 @@ class Pattern:
         if self.elevation is not None:
             loss_db += self.elevation.loss_db(elevation_deg)
         return np.asarray(10 ** (-np.minimum(loss_db, self.sidelobe_db) / 10))
-
-
-@dataclass(frozen=True, slots=True)
-class OffBeam(BeamCut):
-    """Directions that a beam does not point at: it has nothing there but its side lobes."""
-
-    def loss_db(self, angle_deg: Floats) -> Floats:
-        """Loss without bounds, of which a pattern leaves its side lobes."""
-        return np.full(len(angle_deg), np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,6 @@ that does not fluctuate.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,16 +26,8 @@ NEPERS_A_DB = float(np.log(10) / 10)
 NOT_STATED = -1
 
 
-class Aspect(ABC):
-    """Cross-section over its stated mean by the side from which a target is seen."""
-
-    @abstractmethod
-    def gain_db(self, aspect_deg: Floats) -> Floats:
-        """Decibels at aspects, clockwise from the nose, seen from above; (...)."""
-
-
 @dataclass(frozen=True, slots=True)
-class LobedAspect(Aspect):
+class LobedAspect:
     """Four lobes, A cos 4a in dB, as of a quadcopter with square arms; the mean power is kept."""
 
     depth_db: float
@@ -49,7 +40,7 @@ class LobedAspect(Aspect):
 
 
 @dataclass(frozen=True, slots=True)
-class AspectTable(Aspect):
+class AspectTable:
     """Gains at aspects from 0 to 360, as they were measured; linear in dB all around."""
 
     angles_deg: tuple[float, ...]
@@ -58,6 +49,11 @@ class AspectTable(Aspect):
     def gain_db(self, aspect_deg: Floats) -> Floats:
         """Gains of the table, as they are."""
         return np.asarray(np.interp(aspect_deg, self.angles_deg, self.gains_db, period=360.0))
+
+
+# Cross-section over its stated mean by the side from which a target is seen: decibels at aspects,
+# clockwise from the nose, seen from above.
+Aspect = LobedAspect | AspectTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

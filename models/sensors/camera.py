@@ -225,7 +225,7 @@ class Camera(CellSensor):
         """
         drawn, right = rng.random((len(drone),)), self.class_probability
         known = np.array([*self.classes, UNRECOGNISED], np.object_)
-        of_drone = targets.signatures.target_class_of(drone)
+        of_drone = targets.signatures.target_class[drone]
         is_class = of_drone[:, None] == known[None, :-1]
         knows, true_class = is_class.any(axis=1), is_class.argmax(axis=1)
         others = max(len(self.classes) - 1, 1)
@@ -234,7 +234,7 @@ class Camera(CellSensor):
         claimed = (true_class + step) % max(len(self.classes), 2)
         recognised = (tasks_done >= 1) & knows
         kind: Texts = known[np.where(recognised, claimed, -1)]
-        model = targets.signatures.model_of(drone)
+        model = targets.signatures.model[drone]
         named = recognised & (tasks_done == 2) & (step == 0) & (model != "")
         told = kind != UNRECOGNISED
         return {

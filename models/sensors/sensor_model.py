@@ -275,7 +275,7 @@ class Targets:
 
     def size_m(self) -> Floats:
         """Sizes across; (n,)."""
-        return self.signatures.size_m_of(self.drone)
+        return self.signatures.size_m[self.drone]
 
     def looks(
         self,
@@ -313,7 +313,7 @@ class Targets:
         if classifier is None:
             return {}
         drawn = None if self.claims is None else self.claims.of(looks)
-        return classifier.columns(self.signatures.target_class_of(looks.drone), rng, drawn)
+        return classifier.columns(self.signatures.target_class[looks.drone], rng, drawn)
 
     def true_places_enu_m(self, *rows: NDArray[Any] | slice) -> Floats:
         """Where drones truly are: these rows, of them these; (m, 3)."""

@@ -224,8 +224,8 @@ def test_a_class_and_a_size_that_are_reported_are_those_of_the_drone(scene: Scen
     assert receiver.take("t/telemetry/own", report(-0.1), PROTOBUF, NOW) is None
     signatures = trajectories.signatures
     rows = np.array([list(trajectories.names).index(name) for name in ("airliner", "own")])
-    assert signatures.target_class_of(rows).tolist() == ["aircraft", "drone"]
-    assert signatures.size_m_of(rows).tolist() == [35.8, scene.telemetry.size_m]
+    assert signatures.target_class[rows].tolist() == ["aircraft", "drone"]
+    assert signatures.size_m[rows].tolist() == [35.8, scene.telemetry.size_m]
     assert signatures.rcs_m2[rows].tolist() == [20.0, scene.telemetry.rcs_m2]
 
 
