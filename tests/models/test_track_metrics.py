@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
+from scipy.signal import lfilter
+from support.significance import assert_chance
 
 from plotfeed.models import track_metrics
 from plotfeed.models.frames import LocalFrame
@@ -14,17 +17,26 @@ from plotfeed.models.track_metrics import (
     Grid,
     GridRows,
     Level,
+    Segments,
+    TrackHolder,
     TrackReports,
     along_enu,
     covered_at,
+    followed,
+    lag_parts,
+    nees,
     on_grid,
     ospa2_m,
     rates,
     rates_by_differences,
+    segments_of,
     set_score,
     stays_of,
+    survival_quantile,
+    swaps_of,
     t_gospa,
 )
+from plotfeed.models.verdicts import FigureSamples
 
 
 def distances(truth: list[float], tracks: list[float]) -> np.ndarray:
@@ -389,3 +401,196 @@ def test_a_velocity_moves_a_point_as_far_as_it_says() -> None:
     assert rate[3] == 0.0
     back = along_enu(rate[None], np.array([40.0]), np.array([-3.0]))[0]
     assert back == pytest.approx([3.0, -4.0, 0.0])
+
+
+def held(apart: np.ndarray, confirm: int = 2, end: int = 3) -> set[tuple[int, int, int]]:
+    """Step, drone and track of all that is held, of distances (steps, drones, tracks)."""
+    steps, drones, tracks = apart.shape
+    holder = TrackHolder(drones, tracks, 10.0, confirm_steps=confirm, end_steps=end)
+    found = set()
+    for k in range(steps):
+        of, whose, since = holder.step(k, np.arange(drones), np.arange(tracks), apart[k])
+        for track, drone, first in zip(of, whose, since, strict=True):
+            found |= {(step, int(drone), int(track)) for step in range(first, k + 1)}
+    return found
+
+
+def test_a_track_counts_from_its_first_step_once_a_second_confirms_it() -> None:
+    apart = np.full((4, 1, 1), 1.0)
+    apart[0] = 50.0
+    assert held(apart) == {(1, 0, 0), (2, 0, 0), (3, 0, 0)}
+    apart[2:] = 50.0
+    assert held(apart) == set()
+
+
+def test_a_crossing_is_no_swap_and_parting_is_one() -> None:
+    """Two drones cross within the gate; then the tracks fly on with the other drone each."""
+    along = np.linspace(-40, 40, 21)
+    drones = np.stack([along, -along], axis=1)
+    crossing = np.abs(drones[:, :, None] - drones[:, None, :])
+    rows = held(crossing)
+    assert rows == {(k, d, d) for k in range(21) for d in range(2)}
+    exchanged = np.where(along[:, None] < 0, drones, drones[:, ::-1])
+    rows = held(np.abs(drones[:, :, None] - exchanged[:, None, :]))
+    step, drone, track = np.array(sorted(rows)).T
+    assert swaps_of(segments_of(track, drone, step, 3)) == 2
+
+
+def test_out_of_the_gate_for_two_steps_is_still_the_same() -> None:
+    apart = np.full((10, 1, 1), 1.0)
+    apart[3:5] = 50.0
+    rows = np.array(sorted(held(apart)))
+    assert len(segments_of(rows[:, 2], rows[:, 1], rows[:, 0], 3)) == 1
+    apart[3:7] = 50.0
+    rows = np.array(sorted(held(apart)))
+    parts = segments_of(rows[:, 2], rows[:, 1], rows[:, 0], 3)
+    assert parts.first.tolist() == [0, 7]
+    assert parts.last.tolist() == [2, 9]
+
+
+def test_a_track_that_is_near_another_drone_for_two_steps_stays_whose_it_was() -> None:
+    apart = np.full((12, 2, 1), 50.0)
+    apart[:, 0] = 1.0
+    apart[5:7] = np.array([[50.0], [1.0]])
+    assert {drone for _, drone, _ in held(apart)} == {0}
+    apart[5:] = np.array([[50.0], [1.0]])
+    assert {(k, drone) for k, drone, _ in held(apart) if k >= 5} == {(k, 1) for k in range(7, 12)}
+
+
+def test_two_tracks_may_be_of_one_drone() -> None:
+    assert held(np.full((3, 1, 2), 1.0)) == {(k, 0, j) for k in range(3) for j in range(2)}
+
+
+def segments(*rows: tuple[int, int, int]) -> Segments:
+    track, first, last = (np.array(column) for column in zip(*rows, strict=True))
+    return Segments(track=track, drone=np.zeros(len(rows), np.int64), first=first, last=last)
+
+
+THERE = np.arange(20)
+
+
+@pytest.mark.parametrize(
+    ("rows", "changes", "breaks", "longest"),
+    [
+        ([(1, 0, 19)], 0, 0, 20),
+        ([(1, 0, 9), (2, 10, 19)], 1, 0, 10),
+        ([(1, 0, 9), (1, 15, 19)], 0, 1, 10),
+        ([(1, 0, 9), (2, 5, 19)], 1, 0, 15),
+        ([(1, 0, 12), (2, 3, 8), (3, 10, 19)], 1, 0, 13),
+        ([(1, 2, 5), (2, 2, 19)], 0, 0, 18),
+        ([(1, 0, 3), (2, 6, 9), (3, 12, 19)], 2, 2, 8),
+    ],
+)
+def test_the_fewest_tracks_that_follow_a_drone(
+    rows: list[tuple[int, int, int]], changes: int, breaks: int, longest: int
+) -> None:
+    found = followed(segments(*rows), THERE)
+    assert (found.number_changes, found.breaks, found.longest_steps) == (changes, breaks, longest)
+
+
+def test_while_a_drone_is_not_there_no_track_of_it_is_broken() -> None:
+    there = np.concatenate([np.arange(8), np.arange(15, 20)])
+    assert followed(segments((1, 0, 7), (2, 15, 19)), there).breaks == 0
+    assert followed(segments((1, 0, 6), (2, 15, 19)), there).breaks == 1
+
+
+def test_a_drone_without_tracks_has_none() -> None:
+    found = followed(Segments(**{n: np.zeros(0, np.int64) for n in
+                                 ("track", "drone", "first", "last")}), THERE)  # fmt: skip
+    assert (found.tracks, found.first_step, found.longest_steps) == (0, -1, 0)
+
+
+N = 4000
+
+
+def drawn_errors(dimensions: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of covariances of their own."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(N, dimensions, dimensions)) + 2 * np.eye(dimensions)
+    covariance = root @ root.transpose(0, 2, 1)
+    return (root @ rng.normal(size=(N, dimensions, 1)))[:, :, 0], covariance
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_nees_of_honest_errors_has_a_chi_squared_law(dimensions: int) -> None:
+    values = nees(*drawn_errors(dimensions))
+    assert_chance(float(stats.kstest(values, stats.chi2(dimensions).cdf).pvalue), "NEES")
+    one = np.zeros(N, np.int64)
+    found = FigureSamples(values, np.full(N, float(dimensions)), one).interval(1e-4)
+    assert found.low < 1.0 < found.high
+
+
+def test_nees_is_nan_where_a_covariance_is_none() -> None:
+    covariance = np.array([[[1.0, 2.0], [2.0, 1.0]], [[np.nan, 0], [0, 1.0]], np.eye(2)])
+    values = nees(np.ones((3, 2)), covariance)
+    assert np.isnan(values[:2]).all()
+    assert values[2] == pytest.approx(2.0)
+
+
+def correlated(rng: np.random.Generator, shape: tuple[int, ...], along: float) -> np.ndarray:
+    """Normal numbers whose first axis is time, with that correlation from one to the next."""
+    drawn_errors, own = rng.standard_normal(shape), (1 - along**2) ** 0.5
+    drawn_errors[0] /= own
+    return np.asarray(lfilter([own], [1.0, -along], drawn_errors, axis=0))
+
+
+RUNS, STEPS = 300, 300
+
+
+@pytest.mark.parametrize("along", [0.0, 0.8, 0.95])
+def test_lag_lies_within_its_interval_however_errors_hang_together(along: float) -> None:
+    """|z| > 1.96 in 5 of 100, and at most in 8 where few samples are left of 0.95."""
+    rng, outside = np.random.default_rng(1), 0
+    one = np.zeros(STEPS, np.int64)
+    for _ in range(RUNS):
+        course = np.cumsum(rng.normal(0.0, 0.3, STEPS))
+        velocity = 12.0 * np.stack([np.sin(course), np.cos(course)], axis=-1)
+        errors = -0.3 * velocity + 8.0 * correlated(rng, (STEPS, 2), along)
+        found = FigureSamples(*lag_parts(errors, velocity), one).interval()
+        outside += not found.low <= 0.3 <= found.high
+    assert outside <= stats.binom.ppf(1 - 1e-4, RUNS, 0.05)
+
+
+@pytest.mark.parametrize("along", [0.0, 0.8, 0.95])
+def test_nees_of_the_honest_holds_one_in_its_interval(along: float) -> None:
+    rng, outside = np.random.default_rng(2), 0
+    series = np.repeat(np.arange(5), STEPS)
+    for _ in range(RUNS):
+        errors = correlated(rng, (STEPS, 5, 2), along)
+        values = (errors**2).sum(axis=2).T.ravel()
+        found = FigureSamples(values, np.full(len(values), 2.0), series).interval()
+        outside += not found.low <= 1.0 <= found.high
+    assert outside <= stats.binom.ppf(1 - 1e-4, RUNS, 0.07)
+
+
+def test_an_error_of_azimuth_is_no_lag() -> None:
+    """One degree at 2 km, flown around: 35 m across, which is 0.48 s alone."""
+    rng = np.random.default_rng(1)
+    angle = np.linspace(0.0, 2.0, 200)
+    place = 2000.0 * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+    place[:, 1] += np.linspace(0, 900, 200)
+    velocity = np.gradient(place, axis=0)
+    turn = np.stack([place[:, 1], -place[:, 0]], axis=-1)
+    errors = np.radians(1.0) * turn + rng.standard_normal((200, 2))
+    one = np.zeros(200, np.int64)
+    alone = FigureSamples(*lag_parts(errors, velocity), one).interval()
+    beside = FigureSamples(*lag_parts(errors, velocity, None, turn[:, :, None]), one).interval()
+    assert abs(alone.value) > 0.5
+    assert beside.low < 0.0 < beside.high
+    assert abs(beside.value) < 0.1
+
+
+def test_hovering_has_no_lag() -> None:
+    for n, velocity in ((5, 0.0), (0, 1.0)):
+        parts, wholes = lag_parts(np.ones((n, 2)), np.full((n, 2), velocity))
+        assert np.isnan(FigureSamples(parts, wholes, np.zeros(n, np.int64)).value)
+
+
+def test_those_who_never_did_are_in_the_median() -> None:
+    """Kaplan and Meier by hand: 1/4 by 2, then (3/4)(1/2) left after 5, below a half."""
+    values, seen = np.array([2.0, 3.0, 5.0, 9.0]), np.array([True, False, True, False])
+    assert survival_quantile(values, seen) == 5.0
+    assert survival_quantile(values, seen, 0.2) == 2.0
+    assert survival_quantile(values, np.zeros(4, np.bool_)) == float("inf")
+    assert survival_quantile(values, np.ones(4, np.bool_)) == 3.0
+    assert np.isnan(survival_quantile(values[:0], seen[:0]))
