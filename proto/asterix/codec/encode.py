@@ -532,6 +532,11 @@ class Reports:
         records_a_block(everything.record_length, min(self._max_octets))
         records_a_block(everything.record_length, max(self._max_octets))
 
+    def blocks(self, columns: Mapping[str, ArrayLike]) -> list[bytes]:
+        """Data blocks of the rows of columns by path, in their order, all of the one source."""
+        rows = len(np.asarray(next(iter(columns.values()))))
+        return self.blocks_by(columns, Parts.whole(rows))[0]
+
     def blocks_by(self, columns: Mapping[str, ArrayLike], parts: Parts) -> list[list[bytes]]:
         """Data blocks of each part of the rows of columns by path, in their order."""
         encoder = self._encoder_for(columns)
