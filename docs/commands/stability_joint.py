@@ -7,7 +7,7 @@ import numpy as np
 from stability_case import Case, relative
 
 from plotfeed.models.joined_sets import covariance
-from plotfeed.models.sensors.acoustic_pair import crossing
+from plotfeed.models.sensors.acoustic import crossing
 
 
 def parallel_bearings() -> Case:

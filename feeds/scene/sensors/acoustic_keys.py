@@ -30,8 +30,7 @@ from plotfeed.models.effects.microphone_layout import MicrophoneLayout
 from plotfeed.models.effects.weather import wind_noise_db
 from plotfeed.models.frames import wrap_360
 from plotfeed.models.propagation import sound_absorption_db_per_m, speed_of_sound_m_s
-from plotfeed.models.sensors.acoustic import MicrophoneArray
-from plotfeed.models.sensors.acoustic_pair import AcousticPair
+from plotfeed.models.sensors.acoustic import AcousticPair, MicrophoneArray
 
 SHORTEST_BASELINE = 0.05  # Of the furthest that two arrays hear, for bearings to cross
 FEWEST_IN_A_LAYOUT = 3

@@ -14,7 +14,7 @@ from support.microphones import SECTION_4, sounding
 
 from plotfeed.models.effects.readings import own_axes
 from plotfeed.models.frames import aer_to_enu, enu_to_aer
-from plotfeed.models.sensors.acoustic_pair import AcousticPair, crossing
+from plotfeed.models.sensors.acoustic import AcousticPair, crossing
 from plotfeed.models.state import FALSE_ALARM, NS
 
 ARRAY = replace(SECTION_4, sensitivity_db=0.0, azimuth_floor_deg=1.0)
