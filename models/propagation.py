@@ -143,22 +143,13 @@ def bistatic_range(target_enu_m: ArrayLike, transmitter_enu_m: ArrayLike) -> Flo
 @nan_without_warnings
 def range_from_bistatic(
     bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
-) -> Floats:
+) -> tuple[Floats, Floats, Floats]:
     """Distance from the receiver, metres, of a bistatic range and the angle to the baseline.
 
-    The angle is that at the receiver between target and transmitter, in space (eqs 33 to 35,
-    right form). NaN on the baseline between the two, where every point has bistatic range 0.
-    """
-    return range_from_bistatic_with_slopes(bistatic_range_m, baseline_m, angle_deg)[0]
-
-
-@nan_without_warnings
-def range_from_bistatic_with_slopes(
-    bistatic_range_m: ArrayLike, baseline_m: ArrayLike, angle_deg: ArrayLike
-) -> tuple[Floats, Floats, Floats]:
-    """`range_from_bistatic`, its change with the bistatic range, and with the angle, metres/radian.
-
-    What errors of the measured pair are multiplied by; infinite on the baseline.
+    With its change with the bistatic range, and with the angle, metres/radian, by which errors of
+    the measured pair are multiplied; infinite on the baseline. The angle is that at the receiver
+    between target and transmitter, in space (eqs 33 to 35, right form). The distance is NaN on the
+    baseline between the two, where every point has bistatic range 0.
     """
     excess, baseline = as_floats(bistatic_range_m), as_floats(baseline_m)
     half_rad = np.radians(as_floats(angle_deg)) / 2

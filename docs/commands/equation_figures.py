@@ -192,7 +192,7 @@ def passive() -> None:
         print(f"eqs 32 to 35: {angle_deg} degrees from the transmitter, 3 km away: bistatic range "
               f"{excess_m:.1f} m, a metre of it is {slopes:.3g} m of range")  # fmt: skip
     excess_m = geometry(90, 3000.0)[0]
-    by_print = propagation.range_from_bistatic(excess_m, 20_000.0, 45.0)
+    by_print = propagation.range_from_bistatic(excess_m, 20_000.0, 45.0)[0]
     print(f"eqs 34, 35: transmitter taken as due east, it is 90 degrees from the drone: "
           f"{float(by_print) / 1000:.2f} km, not 3.00")  # fmt: skip
     for angle_deg in (90, 45, 10):
@@ -209,7 +209,7 @@ def geometry(angle_deg: float, range_m: float) -> tuple[float, float]:
     """Bistatic range of a place at that angle from a transmitter 20 km away, and dR_rx/dR."""
     transmitter, place = _at(0.0, 0.0, 20_000.0), _at(angle_deg, 0.0, range_m)
     excess_m = propagation.bistatic_range(place, transmitter)
-    _, slope, _ = propagation.range_from_bistatic_with_slopes(excess_m, 20_000.0, angle_deg)
+    _, slope, _ = propagation.range_from_bistatic(excess_m, 20_000.0, angle_deg)
     return float(excess_m), float(slope)
 
 

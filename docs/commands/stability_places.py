@@ -65,7 +65,7 @@ def inversion() -> Case:
     detour_m = float(exact_detour_m(ALONG_M, 1e-5))
     angle_rad = math.atan2(1e-5, ALONG_M)
     exact = mp.hypot(mp.mpf(ALONG_M), mp.mpf(1e-5))
-    ours = propagation.range_from_bistatic(detour_m, BASELINE_M, math.degrees(angle_rad))
+    ours = propagation.range_from_bistatic(detour_m, BASELINE_M, math.degrees(angle_rad))[0]
     return Case(
         where="distance from the bistatic range, 0.01 mm off",
         plain_form="1 − cos β",

@@ -1,5 +1,5 @@
 """The sensors of the paper, on what they share.
 
-That is `sensor_model`, for all, and `echo_radar` and `polar_radar`, for radars. A new sensor is a
+That is `sensor_model`, for all, and `polar_radar`, for radars. A new sensor is a
 `SensorModel`, or a `CellSensor` where resolution cells alarm.
 """

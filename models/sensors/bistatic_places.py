@@ -87,7 +87,7 @@ def flat_solution(
     towards = transmitter_enu_m / baseline_m[..., None]
     angle_rad = 2 * np.arctan2(distance_m(outwards - towards), distance_m(outwards + towards))
     measured = np.where(bistatic_range_m > 0, bistatic_range_m, np.nan)
-    range_m, by_range, by_angle = propagation.range_from_bistatic_with_slopes(
+    range_m, by_range, by_angle = propagation.range_from_bistatic(
         measured, baseline_m, np.degrees(angle_rad)
     )
     # The angle to the baseline turns with the azimuth, the less the higher the transmitter is.
