@@ -170,7 +170,7 @@ def many_looks() -> Case:
         plain=relative(plain, exact),
         cure="the regularised gamma function",
         ours=relative(special_pd(snr, pfa, looks), exact),
-        test="models/test_energy.py::test_pd_and_miss_keep_their_digits_for_many_samples",
+        test="models/test_detection.py::test_pd_and_miss_keep_their_digits_for_many_samples",
     )
 
 

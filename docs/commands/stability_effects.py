@@ -206,7 +206,7 @@ def hardly_any_alarm() -> Case:
         plain=relative(1 - (1 - pfa) ** cells, exact),
         cure="−expm1(n log1p(−Pfa))",
         ours=relative(probability_at_least_one(cells, pfa), exact),
-        test="models/test_false_alarms.py::test_almost_never_is_not_never",
+        test="models/test_detection.py::test_almost_never_is_not_never",
     )
 
 

@@ -140,7 +140,7 @@ def spiky() -> Case:
         plain=relative(plain, exact),
         cure="logarithms, and the scaled Bessel function",
         ours=relative(k_exceedance(threshold, order), exact),
-        test="models/test_clutter.py::"
+        test="models/test_movers.py::"
         "test_of_a_high_order_it_is_noise_and_of_any_it_is_a_probability",
     )
 

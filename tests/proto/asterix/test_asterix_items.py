@@ -5,20 +5,23 @@ Category 129 is in no library: its records are worked by hand, octet by octet.
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 from support.asterix_rule import record_by_rule
+from support.asterix_table import table
 
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat062 import CAT062, CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import FURTHER, OFTEN, Block, Value, decode, records_in
-from plotfeed.proto.asterix.codec.layout import Category
+from plotfeed.proto.asterix.codec.layout import Category, Group, Raw, Spare, category
 from plotfeed.proto.errors import DecodeError
 
 VECTORS = json.loads((Path(__file__).parent / "vectors" / "items.json").read_text())
@@ -157,3 +160,41 @@ def test_what_comes_often_and_is_cut_off_says_the_same(vector: dict[str, Any]) -
             record_by_rule(category, body[:length])
         with pytest.raises(DecodeError, match=re.escape(str(expected.value))):
             list(records_in(Block(block[0], body[:length], 0), AS_LIBASTERIX))
+
+
+@pytest.mark.parametrize("layout", CATEGORIES.values(), ids=lambda layout: f"{layout.number:03d}")
+def test_a_layout_writes_the_table_from_which_it_was_read(layout: Category) -> None:
+    """With the octets of every item, which the table states beside its parts."""
+    # A radar's two categories are one file, and those of tracks.
+    place = {34: 48, 63: 62}.get(layout.number, layout.number)
+    module = import_module(f"plotfeed.proto.asterix.cat{place:03d}")
+    assert table(layout) in inspect.getsource(module)
+
+
+def test_a_row_stands_in_for_that_of_another_edition() -> None:
+    first = category(1, "1 I001/010 1 A 8\n2 I001/020 1 B 8")
+    second = category(1, "2 I001/020 1 B ±8: 1/4 m", base=first)
+    assert second.uap[0] == first.uap[0]
+    assert table(second).splitlines()[2].split() == ["2", "I001/020", "1", "B", "±8:", "1/4", "m"]
+
+
+@pytest.mark.parametrize("parts", ["A 8 9", "A ±8: 1 m often", "A 8;B 8", ""])
+def test_what_is_not_in_the_notation_is_refused(parts: str) -> None:
+    with pytest.raises(ValueError, match="no part"):
+        category(1, f"1    I001/010  1       {parts}.")
+
+
+@pytest.mark.parametrize("row", ["I001/020 1 B 8", "2 I001/020 B", "2 I001 1 B 8"])
+def test_a_row_that_is_none_is_refused(row: str) -> None:
+    with pytest.raises(ValueError, match="no row"):
+        category(1, f"1 I001/010 1 A 8\n{row}")
+
+
+def test_parts_must_fill_octets() -> None:
+    with pytest.raises(ValueError, match="9 bits"):
+        Group((Raw("A", 8), Spare(1)))
+
+
+def test_a_part_knows_its_place() -> None:
+    group = Group((Spare(2), Raw("A", 3), Raw("B", 2)), fx=True)
+    assert [(part.name, right) for part, right in group.fields] == [("A", 3), ("B", 1)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from support.recordings import MS, SCENE, START_NS, mcap_of, messages, read_log
 
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.mcap.channels import ChannelKey
+from plotfeed.replay.mcap.channels import ChannelKey, properties_of_json, properties_to_json
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
@@ -193,3 +194,42 @@ def test_attachments_and_metadata_of_others_are_no_trouble() -> None:
         attachment = reader.attachment("map.png")
         assert attachment is not None
         assert (attachment.data, attachment.log_time_ns) == (b"png", 2)
+
+
+PAIRS = st.lists(st.tuples(st.text(), st.text())).map(tuple)
+
+
+@given(PAIRS)
+def test_properties_come_back_in_their_order(pairs: tuple[tuple[str, str], ...]) -> None:
+    assert properties_of_json(properties_to_json(pairs)) == pairs
+
+
+@given(st.dictionaries(st.text(), st.text()))
+def test_without_a_name_twice_it_is_the_object_that_anybody_would_write(
+    names: dict[str, str],
+) -> None:
+    data = properties_to_json(tuple(names.items()))
+    assert json.loads(data) == names
+    assert data == json.dumps(names, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"{",
+        b"\xff",
+        b"7",
+        b'"a"',
+        b"{} ",
+        b'{"a": 1}',
+        b'[["a", "b", "c"]]',
+        b'[["a", 1]]',
+        b'["ab"]',
+        b"[" * 100_000,
+        b"9" * 10_000,
+    ],
+)
+def test_anything_else_is_an_error(data: bytes) -> None:
+    with pytest.raises(DecodeError, match="user properties: expected"):
+        properties_of_json(data)
