@@ -241,7 +241,6 @@ async def run_with_page(
         switch.ending.set()
 
     server = PageServer(address, view, observer, shown_utc_ns, tokens=tokens)
-    stopping = asyncio.create_task(pass_on(), name="page-stop")
     totals = SessionCounters()
 
     def ready(urls: dict[str, str], totals: SessionCounters) -> None:
@@ -249,6 +248,7 @@ async def run_with_page(
 
     try:
         async with (
+            alongside(pass_on(), "page-stop"),
             brokers_of(scene, broker) as brokers,
             serving(server),
             alongside(observer.follow(), "page-follow"),
@@ -282,7 +282,6 @@ async def run_with_page(
                     return totals
                 clock = another_clock(switch.scene)
     finally:
-        stopping.cancel()
         server.close()
 
 

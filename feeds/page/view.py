@@ -71,10 +71,9 @@ class View:
         self.generation += 1
         placements = Placements(scene.scene.site, scene.sensor)
         self._begin(placements, [sensor.id for sensor in scene.sensor])
-        seconds = scene.page.afterglow_s if hasattr(scene, "page") else 10.0
         self._site = scene.scene.site
         self.tell(
-            scene=outline(scene, placements, basemap) | {"afterglow_s": seconds},
+            scene=outline(scene, placements, basemap) | {"afterglow_s": scene.page.afterglow_s},
             generation=self.generation,
             **{key: {} for key in ("settings", "covers", "pointing")},
             **{key: [] for key in ("marks", "stories")},

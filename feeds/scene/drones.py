@@ -325,12 +325,11 @@ def echoes_of(
     targets: Sequence[TargetKeys], target_class: str, swerling: int | None = None
 ) -> TargetEchoes:
     """The echo of one drone of a class, or of one with a case of its own; of nothing, none."""
-    found = [keys.echo(swerling) for keys in targets if keys.target_class == target_class]
-    from plotfeed.models.effects.target_echoes import TargetEcho, TargetEchoes
+    from plotfeed.models.effects.target_echoes import TargetEchoes
 
-    if not found and swerling is not None:
-        found = [TargetEcho(swerling=swerling)]
-    return TargetEchoes.of(found[:1] or [None])
+    usual = None if swerling is None else TargetKeys()
+    keys = next((each for each in targets if each.target_class == target_class), usual)
+    return TargetEchoes.of([None if keys is None else keys.echo(swerling)])
 
 
 class Waypoint(Location):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from functools import cache, lru_cache
 from importlib import import_module
@@ -112,6 +113,16 @@ def _name(value: str) -> str:
     if not value.isprintable() or any(c in value for c in "/+# ") or not 1 <= len(value) <= 64:
         raise ValueError("a name is 1 to 64 printable characters, without space, '/', '+' or '#'")
     return value
+
+
+def parsed_by(parse: Callable[[str], object]) -> AfterValidator:
+    """Checks text that can be parsed so, and that stays as it is written."""
+
+    def checked(text: str) -> str:
+        parse(text)
+        return text
+
+    return AfterValidator(checked)
 
 
 Name = Annotated[str, AfterValidator(_name)]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
@@ -19,6 +19,7 @@ from plotfeed.feeds.scene.fields import (
     Positive,
     SceneTable,
     address_parts,
+    parsed_by,
     split_address,
 )
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -46,14 +47,13 @@ class MqttQueueKeys(SceneTable):
         return USUAL_MESSAGES[qos] if self.messages is None else self.messages
 
 
-def _origin(text: str) -> str:
+def _check_origin(text: str) -> None:
     parts = urlsplit(text)
     if parts.scheme not in ("http", "https") or f"{parts.scheme}://{parts.netloc}" != text:
         raise ValueError(f"expected http://HOST:PORT, or https://, not {text!r}")
-    return text
 
 
-Origin = Annotated[str, AfterValidator(_origin)]
+Origin = Annotated[str, parsed_by(_check_origin)]
 
 
 def _ip_address(value: str) -> str:
@@ -84,17 +84,16 @@ class EmbeddedBrokerKeys(SceneTable):
     """Of a client; what it publishes beyond that is read later."""
 
 
-def _prefix(value: str) -> str:
+def _check_prefix(value: str) -> None:
     if not value.isprintable() or value.startswith("$"):  # brokers keep $ for themselves
         raise ValueError("expected printable characters, of which the first is not $")
-    return value
 
 
 class Mqtt(SceneTable):
     """Where messages go."""
 
     prefix: Annotated[
-        str, Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200), AfterValidator(_prefix)
+        str, Field(pattern=r"^[^+#\s/]+(/[^+#\s/]+)*$", max_length=200), parsed_by(_check_prefix)
     ] = "plotfeed"
     """First level or levels of every topic."""
     broker: str | None = None
@@ -125,11 +124,6 @@ Confidence = Annotated[float, Field(ge=0, le=1)]
 Class = Annotated[str, Field(min_length=1, max_length=200)]
 
 
-def _address(text: str) -> str:
-    split_address(text)
-    return text
-
-
 class SapientPriorKeys(SceneTable):
     """Drones as sensors expect them: anywhere within range, up to 120 m above."""
 
@@ -148,7 +142,7 @@ class SapientPriorKeys(SceneTable):
 class SapientKeys(SceneTable):
     """Concerns the sensors whose `report` names sapient."""
 
-    middleware: Annotated[str, AfterValidator(_address)] | None = None
+    middleware: Annotated[str, parsed_by(split_address)] | None = None
     """HOST:PORT of a SAPIENT middleware, to which each sensor connects over TCP."""
     give_up_after_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0
     """A middleware that reads nothing for so long is connected to anew."""
@@ -231,7 +225,7 @@ class Endpoint:
         )
 
 
-def _endpoint(text: str) -> str:
+def _check_endpoint(text: str) -> None:
     address = Endpoint.parse(text).address
     if address.is_unspecified:
         raise ValueError(f"expected the address of one host or a multicast group, not {address}")
@@ -241,13 +235,12 @@ def _endpoint(text: str) -> str:
         and not address.scope_id
     ):
         raise ValueError(f"a link-local address needs its interface, such as {address}%eth0")
-    return text
 
 
 class UdpDestination(SceneTable):
     """Where ASTERIX, or Cursor on Target, goes besides MQTT."""
 
-    destination: Annotated[str, AfterValidator(_endpoint)]
+    destination: Annotated[str, parsed_by(_check_endpoint)]
     """ADDRESS:PORT, numeric; a multicast group or one host."""
     carries: Literal["asterix", "cot"] = "asterix"
     """All ASTERIX, or the events of sensors that report in cot, as TAK takes them from
@@ -304,12 +297,7 @@ def split_server(text: str) -> tuple[str, str, int]:
     return parts.scheme, parts.hostname, TAK_PORTS[parts.scheme] if port is None else port
 
 
-def _server(text: str) -> str:
-    split_server(text)
-    return text
-
-
-def _url(text: str) -> str:
+def _check_url(text: str) -> None:
     try:
         parts = urlsplit(text)
         _ = parts.port
@@ -320,7 +308,6 @@ def _url(text: str) -> str:
     plain = text.isascii() and text.isprintable() and " " not in text and not parts.fragment
     if parts.scheme not in ("http", "https") or not parts.hostname or not plain:
         raise ValueError("expected http://HOST:PORT/PATH, or https://")
-    return text
 
 
 class TrackDestination(SceneTable):
@@ -363,7 +350,7 @@ class TakServer(QueuedDestination):
 
     only = "cot"
 
-    server: Annotated[str, AfterValidator(_server)]
+    server: Annotated[str, parsed_by(split_server)]
     """tcp://HOST:PORT, or tls://HOST:PORT; without a port 8087, or 8089."""
     client_certificate_file: str | None = None
     """What the server asks of its clients, a PEM file."""
@@ -383,7 +370,7 @@ class TakServer(QueuedDestination):
 class HttpDestination(QueuedDestination):
     """An address to which messages are posted, one after the other."""
 
-    url: Annotated[str, AfterValidator(_url)]
+    url: Annotated[str, parsed_by(_check_url)]
     """http:// or https://, with path and query; {session} in it stands for a UUID of the run."""
     carries: Literal["air-traffic", "f3411", "geojson"] = "air-traffic"
     """Format of the messages, which the sensors must have in their `report`."""
@@ -427,7 +414,6 @@ class RemoteIdService(ListeningDestination):
 
 
 FILES = ("ca_file", "client_certificate_file", "client_key_file")
-Q = TypeVar("Q", bound=QueuedDestination)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -489,12 +475,14 @@ class DestinationTables(SceneTable):
                         "nothing else goes there"
                     )
 
+    def destinations(self, file: Callable[[str], Path]) -> dict[str, Any]:
+        """What is named, table by table, its files by where they are, which `file` finds."""
 
-def with_files(destinations: Iterable[Q], file: Callable[[str], Path]) -> tuple[Q, ...]:
-    """Destinations whose files are named by where they are, which `file` finds."""
-    found = []
-    for each in destinations:
-        named = {name: getattr(each, name, None) for name in FILES}
-        paths = {name: str(file(value)) for name, value in named.items() if value is not None}
-        found.append(each.model_copy(update=paths))
-    return tuple(found)
+        def placed(each: SceneTable) -> SceneTable:
+            named = {name: getattr(each, name, None) for name in FILES}
+            paths = {name: str(file(value)) for name, value in named.items() if value is not None}
+            return each.model_copy(update=paths)
+
+        return {
+            name: tuple(map(placed, getattr(self, name))) for name in DestinationTables.model_fields
+        }

@@ -20,14 +20,7 @@ from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE, CooperativeKeys
 from plotfeed.feeds.scene.drones import Drone, Fleet, Swarm, Targets
 from plotfeed.feeds.scene.fields import Azimuth, Enu, Name, Positive, SceneTable, Site
-from plotfeed.feeds.scene.output_keys import (
-    DestinationTables,
-    Mqtt,
-    PageKeys,
-    SapientKeys,
-    WaysOut,
-    with_files,
-)
+from plotfeed.feeds.scene.output_keys import DestinationTables, Mqtt, PageKeys, SapientKeys, WaysOut
 from plotfeed.feeds.scene.problems import located, problems_of
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sea_level import SeaLevel, with_ellipsoidal_heights
@@ -383,13 +376,9 @@ class Scene(DestinationTables, WorldKeys):
             certificate_file=certificate,
             key_file=key,
             credentials_file=credentials,
-            udp=self.udp,
-            tak=with_files(self.tak, self.file),
-            http=with_files(self.http, self.file),
-            websocket=self.websocket,
-            remote_id_service=self.remote_id_service,
             middleware=self.sapient.middleware,
             sources=self.telemetry.source,
+            **self.destinations(self.file),
         )
 
     def sent_to(self, outgoing: WaysOut) -> Self:

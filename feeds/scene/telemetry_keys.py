@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.scene.fields import (
@@ -22,6 +22,7 @@ from plotfeed.feeds.scene.fields import (
     Positive,
     SceneTable,
     Size,
+    parsed_by,
     split_address,
 )
 from plotfeed.models.state import AltitudeReference
@@ -160,18 +161,13 @@ def _checked_host(transport: str, host: str) -> str:
         raise ValueError(f"expected a numeric address, not {host!r}") from None
 
 
-def _address(text: str) -> str:
-    SourceAddress.parse(text)
-    return text
-
-
 View = tuple[Latitude, Longitude, Latitude, Longitude]
 
 
 class TelemetrySource(SceneTable):
     """A live source that the session itself listens to: autopilots, receivers, other systems."""
 
-    url: Annotated[str, AfterValidator(_address)]
+    url: Annotated[str, parsed_by(SourceAddress.parse)]
     """KIND:TRANSPORT:PLACE, such as mavlink:udpin:127.0.0.1:14550 or mavlink:/dev/ttyACM0,57600;
     without a host, this machine alone."""
     drone: Annotated[str, Field(min_length=1, max_length=64)] | None = None
@@ -231,28 +227,26 @@ class TelemetrySource(SceneTable):
 PLACE = "{drone}"  # The level of a topic that is the drone's name
 
 
-def _topic(text: str) -> str:
+def _check_topic(text: str) -> None:
     levels = text.split("/")
     if not text.isprintable() or not text or any(PLACE in x and x != PLACE for x in levels):
         raise ValueError(f"expected levels of a topic, of which one may be {PLACE}, not {text!r}")
     if any(("+" in x and x != "+") or "#" in x for x in levels) or levels.count(PLACE) > 1:
         raise ValueError(f"expected + and {PLACE} as whole levels, {PLACE} once and no #: {text!r}")
-    return text
 
 
-def _path(text: str) -> str:
+def _check_path(text: str) -> None:
     if not re.fullmatch(r"[^.\s]+(\.[^.\s]+)*", text):
         raise ValueError(f"expected keys with dots between them, such as pos.lat, not {text!r}")
-    return text
 
 
-KeyPath = Annotated[str, Field(max_length=200), AfterValidator(_path)]
+KeyPath = Annotated[str, Field(max_length=200), parsed_by(_check_path)]
 
 
 class TelemetryMapping(SceneTable):
     """JSON of another system on the session's broker; keys are paths such as pos.lat or list.0."""
 
-    topic: Annotated[str, Field(max_length=200), AfterValidator(_topic)]
+    topic: Annotated[str, Field(max_length=200), parsed_by(_check_topic)]
     """Such as fleet/{drone}/state; + is any level, {drone} the drone's name."""
     drone: KeyPath | None = None
     """Key of the drone's name, where the topic does not tell it."""
