@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import chain, groupby
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plotfeed.feeds.messages.batch import Batch, edges, of_parts
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import HELD_NS, Message
-from plotfeed.models.beam import Sectors
-from plotfeed.models.state import Columns, Ints, Looks, Plots
+from plotfeed.models.state import Ints
 from plotfeed.proto.content_types import LEDGER_BATCH, protobuf_content_type
 from plotfeed.proto.ledger import Written, ledger_octets, places_of, truth_columns
 from plotfeed.proto.utc import iso_utc
@@ -20,8 +19,6 @@ from plotfeed.proto.utc import iso_utc
 CONTENT_TYPE = protobuf_content_type(LEDGER_BATCH)
 # Of a message: some brokers take no more than a megabyte.
 MOST_OCTETS = 900_000
-
-C = TypeVar("C", bound=Columns)
 
 # A sector by its batch and row, of whose messages it is known what became of them.
 Kept = tuple[Batch, int]
@@ -70,31 +67,16 @@ def _messages(prefix: str, kept: Sequence[Kept]) -> list[Message]:
 
 def _octets(kept: Sequence[Kept]) -> tuple[bytes, int]:
     """A message of sectors whose batches have the same names, and when the last one ended, UTC."""
-    number = np.array([id(batch) for batch, _ in kept])
-    rows, places = _ints([row for _, row in kept]), []
-    sectors: list[Sectors] = []
-    looks: list[Looks] = []
-    plots: list[Plots] = []
-    looks_in: list[int] = []
-    plots_in: list[int] = []
-    for batch in _batches_of(kept):
-        places.append(np.flatnonzero(number == id(batch)))
-        own = rows[places[-1]]
-        sectors.append(batch.sectors.rows(own))
-        looks.append(_of_rows(batch.looks, batch.looks_by, own, looks_in))
-        plots.append(_of_rows(batch.plots, batch.plots_by, own, plots_in))
-    of = Sectors.joined(sectors)
-    all_looks, looks_by = Looks.joined(looks), edges(_ints(looks_in))
-    all_plots, plots_by = Plots.joined(plots), edges(_ints(plots_in))
-    order = np.concatenate(places)
-    if (np.diff(order) < 0).any():  # several batches took turns
-        which = np.argsort(order)
-        of = of.rows(which)
-        all_looks, looks_by = of_parts(all_looks, looks_by, which)
-        all_plots, plots_by = of_parts(all_plots, plots_by, which)
-    names, sensors = kept[0][0].names, kept[0][0].sensors
-    targets, parts = truth_columns(all_looks, all_plots, names)
-    told_sensors, sensor_at = places_of(sensors, of.sensor)
+    number, rows = _ints([id(batch) for batch, _ in kept]), _ints([row for _, row in kept])
+    batches = [*_batches_of(kept)]
+    places = [np.flatnonzero(number == id(batch)) for batch in batches]
+    told = Batch.joined(
+        [batch.rows(rows[own]) for batch, own in zip(batches, places, strict=True)],
+        np.argsort(np.concatenate(places)),  # batches may have taken turns
+    )
+    of = told.sectors
+    targets, parts = truth_columns(told.looks, told.plots, told.names)
+    told_sensors, sensor_at = places_of(told.sensors, of.sensor)
     claims = [batch.claims or () for batch, _ in kept]
     said = [*chain.from_iterable(claims)]
     sent = [batch.messages[row] for batch, row in kept]
@@ -106,8 +88,8 @@ def _octets(kept: Sequence[Kept]) -> tuple[bytes, int]:
         "sector": of.index,
         "end_utc_ns": of.end_ns,
         "link": link,
-        "looks_end": looks_by[1:],
-        "plots_end": plots_by[1:],
+        "looks_end": told.looks_by[1:],
+        "plots_end": told.plots_by[1:],
         "messages_end": np.cumsum([*map(len, sent)]),
         "claims_end": np.cumsum([*map(len, claims)]) if said else None,
     }
@@ -166,12 +148,3 @@ def _placed(texts: Sequence[str]) -> tuple[Iterable[str], Ints]:
 
 def _ints(values: Sequence[int]) -> Ints:
     return np.array(values, np.int64)
-
-
-def _of_rows(columns: C, by: Ints, rows: Ints, lengths: list[int]) -> C:
-    """What sectors in those rows, at least one, have of the columns; how much each is noted."""
-    first, after = by[rows], by[rows + 1]
-    lengths += (after - first).tolist()
-    if (first[1:] == after[:-1]).all():
-        return columns.between(int(first[0]), int(after[-1]))
-    return of_parts(columns, by, rows)[0]

@@ -86,12 +86,16 @@ class Batch:
         )
 
     @classmethod
-    def joined(cls, scans: Sequence[Self]) -> Self:
-        """Looks and plots of several scans; of each sensor, later ones after earlier ones."""
+    def joined(cls, scans: Sequence[Self], order: Ints | None = None) -> Self:
+        """Looks and plots of several scans; of each sensor, later ones after earlier ones.
+
+        Or in that order of the sectors of all, if it is given.
+        """
         if len(scans) == 1:
             return scans[0]
         sectors = Sectors.joined([scan.sectors for scan in scans])
-        order = np.lexsort((sectors.end_ns, sectors.sensor))
+        if order is None:
+            order = np.lexsort((sectors.end_ns, sectors.sensor))
 
         def in_order(parts: Sequence[C], offsets: Sequence[Ints]) -> tuple[C, Ints]:
             lengths = np.concatenate([np.diff(of_scan) for of_scan in offsets])
@@ -202,6 +206,9 @@ def edges(lengths: Ints) -> Ints:
 
 def of_parts(columns: C, by: Ints, which: Ints) -> tuple[C, Ints]:
     """Rows of some parts, (k,), and where each of those begins and ends now, (k+1,)."""
+    if len(which) and (np.diff(which) == 1).all():  # they lie together: nothing is copied
+        by = by[which[0] : which[-1] + 2]
+        return columns.between(int(by[0]), int(by[-1])), by - by[0]
     by_now = edges(np.diff(by)[which])
     rows = np.arange(by_now[-1]) + np.repeat(by[which] - by_now[:-1], np.diff(by_now))
     return columns.rows(rows), by_now
