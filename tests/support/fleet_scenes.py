@@ -12,7 +12,6 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.testing import START_NS, radar, rotating, scene, staring, waypoint
 
 EVENT = {"from_s": 2.0, "to_s": 3.5, "set": {"pfa": 1e-4}}
-START_UTC = "2026-01-01T12:00:00Z"
 
 
 def sensors() -> list[dict[str, Any]]:

@@ -274,7 +274,13 @@ class NothingComesIn:
 def scheduler_us(deadlines: int, step_ns: int) -> list[float]:
     """The same of the engine: one schedule, one clock."""
     clock = WallClock()
-    engine = SessionLoop(clock, Schedule(clock.wake), inputs=NothingComesIn(), drain=lambda: None)
+    engine = SessionLoop(
+        clock,
+        Schedule(clock.wake),
+        inputs=NothingComesIn(),
+        drain=lambda: None,
+        write_later=lambda _: None,
+    )
     late_ns: list[int] = []
     begin_ns = clock.now_ns() + 10_000_000
 

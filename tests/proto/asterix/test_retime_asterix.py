@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from itertools import pairwise
 from random import Random
 from typing import Any
@@ -195,7 +195,6 @@ def flight_plan(time_lsb: int, day: int, hour: int, minute: int, second: int | N
     return block(62, bytes.fromhex("11 01 02") + time_lsb.to_bytes(3, "big") + plan)
 
 
-TODAY = datetime(2026, 1, 1, tzinfo=UTC)
 DAYS = {0: 0, 1: -1, 2: 1}
 
 

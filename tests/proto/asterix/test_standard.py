@@ -15,7 +15,6 @@ from plotfeed.proto.asterix import standard
 from plotfeed.replay.asterix_files import record_counts
 
 NAMED = {1, 2, 19, 20, 21, 23, 65, 240, 247}
-REPORT_021 = block(21, "800520", "190d", "0c8000", "018e", "04d2")
 
 
 @pytest.mark.parametrize("seed", range(3))
