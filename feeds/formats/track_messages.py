@@ -24,8 +24,8 @@ from plotfeed.proto.tracks.encode_tracks import (
     track_batch,
 )
 
-# What makes payloads of the tracks of a sector, of which there is at least one.
-Encoder = Callable[[ToldTracks, TrackOrigin, SectorStamp], Sequence[bytes]]
+# What makes a payload or several of the tracks of a sector, of which there is at least one.
+Encoder = Callable[[ToldTracks, TrackOrigin, SectorStamp], bytes | Sequence[bytes]]
 
 
 class TrackMessages:
@@ -52,7 +52,8 @@ class TrackMessages:
             payloads: Sequence[bytes] = ()
             if by[k] < by[k + 1]:
                 tracks = batch.tracks.between(by[k], by[k + 1])
-                payloads = self._encoders[sensor](tracks, self._origins[sensor], stamp)
+                said = self._encoders[sensor](tracks, self._origins[sensor], stamp)
+                payloads = [said] if isinstance(said, bytes) else said
             address = self._addresses[sensor]
             found.append([SectorMessage(address, p, stamp, n) for n, p in enumerate(payloads)])
         return found
@@ -65,29 +66,19 @@ def origin_of(sensor: Sensor) -> TrackOrigin:
     return TrackOrigin(sensor=sensor.id, kind=keys.kind, stale_after_s=stale_after_s)
 
 
-def _one(encode: Callable[[ToldTracks, TrackOrigin], bytes]) -> Callable[[], Encoder]:
-    """Encoders of one message a sector."""
-    return lambda: lambda tracks, origin, _: [encode(tracks, origin)]
-
-
-def _each(encode: Callable[[ToldTracks, TrackOrigin], list[bytes]]) -> Callable[[], Encoder]:
-    """Encoders of one message a track."""
-    return lambda: lambda tracks, origin, _: encode(tracks, origin)
-
-
-def _living() -> Encoder:
-    message = LiveFeatures().message
-    return lambda tracks, origin, _: [message(tracks, origin)]
+def _anywhere(encode: Callable[[ToldTracks, TrackOrigin], bytes | Sequence[bytes]]) -> Encoder:
+    """An encoder that does not say of which sector tracks are."""
+    return lambda tracks, origin, _: encode(tracks, origin)
 
 
 ENCODERS: dict[str, Callable[[], Encoder]] = {
-    "tracks": lambda: lambda tracks, origin, at: [track_batch(tracks, origin, at.scan, at.index)],
-    "cot": _each(cot_events),
-    "geojson": _one(feature_collection),
-    "air-traffic": _one(air_traffic),
-    "f3411": _one(f3411_flights),
-    "foxglove-geojson": _living,
-    "foxglove-location": _each(location_fixes),
+    "tracks": lambda: lambda tracks, origin, at: track_batch(tracks, origin, at.scan, at.index),
+    "cot": lambda: _anywhere(cot_events),
+    "geojson": lambda: _anywhere(feature_collection),
+    "air-traffic": lambda: _anywhere(air_traffic),
+    "f3411": lambda: _anywhere(f3411_flights),
+    "foxglove-geojson": lambda: _anywhere(LiveFeatures().message),
+    "foxglove-location": lambda: _anywhere(location_fixes),
 }
 
 
