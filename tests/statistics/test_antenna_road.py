@@ -10,7 +10,7 @@ from support.every_kind import PASSIVE
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.scene import SceneError
-from plotfeed.testing import radar, rotating, scene
+from plotfeed.testing import flown, radar, rotating, scene, waypoint
 
 SHAPED = {"kind": "cosecant-squared", "from_deg": 4.0, "to_deg": 30.0, "beamwidth_deg": 3.0}
 NARROW = {"kind": "gaussian", "beamwidth_deg": 8.0, "boresight_deg": 10.0}
@@ -69,3 +69,26 @@ def test_what_no_antenna_can_be_is_refused_in_a_line(keys: dict[str, Any], said:
         scene([radar(**keys)], seed=38)
     with pytest.raises(SceneError, match="transmits nothing"):
         scene([PASSIVE | {"antenna": {"transmit": {}}}], seed=38)
+
+
+# Two rays over flat ground, as `check` predicts them.
+
+
+GROUND = {"reflection": -0.9, "antenna_height_m": 5.0}
+
+
+def test_check_predicts_the_lobes() -> None:
+    """Of one drone that flies from 3 km to 1 km, some 50 m up."""
+    ends = (waypoint(33.0, 1.0, 3000.0), waypoint(33.0, 3.0, 1000.0))
+    approach = [flown("d", *ends, speed_m_s=10.0, repeat=False)]
+    free, over_ground = (
+        report(scene([radar(elevation_max_deg=60.0, **named)], approach, seed=93))["sensors"][0]
+        for named in ({}, {"multipath": GROUND})
+    )
+    assert over_ground["effects"] == {"multipath": GROUND}
+    assert free["effects"] == {}
+    gains_db = [
+        a["snr_db"] - b["snr_db"] for a, b in zip(over_ground["table"], free["table"], strict=True)
+    ]
+    assert -40.1 < min(gains_db) < max(gains_db) < 11.2
+    assert max(gains_db) - min(gains_db) > 3
