@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import OrderedDict, deque
+from collections import Counter, OrderedDict, defaultdict, deque
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from itertools import count
 
-from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import Client
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
@@ -32,13 +31,6 @@ class QueueCounts:
     refused: int = 0  # Of QoS 1, which the broker has answered with a refusal
 
 
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    key: Hashable  # Its topic, if it is retained
-    message: Message
-    was_sent: bool
-
-
 class SendQueue:
     """The messages of one QoS that wait for one link: in order, counted, dropped by a policy.
 
@@ -58,9 +50,12 @@ class SendQueue:
         self._counts = counts
         self._now_s = now_s
         self._numbers = count()
-        self._of_client: dict[Client | None, BoundedQueue[_Waiting]] = {}
-        # The keys of all that wait, and in whose queue they do.
-        self._order: OrderedDict[Hashable, BoundedQueue[_Waiting]] = OrderedDict()
+        # By their keys, which are the topics of those that are retained, and whether sent before.
+        self._of_client: defaultdict[Client | None, OrderedDict[Hashable, tuple[Message, bool]]] = (
+            defaultdict(OrderedDict)
+        )
+        self._octets: Counter[Client | None] = Counter()  # Of the payloads
+        self._order: OrderedDict[Hashable, Client | None] = OrderedDict()  # Whose, by their keys
 
     def __len__(self) -> int:
         """How many wait."""
@@ -69,7 +64,7 @@ class SendQueue:
     @property
     def octets(self) -> int:
         """Size of the payloads that wait."""
-        return sum(queue.octets for queue in self._of_client.values())
+        return self._octets.total()
 
     def waiting_of(self, client: Client | None) -> int:
         """How many of that client wait."""
@@ -81,23 +76,22 @@ class SendQueue:
         if self._policy != "wait" or not self._order:
             return False
         return any(
-            queue and (len(queue) >= self._limit or queue.octets >= MAX_WAITING_OCTETS)
-            for queue in self._of_client.values()
+            waiting and (len(waiting) >= self._limit or self._octets[client] >= MAX_WAITING_OCTETS)
+            for client, waiting in self._of_client.items()
         )
 
     def put(self, one: Message) -> None:
         """Let it wait, or drop what the policy drops: dropped is settled as not delivered."""
         self.expire()
         one.since_s = self._now_s()
-        queue = self._queue_of(one)
         key: Hashable = one.topic if one.retain else next(self._numbers)
-        dropped = []
-        superseded = self._take_out(key).message if key in self._order else None
+        waiting, dropped = self._of_client[one.client], []
+        superseded = self._take_out(key)[0] if key in self._order else None
         if self._policy == "drop-oldest":
-            while queue and not queue.has_room(len(one.payload)):
-                dropped.append(self._take_out(queue.first().key).message)
-        if queue.put(_Waiting(key, one, False), key):
-            self._order[key] = queue
+            while waiting and not self._has_room(one):
+                dropped.append(self._take_out(next(iter(waiting)))[0])
+        if self._has_room(one):
+            self._put(key, one, was_sent=False)
         else:
             dropped.append(one)
         if superseded is not None:
@@ -108,11 +102,7 @@ class SendQueue:
     def take(self) -> tuple[Message, bool] | None:
         """The one whose turn it is, if any is left, and whether it was sent before."""
         self.expire()
-        if not self._order:
-            return None
-        queue = self._order.popitem(last=False)[1]
-        found = queue.take()
-        return found.message, found.was_sent
+        return self._take_out(next(iter(self._order))) if self._order else None
 
     def put_back(self, messages: Sequence[Message]) -> None:
         """Let these, which were sent, go before all others, in their order.
@@ -124,41 +114,44 @@ class SendQueue:
             if key in self._order:
                 self._supersede(one)
                 continue
-            queue = self._queue_of(one)
-            queue.put_back(_Waiting(key, one, True), key)
-            self._order[key] = queue
+            self._put(key, one, was_sent=True)
             self._order.move_to_end(key, last=False)
+            self._of_client[one.client].move_to_end(key, last=False)
 
     def expire(self) -> None:
         """Drop what has waited too long."""
         if self._max_age_s is None:
             return
         before_s = self._now_s() - self._max_age_s
-        while self._order and next(iter(self._order.values())).first().message.since_s < before_s:
-            self._drop(self._drop_first())
+        while self._order:
+            key, client = next(iter(self._order.items()))
+            if self._of_client[client][key][0].since_s >= before_s:
+                break
+            self._drop(self._take_out(key)[0])
 
     def give_up(self) -> None:
         """Settle all that waits as not delivered."""
         while self._order:
-            self._drop(self._drop_first())
+            self._drop(self._take_out(next(iter(self._order)))[0])
 
-    def _queue_of(self, one: Message) -> BoundedQueue[_Waiting]:
-        queue = self._of_client.get(one.client)
-        if queue is None:
-            waits = self._policy == "wait"
-            queue = self._of_client[one.client] = BoundedQueue(
-                self._limit + (OVERRUN if waits else 0),
-                limit_octets=MAX_WAITING_OCTETS * (2 if waits else 1),
-                octets_of=lambda waiting: len(waiting.message.payload),
-                any_size_alone=True,
-            )
-        return queue
+    def _has_room(self, one: Message) -> bool:
+        """Whether its client may have it wait; alone, however large it is."""
+        waiting, waits = self._of_client[one.client], self._policy == "wait"
+        if len(waiting) >= self._limit + (OVERRUN if waits else 0):
+            return False
+        octets = self._octets[one.client] + len(one.payload)
+        return not waiting or octets <= MAX_WAITING_OCTETS * (2 if waits else 1)
 
-    def _drop_first(self) -> Message:
-        return self._take_out(next(iter(self._order))).message
+    def _put(self, key: Hashable, one: Message, *, was_sent: bool) -> None:
+        self._order[key] = one.client
+        self._of_client[one.client][key] = one, was_sent
+        self._octets[one.client] += len(one.payload)
 
-    def _take_out(self, key: Hashable) -> _Waiting:
-        return self._order.pop(key).take(key)
+    def _take_out(self, key: Hashable) -> tuple[Message, bool]:
+        client = self._order.pop(key)
+        found = self._of_client[client].pop(key)
+        self._octets[client] -= len(found[0].payload)
+        return found
 
     def _drop(self, one: Message) -> None:
         self._counts.dropped += 1
