@@ -152,10 +152,9 @@ class RawReader(_DatedReader):
 
     def blocks(self) -> Iterator[tuple[bytes, int]]:
         """The data blocks with their headers, and where they begin."""
-        octets = self._octets
         while True:
-            at = octets.at
-            header = octets.peek(HEADER_OCTETS)
+            at = self.at
+            header = self.peek(HEADER_OCTETS)
             if len(header) < HEADER_OCTETS:
                 if header:
                     self.damage.add(at, "the header of a data block is cut off")
@@ -164,7 +163,7 @@ class RawReader(_DatedReader):
             if length < HEADER_OCTETS:
                 self.damage.add(at, f"a data block of {length} octets has no header")
                 return
-            block = octets.take(length)
+            block = self.take(length)
             if len(block) < length:
                 self.damage.add(at, f"a data block of {length} octets, {len(block)} are there")
                 return
@@ -243,11 +242,10 @@ class FinalReader(_DatedReader):
 
     def messages(self) -> Iterator[Recorded]:
         """Each frame, on the topic line/LINE/asterix."""
-        octets = self._octets
         lost_from: int | None = None
         behind_trailer = False
-        while octets.peek(1):
-            at = octets.at
+        while self.peek(1):
+            at = self.at
             frame = self._frame()
             if frame:
                 self._lost(lost_from, at)
@@ -255,19 +253,19 @@ class FinalReader(_DatedReader):
                 yield self._message(frame, at)
                 continue
             lost_from = at if lost_from is None else lost_from
-            if behind_trailer and octets.peek(1) == TRAILER[:1]:
-                octets.skip(1)  # more than four of them: the trailer may be the last four
+            if behind_trailer and self.peek(1) == TRAILER[:1]:
+                self.skip(1)  # more than four of them: the trailer may be the last four
             else:
-                behind_trailer = octets.skip_behind(TRAILER)
-        self._lost(lost_from, octets.at)
+                behind_trailer = self.skip_behind(TRAILER)
+        self._lost(lost_from, self.at)
 
     def _frame(self) -> bytes:
         """Take the frame that begins here; nothing if there is none."""
-        length = int.from_bytes(self._octets.peek(2), "big")
+        length = int.from_bytes(self.peek(2), "big")
         if length < MIN_FRAME_OCTETS:
             return b""
-        trailer = self._octets.peek(len(TRAILER), ahead=length - len(TRAILER))
-        return self._octets.take(length) if trailer == TRAILER else b""
+        trailer = self.peek(len(TRAILER), ahead=length - len(TRAILER))
+        return self.take(length) if trailer == TRAILER else b""
 
     def _lost(self, first: int | None, end: int) -> None:
         if first is not None:

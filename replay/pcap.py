@@ -385,7 +385,7 @@ class PcapReader(PacketReader):
 
     def messages(self) -> Iterator[Recorded]:
         """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
-        beginning = self._octets.take(HEADER_OCTETS)
+        beginning = self.take(HEADER_OCTETS)
         if beginning[:4] not in FORMATS:
             self.damage.add(0, f"{beginning[:4].hex()!r}; expected the first octets of a pcap")
             return
@@ -397,10 +397,9 @@ class PcapReader(PacketReader):
         yield from self._records(header)
 
     def _records(self, header: PcapHeader) -> Iterator[Recorded]:
-        octets = self._octets
         while True:
-            at = octets.at
-            record = octets.take(RECORD_OCTETS)
+            at = self.at
+            record = self.take(RECORD_OCTETS)
             if len(record) < RECORD_OCTETS:
                 if record:
                     self.damage.add(at, "the file ends within the header of a packet")
@@ -412,7 +411,7 @@ class PcapReader(PacketReader):
             if not any(record):  # as in what is left of a file that was to grow
                 self.damage.add(at, "zeros in place of a packet")
                 return
-            packet = octets.take(captured)
+            packet = self.take(captured)
             if len(packet) < captured:
                 self.damage.add(at, f"a packet of {captured} octets, {len(packet)} are there")
                 return
@@ -561,14 +560,6 @@ class Interface:
         return ticks * NS // self.ticks_a_second + self.offset_s * NS
 
 
-class PcapngBlock(NamedTuple):
-    """A block that is whole: its type, what lies between its lengths, where it begins."""
-
-    type: int
-    body: bytes
-    at: int
-
-
 class PcapngReader(PacketReader):
     """The UDP datagrams of a capture, through all its sections.
 
@@ -584,23 +575,23 @@ class PcapngReader(PacketReader):
 
     def messages(self) -> Iterator[Recorded]:
         """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
-        for block in self._blocks():
+        for kind, body, at in self._blocks():
             try:
-                if block.type == INTERFACE:
-                    self._take_interface(block)
+                if kind == INTERFACE:
+                    self._take_interface(body, at)
                     continue
-                message = self._message(block)
+                message = self._message(kind, body, at)
             except struct.error:
-                self.damage.add(block.at, f"a block of type {block.type} that lacks fields")
+                self.damage.add(at, f"a block of type {kind} that lacks fields")
                 continue
             if message is not None:
                 yield message
 
-    def _blocks(self) -> Iterator[PcapngBlock]:
-        octets = self._octets
+    def _blocks(self) -> Iterator[tuple[int, bytes, int]]:
+        """The type of each whole block, what lies between its lengths, and where it begins."""
         while True:
-            at = octets.at
-            head = octets.take(HEAD_OCTETS)
+            at = self.at
+            head = self.take(HEAD_OCTETS)
             if not head:
                 return
             what = self._begin(head)
@@ -612,9 +603,9 @@ class PcapngReader(PacketReader):
             if kind in READ and left > MAX_PACKET_OCTETS + ROOM_OCTETS:
                 self.damage.add(at, f"a block of {length} octets, which no packet has")
                 return
-            body = octets.take(left) if kind in READ else b""
-            there = len(body) if kind in READ else octets.skip(left)
-            tail = octets.take(TAIL_OCTETS)
+            body = self.take(left) if kind in READ else b""
+            there = len(body) if kind in READ else self.skip(left)
+            tail = self.take(TAIL_OCTETS)
             if there < left or len(tail) < TAIL_OCTETS:
                 whole = HEAD_OCTETS + there + len(tail)
                 self.damage.add(at, f"a block of {length} octets, {whole} are there")
@@ -623,14 +614,14 @@ class PcapngReader(PacketReader):
                 self.damage.add(at, f"a block of {length} octets that ends with another length")
                 return
             if kind in READ:
-                yield PcapngBlock(kind, body, at)
+                yield kind, body, at
 
     def _begin(self, head: bytes) -> str:
         """Take the byte order from the head of a section; what is wrong with it, or nothing."""
         if len(head) < HEAD_OCTETS:
             return "the file ends within the head of a block"
         if head[:4] == SECTION:
-            mark = self._octets.peek(4)
+            mark = self.peek(4)
             if mark not in ORDERS:
                 return f"the byte order {mark.hex()!r}; expected 1a2b3c4d or 4d3c2b1a"
             self._order = ORDERS[mark]
@@ -642,14 +633,14 @@ class PcapngReader(PacketReader):
             return f"a block of {length} octets; it has at least {HEAD_OCTETS + TAIL_OCTETS}"
         return ""
 
-    def _take_interface(self, block: PcapngBlock) -> None:
-        link_type, snap_octets = struct.unpack_from(f"{self._order}HxxI", block.body)
+    def _take_interface(self, body: bytes, at: int) -> None:
+        link_type, snap_octets = struct.unpack_from(f"{self._order}HxxI", body)
         if len(self._interfaces) == MAX_INTERFACES:
-            self.damage.add(block.at, f"more interfaces than {MAX_INTERFACES}")
+            self.damage.add(at, f"more interfaces than {MAX_INTERFACES}")
             return
-        self.check_link_type(link_type, block.at)
+        self.check_link_type(link_type, at)
         resolution, offset_s = MICROSECONDS, 0
-        for code, value in self._options(block.body[8:]):
+        for code, value in self._options(body[8:]):
             if code == TSRESOL and len(value) == 1:
                 resolution = value[0]
             elif code == TSOFFSET and len(value) == 8:
@@ -673,28 +664,27 @@ class PcapngReader(PacketReader):
             yield code, octets[at + 4 : at + 4 + length]
             at += 4 + (length + 3 & ~3)
 
-    def _message(self, block: PcapngBlock) -> Recorded | None:
-        body = block.body
-        if block.type == SIMPLE_PACKET:
-            number, at, ticks = 0, 4, None
+    def _message(self, kind: int, body: bytes, at: int) -> Recorded | None:
+        if kind == SIMPLE_PACKET:
+            number, begin, ticks = 0, 4, None
             (length,) = struct.unpack_from(f"{self._order}I", body)
             captured = length
         else:
-            form = "IIIII" if block.type == ENHANCED_PACKET else "HxxIIII"
+            form = "IIIII" if kind == ENHANCED_PACKET else "HxxIIII"
             number, high, low, captured, length = struct.unpack_from(f"{self._order}{form}", body)
-            at, ticks = 20, high << 32 | low
+            begin, ticks = 20, high << 32 | low
         if number >= len(self._interfaces):
-            self.damage.add(block.at, f"a packet of interface {number}, which is not described")
+            self.damage.add(at, f"a packet of interface {number}, which is not described")
             return None
         interface = self._interfaces[number]
-        if block.type == SIMPLE_PACKET and interface.snap_octets:
+        if kind == SIMPLE_PACKET and interface.snap_octets:
             captured = min(captured, interface.snap_octets)
-        if captured > len(body) - at:
-            there = len(body) - at
-            self.damage.add(block.at, f"a packet of {captured} octets, {there} are there")
+        if captured > len(body) - begin:
+            there = len(body) - begin
+            self.damage.add(at, f"a packet of {captured} octets, {there} are there")
             return None
         if ticks is not None:
             self._last_utc_ns = interface.utc_ns(ticks)
-        packet = body[at : at + captured]
+        packet = body[begin : begin + captured]
         header = ns_header(interface.link_type)
-        return self.message(header, packet, length, self._last_utc_ns, block.at)
+        return self.message(header, packet, length, self._last_utc_ns, at)

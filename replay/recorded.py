@@ -175,12 +175,14 @@ class RecordingWriter(ABC):
         """Write what is still to be written."""
 
 
-class Octets:
-    """Octets of a file in pieces, none larger than what the file holds, whatever is asked for."""
+class OctetsReader(RecordingReader):
+    """Reads a file whose messages lie one behind the other.
 
-    __slots__ = ("_buffer", "_ended", "_file", "_next", "_start")
+    Its octets come in pieces, none larger than what the file holds, whatever is asked for.
+    """
 
     def __init__(self, file: BinaryIO) -> None:
+        super().__init__()
         self._file = file
         self._buffer = b""
         self._start = 0  # offset of the buffer in the file
@@ -189,7 +191,7 @@ class Octets:
 
     @property
     def at(self) -> int:
-        """Offset of the next octet in the file."""
+        """Octets of the file that were read, and so the offset of the next one."""
         return self._start + self._next
 
     def take(self, octets: int) -> bytes:
@@ -236,16 +238,3 @@ class Octets:
         self._start += self._next
         self._next = 0
         self._buffer = b"".join(pieces)
-
-
-class OctetsReader(RecordingReader):
-    """Reads a file whose messages lie one behind the other."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        super().__init__()
-        self._octets = Octets(file)
-
-    @property
-    def at(self) -> int:
-        """Octets of the file that were read."""
-        return self._octets.at
