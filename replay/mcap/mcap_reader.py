@@ -508,6 +508,8 @@ MAX_HELD_OCTETS = 64 << 20  # Of chunks whose times overlap, while their message
 # In a chunk, and so many again that wait to be put in order: a message of no octets takes room.
 MAX_MESSAGES = 1 << 18
 _log_time = attrgetter("log_time_ns")
+# Channels whose messages are asked for, by their numbers, and the number of the series of each.
+Wanted = dict[int, tuple[Channel, int]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -622,22 +624,19 @@ class McapReader(RecordingReader):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _wanted(
-        self, topics: Collection[str] | None, stages: Collection[Stage] | None
-    ) -> dict[int, _Wanted]:
+    def _wanted(self, topics: Collection[str] | None, stages: Collection[Stage] | None) -> Wanted:
         numbers: dict[ChannelKey, int] = {}
-        wanted = {}
+        wanted: Wanted = {}
         for channel_id, channel in self._contents.channels.items():
             series = channel.series
             if (topics is None or series.topic in topics) and (
                 stages is None or series.stage in stages
             ):
-                number = numbers.setdefault(series, len(numbers))
-                wanted[channel_id] = _Wanted(series, number, channel.holds_properties)
+                wanted[channel_id] = channel, numbers.setdefault(series, len(numbers))
         return wanted
 
     def _read(
-        self, span: TimeSpan, wanted: Mapping[int, _Wanted], first_ns: int, end_ns: int
+        self, span: TimeSpan, wanted: Wanted, first_ns: int, end_ns: int
     ) -> tuple[list[Recorded], int]:
         """The messages of a span by log time, and how many octets they were in."""
         try:
@@ -652,7 +651,7 @@ class McapReader(RecordingReader):
         return found, len(data)
 
     def _messages(
-        self, offset: int, data: bytes, wanted: Mapping[int, _Wanted], first_ns: int, end_ns: int
+        self, offset: int, data: bytes, wanted: Wanted, first_ns: int, end_ns: int
     ) -> list[Recorded]:
         """Messages in records, as they come; `offset` is where these are in the file."""
         found: list[Recorded] = []
@@ -666,14 +665,15 @@ class McapReader(RecordingReader):
                 break
             if opcode != Opcode.MESSAGE:
                 continue
-            channel = wanted.get(number)
-            if channel is None:
+            asked_for = wanted.get(number)
+            if asked_for is None:
                 if number not in known:
                     self.damage.add(offset, f"messages of channel {number}, which is unknown")
                 continue
             if not first_ns <= log_ns < end_ns:
                 continue
-            key = channel.number << 32 | sequence
+            channel, of_series = asked_for
+            key = of_series << 32 | sequence
             if channel.holds_properties:
                 try:
                     properties[key] = properties_of_json(data[payload_at:at])
@@ -701,11 +701,3 @@ class McapReader(RecordingReader):
         if at > octets or at + HEAD.size > octets > at:
             self.damage.add(offset, "in a chunk: a record that does not end")
         return found
-
-
-class _Wanted(NamedTuple):
-    """A channel whose messages are asked for."""
-
-    series: ChannelKey
-    number: int  # Of the series
-    holds_properties: bool

@@ -429,12 +429,8 @@ class Record(NamedTuple):
         return value
 
 
-class ItemPlace(NamedTuple):
-    """Where an item lies: its first octet, and the one after its last."""
-
-    item: Item
-    at: int
-    end: int
+# Where an item lies: its first octet, and the one after its last.
+ItemPlace: TypeAlias = tuple[Item, int, int]
 
 
 def whole_blocks(data: bytes) -> Iterator[Block]:
@@ -560,7 +556,7 @@ class ItemPlaces:
     def _each(self, items: Sequence[Item], at: int) -> Iterator[ItemPlace]:
         for item in items:
             end = self._end(item, at)
-            yield ItemPlace(item, at, end)
+            yield item, at, end
             at = end
 
     def _present(
