@@ -74,10 +74,6 @@ class PeerTurns:
         self._rests_until_s = 0.0
         self._timer: asyncio.TimerHandle | None = None
 
-    def __len__(self) -> int:
-        """How many datagrams, or slices of streams, wait."""
-        return len(self._waiting)
-
     def put(self, peer: str, data: bytes) -> None:
         """Have octets wait of a peer that cannot be held up; those without room are refused."""
         self._waiting.put(peer, data, None)
@@ -177,9 +173,6 @@ class Places(Generic[Who]):
         # Whose place it is, the one that has been silent longest first: of which host, how it is
         # made to go, and by when.
         self._held: dict[Who, tuple[str, Callable[[], object], asyncio.TimerHandle | None]] = {}
-
-    def __len__(self) -> int:
-        return len(self._held)
 
     def __contains__(self, who: Who) -> bool:
         """Whether that one has a place."""

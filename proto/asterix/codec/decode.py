@@ -69,9 +69,6 @@ class Plans:
         self._offsets = offsets
         self._readers: dict[bytes, Reader] = {}
 
-    def __len__(self) -> int:
-        return len(self._readers)
-
     def read(self, body: bytes, at: int) -> tuple[dict[str, Any], int]:
         """Flags, and the items that they name; raises one of `BROKEN`."""
         end = at
