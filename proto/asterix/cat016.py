@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Parts, Reports, checked_position
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
@@ -124,9 +124,8 @@ class SystemEncoder016:
 
     def blocks_by(self, t_utc_ns: Ints, sources: Ints) -> list[list[bytes]]:
         """The composition of systems, by their numbers, then their components, at times (m,)."""
-        each = Parts.one_each(sources)
-        of_both = [of.blocks_by({"I016/140": t_utc_ns}, each) for of in self._messages]
-        return [[*first, *second] for first, second in zip(*of_both, strict=True)]
+        of_both = [of.one_each({"I016/140": t_utc_ns}, sources) for of in self._messages]
+        return [[first, second] for first, second in zip(*of_both, strict=True)]
 
 
 def _composed(system: System, period_s: int, geoid_undulation_m: float) -> dict[str, float]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import Reports, checked_position, one_block_each
+from plotfeed.proto.asterix.codec.encode import Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import Category, category
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import SentCategory
@@ -98,4 +98,4 @@ class StatusEncoder025:
 
     def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
         """A data block for each of these times, (m,), of systems by their numbers, (m,)."""
-        return one_block_each(self._reports, {"I025/070": t_utc_ns}, sources)
+        return self._reports.one_each({"I025/070": t_utc_ns}, sources)

@@ -21,7 +21,6 @@ from plotfeed.proto.asterix.codec.encode import (
     Reports,
     checked_position,
     measured,
-    one_block_each,
 )
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.lazy_numpy import np
@@ -239,11 +238,11 @@ class ServiceEncoder034:
 
     def north_markers(self, t_utc_ns: ArrayLike, sources: Ints) -> list[bytes]:
         """Antennas pass north; I034/010, 000, 030, 041, 120."""
-        return one_block_each(self._north, {"I034/030": t_utc_ns}, sources)
+        return self._north.one_each({"I034/030": t_utc_ns}, sources)
 
     def sector_crossings(
         self, t_utc_ns: ArrayLike, azimuth_deg: ArrayLike, sources: Ints
     ) -> list[bytes]:
         """Antennas pass the azimuths at which sectors end; I034/010, 000, 030, 020."""
         columns = {"I034/030": t_utc_ns, "I034/020": azimuth_deg}
-        return one_block_each(self._sector, columns, sources)
+        return self._sector.one_each(columns, sources)

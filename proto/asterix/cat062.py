@@ -19,7 +19,6 @@ from plotfeed.proto.asterix.codec.encode import (
     Reports,
     checked_position,
     measured,
-    one_block_each,
 )
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
@@ -263,4 +262,4 @@ class StatusEncoder063:
 
     def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
         """A data block for each of these times, (m,), of sensors by their numbers, (m,)."""
-        return one_block_each(self._reports, {"I063/030": t_utc_ns}, sources)
+        return self._reports.one_each({"I063/030": t_utc_ns}, sources)

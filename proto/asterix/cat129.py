@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from plotfeed.proto.asterix.codec.encode import Reports, checked_position, one_block_each
+from plotfeed.proto.asterix.codec.encode import Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
@@ -110,7 +110,7 @@ class TargetEncoder129:
             velocity = np.asarray(velocity_m_s, dtype=np.float64).reshape(-1, 3)
             axes = ("I129/185/VX", "I129/185/VY", "I129/220")
             columns |= dict(zip(axes, velocity.T, strict=True))
-        return one_block_each(self._reports, columns, np.zeros(len(serials), np.int64))
+        return self._reports.one_each(columns, np.zeros(len(serials), np.int64))
 
 
 def _padded(text: str, length: int, path: str) -> str:

@@ -477,11 +477,6 @@ class Parts:
         """All rows in one part, of the one source."""
         return cls(np.array([0, rows], np.int64), np.zeros(1, np.int64))
 
-    @classmethod
-    def one_each(cls, sources: Ints) -> Self:
-        """A row for each of these sources, (m,), in a part of its own."""
-        return cls(np.arange(len(sources) + 1), sources)
-
     def __len__(self) -> int:
         """How many there are."""
         return len(self.sources)
@@ -536,6 +531,13 @@ class Reports:
         """Data blocks of the rows of columns by path, in their order, all of the one source."""
         rows = len(np.asarray(next(iter(columns.values()))))
         return self.blocks_by(columns, Parts.whole(rows))[0]
+
+    def one_each(self, columns: Mapping[str, ArrayLike], sources: Ints) -> list[bytes]:
+        """A data block for each row of columns by path, (m,), of sources by their numbers, (m,)."""
+        encoder = self._encoder_for(columns)
+        records, length = encoder.records(columns, sources), encoder.record_length
+        head = header(encoder.category, length)
+        return [head + records[at : at + length] for at in range(0, len(records), length)]
 
     def blocks_by(self, columns: Mapping[str, ArrayLike], parts: Parts) -> list[list[bytes]]:
         """Data blocks of each part of the rows of columns by path, in their order."""
@@ -619,13 +621,6 @@ class ReportEncoder(ABC):
         if not len(rows):
             return [[] for _ in range(len(parts))]
         return self._reports.blocks_by(self._columns(rows, parts, *more), parts)
-
-
-def one_block_each(
-    reports: Reports, columns: Mapping[str, ArrayLike], sources: Ints
-) -> list[bytes]:
-    """A data block for each row of columns by path, (m,), of sources by their numbers, (m,)."""
-    return [block for (block,) in reports.blocks_by(columns, Parts.one_each(sources))]
 
 
 def measured(columns: Columns, names: Mapping[str, str]) -> dict[str, Floats]:
