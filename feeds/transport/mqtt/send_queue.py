@@ -61,11 +61,6 @@ class SendQueue:
         """How many wait."""
         return len(self._order)
 
-    @property
-    def octets(self) -> int:
-        """Size of the payloads that wait."""
-        return self._octets.total()
-
     def waiting_of(self, client: Client | None) -> int:
         """How many of that client wait."""
         return len(self._of_client.get(client, ()))
@@ -198,11 +193,6 @@ class SocketBuffer:
     def octets(self) -> int:
         """Octets that it has not taken."""
         return self._transport.get_write_buffer_size()
-
-    @property
-    def messages(self) -> int:
-        """Messages of QoS 0 that it has not taken."""
-        return len(self._unsent)
 
     @property
     def has_room(self) -> bool:

@@ -127,12 +127,12 @@ def test_what_waits_is_bounded_in_octets_too(policy: str, sizes: list[int | None
                 sent += bench.take() is not None
             else:
                 bench.put(octets=size)
-            assert bench.queue.octets <= max(most, 300)
-            assert bench.queue.is_full == (policy == "wait" and bench.queue.octets >= 500)
+            assert bench.queue._octets.total() <= max(most, 300)
+            assert bench.queue.is_full == (policy == "wait" and bench.queue._octets.total() >= 500)
         assert len(bench.deliveries.made) == sent + len(bench.queue) + bench.counts.dropped
         left = bench.take_all()
         assert left == sorted(left)
-        assert bench.queue.octets == 0
+        assert bench.queue._octets.total() == 0
 
 
 def test_one_message_may_wait_however_large_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,7 +223,7 @@ def test_all_that_waits_is_given_up_at_the_end() -> None:
     bench.put(50, octets=20)
     bench.queue.give_up()
     assert bench.deliveries.given_up == list(range(50))
-    assert (len(bench.queue), bench.queue.octets, bench.counts.dropped) == (0, 0, 50)
+    assert (len(bench.queue), bench.queue._octets.total(), bench.counts.dropped) == (0, 0, 50)
 
 
 @pytest.mark.parametrize("policy", POLICIES)
