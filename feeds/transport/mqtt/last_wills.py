@@ -62,11 +62,6 @@ class LastWills:
         self._complained = False
         self._forgotten = False
 
-    @property
-    def placed(self) -> int:
-        """How many connections are up, each with its will."""
-        return sum(not each.lost.is_set() for each in self._connections.values())
-
     async def wait_until_up(self, timeout_s: float | None = None) -> None:
         """Return once all wills are placed, or that has taken long enough; never raises."""
         with contextlib.suppress(TimeoutError):
