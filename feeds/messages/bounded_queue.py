@@ -12,9 +12,7 @@ Item = TypeVar("Item")
 class BoundedQueue(Generic[Item]):
     """First in, first out, up to a limit of items and one of octets."""
 
-    def __init__(
-        self, limit: int, *, limit_octets: int, octets_of: Callable[[Item], int]
-    ) -> None:
+    def __init__(self, limit: int, *, limit_octets: int, octets_of: Callable[[Item], int]) -> None:
         self.octets = 0  # Of the items that wait
         self._limit, self._limit_octets = limit, limit_octets
         self._octets_of = octets_of
