@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from plotfeed.feeds.scene.telemetry_keys import KINDS, TelemetrySource
+from plotfeed.feeds.scene.telemetry_keys import KINDS, SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.live.aircraft import AircraftReports
 from plotfeed.feeds.telemetry.live.heard import HeardReport, Listener
 from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports, RemoteIdReports
@@ -60,15 +60,7 @@ class LiveSource:
         )
         self._octets: OctetSource
         if settings.view is None:
-            match self.address.transport:
-                case "udpin" | "udpout":
-                    self._octets = UdpOctets(self.address, self._turns, settings.interface)
-                case "tcp" | "tcpin":
-                    self._octets = TcpOctets(self.address, self._turns)
-                case "serial":
-                    self._octets = SerialOctets(self.address, self._turns)
-                case _:
-                    self._octets = PipedOctets(self.address, self._turns)
+            self._octets = octets_of(self.address, self._turns, settings.interface)
         else:
             view = ",".join(f"{degrees:.6f}" for degrees in settings.view)
             self._octets = PolledOctets(self.address, self._turns, view, settings.poll_s)
@@ -134,3 +126,16 @@ def listener_of(settings: TelemetrySource) -> Listener:
     if settings.address.transport == "http":
         return NetworkRemoteIdReports(settings.template)
     return RemoteIdReports(settings.template)
+
+
+def octets_of(
+    address: SourceAddress, taker: PeerTurns, interface: str | None = None
+) -> OctetSource:
+    """The way in to a source's octets."""
+    if address.transport in ("udpin", "udpout"):
+        return UdpOctets(address, taker, interface)
+    if address.transport in ("tcp", "tcpin"):
+        return TcpOctets(address, taker)
+    if address.transport == "serial":
+        return SerialOctets(address, taker)
+    return PipedOctets(address, taker)
