@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
 SPARE_NS = 1_000_000  # Less than this before a deadline, nothing else is begun
-# What can wait is done together, at multiples of this or longer, after what is due just then.
+# What can wait is done together, at multiples of this, after what is due just then.
 LATER_EVERY_NS, LATER_EVERY_SIMULATED_NS = NS // 10, NS
 NEVER_NS = 1 << 63
 # Messages sent in simulated time, and entries written, before anything else has its turn.
@@ -48,8 +48,6 @@ class SessionLoop(Generic[T]):
         self.schedule = schedule
         self.waited = 0  # How often the session waited for a way out to have room
         self.slept_ns = 0  # For how long nothing was due
-        # What is worked out at once: what can wait is done no more often than that.
-        self.stretch_ns = 0
         self._clock, self._is_simulated = clock, isinstance(clock, InstantClock)
         self._inputs = inputs
         # Called when something has come in, after nothing waited.
@@ -76,8 +74,7 @@ class SessionLoop(Generic[T]):
                 self._do_later(MAX_LATER if self._is_simulated else ENTRIES_AT_ONCE)
             waiting.append(item)
         if self._later_ns is None:
-            least_ns = LATER_EVERY_SIMULATED_NS if self._is_simulated else LATER_EVERY_NS
-            every_ns = max(least_ns, self.stretch_ns)
+            every_ns = LATER_EVERY_SIMULATED_NS if self._is_simulated else LATER_EVERY_NS
             self._later_ns = (self._clock.now_ns() // every_ns + 1) * every_ns
             self.schedule.put(self._later_ns, self._begin_later, ActionKind.BETWEEN)
         if begins and self._stands_still():

@@ -524,7 +524,6 @@ class Session:
         if too_late_ns:  # by steps as long as when it joins: else it would be late for ever
             ticks = max(ticks, min(now_ns // TICK_NS - k, LONGEST_NS // TICK_NS))
         before_ns, sectors = (k + 1 + ticks) * TICK_NS, 0
-        self._loop.stretch_ns = ticks * TICK_NS
         due: dict[int, list[tuple[int, Departure[Kept]]]] = defaultdict(list)
         engine = self.engine
         if engine.cooperative is not None and not self.clock.can_wait:
