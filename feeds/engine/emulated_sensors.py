@@ -292,12 +292,7 @@ class SensorGroup:
     def look(self, sectors: Sectors) -> Batch:
         """What comes of sectors of these sensors, as far as is known now."""
         if not sectors.stares[0]:
-            if not self._merges:
-                return self._turn(sectors)
-            # A look is compared with its nearest neighbours: those of other turns are none.
-            n = self._at_work.timetables[int(sectors.sensor[0])].sectors
-            starts = range(0, len(sectors), n)
-            return Batch.joined([self._turn(sectors.between(i, i + n)) for i in starts])
+            return self._turn(sectors)
         scans = []
         while len(sectors):  # one scan of each sensor after the other
             first = sectors.first_of_sensors()
@@ -350,7 +345,7 @@ class SensorGroup:
         met = meetings(sectors, self._axes, at_work.trajectories, at_work.borders, self._reach_m)
         looks, plots = NO_LOOKS, NO_PLOTS
         if self._merges and len(met.truth):
-            looks, plots = self._observed_among_neighbours(sectors, met.truth)
+            looks, plots = self._observed_among_neighbours(sectors, met.truth, met.row)
         elif len(met.truth):
             looks, plots = self._observed(sectors, met.truth, met.row)
         alarms = at_work.false_alarms.of_turns(sectors, self.models)
@@ -380,30 +375,41 @@ class SensorGroup:
                 yield sensor, sidelobe_plots(radar, targets, sector, whose, rng)
 
     def _observed_among_neighbours(
-        self, sectors: Sectors, truth: TruthState
+        self, sectors: Sectors, truth: TruthState, row: Ints
     ) -> tuple[Looks, Plots]:
-        """Looks and plots where echoes merge, also across the borders of sectors of a sensor."""
-        sensor = int(sectors.sensor[0])
-        timetable = self._at_work.timetables[sensor]
-        start_ns, end_ns = int(sectors.start_ns[0]), int(sectors.end_ns[-1])
-        before = Sectors.of([timetable.sector_at(start_ns - 1)], sensor)
+        """Looks and plots where echoes merge, each sector's beside those of the next ones.
+
+        These are looked at for each sector by itself, so that it matters to none how many others
+        are worked out with it.
+        """
+        at_work, sensor = self._at_work, int(sectors.sensor[0])
+        timetable = at_work.timetables[sensor]
+        before = Sectors.of([timetable.sector_at(int(sectors.start_ns[0]) - 1)], sensor)
         after = Sectors.of([timetable.next_sector(sectors.one(len(sectors) - 1))], sensor)
-
-        def others_of(sector: Sectors) -> TruthState:
-            met = meetings(
-                sector, self._axes, self._at_work.trajectories, reach_m=self._reach_m
-            ).truth
-            near = np.abs(truth.t_utc_ns - sector.start_ns[0]) < timetable.period_ns // 2
-            return met.rows(~np.isin(met.drone, truth.drone[near]))
-
-        everybody = TruthState.joined([others_of(before), truth, others_of(after)])
-        all_sectors = Sectors.joined([before, sectors, after])
-        row = np.searchsorted(all_sectors.end_ns, everybody.t_utc_ns, side="right")
-        looks, plots = self._observed(all_sectors, everybody, row)
-        of_looks, of_plots = (
-            (found.t_utc_ns >= start_ns) & (found.t_utc_ns < end_ns) for found in (looks, plots)
+        met_before, met_after = (
+            meetings(sector, self._axes, at_work.trajectories, reach_m=self._reach_m).truth
+            for sector in (before, after)
         )
-        return looks.rows(of_looks), plots.rows(of_plots)
+        of = np.concatenate(
+            [np.zeros(len(met_before), np.int64), row + 1]
+            + [np.full(len(met_after), len(sectors) + 1)]
+        )
+        everybody = TruthState.joined([met_before, truth, met_after])
+        all_sectors = Sectors.joined([before, sectors, after])
+        found = []
+        for sector in np.unique(row + 1).tolist():
+            own = of == sector
+            beside = (np.abs(of - sector) == 1) & ~np.isin(everybody.drone, everybody.drone[own])
+            who = np.flatnonzero(own | beside)
+            seen = self._observed(all_sectors, everybody.rows(who), of[who])
+            within = (
+                (all_sectors.start_ns[sector] <= each.t_utc_ns)
+                & (each.t_utc_ns < all_sectors.end_ns[sector])
+                for each in seen
+            )
+            found.append([each.rows(which) for each, which in zip(seen, within, strict=True)])
+        looks, plots = zip(*found, strict=True)
+        return Looks.joined(looks), Plots.joined(plots)
 
     @property
     def _needs_velocities(self) -> bool:

@@ -62,7 +62,7 @@ STAND_BY_S = 0.02
 # Real time that a tick spends on what has come in; the rest waits for the next.
 INTAKE_NS = TICK_NS // 2
 # Worked out by one tick where time is simulated: beyond, a sector hardly costs less any more.
-MOST_SECTORS, MOST_TICKS = 512, 4000
+MOST_SECTORS, MOST_TICKS = 512, 1000
 # Of real time, 50 ms: at most so much is worked out by one tick where the clock is held back.
 TICKS_BEHIND = 5
 

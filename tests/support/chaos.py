@@ -20,6 +20,7 @@ from fuzz.first_seeds import seeds_of
 from support.brokers import free_port, own_broker
 from support.scene_files import radar, scene_text
 from support.sessions import AtWork, at_work
+from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.link.counters import lateness_us
@@ -162,12 +163,15 @@ def scene_of(ports: dict[str, int], port: int) -> Scene:
     return parsed(text.encode(), Path("scene.toml"))
 
 
-def misbehave(doors: Sequence[str], way: str, ports: Mapping[str, int], over: Event) -> None:
+def misbehave(
+    doors: Sequence[str], way: str, ports: Mapping[str, int], begun: Event, over: Event
+) -> None:
     """At each of those doors somebody, all in this process, until told to stop or nobody can."""
     attacks = [Attack(door, way, ports[door], over) for door in doors]
     threads = [threading.Thread(target=each.run, daemon=True) for each in attacks]
     for thread in threads:
         thread.start()
+    begun.set()
     session = multiprocessing.parent_process()
     while not over.wait(0.1) and session is not None and session.is_alive():
         pass
@@ -180,13 +184,14 @@ async def beside(doors: Sequence[str], way: str, seconds: float, folder: Path) -
     """
     broker, apart = free_port(), multiprocessing.get_context("spawn")
     ports = {door: free_port() for door in (*LIVE, SERVED)}
-    scene, over = scene_of(ports, broker), apart.Event()
+    scene, begun, over = scene_of(ports, broker), apart.Event(), apart.Event()
     ports |= dict.fromkeys(("mqtt", *TOPICS), broker)
-    bad = apart.Process(target=misbehave, args=(doors, way, ports, over))
+    bad = apart.Process(target=misbehave, args=(doors, way, ports, begun, over))
     with own_broker(folder, broker):
         async with at_work(scene, broker) as session:
             bad.start()
             try:
+                await asyncio.to_thread(begun.wait, PATIENCE_S)
                 await asyncio.sleep(seconds)
                 await session.sectors_more(1)
             finally:

@@ -83,6 +83,15 @@ async def test_an_engine_makes_the_octets_of_a_session(name: str) -> None:
     assert said
 
 
+def test_echoes_merge_alike_whatever_else_is_worked_out_with_them() -> None:
+    """At its own pace, sector by sector, an engine knows no more than the next sector's drones."""
+    scene = example("stadium")
+    said = [by_engine(Engine(scene, START_NS), in_steps(step)) for step in (NS // 50, NS, END_NS)]
+    merges = [sensor for sensor in scene.sensor if getattr(sensor, "merging", False)]
+    assert merges
+    assert said[0] == said[1] == said[2]
+
+
 def report(t_ns: int, step: int) -> bytes:
     said = {
         "time_utc": iso_utc(t_ns),
