@@ -391,8 +391,11 @@ class SensorGroup:
             for sector in (before, after)
         )
         of = np.concatenate(
-            [np.zeros(len(met_before), np.int64), row + 1]
-            + [np.full(len(met_after), len(sectors) + 1)]
+            [
+                np.zeros(len(met_before), np.int64),
+                row + 1,
+                np.full(len(met_after), len(sectors) + 1),
+            ]
         )
         everybody = TruthState.joined([met_before, truth, met_after])
         all_sectors = Sectors.joined([before, sectors, after])

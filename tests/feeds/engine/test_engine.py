@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.scene_files import radar, scene_text
 
 from plotfeed import Engine, Observer, PlotfeedError, Scene, load, run
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.examples import summaries
-from plotfeed.feeds.scene.scene import example
+from plotfeed.feeds.scene.scene import example, parsed
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.testing import START_NS
@@ -83,13 +85,17 @@ async def test_an_engine_makes_the_octets_of_a_session(name: str) -> None:
     assert said
 
 
-def test_echoes_merge_alike_whatever_else_is_worked_out_with_them() -> None:
-    """At its own pace, sector by sector, an engine knows no more than the next sector's drones."""
-    scene = example("stadium")
-    said = [by_engine(Engine(scene, START_NS), in_steps(step)) for step in (NS // 50, NS, END_NS)]
-    merges = [sensor for sensor in scene.sensor if getattr(sensor, "merging", False)]
-    assert merges
-    assert said[0] == said[1] == said[2]
+def test_echoes_merge_alike_whatever_else_is_worked_out_with_them(tmp_path: Path) -> None:
+    """A chain of drones over nine sectors, each nearer than a beam's width to the next."""
+    drones = ""
+    for i, at in enumerate(math.radians(20 + each) for each in range(50)):
+        place = f"east_m = {1500 * math.sin(at):.1f}, north_m = {1500 * math.cos(at):.1f}"
+        drones += f'[[drone]]\nid = "d{i}"\nhome = {{ {place}, above_site_m = 90.0 }}\n'
+        drones += 'leg = [{ kind = "hover", for_s = 60.0 }]\n'
+    text = scene_text(sensors=radar(sectors=64, more="merging = {}"), drones=drones)
+    scene = parsed(text.encode(), tmp_path / "chain.toml")
+    paces = [by_engine(Engine(scene, START_NS), in_steps(step)) for step in (NS // 50, NS, END_NS)]
+    assert paces[0] == paces[1] == paces[2]
 
 
 def report(t_ns: int, step: int) -> bytes:
