@@ -12,6 +12,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
@@ -28,6 +29,7 @@ from plotfeed.feeds.cli.main import main
 
 # As a user starts it: for tests of the start itself, which takes a second of imports.
 PLOTFEED = [sys.executable, "-m", "plotfeed.feeds.cli"]
+LOOK_EVERY_S = 0.01
 _asking = Lock()
 
 
@@ -69,21 +71,23 @@ class Started:
         self.pid = int(self._news.readline())
         self.returncode: int | None = None
         self._said: tuple[str, str] | None = None
+        self._ending = Lock()  # Threads of a test may ask at the same time
 
     def poll(self) -> int | None:
         """Its exit code once it has ended."""
-        try:
-            return self.wait(0)
-        except subprocess.TimeoutExpired:
-            return None
+        with self._ending:
+            if self.returncode is None and select.select([self._news], [], [], 0)[0]:
+                self.returncode = int(self._news.readline())
+                self._news.close()
+            return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        if self.returncode is None:
-            if not select.select([self._news], [], [], timeout)[0]:
+        end_s = time.monotonic() + (float("inf") if timeout is None else timeout)
+        while (code := self.poll()) is None:
+            if time.monotonic() >= end_s:
                 raise subprocess.TimeoutExpired("plotfeed", timeout or 0.0)
-            self.returncode = int(self._news.readline())
-            self._news.close()
-        return self.returncode
+            time.sleep(LOOK_EVERY_S)
+        return code
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
         """What it has yet written to its end; one that does not end in time is killed."""

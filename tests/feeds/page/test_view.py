@@ -8,13 +8,13 @@ import pytest
 from support import made_up_session
 from support.made_up_session import MadeUpSession
 from support.page_updates import Frame, read_frame
-from support.station import Station
 
 from plotfeed import testing
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.shown import MAX_KEPT
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, Update
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.models.beam import Sector
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Looks, Plots, TruthState
@@ -100,14 +100,14 @@ def test_everybody_sees_plots_and_only_who_asks_sees_whose_they_are() -> None:
 def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
     far = testing.radar(id="far", position_enu_m=[12_000.0, -7000.0, 80.0])
     scene = testing.scene([testing.radar(), far], seed=1)
-    station = Station(scene, scene.sensor[1], None)  # type: ignore[arg-type] - only its place
     view = View()
     view.scene(scene)
     found = plots(50, range_m=np.linspace(100, 19_000, 50), elevation_deg=np.linspace(-5, 70, 50))
     view.settled(report(found, "far"), [sent("plotfeed/far/plots")])
     frame = read_frame(view.update(testing.START_NS, 0.0).public)
     measured = aer_to_enu(found.azimuth_deg, found.elevation_deg, found.range_m)
-    expected = testing.SITE.from_ecef(station.frame.to_ecef(measured))
+    there = frame_at(scene.scene.site, scene.sensor[1].position_enu_m)
+    expected = testing.SITE.from_ecef(there.to_ecef(measured))
     for name, column in (("east_m", 0), ("north_m", 1)):
         np.testing.assert_allclose(
             frame.column(SectionKind.PLOTS, name), expected[:, column], atol=5e-3
