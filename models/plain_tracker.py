@@ -172,15 +172,15 @@ class PlainTracker:
         for has_begun in (True, False):
             among = np.flatnonzero((self._tracks.track[:n] > 0) == has_begun)
             left = np.flatnonzero(free)
-            row, plot = self._pairs(among, plots.rows(left))
-            self._hit(row, plots.rows(left[plot]), end_ns)
+            row, plot, far2 = self._pairs(among, plots.rows(left))
+            self._hit(row, plots.rows(left[plot]), far2, end_ns)
             free[left[plot]] = False
         if free.any():
             anew = self._begun(plots.rows(free), end_ns)
             self._tracks = _Tracks.joined([self._tracks, anew])
 
-    def _pairs(self, among: Ints, plots: LocatedPlots) -> tuple[Ints, Ints]:
-        """Rows of tracks and of plots that belong together, (k,) each."""
+    def _pairs(self, among: Ints, plots: LocatedPlots) -> tuple[Ints, Ints, Floats]:
+        """Rows of tracks and of plots that belong together, and how far, squared; (k,) each."""
         row, plot = self._near(among, plots)
         tracks = self._tracks
         since_ns = plots.t_utc_ns[plot] - tracks.t_ns[row]
@@ -196,7 +196,7 @@ class PlainTracker:
         gate2 = np.where(plots.has_height[plot], self._gates[3], self._gates[2])
         within = far2 <= gate2
         chosen = least_sum(row[within], plot[within], (far2 - gate2)[within])
-        return row[within][chosen], plot[within][chosen]
+        return row[within][chosen], plot[within][chosen], far2[within][chosen]
 
     def _near(self, among: Ints, plots: LocatedPlots) -> tuple[Ints, Ints]:
         """Pairs of tracks and plots that may lie within a gate of each other, and some more."""
@@ -230,14 +230,12 @@ class PlainTracker:
         density_m2_s3 = tracks.density_m2_s3[row, None]
         return predicted(tracks.states[row], tracks.covariances[row], after_ns / NS, density_m2_s3)
 
-    def _hit(self, row: Ints, plots: LocatedPlots, end_ns: int) -> None:
+    def _hit(self, row: Ints, plots: LocatedPlots, far2: Floats, end_ns: int) -> None:
         """Take in the plots of tracks."""
         tracks = self._tracks
         states, spread = self._at(row, plots.t_utc_ns - tracks.t_ns[row])
-        measured = plots.position_enu_m, plots.covariance_m2
-        d2 = distances2(states, spread, *measured) / np.where(plots.has_height, 3, 2)
-        better = updated(states, spread, *measured)
-        most = self._motion.density_m2_s3
+        better = updated(states, spread, plots.position_enu_m, plots.covariance_m2)
+        d2, most = far2 / np.where(plots.has_height, 3, 2), self._motion.density_m2_s3
         density = tracks.density_m2_s3[row] * np.exp(ADJUSTMENT * (np.minimum(d2, MOST_D2) - 1))
         tracks.density_m2_s3[row] = np.clip(density, LEAST_SHARE * most, most)
         is_new = ~tracks.is_hit[row]

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_or
 
 import click
 
-from plotfeed.feeds.console.option_fields import MAX_SEED, keys_given, option
+from plotfeed.feeds.console.option_fields import (
+    MAX_SEED,
+    end_option,
+    keys_given,
+    option,
+    start_option,
+)
 from plotfeed.proto.errors import PlotfeedError
 
 if TYPE_CHECKING:
@@ -305,16 +311,8 @@ class ReplayOptions:
         "as possible, without deadlines.",
         metavar="FACTOR",
     )
-    start: str | None = option(
-        None,
-        "Begin so many seconds after the beginning, or at a time as 2026-01-01T12:00:00Z.",
-        metavar="TIME",
-    )
-    end: str | None = option(
-        None,
-        "End before that time, given as for --start; what was recorded at it is left out.",
-        metavar="TIME",
-    )
+    start: str | None = start_option()
+    end: str | None = end_option()
     laps: int = option(
         1,
         "Replay N times over; without N, until it is stopped.",

@@ -24,6 +24,18 @@ def option(default: Any, help_text: str, **how: Any) -> Any:
     return field(default=default, metadata={"help": help_text, **how})
 
 
+def start_option() -> Any:
+    """The option with which a part of a recording begins."""
+    told = "Begin so many seconds after the beginning, or at a time as 2026-01-01T12:00:00Z."
+    return option(None, told, metavar="TIME")
+
+
+def end_option() -> Any:
+    """The option before which a part of a recording ends."""
+    told = "End before that time, given as for --start; what was recorded at it is left out."
+    return option(None, told, metavar="TIME")
+
+
 def keys_given(option_name: str, pairs: Iterable[str]) -> dict[str, Any]:
     """The keys of KEY=VALUE pairs, as a scene has them; a value that is no TOML is text.
 

@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import cache
 from typing import TYPE_CHECKING, Literal
 
-from plotfeed.feeds.console.option_fields import option
+from plotfeed.feeds.console.option_fields import end_option, option, start_option
 
 if TYPE_CHECKING:
     from plotfeed.feeds.recording.record_text import Categories, Style
@@ -104,16 +104,8 @@ class ConvertSettings:
         "has no stages takes after and received.",
         name="--stage",
     )
-    start: str | None = option(
-        None,
-        "Begin so many seconds after the beginning, or at a time as 2026-01-01T12:00:00Z.",
-        metavar="TIME",
-    )
-    end: str | None = option(
-        None,
-        "End before that time, given as for --start; what was recorded at it is left out.",
-        metavar="TIME",
-    )
+    start: str | None = start_option()
+    end: str | None = end_option()
     date: datetime | None = option(
         None, "Let a file without dates (FINAL, raw ASTERIX) begin on this day; else on 1970-01-01."
     )
