@@ -23,7 +23,7 @@ LOWEST := tests/replay/mcap/test_mcap_reader.py tests/replay/test_parquet.py \
   tests/replay/test_libasterix.py::test_the_records_of_a_capture_are_in_every_format \
   tests/proto/sapient/test_sapient.py tests/feeds/formats/test_formats.py \
   tests/feeds/telemetry/flights/test_golden_flights.py \
-  tests/feeds/telemetry/flights/test_dataflash.py tests/feeds/telemetry/flights/test_tlog.py \
+  tests/feeds/telemetry/flights/test_autopilot_logs.py \
   tests/feeds/telemetry/test_foreign_files.py tests/feeds/engine/test_terrain_files.py \
   tests/feeds/scene/test_sea_level.py tests/feeds/session/test_metrics.py \
   tests/feeds/page/test_server.py \

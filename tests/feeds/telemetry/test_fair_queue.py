@@ -53,10 +53,10 @@ def test_topics_have_turns_however_much_each_brings() -> None:
     assert max(served.values()) - min(served.values()) <= 1
 
 
-def test_a_known_topic_has_room_beside_ten_thousand_strangers() -> None:
+def test_a_known_topic_has_room_beside_a_thousand_strangers() -> None:
     queue = FairQueue(limit=500, limit_of_strangers=100)
     queue.know("drone")
-    for i in range(10_000):
+    for i in range(1_000):
         put(queue, f"stranger{i}", i)
     put(queue, "drone", 1)
     assert len(queue) == 101
@@ -77,14 +77,14 @@ def test_memory_is_bounded_whatever_comes() -> None:
     tracemalloc.start()
     before, _ = tracemalloc.get_traced_memory()
     queue = FairQueue()
-    for i in range(10_000):
+    for i in range(3_000):
         for _ in range(3):
             queue.put(f"plotfeed/telemetry/stranger{i}", bytes(100), None)
         queue.put("plotfeed/telemetry/big", bytes(1 << 20), None)
     after, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert after - before < 20 << 20
-    assert queue.given_up == 40_000 - len(queue)
+    assert queue.given_up == 12_000 - len(queue)
     assert len(queue.dropped) <= 51
 
 

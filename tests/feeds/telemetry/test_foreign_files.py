@@ -73,14 +73,13 @@ def test_another_process_finds_what_this_one_would() -> None:
             np.testing.assert_array_equal(values, apart["topics"][name][column])
 
 
-@pytest.mark.parametrize("start", ["import os; os.abort()", "print('[[')", "", "print('{}')"])
-def test_a_process_that_breaks_is_a_refusal(monkeypatch: pytest.MonkeyPatch, start: str) -> None:
-    monkeypatch.setattr(foreign_files, "_START", start)
-    with pytest.raises(PlotfeedError, match="reading it takes more than"):
-        read_apart("ULog", b"ULog")
-
-
-def test_a_process_that_takes_too_long_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_breaks_or_takes_too_long_is_a_refusal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for start in ("import os; os.abort()", "print('[[')", "print('{}')"):
+        monkeypatch.setattr(foreign_files, "_START", start)
+        with pytest.raises(PlotfeedError, match="reading it takes more than"):
+            read_apart("ULog", b"ULog")
     limits = FileLimits(10, 10, seconds=0)
     monkeypatch.setattr(foreign_files, "FILE_LIMITS", {**FILE_LIMITS, "ULog": limits})
     with pytest.raises(PlotfeedError, match="more than 0 s"):

@@ -93,35 +93,35 @@ def test_no_drone_is_forgotten_that_some_sensor_can_still_see(tmp_path: Path) ->
     assert door.known == {"a"}
 
 
-@pytest.mark.parametrize("names_per_s", [1_500, 10_000])
+@pytest.mark.parametrize("names_per_tick", [15, 60])
 def test_a_flood_of_names_that_report_once_locks_nobody_out(
-    tmp_path: Path, names_per_s: int
+    tmp_path: Path, names_per_tick: int
 ) -> None:
     """Drones at 10 Hz that were there stay, those that come get in, with room for a hundred."""
-    door, number = Door(scene_of(tmp_path, "max_drones = 100")), 0
+    door, came_in_s = Door(scene_of(tmp_path, "max_drones = 100")), list[float]()
     door.tick("before")
-    came_in: dict[str, float] = {}
-    for tick in range(300):
-        flood = [f"flood{number + i}" for i in range(names_per_s // 100)]
-        number += len(flood)
-        legitimate = ["before", "late"] if tick >= 100 else ["before"]
+    for tick in range(200):
+        flood = [f"flood{tick} {i}" for i in range(names_per_tick)]
         if tick % 10 == 0:
-            flood[len(flood) // 2 : len(flood) // 2] = legitimate
+            half = names_per_tick // 2
+            flood[half:half] = ["before", "late"] if tick >= 80 else ["before"]
         door.tick(*flood)
         assert len(door.known) <= 100
         assert "before" in door.known
         if "late" in door.known:
-            came_in.setdefault("late", (tick - 100) / 100)
-    assert came_in["late"] <= 1.0
+            came_in_s.append((tick - 80) / 100)
+    assert came_in_s[0] <= 1.0
     assert "late" in door.known
     assert door.receiver.refusals[Reason.TOO_MANY_NEW_DRONES] > 100
 
 
-def test_after_ten_thousand_names_in_a_second_a_new_drone_gets_in_at_once(tmp_path: Path) -> None:
-    door = Door(scene_of(tmp_path, "max_new_drones_per_s = 1000000"))
-    for first in range(0, 10_000, 100):
-        door.tick(*(f"d{i}" for i in range(first, first + 100)))
-    assert len(door.known) == 10_000
+def test_after_as_many_names_in_a_second_as_there_is_room_a_new_drone_gets_in_at_once(
+    tmp_path: Path,
+) -> None:
+    door = Door(scene_of(tmp_path, "max_new_drones_per_s = 1000000\nmax_drones = 1000"))
+    for first in range(0, 1000, 50):
+        door.tick(*(f"d{i}" for i in range(first, first + 50)))
+    assert len(door.known) == 1000
     door.tick("new")
     assert "new" in door.known
     assert "d0" not in door.known, "the first of those that reported once gives way"
@@ -147,26 +147,26 @@ def test_where_all_are_established_and_there_a_new_drone_waits_until_one_is_gone
 
 
 def test_names_beyond_the_rate_get_in_as_they_come_again(tmp_path: Path) -> None:
-    door = Door(scene_of(tmp_path, "max_new_drones_per_s = 100"))
-    swarm = [f"d{i}" for i in range(600)]
+    door = Door(scene_of(tmp_path, "max_new_drones_per_s = 20"))
+    swarm = [f"d{i}" for i in range(120)]
     for _ in range(45):
         door.now_ns += S // 10 - TICK_NS
         door.tick(*swarm)
     assert door.known == set(swarm)
-    assert 100 * 5 - 100 < door.receiver.refusals[Reason.TOO_MANY_NEW_DRONES] < 600 * 45
+    assert 20 * 5 - 20 < door.receiver.refusals[Reason.TOO_MANY_NEW_DRONES] < 120 * 45
 
 
-def test_two_days_of_a_thousand_new_names_an_hour_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_hours_of_new_names_leave_nothing_behind(tmp_path: Path) -> None:
     """Whatever the intake holds: names, courses, samples, queues, refusals."""
     door, sizes = Door(scene_of(tmp_path)), []
-    for hour in range(2 * 24):
-        for first in range(0, 1000, 250):
-            names = [f"{hour}-{i}" for i in range(first, first + 250)]
+    for hour in range(12):
+        for quarter in range(4):
+            names = [f"{hour}-{quarter}-{i}" for i in range(100)]
             for _ in range(2 if hour % 2 else 1):
                 door.tick(*names, "stays")
             door.wait(899.0)
         sizes.append(held(door.receiver, door.trajectories, door.queue))
-    assert door.receiver.taken > 48_000
+    assert door.receiver.taken > 4800
     assert len(door.known) == 0
     assert max(sizes[2:]) <= 1.05 * np.median(sizes[:4])
-    assert door.receiver.forgotten == 48 * (1000 + 4)
+    assert door.receiver.forgotten == 12 * 4 * 101

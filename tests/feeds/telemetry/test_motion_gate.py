@@ -16,7 +16,12 @@ from support.scene_files import scene_file, scene_text
 from plotfeed.feeds.engine.scene_drones import trajectories_of
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.telemetry.admission import CONFIRM_NS, GRACE_M, reach_m
-from plotfeed.feeds.telemetry.position_report import PositionReport, Reason
+from plotfeed.feeds.telemetry.position_report import (
+    UNKNOWN_VELOCITY,
+    PositionReport,
+    Reason,
+    Velocity,
+)
 from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import AltitudeReference, Floats
@@ -27,6 +32,21 @@ NOW = 1_767_268_800 * S
 SITE = LocalFrame(40.45, -3.73, 650.0)
 MAX_SPEED_M_S, G_M_S2 = 150.0, 9.80665
 TOPIC = "plotfeed/telemetry/d"
+
+
+def report(
+    t_s: float, enu_m: Floats, velocity_m_s: Velocity = UNKNOWN_VELOCITY, sigma_m: float = math.nan
+) -> PositionReport:
+    latitude_deg, longitude_deg, height_m = (float(x) for x in SITE.to_geodetic(enu_m))
+    return PositionReport(
+        t_utc_ns=NOW + round(t_s * S),
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
+        altitude_m=height_m,
+        altitude_reference=AltitudeReference.ELLIPSOID,
+        velocity_enu_m_s=velocity_m_s,
+        horizontal_accuracy_m=sigma_m,
+    )
 
 
 class Sent:
@@ -42,32 +62,23 @@ class Sent:
         t_s: float,
         enu_m: Floats,
         *,
-        velocity_m_s: tuple[float, float, float] = (math.nan,) * 3,
+        velocity_m_s: Velocity = UNKNOWN_VELOCITY,
         sigma_m: float = math.nan,
         late_s: float = 0.0,
     ) -> bool:
         """Whether it was taken."""
-        latitude_deg, longitude_deg, height_m = (float(x) for x in SITE.to_geodetic(enu_m))
-        t_utc_ns, before = NOW + round(t_s * S), self.receiver.taken
-        report = PositionReport(
-            t_utc_ns=t_utc_ns,
-            latitude_deg=latitude_deg,
-            longitude_deg=longitude_deg,
-            altitude_m=height_m,
-            altitude_reference=AltitudeReference.ELLIPSOID,
-            velocity_enu_m_s=velocity_m_s,
-            horizontal_accuracy_m=sigma_m,
-        )
-        now_ns = t_utc_ns + round(late_s * S)
-        refusal = self.receiver.take(TOPIC, report.to_protobuf(), None, now_ns)
+        before, said = self.receiver.taken, report(t_s, enu_m, velocity_m_s, sigma_m)
+        now_ns = said.t_utc_ns + round(late_s * S)
+        refusal = self.receiver.take(TOPIC, said.to_protobuf(), None, now_ns)
         if refusal is not None:
             self.told.append(json.loads(refusal.payload))
         return self.receiver.taken > before
 
-    def where_m(self, t_s: float) -> Floats:
-        """East, north, up; NaN if it is not there."""
-        t_utc_ns = np.array([NOW + round(t_s * S)])
-        return SITE.from_ecef(self.trajectories.position_at(t_utc_ns, np.zeros(1, np.int64)))[0]
+    def where_m(self, *times_s: float) -> Floats:
+        """East, north, up, a row a time; NaN if it is not there."""
+        t_utc_ns = np.array([NOW + round(t_s * S) for t_s in times_s])
+        who = np.zeros(len(times_s), np.int64)
+        return SITE.from_ecef(self.trajectories.position_at(t_utc_ns, who))
 
     @property
     def reasons(self) -> set[Reason]:
@@ -103,7 +114,7 @@ def turn(t_s: float) -> Floats:
     return np.array([radius_m * np.sin(angle), radius_m * np.cos(angle), 100.0])
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(
     st.sampled_from([hover, dash, dive, turn]),
     st.sampled_from([1.0, 2.0, 5.0, 10.0, 50.0]),
@@ -124,7 +135,7 @@ def test_what_drones_can_fly_is_never_implausible(
     assert sent.reasons <= {Reason.BACKWARDS}
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(
     st.sampled_from([hover, dash, turn]),
     st.sampled_from([1.0, 5.0, 20.0]),
@@ -145,19 +156,19 @@ def test_glitches_never_move_a_drone_further_than_the_gate_lets_them(
             direction = rng.standard_normal(3) * [1.0, 1.0, 0.2]
             glitch_m = direction / np.linalg.norm(direction) * 10 ** rng.uniform(0, 4.5)
         velocity = (path(t_s + 1e-3) - path(t_s - 1e-3)) / 2e-3
-        said = tuple(float(v) for v in velocity) if states_velocity else (math.nan,) * 3
-        if sent.say(t_s, path(t_s) + glitch_m, velocity_m_s=said):
+        said = tuple(float(v) for v in velocity) if states_velocity else UNKNOWN_VELOCITY
+        if sent.say(t_s, path(t_s) + glitch_m, velocity_m_s=said):  # type: ignore[arg-type]
             off_m, flown_m = float(np.linalg.norm(glitch_m)), 60.0 * (t_s - last_s)
             assert off_m <= last_off_m + reach_m(t_s - last_s, MAX_SPEED_M_S) + flown_m
             last_s, last_off_m = t_s, off_m
-        for after_s in np.linspace(0.0, 0.99 * interval_s, 4):
-            off_m = np.linalg.norm(sent.where_m(t_s + after_s) - path(t_s + after_s))
-            since_s = t_s + after_s - last_s
-            too_fast_m_s = 60.0 + (60.0 if states_velocity else MAX_SPEED_M_S)
-            assert np.isnan(off_m) or off_m <= last_off_m + too_fast_m_s * since_s + 1e-3
+        asked_s = t_s + np.linspace(0.0, 0.99 * interval_s, 4)
+        offs_m = np.linalg.norm(sent.where_m(*asked_s) - [path(t) for t in asked_s], axis=1)
+        too_fast_m_s = 60.0 + (60.0 if states_velocity else MAX_SPEED_M_S)
+        most_m = last_off_m + too_fast_m_s * (asked_s - last_s) + 1e-3
+        assert (np.isnan(offs_m) | (offs_m <= most_m)).all()
 
 
-@pytest.mark.parametrize("rate_hz", [1.0, 5.0, 50.0])
+@pytest.mark.parametrize("rate_hz", [1.0, 50.0])
 def test_one_glitch_of_2_km_moves_nobody(scene: Scene, rate_hz: float) -> None:
     straight, glitched = Sent(scene), Sent(scene)
     for k in range(40):
@@ -166,8 +177,7 @@ def test_one_glitch_of_2_km_moves_nobody(scene: Scene, rate_hz: float) -> None:
         wrong = k == 20
         assert glitched.say(t_s, dash(t_s) + east(2000.0 * wrong)) is not wrong
         if not wrong:
-            off_m = np.linalg.norm(glitched.where_m(t_s) - straight.where_m(t_s))
-            assert off_m < 1e-6
+            assert np.abs(glitched.where_m(t_s) - straight.where_m(t_s)).max() < 1e-6
     assert glitched.reasons == {Reason.IMPLAUSIBLE_MOTION}
     assert "telemetry.max_speed_m_s" in glitched.told[0]["detail"]
 
@@ -184,18 +194,17 @@ def test_a_jump_that_persists_is_a_new_start_and_no_velocity(scene: Scene, rate_
             taken_s = t_s
     assert taken_s is not None
     assert taken_s - first == pytest.approx(max(CONFIRM_NS / S, 2 / rate_hz), abs=1.01 / rate_hz)
-    for asked_s in np.linspace(0.0, t_s + 2.0, 400):
-        at_m = sent.where_m(asked_s)
-        moved_m = [np.linalg.norm(at_m - hover(0)), np.linalg.norm(at_m - hover(0) - there_m)]
-        assert np.isnan(at_m).any() or min(moved_m) < 1e-3, "nowhere between the two places"
+    at_m = sent.where_m(*np.linspace(0.0, t_s + 2.0, 400))
+    moved_m = [np.linalg.norm(at_m - place_m, axis=1) for place_m in (hover(0), hover(0) + there_m)]
+    assert (np.isnan(at_m).any(axis=1) | (np.minimum(*moved_m) < 1e-3)).all(), "in neither place"
 
 
 def test_a_receiver_that_repeats_one_wrong_fix_for_a_fifth_of_a_second_is_not_believed(
     scene: Scene,
 ) -> None:
     sent = Sent(scene)
-    for k in range(200):
-        wrong = 100 <= k < 110
+    for k in range(80):
+        wrong = 50 <= k < 60
         assert sent.say(k / 50, hover(0) + east(3000.0 * wrong)) is not wrong
 
 
@@ -204,26 +213,26 @@ def test_of_two_sources_under_one_name_the_one_that_was_first_goes_on_and_it_is_
 ) -> None:
     sent = Sent(scene)
     with caplog.at_level(logging.WARNING):
-        for k in range(200):
+        for k in range(60):
             assert sent.say(k / 10, hover(0))
             assert not sent.say(k / 10 + 0.03, hover(0) + east(400.0))
     told = [one for one in sent.told if one["reason"] == "second_source"]
     assert len(told) == len(caplog.records) == 1
     assert "400 m apart" in told[0]["detail"]
     assert "latitude" in caplog.text
-    assert sent.receiver.refusals[Reason.SECOND_SOURCE] > 190
+    assert sent.receiver.refusals[Reason.SECOND_SOURCE] > 50
 
 
 def test_a_source_that_reports_more_than_twice_as_often_takes_over_and_keeps_the_name(
     scene: Scene,
 ) -> None:
     sent, other_m, taken = Sent(scene), east(400.0), list[tuple[float, bool]]()
-    for k in range(300):
+    for k in range(100):
         if k % 10 == 0:
             taken.append((k / 10, sent.say(k / 10, hover(0))))
         other = sent.say(k / 10 + 0.03, hover(0) + other_m)
         assert other == (k / 10 + 0.03 >= 1.03)
-    assert [was for t_s, was in taken if t_s > 1.03] == [False] * 28
+    assert [was for t_s, was in taken if t_s > 1.03] == [False] * 8
 
 
 def test_a_speed_that_no_drone_has_is_refused_whole_or_in_part(scene: Scene) -> None:
@@ -243,6 +252,7 @@ def test_the_scene_says_how_fast_drones_are(tmp_path: Path) -> None:
     assert np.linalg.norm(sent.where_m(1.9) - sent.where_m(1.0)) < 0.9 * 20.01, "nor fitted faster"
 
 
+@settings(max_examples=15)
 @given(st.integers(0, 1 << 32))
 def test_it_is_the_same_whether_reports_come_together_or_one_by_one(
     scene: Scene, seed: int
@@ -253,15 +263,7 @@ def test_it_is_the_same_whether_reports_come_together_or_one_by_one(
         t_s = k / 10 + 0.2 * rng.random()
         jump_m = east(500.0 if k % 40 > 20 else 0.0)
         at_m = dash(t_s) + jump_m + (rng.random() < 0.1) * 1000.0 * rng.standard_normal(3)
-        latitude_deg, longitude_deg, height_m = (float(x) for x in SITE.to_geodetic(at_m))
-        report = PositionReport(
-            t_utc_ns=NOW + round(t_s * S),
-            latitude_deg=latitude_deg,
-            longitude_deg=longitude_deg,
-            altitude_m=height_m,
-            altitude_reference=AltitudeReference.ELLIPSOID,
-        )
-        payloads.append(report.to_protobuf())
+        payloads.append(report(t_s, at_m).to_protobuf())
     now_ns = NOW + 7 * S
     for payload in payloads:
         one_by_one.receiver.take(TOPIC, payload, None, now_ns)
@@ -270,8 +272,5 @@ def test_it_is_the_same_whether_reports_come_together_or_one_by_one(
         together.receiver.take_together([(TOPIC, batch)], now_ns)
     assert together.receiver.refusals == one_by_one.receiver.refusals
     asked_s = np.linspace(5.0, 8.0, 50)
-    assert np.array_equal(
-        [one_by_one.where_m(t) for t in asked_s],
-        [together.where_m(t) for t in asked_s],
-        equal_nan=True,
-    )
+    one, other = one_by_one.where_m(*asked_s), together.where_m(*asked_s)
+    assert np.array_equal(one, other, equal_nan=True)

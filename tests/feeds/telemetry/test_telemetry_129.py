@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import math
 from contextlib import suppress
 from typing import Any
@@ -9,13 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.scene_files import scene_file, scene_text
 
-from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.telemetry.position_report import MAX_OCTETS, Reason, Refused, decode
-from plotfeed.feeds.telemetry.receiver import TelemetryReceiver
+from plotfeed.feeds.telemetry.position_report import Reason, Refused, decode
 from plotfeed.models.state import AltitudeReference
-from plotfeed.models.truth import Trajectories
 from plotfeed.proto.asterix.cat129 import TargetEncoder129
 from plotfeed.proto.asterix.decode_cooperative import is_block_129
 from plotfeed.proto.utc import DAY_NS, nearest_utc_ns
@@ -51,11 +46,8 @@ def test_what_a_block_says_becomes_a_report() -> None:
     assert report.velocity_enu_m_s == pytest.approx((1.0, -2.0, 0.5))
     # Half of a circular normal distribution lies within 1.1774 standard deviations.
     assert report.horizontal_accuracy_m == pytest.approx(2.0 / 1.1774, rel=1e-4)
-
-
-def test_what_it_does_not_say_stays_unknown() -> None:
-    report = decode(block(), CAT129, now_utc_ns=NOW)
-    assert np.isnan([*report.velocity_enu_m_s, report.horizontal_accuracy_m]).all()
+    bare = decode(block(), CAT129, now_utc_ns=NOW)
+    assert np.isnan([*bare.velocity_enu_m_s, bare.horizontal_accuracy_m]).all()
 
 
 @pytest.mark.parametrize(
@@ -63,11 +55,6 @@ def test_what_it_does_not_say_stays_unknown() -> None:
 )
 def test_it_is_known_by_its_content_type_or_its_looks(content_type: str | None) -> None:
     assert decode(block(), content_type, now_utc_ns=NOW).altitude_m == pytest.approx(700.0)
-
-
-@pytest.mark.parametrize("content_type", ["application/x-asterix; cat=48", "image/png"])
-def test_another_content_type_is_refused(content_type: str) -> None:
-    assert refusal(block(), content_type).reason is Reason.CONTENT_TYPE
 
 
 def test_only_one_whole_block_looks_like_one() -> None:
@@ -101,23 +88,16 @@ def test_a_time_of_no_day_is_refused() -> None:
     assert refusal(bytes(payload)).reason is Reason.UNDECODABLE
 
 
-def test_a_day_is_needed() -> None:
-    assert refusal(block(), now=None).reason is Reason.MISSING
-
-
 def test_of_several_reports_the_latest_is_taken() -> None:
     blocks = [block(NOW + k * S, altitude_m=[700.0 + k]) for k in (-2, 0, -1)]
     report = decode(b"".join(blocks), CAT129, now_utc_ns=NOW)
     assert (report.t_utc_ns, report.altitude_m) == (NOW, pytest.approx(700.0))
 
 
-def test_several_aircraft_in_one_message_are_refused() -> None:
-    assert refusal(block(serial="a") + block(serial="b")).reason is Reason.NAME
-
-
 @pytest.mark.parametrize(
     ("payload", "reason"),
     [
+        (block(serial="a") + block(serial="b"), Reason.NAME),
         (b"", Reason.UNDECODABLE),
         (b"\x81\x00\x03", Reason.UNDECODABLE),
         (b"\x81\xff\xff" + b"\xff" * 40, Reason.UNDECODABLE),
@@ -133,6 +113,8 @@ def test_several_aircraft_in_one_message_are_refused() -> None:
 )
 def test_what_is_wrong_is_refused_with_its_reason(payload: bytes, reason: Reason) -> None:
     assert refusal(payload).reason is reason
+    assert refusal(block(), "application/x-asterix; cat=48").reason is Reason.CONTENT_TYPE
+    assert refusal(block(), now=None).reason is Reason.MISSING  # of which day nobody says
 
 
 @given(st.data())
@@ -145,15 +127,3 @@ def test_a_damaged_block_is_a_report_within_bounds_or_a_refusal(data: st.DataObj
         assert abs(report.latitude_deg) <= 90
         assert abs(report.t_utc_ns - NOW) <= DAY_NS // 2
         assert math.isfinite(report.altitude_m)
-
-
-def test_an_intake_takes_it_and_tells_of_refusals(tmp_path: Any) -> None:
-    scene = load(scene_file(tmp_path, scene_text(telemetry="geoid_undulation_m = 51.0", port=1883)))
-    trajectories = Trajectories(stale_after_s=3.0)
-    intake = TelemetryReceiver(scene, trajectories)
-    assert len(block()) < MAX_OCTETS
-    assert intake.take("plotfeed/telemetry/a", block(NOW - S), CAT129, NOW) is None
-    assert len(trajectories.state_at(NOW, np.array([0]))) == 1
-    refused = intake.take("plotfeed/telemetry/a", block(NOW - 2 * S), None, NOW)
-    assert refused is not None
-    assert json.loads(refused.payload)["reason"] == "backwards"

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from golden.make_flights import DURATION_S, START, WITHOUT_FIX, geodetic, velocity_m_s
+from golden.make_flights import (
+    DURATION_S,
+    GROUND_MSL_M,
+    PART_S,
+    PHASE_S,
+    START,
+    WITHOUT_FIX,
+    geodetic,
+    velocity_m_s,
+)
+from support.flown_logs import moved_m
+from support.given_files import GOLDEN
 from support.given_flights import FLIGHTS, GivenFlight
-from support.smoothing import moved_m
 
 from plotfeed.feeds.telemetry.flights import read
-from plotfeed.feeds.telemetry.flights.flight import Flight
+from plotfeed.feeds.telemetry.flights.flight import Flight, FlightOptions
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto.errors import PlotfeedError
 
@@ -51,8 +61,7 @@ def test_what_a_log_leaves_open_is_asked_for_or_told() -> None:
         read(CSV.log)
     assert CSV.recorded.skipped == SRT.recorded.skipped == ()
     references = [each.recorded.reports[0].altitude_reference for each in (SRT, CSV, BIN)]
-    sea = AltitudeReference.MEAN_SEA_LEVEL
-    assert references == [AltitudeReference.ABOVE_TAKEOFF, sea, sea]
+    assert references == [ABOVE, SEA, SEA]
     told = BIN.recorded.skipped
     assert sum("GPS status 1" in line for line in told) == WITHOUT_FIX
     assert sum("same time" in line for line in told) == len(told) - WITHOUT_FIX == 1
@@ -76,3 +85,46 @@ def test_a_dataflash_log_reads_as_pymavlink_reads_it(
         for r in given.recorded.reports
     ]
     assert ours == [pytest.approx(fix, abs=1e-9) for fix in fixes.values()]
+
+
+ABOVE, SEA = AltitudeReference.ABOVE_TAKEOFF, AltitudeReference.MEAN_SEA_LEVEL
+WHOLE = PART_S[1] - PART_S[0]
+EXPORTS = {
+    # file: options, records, first, what altitudes are above, error of time, degrees and height
+    "airdata.csv": ({}, WHOLE * 10, 0.0, ABOVE, (0.1, 1e-9, 0.002)),
+    "litchi.csv": ({}, WHOLE * 5, 0.0, ABOVE, (1e-9, 1e-8, 0.051)),
+    "phantomhelp.csv": ({"utc_offset_h": 2.0}, WHOLE * 5, 0.0, ABOVE, (1e-9, 1e-8, 0.016)),
+    "old.srt": ({}, WHOLE, 0.0, ABOVE, (1e-9, 1e-6, 0.051)),
+    "part.ulg": ({}, WHOLE * 5 - 15, 3.0, SEA, (1e-5, 1e-9, 1e-4)),
+    "part.kml": ({}, WHOLE - 1, 0.0, SEA, (1e-9, 1e-8, 0.0051)),
+    "part.nmea": ({}, WHOLE * 5 - 2, 0.4, SEA, (1e-9, 1e-7, 0.0051)),
+}
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_each_layout_of_an_exporter_gives_the_path_that_was_flown(name: str) -> None:
+    options, records, first_s, above, (time_s, degrees, metres) = EXPORTS[name]
+    if name.endswith(".ulg"):
+        pytest.importorskip("pyulog")
+    flight = read(GOLDEN / "flights" / name, FlightOptions(**options))  # type: ignore[arg-type]
+    assert len(flight.reports) == records
+    began_s = PART_S[0] + (PHASE_S if name == "airdata.csv" else 0.0)
+    at_s = np.array(times_s(flight)) - began_s
+    assert at_s[0] == pytest.approx(first_s, abs=time_s)
+    for report, t_s in zip(flight.reports, at_s - at_s[0] + first_s, strict=True):
+        latitude_deg, longitude_deg, up_m = geodetic(PART_S[0] + t_s)
+        assert report.latitude_deg == pytest.approx(latitude_deg, abs=degrees * 1.1)
+        assert report.longitude_deg == pytest.approx(longitude_deg, abs=degrees * 1.1)
+        height_m = up_m + (GROUND_MSL_M if above is SEA else 0.0)
+        assert report.altitude_m == pytest.approx(height_m, abs=metres)
+        assert report.altitude_reference is above
+
+
+def test_a_film_without_heights_flies_at_the_one_that_is_given() -> None:
+    film = GOLDEN / "flights" / "frames.srt"
+    with pytest.raises(PlotfeedError, match="--set height_m"):
+        read(film)
+    flight = read(film, FlightOptions(height_m=60.0))
+    assert len(flight.reports) == WHOLE * 5  # of dates alone one in five would be left
+    assert np.diff(times_s(flight)) == pytest.approx(0.2)
+    assert {(r.altitude_m, r.altitude_reference) for r in flight.reports} == {(60.0, ABOVE)}

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.flown_logs import moved_m, speeds
 from support.given_files import places
-from support.smoothing import moved_m, speeds
 
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions

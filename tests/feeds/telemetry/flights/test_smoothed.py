@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.smoothing import moved_m, speeds
+from support.flown_logs import moved_m, speeds
 
 from plotfeed.feeds.telemetry.flights import smoothed
 from plotfeed.feeds.telemetry.flights.flight import Flight
@@ -28,20 +28,13 @@ Floats = NDArray[np.float64]
 def flight(t_s: Floats, north_m: Floats, decimals: int = 12, east_deg: float = 3.0) -> Flight:
     latitudes = np.round(50.0 + north_m / M_PER_DEG, decimals)
     reports = tuple(
-        PositionReport(
-            t_utc_ns=round(t * S),
-            latitude_deg=float(latitude),
-            longitude_deg=east_deg,
-            altitude_m=100.0,
-            altitude_reference=SEA,
-        )
+        PositionReport(round(t * S), float(latitude), east_deg, 100.0, SEA)
         for t, latitude in zip(t_s, latitudes, strict=True)
     )
     return Flight(name="a", reports=reports)
 
 
-@pytest.mark.parametrize("rate_hz", [1.0, 5.0, 30.0])
-@pytest.mark.parametrize("speed_m_s", [2.0, 6.0, 15.0])
+@pytest.mark.parametrize(("rate_hz", "speed_m_s"), [(1.0, 2.0), (5.0, 6.0), (30.0, 15.0)])
 def test_steady_flight_in_eleven_metre_steps_gives_its_speed(
     rate_hz: float, speed_m_s: float
 ) -> None:
@@ -71,9 +64,11 @@ def test_a_break_in_the_log_is_not_bridged() -> None:
     assert north_m_s[20:25] == pytest.approx([-10.0] * 5, abs=4)
 
 
-def test_a_sparse_log_is_one_stretch() -> None:
+def test_a_sparse_log_is_one_stretch_and_a_single_report_is_left_as_it_was() -> None:
     t_s = np.arange(0, 300.0, 10.0)
     assert speeds(smoothed(flight(t_s, t_s * 7))) == pytest.approx(7.0, rel=1e-3)
+    one = flight(np.zeros(1), np.zeros(1))
+    assert smoothed(one) == one
 
 
 def test_recorded_velocity_is_kept_and_its_gaps_are_filled() -> None:
@@ -82,11 +77,6 @@ def test_recorded_velocity_is_kept_and_its_gaps_are_filled() -> None:
     told = tuple(r._replace(velocity_enu_m_s=(1.0, math.nan, math.nan)) for r in whole.reports)
     velocity = smoothed(replace(whole, reports=told)).reports[10].velocity_enu_m_s
     assert velocity == pytest.approx((1.0, 5.0, 0.0), abs=1e-3)
-
-
-def test_a_single_report_is_left_as_it_was() -> None:
-    one = flight(np.zeros(1), np.zeros(1))
-    assert smoothed(one) == one
 
 
 def test_the_antimeridian_is_crossed_without_a_jump() -> None:
@@ -103,27 +93,22 @@ def test_the_antimeridian_is_crossed_without_a_jump() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "expected"),
+    ("values", "decimals", "expected"),
     [
-        ([36.6146, 36.6147, 36.6172], 1e-4),
-        ([-35.3623714, -35.3623715], 1e-7),
-        ([50 + k / 600_000 for k in (0, 0, 1, 1, 1, 2, 4, 4, 4, 4)], 1 / 600_000),
-        ([math.pi, math.e, math.sqrt(2), 1.1], 0.0),
+        ([36.6146, 36.6147, 36.6172], DEGREE_DECIMALS, 1e-4),
+        ([-35.3623714, -35.3623715], DEGREE_DECIMALS, 1e-7),
+        ([50 + k / 600_000 for k in (0, 0, 1, 1, 1, 2, 4, 4, 4, 4)], DEGREE_DECIMALS, 1 / 600_000),
+        ([math.pi, math.e, math.sqrt(2), 1.1], DEGREE_DECIMALS, 0.0),
+        # One that is damaged does not hide the step.
+        ([50.00000123, *np.round(50 + np.arange(60) * 1e-4, 4)], DEGREE_DECIMALS, 1e-4),
+        ([0.3, 87.9, -0.1], METRE_DECIMALS, 0.1),
+        ([5.0, 7.0, 5.0], METRE_DECIMALS, 1.0),
     ],
 )
-def test_the_step_in_which_degrees_are_written(values: list[float], expected: float) -> None:
-    assert quantum(np.array(values), DEGREE_DECIMALS) == pytest.approx(expected, rel=1e-3)
-
-
-def test_a_damaged_value_does_not_hide_the_step() -> None:
-    values = np.round(50 + np.arange(60) * 1e-4, 4)
-    values[7] += 1.23e-6
-    assert quantum(values, DEGREE_DECIMALS) == 1e-4
-
-
-def test_the_step_in_which_heights_are_written() -> None:
-    assert quantum(np.array([0.3, 87.9, -0.1]), METRE_DECIMALS) == 0.1
-    assert quantum(np.array([5.0, 7.0, 5.0]), METRE_DECIMALS) == 1.0
+def test_the_step_in_which_values_are_written(
+    values: list[float], decimals: range, expected: float
+) -> None:
+    assert quantum(np.array(values), decimals) == pytest.approx(expected, rel=1e-3)
 
 
 def test_samples_of_one_value_in_a_row_are_counted() -> None:

@@ -7,10 +7,12 @@ import math
 from typing import Any
 
 import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from plotfeed.feeds.scene.telemetry_keys import TelemetryMapping
+from plotfeed.feeds.telemetry.live.heard import UNFORESEEN
 from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.position_report import PositionReport, Reason, Refused
 from plotfeed.models.state import AltitudeReference
@@ -39,9 +41,9 @@ SAID = {
 }
 
 
-def said(tree: Any, topic: str = "fleet/uav 1/state", **keys: object) -> PositionReport | Refused:
+def said(tree: Any, at: str = "fleet/uav 1/state", **keys: object) -> PositionReport | Refused:
     heard = MappedReports([TelemetryMapping.model_validate({**KEYS, **keys})]).hear(
-        topic, tree if isinstance(tree, bytes) else json.dumps(tree).encode(), NOW
+        at, tree if isinstance(tree, bytes) else json.dumps(tree).encode(), NOW
     )
     assert heard is not None
     assert heard.drone == "uav-1"
@@ -69,15 +71,6 @@ def test_other_units_and_times() -> None:
     assert without.t_utc_ns == NOW
 
 
-def test_the_name_may_stand_in_the_message() -> None:
-    mapping = TelemetryMapping.model_validate({**KEYS, "topic": "a/+", "drone": "who.id"})
-    heard = MappedReports([mapping]).hear(
-        "a/b", json.dumps({**SAID, "who": {"id": "uav/1"}}).encode(), NOW
-    )
-    assert heard is not None
-    assert heard.drone == "uav-1"
-
-
 @pytest.mark.parametrize(
     ("tree", "reason", "detail"),
     [
@@ -101,7 +94,9 @@ def test_what_is_wrong_is_told_by_its_key(tree: Any, reason: Reason, detail: str
     assert detail in found.detail
 
 
-def test_other_topics_are_not_mapped() -> None:
+def test_the_name_may_stand_in_the_message_and_other_topics_are_not_mapped() -> None:
+    tree = {**SAID, "who": {"id": "uav/1"}}
+    assert isinstance(said(tree, "a/b", topic="a/+", drone="who.id"), PositionReport)
     mapped = MappedReports([TelemetryMapping.model_validate(KEYS)])
     assert mapped.topics == ["fleet/+/state"]
     for topic in ("fleet/a", "fleet/a/other", "fleet/a/state/b", "plotfeed/telemetry/a"):
@@ -129,7 +124,13 @@ JSON = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
     lambda inner: (
         st.lists(inner, max_size=3)
-        | st.dictionaries(st.sampled_from(["pos", "lat", "lon", "alt", "stamp", "1"]), inner)
+        | st.dictionaries(st.sampled_from([*SAID, *SAID["pos"], "1"]), inner)  # type: ignore[misc]
     ),
     max_leaves=12,
 )
+
+
+@given(st.dictionaries(st.sampled_from([*SAID]), JSON))
+def test_any_tree_is_a_report_or_a_refusal_that_was_foreseen(tree: dict[str, Any]) -> None:
+    found = said({**SAID, **tree})
+    assert isinstance(found, PositionReport) or UNFORESEEN not in found.detail

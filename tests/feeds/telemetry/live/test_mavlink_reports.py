@@ -65,11 +65,8 @@ def test_a_position_is_taken_with_its_units_and_signs(dialect: Any) -> None:
     assert found.altitude_reference is AltitudeReference.MEAN_SEA_LEVEL
     assert found.velocity_enu_m_s == pytest.approx((-4.0, 3.0, -0.5))
     assert found.t_utc_ns == NOW
-
-
-def test_above_home_is_another_altitude() -> None:
-    found = report(hear(MavlinkReports("a", "above_takeoff"), Vehicle().at(5000)))
-    assert (found.altitude_m, found.altitude_reference) == (100.0, AltitudeReference.ABOVE_TAKEOFF)
+    above = report(hear(MavlinkReports("a", "above_takeoff"), Vehicle(dialect=dialect).at(5000)))
+    assert (above.altitude_m, above.altitude_reference) == (100.0, AltitudeReference.ABOVE_TAKEOFF)
 
 
 def test_positions_bear_the_time_of_the_sender_where_it_is_right() -> None:
@@ -143,22 +140,8 @@ def test_several_systems_and_peers_are_several_drones() -> None:
 
 def location(address: bytes, past_hour_s: float) -> tuple[object, ...]:
     place = (404512345, -37298765, 712.0, 761.5, 0, 60.0)
-    return (
-        0,
-        0,
-        address.ljust(20, b"\0"),
-        2,
-        21500,
-        2500,
-        -100,
-        *place,
-        11,
-        4,
-        3,
-        3,
-        past_hour_s,
-        2,
-    )
+    moves, sigmas = (2, 21500, 2500, -100), (11, 4, 3, 3)
+    return (0, 0, address.ljust(20, b"\0"), *moves, *place, *sigmas, past_hour_s, 2)
 
 
 def test_remote_id_of_others_is_theirs_by_their_identity() -> None:
@@ -176,6 +159,10 @@ def test_remote_id_of_others_is_theirs_by_their_identity() -> None:
     nameless = bytes.fromhex("60601f000002")
     heard = hear(listener, vehicle.says("open_drone_id_location", *location(nameless, 0.0)))
     assert heard[0].drone == "60601f000002"
+    # A v2 system after a v1 system is understood: the first octet must not pick a dialect.
+    report(hear(listener, Vehicle(3, v10).at(1000)))
+    frame = Vehicle(2).says("open_drone_id_location", *location(nameless, 0.0))
+    assert len(hear(listener, frame)) == 1
 
 
 def test_its_own_remote_id_stands_in_for_an_autopilot_that_says_nothing_else() -> None:
@@ -237,15 +224,6 @@ def test_a_pack_is_taken_apart() -> None:
     assert hear(MavlinkReports("a"), frame)[0].drone == "SERIAL"
 
 
-def test_a_v2_system_after_a_v1_system_is_understood_too() -> None:
-    """Where the first octet picked the dialect of the process, Remote ID was lost from then on."""
-    listener = MavlinkReports("{system}")
-    report(hear(listener, Vehicle(1, v10).at(1000)))
-    other = b"\x01".ljust(20, b"\0")
-    frame = Vehicle(2).says("open_drone_id_location", *location(other, 0.0))
-    assert len(hear(listener, frame)) == 1
-
-
 def test_octets_that_are_no_frames_are_refused_in_one() -> None:
     (refused,) = said(hear(MavlinkReports("a"), b"hello, world " * 50))
     assert refused.reason is Reason.UNDECODABLE
@@ -260,13 +238,6 @@ def test_a_flood_of_peers_is_not_remembered() -> None:
 
 
 # What senders say of their time becomes UTC, however wrong their clocks or ours are.
-
-
-def test_a_good_utc_is_taken_to_the_nanosecond() -> None:
-    clock = SenderClock()
-    clock.declare(NOW - 50 * S, 50 * S)
-    assert clock.utc_ns(60 * S, NOW + 10 * S + 30_000_000) == NOW + 10 * S
-    assert not clock.is_off
 
 
 @given(st.integers(-(10**6), 10**6).filter(lambda s: abs(s) > 1), st.integers(0, 400))
@@ -311,7 +282,7 @@ def test_when_a_clock_jumps_positions_are_of_now_again_within_seconds(
 def test_drift_is_followed() -> None:
     """A clock that loses 100 ppm is not off by more after an hour than after ten seconds."""
     clock = SenderClock()
-    for i in range(36_000):
-        now_ns = NOW + i * S // 10
-        late_ns = now_ns - clock.utc_ns(round(i * S / 10 * (1 - 1e-4)), now_ns)
+    for i in range(7_200):
+        now_ns = NOW + i * S // 2
+        late_ns = now_ns - clock.utc_ns(round(i * S / 2 * (1 - 1e-4)), now_ns)
         assert 0 <= late_ns <= 1_100_000
