@@ -14,30 +14,23 @@ from google.protobuf import json_format
 from support.brokers import free_port, own_broker
 from support.scene_files import radar as radar_text
 from support.scene_files import scene_file, scene_text
-from support.sessions import at_work
+from support.sessions import at_work, simulated
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at, geodetic
 from plotfeed.feeds.scene.scene import Scene, example, load
-from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
-from plotfeed.testing import START_NS, MqttReceiver, fly, radar, rotating, scene
+from plotfeed.testing import START_NS, fly, radar, rotating, scene
 
 DOCS = Path(__file__).parents[3] / "docs"
 
 
 def sent(scene: Scene, duration_s: float) -> list[Message]:
-    messages: list[Message] = []
-    clock = InstantClock(START_NS)
-
-    def tap(message: Message, _sent_utc_ns: int) -> None:
-        messages.append(message)
-
-    asyncio.run(run(scene, clock=clock, broker="none", duration_s=duration_s, tap=tap))
-    return messages
+    ran = simulated(scene, duration_s, clock=InstantClock(START_NS))
+    return [message for message, _ in ran.said]
 
 
 def descriptions(messages: list[Message], sensor: str) -> list[pb.SensorDescription]:
@@ -46,11 +39,19 @@ def descriptions(messages: list[Message], sensor: str) -> list[pb.SensorDescript
     return [json_format.Parse(m.payload, pb.SensorDescription()) for m in theirs]
 
 
-def test_every_sensor_says_where_it_is_and_on_which_topics_it_reports() -> None:
+def test_a_session_says_where_its_site_and_sensors_are_and_on_which_topics_they_report() -> None:
     there_is = example("section-4")
     messages = sent(there_is, 11.0)
+    session, _ = (m.payload for m in messages if m.topic == "plotfeed/session")
+    site = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
+    assert json.loads(session)["site"] == site
     for sensor in there_is.sensor:
         (told,) = descriptions(messages, sensor.id)
+        statuses = [m.payload for m in messages if m.topic == f"plotfeed/{sensor.id}/status"]
+        assert len(statuses) == 4
+        for status in (json_format.Parse(payload, pb.SensorStatus()) for payload in statuses):
+            for name in ("latitude_deg", "longitude_deg", "height_m"):
+                assert getattr(status, name) == getattr(told, name)
         here = frame_at(there_is.scene.site, sensor.position_enu_m)
         said = geodetic_to_ecef(told.latitude_deg, told.longitude_deg, told.height_m)
         assert np.abs(said - here.origin_ecef_m).max() < 1e-3
@@ -73,13 +74,6 @@ def test_every_sensor_says_where_it_is_and_on_which_topics_it_reports() -> None:
             one = told.transmitters[number]
             assert one.channel == number
             assert [one.latitude_deg, one.longitude_deg, one.height_m] == pytest.approx(place)
-
-
-def test_the_session_says_where_its_site_is() -> None:
-    there_is = example("section-4")
-    told, _ = (m for m in sent(there_is, 1.0) if m.topic == "plotfeed/session")
-    site = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
-    assert json.loads(told.payload)["site"] == site
 
 
 def test_who_reports_in_no_asterix_has_no_source_there() -> None:
@@ -107,41 +101,6 @@ def test_a_sensor_that_changes_says_so_and_since_when() -> None:
     settings = [json.loads(m.payload) for m in messages if m.topic == "plotfeed/radar/settings"]
     assert [s["in_force"].get("range_max_m") for s in settings] == [2e4, 5e3, 2e4, 2e4, 2e4]
     assert [s["in_force"].get("enabled", True) for s in settings] == [True] * 4 + [False]
-
-
-@pytest.mark.asyncio
-async def test_a_command_that_changes_a_sensor_changes_what_is_retained(tmp_path: Path) -> None:
-    port = free_port()
-    there_is = load(scene_file(tmp_path, scene_text(port=1883)))
-    topic = "plotfeed/radar/description"
-    with own_broker(tmp_path, port), MqttReceiver(port, 5, topic) as ears:
-        async with at_work(there_is, port):
-            first = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == topic)
-            command = {
-                "sensor": "radar",
-                "set": {"azimuth_min_deg": -30.0, "azimuth_max_deg": 30.0},
-            }
-            ears.publish("plotfeed/control", json.dumps(command).encode())
-            second = await asyncio.to_thread(ears.wait_for, lambda m: m.topic == topic, 1)
-            with MqttReceiver(port, 5, topic) as late:
-                kept = await asyncio.to_thread(late.wait_for, lambda m: m.retained)
-    before, after = json.loads(first.payload), json.loads(second.payload)
-    assert json.loads(kept.payload) == after
-    changed = {key for key in before if before[key] != after.get(key)}
-    assert changed == {"time_utc", "azimuth_min_deg", "azimuth_max_deg"}
-
-
-def test_the_status_says_where_the_sensor_is() -> None:
-    there_is = example("section-4")
-    messages = sent(there_is, 6.0)
-    for sensor in there_is.sensor:
-        (told,) = descriptions(messages, sensor.id)
-        statuses = [m for m in messages if m.topic == f"plotfeed/{sensor.id}/status"]
-        assert len(statuses) == 3
-        for message in statuses:
-            status = json_format.Parse(message.payload, pb.SensorStatus())
-            for name in ("latitude_deg", "longitude_deg", "height_m"):
-                assert getattr(status, name) == getattr(told, name)
 
 
 def test_the_north_marker_of_034_says_where_the_radar_is() -> None:
@@ -175,7 +134,7 @@ async def test_by_mqtt_alone_plots_are_put_where_the_drone_is(tmp_path: Path) ->
     with own_broker(tmp_path, port):
         async with at_work(there_is, port) as session:
             found = await asyncio.to_thread(
-                names["plots_on_the_earth"], "127.0.0.1", port, seconds=6.0
+                names["plots_on_the_earth"], "127.0.0.1", port, seconds=3.0
             )
             entries = session.entries
     here = frame_at(there_is.scene.site, there_is.sensor[0].position_enu_m)

@@ -111,6 +111,9 @@ def test_any_link_says_what_it_asks(link: LinkSettings) -> None:
 
 
 @given(st.binary(min_size=1, max_size=100), st.data())
-def test_a_bit_flipped_twice_is_as_before(payload: bytes, data: st.DataObject) -> None:
+def test_a_flipped_bit_is_one_bit(payload: bytes, data: st.DataObject) -> None:
     bit = data.draw(st.integers(0, 8 * len(payload) - 1))
-    assert flip(flip(payload, bit), bit) == payload
+    flipped = flip(payload, bit)
+    difference = int.from_bytes(flipped, "big") ^ int.from_bytes(payload, "big")
+    assert difference == 1 << (8 * len(payload) - 1 - bit)
+    assert flip(flipped, bit) == payload

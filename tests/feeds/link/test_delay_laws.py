@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -80,6 +79,7 @@ def test_a_sample_is_straight_between_its_order_statistics() -> None:
 def test_quantiles_rise_and_the_distribution_undoes_them(law: DelayLaw, u: list[float]) -> None:
     at = np.sort(u)
     delays = law.quantile_ms(at)
+    assert law.quantile_ms(at[:, None]).shape == law.cdf(at[:, None]).shape == (len(at), 1)
     assert np.isfinite(delays).all()
     assert (delays >= 0).all()
     assert (np.diff(delays) >= 0).all()
@@ -87,31 +87,7 @@ def test_quantiles_rise_and_the_distribution_undoes_them(law: DelayLaw, u: list[
     slack = 1e-9 * (law.latency_ms + law.jitter_ms) + 1e-6 * delays + 1e-9
     assert (law.cdf(delays + slack) >= at - 1e-9).all()
     assert (law.cdf(delays - slack) <= at + 1e-9).all()
-
-
-@given(laws)
-def test_a_distribution_goes_from_0_to_1(law: DelayLaw) -> None:
-    at = np.concatenate(([-np.inf, -1.0], law.quantile_ms(np.linspace(0, 1, 9)), [1e11, np.inf]))
-    below = law.cdf(at)
-    assert (np.diff(below) >= 0).all()
-    assert (below[:2] == 0).all()
-    assert (below[-2:] == 1).all()
-
-
-@pytest.mark.parametrize("shape", [(), (3,), (2, 3)])
-@pytest.mark.parametrize(
-    "keys",
-    [
-        {},
-        {"latency_ms": 3.0, "jitter_ms": 1.0},
-        {"distribution": "table", "delays_ms": [1.0, 2.0]},
-        {"distribution": "paretonormal", "jitter_ms": 1.0},
-    ],
-)
-def test_shapes_of_arrays_are_kept(keys: dict[str, Any], shape: tuple[int, ...]) -> None:
-    law = DelayLaw.of(link(**keys))
-    assert np.shape(law.quantile_ms(np.full(shape, 0.5))) == shape
-    assert np.shape(law.cdf(np.full(shape, 0.5))) == shape
+    np.testing.assert_array_equal(law.cdf([-np.inf, -1.0, 1e11, np.inf]), [0, 0, 1, 1])
 
 
 def test_no_delay_is_below_0() -> None:

@@ -221,9 +221,7 @@ def test_rows_may_be_other_drones_of_another_list(lists: list[list[str]]) -> Non
 @given(batches)
 def test_old_messages_give_the_tables_that_columns_give(made: list[Any]) -> None:
     """So does a file in which both are."""
-    kept = [
-        (batch, row) for each in made for batch in [batch_of(each)] for row in range(len(batch))
-    ]
+    kept = kept_of(made)
     new = [message.payload for message in ledger_messages("p", kept)]
     old = [entry.SerializeToString() for payload in new for entry in entries_in(payload)]
     told = tables_of([*old, b"\xff", *new])
@@ -255,9 +253,7 @@ OF_AN_OCTET = ("fate", "detected")
 def test_columns_that_contradict_each_other_are_no_ledger_and_stop_nobody(
     made: list[Any], wrong: list[Any], is_longer: bool
 ) -> None:
-    kept = [
-        (batch, row) for each in made for batch in [batch_of(each)] for row in range(len(batch))
-    ]
+    kept = kept_of(made)
     batch = LedgerBatch.FromString(ledger_messages("p", kept)[0].payload)
     for (part, name), value in wrong:
         column = getattr(getattr(batch, part), name)

@@ -1,14 +1,19 @@
+"""What clients send over their links and transports: when it leaves, and what becomes of it."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from plotfeed.feeds.link.counters import SessionCounters, lateness_us
-from plotfeed.feeds.link.outbox import Outbox
-from plotfeed.feeds.link.uplink import Uplink
+from plotfeed.feeds.link.counters import SessionCounters
+from plotfeed.feeds.link.outbox import Departure, Outbox, send_all
+from plotfeed.feeds.link.uplink import InTime, Uplink
 from plotfeed.feeds.messages.message import SENT, UNDELIVERED, UNSPECIFIED, Message, records
 from plotfeed.feeds.messages.transports import Client
 from plotfeed.feeds.recording.recorder import RawFile
@@ -16,29 +21,50 @@ from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import InstantClock, Schedule
 from plotfeed.proto import plotfeed_pb2 as pb
 
-ASTERIX = "application/x-asterix; cat=48"
 MS = 1_000_000
+ASTERIX = "application/x-asterix; cat=48"
 
 
-def message(payload: bytes = b"abc", content_type: str = ASTERIX, due_utc_ns: int = 0) -> Message:
-    return Message(topic="t", payload=payload, content_type=content_type, due_utc_ns=due_utc_ns)
+def message(
+    payload: bytes = b"abc", due_ns: int = 0, kind: str = ASTERIX, on: str = "t"
+) -> Message:
+    return Message(topic=on, payload=payload, content_type=kind, due_utc_ns=due_ns)
 
 
-class Link:
-    """Settles at once, or when it is told to."""
+class Socket:
+    """A transport that takes all at once and together, or each by itself: now, later or not."""
 
-    def __init__(self, *, takes: bool | None = True) -> None:
-        self.takes = takes
-        self.drained = 0
+    def __init__(self, how: str = "at once", together: bool = False) -> None:
+        self.how, self.together = how, together
         self.carried: list[bytes] = []
         self.kept: list[Message] = []
+        self.writes = self.drained = 0
 
-    def publish(self, outgoing: Sequence[Message]) -> None:
-        for delivery in outgoing:
-            if self.takes is None:
-                self.kept.append(delivery)
+    def publish(self, outgoing: Sequence[Message]) -> bool:
+        self.writes += 1
+        if self.together and self.how == "at once":
+            self.carried += [one.payload for one in outgoing]
+            return True
+        for one in outgoing:
+            if self.how == "later":
+                self.kept.append(one)
             else:
-                self.settle(delivery, delivered=self.takes)
+                self.settle(one, self.how == "at once" or self._takes(one))
+        return False
+
+    def settle(self, one: Message, delivered: bool) -> None:
+        if delivered:
+            one.leave()
+            self.carried.append(one.payload)
+        one.settle(delivered=delivered, to="here")
+
+    def settle_kept(self) -> None:
+        kept, self.kept = self.kept, []
+        for one in kept:
+            self.settle(one, self._takes(one))
+
+    def _takes(self, one: Message) -> bool:
+        return self.how != "nothing" and one.payload[0] % 3 > 0
 
     def carries(self, _message: Message) -> bool:
         return True
@@ -46,28 +72,27 @@ class Link:
     def waiting_of(self, _client: Client) -> int:
         return len(self.kept)
 
-    def settle(self, delivery: Message, *, delivered: bool) -> None:
-        if delivered:
-            delivery.leave()
-            self.carried.append(delivery.payload)
-        delivery.settle(delivered=delivered, to="here")
+    def prepare(self, _messages: Sequence[Message]) -> None:
+        pass
 
     async def drain(self, _timeout_s: float = 1.0) -> None:
         self.drained += 1
 
 
+def link_of(settings: Any) -> LinkSettings | None:
+    return None if settings is None else LinkSettings.model_validate(settings)
+
+
 class Case:
-    """An outbox with everything around it, in simulated time."""
+    """A client with everything around it, in simulated time."""
 
     def __init__(
-        self, links: Sequence[Link] = (), settings: Any = None, in_time: Any = None, **more: Any
+        self, *sockets: Socket, link: Any = None, in_time: InTime | None = None, **more: Any
     ) -> None:
-        self.now = InstantClock(0)
-        self.schedule, self.totals = Schedule(), SessionCounters()
+        self.now, self.schedule, self.totals = InstantClock(0), Schedule(), SessionCounters()
         self.entries: list[Sequence[pb.Sent]] = []
-        self.outbox = Outbox(self.now, links, schedule=self.schedule, totals=self.totals, **more)
-        link = None if settings is None else LinkSettings.model_validate(settings)
-        self.uplink = Uplink(link, 1, "radar", in_time)
+        self.outbox = Outbox(self.now, sockets, schedule=self.schedule, totals=self.totals, **more)
+        self.uplink = Uplink(link_of(link), 1, "radar", in_time)
 
     def send(self, *messages: Message) -> None:
         outgoing = self.uplink.passed(messages)
@@ -78,35 +103,27 @@ class Case:
         for one in self.uplink.change(LinkSettings.model_validate(settings), now_ns):
             self.outbox.let_go(one, now_ns)
 
-    async def until(self, t_utc_ns: int) -> None:
+    def until(self, t_utc_ns: int) -> None:
         while (due_ns := self.schedule.next_due_ns()) is not None and due_ns <= t_utc_ns:
-            await self.now.sleep_until(due_ns)
+            self.now.jump(due_ns)
             for _, action in self.schedule.due_by(due_ns):
                 action()
-        await self.now.sleep_until(t_utc_ns)
+        self.now.jump(t_utc_ns)
 
 
 @pytest.mark.parametrize(
     ("takes", "delivered"),
-    [
-        ([], True),
-        ([True], True),
-        ([False], False),
-        ([True, False], True),
-        ([False, False], False),
-        ([True, True], True),
-    ],
+    [("", True), ("y", True), ("n", False), ("yn", True), ("nn", False), ("yy", True)],
 )
-@pytest.mark.asyncio
-async def test_a_message_is_delivered_if_a_link_took_it(takes: list[bool], delivered: bool) -> None:
-    case = Case([Link(takes=t) for t in takes])
-    await case.now.sleep_until(100)
-    case.send(message(due_utc_ns=60))
+def test_a_message_is_delivered_if_a_transport_took_it(takes: str, delivered: bool) -> None:
+    case = Case(*(Socket("at once" if each == "y" else "nothing") for each in takes))
+    case.now.jump(100)
+    case.send(message(due_ns=60))
     ((sent,),) = case.entries
     assert sent.delivered == delivered
     assert sent.fate == (pb.SENT if delivered else pb.UNDELIVERED)
-    assert [*sent.not_to] == ["here"] * takes.count(False)
-    assert case.totals.undelivered_to["here"] == takes.count(False)
+    assert [*sent.not_to] == ["here"] * takes.count("n")
+    assert case.totals.undelivered_to["here"] == takes.count("n")
     assert (sent.topic, sent.octets, sent.due_utc_ns, sent.link_due_utc_ns) == ("t", 3, 60, 60)
     assert (case.totals.messages, case.totals.undelivered) == ((1, 0) if delivered else (0, 1))
     if delivered:
@@ -114,168 +131,136 @@ async def test_a_message_is_delivered_if_a_link_took_it(takes: list[bool], deliv
         assert list(case.totals.lateness_ns) == list(case.outbox.counters.lateness_ns) == [40]
 
 
-def test_an_entry_is_complete_when_the_last_link_has_settled() -> None:
-    slow = Link(takes=None)
-    case = Case([Link(), slow])
+def test_an_entry_is_complete_when_the_last_transport_has_settled() -> None:
+    slow = Socket("later")
+    case = Case(Socket(), slow)
+    case.send()
+    assert case.entries == [[]]
     case.send(message(b"1"), message(b"2"))
-    assert case.entries == []
-    slow.settle(slow.kept[1], delivered=False)
-    assert case.entries == []
-    slow.settle(slow.kept[0], delivered=True)
-    ((first, second),) = case.entries
+    one, other = slow.kept
+    slow.settle(other, delivered=False)
+    assert case.entries == [[]]
+    slow.settle(one, delivered=True)
+    first, second = case.entries[1]
     assert [s.fate for s in (first, second)] == [pb.SENT, pb.SENT]
     assert [[*s.not_to] for s in (first, second)] == [[], ["here"]]
     assert [s.number for s in (first, second)] == [0, 1]
 
 
-def test_an_entry_without_messages_is_complete_at_once() -> None:
-    case = Case()
-    case.send()
-    assert case.entries == [[]]
-
-
-@pytest.mark.asyncio
-async def test_taps_see_what_is_handed_over_and_what_leaves_even_when_nobody_takes_it() -> None:
+def test_a_link_delays_by_its_latency_and_the_lateness_is_counted_from_there() -> None:
+    """Who listens sees what is handed over, and what leaves even when nobody takes it."""
     before: list[bytes] = []
     after: list[tuple[bytes, int]] = []
     case = Case(
-        [Link(takes=False)],
-        {"latency_ms": 5.0},
+        Socket("nothing"),
+        link={"latency_ms": 120.0},
         before_link=[lambda m: before.append(m.payload)],
         after_link=[lambda m, t: after.append((m.payload, t))],
     )
-    case.send(message(b"1"), message(b"2", due_utc_ns=MS))
-    assert (before, after) == ([b"1", b"2"], [])
-    await case.until(10 * MS)
-    assert after == [(b"1", 5 * MS), (b"2", 6 * MS)]
-
-
-@pytest.mark.asyncio
-async def test_a_link_delays_by_its_latency_and_the_lateness_is_counted_from_there() -> None:
-    link = Link()
-    case = Case([link], {"latency_ms": 120.0})
-    case.send(message())
-    await case.until(119 * MS)
-    assert (link.carried, case.outbox.on_the_way, case.entries) == ([], 1, [])
-    await case.until(120 * MS)
-    ((sent,),) = case.entries
-    assert (sent.due_utc_ns, sent.link_due_utc_ns, sent.sent_utc_ns) == (0, 120 * MS, 120 * MS)
-    assert list(case.totals.lateness_ns) == [0]
+    case.send(message(b"1"), message(b"2", due_ns=MS))
+    case.until(119 * MS)
+    assert (before, after, case.outbox.on_the_way, case.entries) == ([b"1", b"2"], [], 2, [])
+    case.until(130 * MS)
+    assert after == [(b"1", 120 * MS), (b"2", 121 * MS)]
+    ((first, _),) = case.entries
+    assert (first.due_utc_ns, first.link_due_utc_ns, first.fate) == (0, 120 * MS, pb.UNDELIVERED)
     assert case.outbox.on_the_way == 0
+    case = Case(Socket(), link={"latency_ms": 120.0})
+    case.send(message())
+    case.until(120 * MS)
+    assert list(case.totals.lateness_ns) == [0]
+
+
+RANDOM = {"kind": "random", "probability": 1.0}
 
 
 @pytest.mark.parametrize(
-    ("settings", "fate"),
-    [({"loss": {"kind": "random", "probability": 1.0}}, pb.LOST), ({"down": True}, pb.OUTAGE)],
+    ("settings", "fate"), [({"loss": RANDOM}, pb.LOST), ({"down": True}, pb.OUTAGE)]
 )
 def test_what_a_link_loses_is_in_the_ledger_and_not_published(settings: Any, fate: int) -> None:
-    link = Link()
-    case = Case([link], settings)
+    socket = Socket()
+    case = Case(socket, link=settings)
     case.send(message())
+    case.outbox.send_past_link(message(b"status"))
     ((sent,),) = case.entries
-    assert (sent.fate, sent.delivered, sent.sent_utc_ns, link.carried) == (fate, False, 0, [])
+    assert (sent.fate, sent.delivered, sent.sent_utc_ns) == (fate, False, 0)
+    assert socket.carried == [b"status"]
     assert case.totals.lost == case.outbox.counters.lost == 1
+    assert case.totals.messages == 0
 
 
-@pytest.mark.asyncio
-async def test_a_full_queue_of_a_slow_link_loses_what_comes_last() -> None:
-    link = Link()
-    case = Case([link], {"rate_kbit_s": 1.0, "queue_messages": 2})
+def test_a_full_queue_of_a_slow_link_loses_what_comes_last() -> None:
+    case = Case(Socket(), link={"rate_kbit_s": 1.0, "queue_messages": 2})
     case.send(*(message(bytes([i]) * 125) for i in range(4)))  # a second each
-    await case.until(10_000 * MS)
+    case.until(10_000 * MS)
     ((*entry,),) = case.entries
     assert [s.fate for s in entry] == [pb.SENT, pb.SENT, pb.QUEUE_FULL, pb.QUEUE_FULL]
     assert [s.sent_utc_ns for s in entry[:2]] == [1000 * MS, 2000 * MS]
 
 
-@pytest.mark.asyncio
-async def test_duplicates_and_flipped_bits_are_told_apart() -> None:
-    link = Link()
-    case = Case([link], {"duplicate": 1.0, "corrupt": 1.0, "latency_ms": 1.0})
+def test_duplicates_and_flipped_bits_are_told_apart() -> None:
+    socket = Socket()
+    case = Case(socket, link={"duplicate": 1.0, "corrupt": 1.0, "latency_ms": 1.0})
     case.send(message(b"\0\0"))
-    await case.until(2 * MS)
+    case.until(2 * MS)
     ((first, second),) = case.entries
     assert [(s.number, s.copy) for s in (first, second)] == [(0, 0), (0, 1)]
     assert (case.totals.messages, case.totals.duplicated) == (2, 1)
-    for sent, payload in zip((first, second), link.carried, strict=True):
-        flipped = int.from_bytes(payload, "big")
-        assert flipped == 1 << (15 - sent.flipped_bit)
+    for sent, payload in zip((first, second), socket.carried, strict=True):
+        assert int.from_bytes(payload, "big") == 1 << (15 - sent.flipped_bit)
 
 
-@pytest.mark.asyncio
-async def test_a_link_that_stalls_holds_what_comes_until_it_is_up_again() -> None:
-    link = Link()
-    case = Case([link], {"down": True, "on_loss": "stall", "latency_ms": 10.0})
-    case.send(message(b"1"), message(b"2", due_utc_ns=MS))
-    await case.until(50 * MS)
-    assert (link.carried, case.outbox.on_the_way) == ([], 2)
+def test_a_link_that_stalls_holds_what_comes_until_it_is_up_again() -> None:
+    socket = Socket()
+    case = Case(socket, link={"down": True, "on_loss": "stall", "latency_ms": 10.0})
+    case.send(message(b"1"), message(b"2", due_ns=MS))
+    case.until(50 * MS)
+    assert (socket.carried, case.outbox.on_the_way) == ([], 2)
     case.change(latency_ms=10.0, on_loss="stall")
-    await case.until(100 * MS)
-    assert link.carried == [b"1", b"2"]
+    case.until(100 * MS)
+    assert socket.carried == [b"1", b"2"]
     ((first, second),) = case.entries
     assert (first.due_utc_ns, second.due_utc_ns) == (0, MS)
     assert first.sent_utc_ns == second.sent_utc_ns == 60 * MS
 
 
-@pytest.mark.asyncio
-async def test_a_client_without_a_link_gets_one_while_it_runs() -> None:
-    link = Link()
-    case = Case([link])
+def test_a_link_changes_for_what_comes_and_what_it_holds_at_the_end_has_ended() -> None:
+    socket = Socket()
+    case = Case(socket)
     case.send(message(b"1"))
     case.change(latency_ms=7.0)
     case.send(message(b"2"))
-    assert link.carried == [b"1"]
-    await case.until(7 * MS)
-    assert link.carried == [b"1", b"2"]
-
-
-@pytest.mark.asyncio
-async def test_what_is_on_the_way_when_all_is_over_is_in_the_ledger() -> None:
-    link = Link()
-    case = Case([link], {"latency_ms": 1000.0})
-    case.send(message())
+    case.until(10 * MS)
+    case.change(latency_ms=1000.0)
+    case.send(message(b"3", due_ns=10 * MS))
     case.outbox.end()
-    ((sent,),) = case.entries
-    assert (sent.fate, case.totals.ended, case.outbox.on_the_way) == (pb.ENDED, 1, 0)
-    await case.until(2000 * MS)
-    assert (link.carried, len(case.entries)) == ([], 1)
+    case.until(2000 * MS)
+    assert socket.carried == [b"1", b"2"]
+    sent = [(one.fate, one.sent_utc_ns, one.number) for (one,) in case.entries]
+    assert sent == [(pb.SENT, 0, 0), (pb.SENT, 7 * MS, 1), (pb.ENDED, 0, 2)]
+    assert (case.totals.ended, case.outbox.on_the_way) == (1, 0)
 
 
 def test_what_is_too_late_for_whom_it_is_for_is_stale() -> None:
-    link = Link()
-    case = Case(
-        [link], {"latency_ms": 5.0}, in_time=lambda m, t: None if t - m.due_utc_ns > 4 * MS else m
-    )
+    socket = Socket()
+    in_time = lambda m, t: None if t - m.due_utc_ns > 4 * MS else m.payload  # noqa: E731
+    case = Case(socket, link={"latency_ms": 5.0}, in_time=in_time)
     case.send(message())
     ((sent,),) = case.entries
-    assert (sent.fate, case.totals.stale, link.carried) == (pb.STALE, 1, [])
-
-
-def test_a_status_goes_past_the_link() -> None:
-    link = Link()
-    case = Case([link], {"down": True})
-    case.outbox.send_past_link(message(b"status"))
-    assert link.carried == [b"status"]
-    assert case.totals.messages == 0
+    assert (sent.fate, case.totals.stale, socket.carried) == (pb.STALE, 1, [])
 
 
 @pytest.mark.asyncio
-async def test_every_link_is_drained() -> None:
-    links = [Link(), Link()]
-    await Outbox(InstantClock(0), links).drain()
-    assert [link.drained for link in links] == [1, 1]
-
-
-def test_lateness_is_in_microseconds_and_nothing_is_not_late() -> None:
-    assert lateness_us([], 50, 99) == [0.0, 0.0]
-    assert lateness_us([1000, 2000, 3000], 0, 50, 100) == [1.0, 2.0, 3.0]
+async def test_every_transport_is_drained() -> None:
+    sockets = [Socket(), Socket()]
+    await Outbox(InstantClock(0), sockets).drain()
+    assert [socket.drained for socket in sockets] == [1, 1]
 
 
 def test_a_raw_file_holds_the_asterix_and_nothing_else(tmp_path: Path) -> None:
     with RawFile(tmp_path / "raw") as raw:
-        raw.after_link(message(b"one"), 0)
-        raw.after_link(message(b"no", "application/json"), 0)
-        raw.after_link(message(b"two", "application/x-asterix; cat=34"), 0)
+        for payload, kind in ((b"one", ASTERIX), (b"no", "application/json"), (b"two", ASTERIX)):
+            raw.after_link(message(payload, kind=kind), 0)
     assert (tmp_path / "raw").read_bytes() == b"onetwo"
     assert raw.failure == ""
 
@@ -285,8 +270,97 @@ def test_a_full_disk_is_told_once_and_stops_nothing(octets: int) -> None:
     with RawFile(Path("/dev/full")) as raw:
         for _ in range(5):
             raw.after_link(message(b"x" * octets), 0)
-    assert raw.failure == ("/dev/full: No space left on device; what came after is not in the file")
+    assert raw.failure == "/dev/full: No space left on device; what came after is not in the file"
 
 
 def test_fates_of_messages_are_numbered_as_in_the_ledger() -> None:
     assert (UNSPECIFIED, SENT, UNDELIVERED) == (pb.FATE_UNSPECIFIED, pb.SENT, pb.UNDELIVERED)
+
+
+# Clients that leave together, against the same ones that send one by one.
+
+DUE_NS = 7_000
+HOW = st.tuples(st.sampled_from(["at once", "later", "all but some"]), st.booleans())
+LINKS = st.sampled_from([None, {}, {"loss": {"kind": "random", "probability": 0.5}}])
+CLIENTS = st.lists(st.tuples(st.integers(0, 4), LINKS, st.sets(st.integers(0, 2))), max_size=6)
+
+
+class Clients:
+    """Clients that share sockets, and all that is told of what they send."""
+
+    def __init__(self, how: Sequence[tuple[str, bool]], clients: Sequence[Any]) -> None:
+        self.sockets = [Socket(*each) for each in how]
+        self.totals, clock = SessionCounters(), InstantClock(DUE_NS + 1000)
+        self.told: list[tuple[str, bytes, int]] = []
+        self.entries: dict[int, list[pb.Sent]] = {}
+        self.departures = []
+        for i, (number, link, left_out) in enumerate(clients):
+            outbox = Outbox(
+                clock,
+                [each for k, each in enumerate(self.sockets) if k not in left_out],
+                schedule=Schedule(),
+                totals=self.totals,
+                before_link=[lambda m: self.told.append(("before", m.payload, 0))],
+                after_link=[lambda m, t: self.told.append(("after", m.payload, t))],
+            )
+            some = [message(bytes((k, i)), DUE_NS, "x", f"s{i}") for k in range(number)]
+            self.departures.append((outbox, Uplink(link_of(link), 1, f"s{i}"), some))
+
+    def handed(self) -> list[Departure[Any]]:
+        """What each hands over now, each time anew."""
+        return [
+            (outbox, outgoing, (i, outgoing))
+            for i, (outbox, uplink, some) in enumerate(self.departures)
+            for outgoing in [uplink.passed([one.again() for one in some])]
+        ]
+
+    def keep(self, complete: Sequence[tuple[int, Sequence[Message]]]) -> None:
+        for i, outgoing in complete:
+            assert i not in self.entries
+            self.entries[i] = records(outgoing)
+
+    def counts(self) -> list[Any]:
+        each = [self.totals, *(outbox.counters for outbox, _, _ in self.departures)]
+        return [
+            {name: getattr(one, name) for name in one.__slots__ if name != "lateness_ns"}
+            | {"lateness_ns": list(one.lateness_ns)}
+            for one in each
+        ]
+
+
+@given(st.lists(HOW, max_size=3), CLIENTS)
+def test_together_as_one_by_one(how: list[tuple[str, bool]], clients: list[Any]) -> None:
+    """Twice, so that numbers go on."""
+    together, apart = Clients(how, clients), Clients(how, clients)
+    for _ in range(2):
+        together.entries.clear()
+        apart.entries.clear()
+        send_all(together.handed(), together.keep)
+        for outbox, outgoing, what in apart.handed():
+            outbox.send(outgoing, partial(apart.keep, [what]))
+        for socket in (*together.sockets, *apart.sockets):
+            socket.settle_kept()
+        assert together.entries == apart.entries
+        assert together.entries.keys() == set(range(len(clients)))
+    assert together.counts() == apart.counts()
+    assert sorted(together.told) == sorted(apart.told)
+    for one, other in zip(together.sockets, apart.sockets, strict=True):
+        for i in range(len(clients)):  # whatever the others do
+            of_client = [p for p in one.carried if p[1] == i]
+            assert of_client == [p for p in other.carried if p[1] == i]
+
+
+@pytest.mark.parametrize("number", [1, 50])
+def test_each_socket_is_asked_once_and_before_anybody_is_told(number: int) -> None:
+    case = Clients([("at once", True)] * 2, [(2, None, ())] * number)
+    carried: list[int] = []
+
+    def keep(done: Sequence[Any]) -> None:
+        carried.extend(len(socket.carried) for socket in case.sockets for _ in done)
+
+    send_all(case.handed(), keep)
+    assert [socket.writes for socket in case.sockets] == [1, 1]
+    payloads = [one.payload for _, _, some in case.departures for one in some]
+    assert [socket.carried for socket in case.sockets] == [payloads, payloads]
+    assert carried == [2 * number] * (2 * number)
+    assert case.totals.messages == 2 * number

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 from paho.mqtt.publish import single
-from support.brokers import free_port, mosquitto
+from support.brokers import free_port, own_broker
 from support.command import plotfeed
 from support.scene_files import radar, scene_text
-from support.sessions import AtWork
+from support.sessions import at_work
 from support.vehicles import vehicle
 from support.waiting import until
 
@@ -35,37 +35,21 @@ def scene(*sources: str) -> Scene:
     return parsed(text.encode(), Path("scene.toml"))
 
 
-@contextlib.asynccontextmanager
-async def session(of: Scene, *observers: object):  # type: ignore[no-untyped-def]
-    clock, stop = WallClock(), asyncio.Event()
-    at_work = AtWork(clock)
-    running = asyncio.create_task(
-        run(of, clock=clock, broker="none", stop=stop, observers=[at_work, *observers])
-    )
-    done, _ = await asyncio.wait(
-        [running, asyncio.create_task(at_work.begins.wait())], return_when=asyncio.FIRST_COMPLETED
-    )
-    if running in done:
-        await running
-    try:
-        yield at_work
-    finally:
-        stop.set()
-        await running
-
-
 @pytest.mark.asyncio
-@pytest.mark.parametrize(("transport", "theirs"), [("udpin", "udpout"), ("tcp", "tcpin")])
-async def test_autopilots_are_seen_where_they_say_they_are(transport: str, theirs: str) -> None:
-    port = free_port()
-    url = f'url = "mavlink:{transport}:127.0.0.1:{port}"\nrcs_m2 = 0.5'
-    with vehicle(f"{theirs}:127.0.0.1:{port}", "--system", 1, "--system", 9):
-        async with session(scene(url)) as at_work:
-            await until(lambda: at_work.totals.telemetry > 20)
-            await until(lambda: at_work.totals.plots > at_work.totals.false_alarms)
-            trajectories = at_work.session.trajectories
+async def test_autopilots_are_seen_where_they_say_and_a_record_runs_again_without_them(
+    tmp_path: Path,
+) -> None:
+    port, path = free_port(), tmp_path / "there.mcap"
+    of = scene(f'url = "mavlink:udpin:127.0.0.1:{port}"\nrcs_m2 = 0.5')
+    theirs = f"udpout:127.0.0.1:{port}"
+    recorder = Recorder(path, attachments=attachments_of(of, WallClock().now_ns()))
+    with recorder, vehicle(theirs, "--system", 1, "--system", 9):
+        async with at_work(of, None, SessionRecorder(recorder, ledger_is_sent=False)) as session:
+            await until(lambda: session.totals.telemetry > 20)
+            await until(lambda: session.totals.plots > session.totals.false_alarms)
+            trajectories = session.session.trajectories
             assert sorted(trajectories.names) == ["mav-1", "mav-9"]
-            state = trajectories.state_at(at_work.clock.now_ns() - 500_000_000)
+            state = trajectories.state_at(session.clock.now_ns() - 500_000_000)
             latitude_deg, longitude_deg, height_m = ecef_to_geodetic(state.position_ecef_m)
             # A circle of 200 m around a centre, so and so far east of it; 750 m above the sea.
             offset_m = dict(zip(("mav-1", "mav-9"), (100, 900), strict=True))
@@ -74,54 +58,33 @@ async def test_autopilots_are_seen_where_they_say_they_are(transport: str, their
                 north_m = (latitude_deg[i] - 40.45) * 111_200
                 assert math.hypot(east_m, north_m) == pytest.approx(200, abs=10)
             assert height_m == pytest.approx([802.0] * len(height_m), abs=3)
-            assert at_work.totals.refused == 0
+            assert session.totals.refused == 0
+    again = plotfeed("run", path, "--broker", "none", "--speed", "max", "--json")
+    assert again.returncode == 0, again.stderr
+    totals = json.loads(again.stdout)
+    assert totals["telemetry"] > 0
+    assert totals["plots"] > totals["false_alarms"]
 
 
-@pytest.mark.asyncio
-async def test_a_receiver_with_a_clock_that_is_off_is_followed(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    port = free_port()
-    with vehicle(f"udpout:127.0.0.1:{port}", "--raw", "--off-s", 7200):
-        async with session(scene(f'url = "mavlink:udp://:{port}"\ndrone = "one"')) as at_work:
-            await until(lambda: at_work.totals.telemetry > 5)
-            assert at_work.session.trajectories.names == ["one"]
-    assert "one: its clock is 7" in caplog.text
-    assert "ahead" in caplog.text
+async def datagrams_to(port: int) -> asyncio.DatagramTransport:
+    to = ("127.0.0.1", port)
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=to)
+    return transport
 
 
 @pytest.mark.asyncio
 async def test_what_is_no_mavlink_is_counted_and_told() -> None:
     port = free_port()
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(
-        asyncio.DatagramProtocol, remote_addr=("127.0.0.1", port)
-    )
-    async with session(scene(f'url = "mavlink:udp://:{port}"')) as at_work:
+    transport = await datagrams_to(port)
+    async with at_work(scene(f'url = "mavlink:udp://:{port}"'), None) as session:
         transport.sendto(b"GET / HTTP/1.1\r\n\r\n")
-        await until(lambda: at_work.totals.refused > 0)
-        assert at_work.totals.refused_by == {"undecodable": 1}
+        await until(lambda: session.totals.refused > 0)
+        assert session.totals.refused_by == {"undecodable": 1}
         assert "/telemetry/mavlink: 18 octets that are no MAVLink frame" in (
-            at_work.totals.last_refusal
+            session.totals.last_refusal
         )
     transport.close()
-
-
-@pytest.mark.asyncio
-async def test_a_session_is_run_again_from_its_record_without_the_source(tmp_path: Path) -> None:
-    port, path = free_port(), tmp_path / "there.mcap"
-    of = scene(f'url = "mavlink:udp://:{port}"')
-    with vehicle(f"udpout:127.0.0.1:{port}"):
-        recorder = Recorder(path, attachments=attachments_of(of, WallClock().now_ns()))
-        with recorder:
-            observer = SessionRecorder(recorder, ledger_is_sent=False)
-            async with session(of, observer) as at_work:
-                await until(lambda: at_work.totals.plots > at_work.totals.false_alarms + 3)
-        again = plotfeed("run", path, "--broker", "none", "--speed", "max", "--json")
-    assert again.returncode == 0, again.stderr
-    totals = json.loads(again.stdout)
-    assert totals["telemetry"] > 0
-    assert totals["plots"] > totals["false_alarms"]
 
 
 @pytest.mark.asyncio
@@ -134,19 +97,16 @@ url = "sbs1:udpin:127.0.0.1:{port}"
     of = parsed(
         scene_text(sensors=radar(period_s=0.5), telemetry=text).encode(), Path("scene.toml")
     )
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(
-        asyncio.DatagramProtocol, remote_addr=("127.0.0.1", port)
-    )
+    transport = await datagrams_to(port)
     line = "MSG,3,1,1,484412,1,,,,,,{},,,40.47,-3.73,,,,,,0\r\n"
-    async with session(of) as at_work:
+    async with at_work(of, None) as session:
 
         def flies() -> bool:
-            transport.sendto(line.format(3000 + at_work.totals.telemetry).encode())
-            return at_work.totals.telemetry > 20
+            transport.sendto(line.format(3000 + session.totals.telemetry).encode())
+            return session.totals.telemetry > 20
 
         await until(flies)
-        assert sorted(at_work.session.trajectories.names) == ["484412", "visitor"]
+        assert sorted(session.session.trajectories.names) == ["484412", "visitor"]
     transport.close()
 
 
@@ -164,26 +124,17 @@ altitude_reference = "ellipsoid"
         scene_text(sensors=radar(period_s=0.5), drones="", telemetry=text).encode(),
         Path("scene.toml"),
     )
-    clock, stop = WallClock(), asyncio.Event()
-    at_work = AtWork(clock)
-    with mosquitto(tmp_path, port):
-        broker = f"mqtt://127.0.0.1:{port}"
-        running = asyncio.create_task(
-            run(of, clock=clock, broker=broker, stop=stop, observers=[at_work])
-        )
-        await at_work.begins.wait()
-        where = {"hostname": "127.0.0.1", "port": port}
-        for n in range(3):
-            said = json.dumps({"lat": 40.46 + n * 1e-6, "lon": -3.73, "alt": 900})
-            await asyncio.to_thread(single, "fleet/u7/state", said, qos=1, **where)
-        await asyncio.to_thread(single, "fleet/u8/state", '{"lat": "n/a"}', qos=1, **where)
-        await until(lambda: at_work.totals.telemetry == 3 and at_work.totals.refused == 1)
-        assert at_work.session.trajectories.names == ["u7"]
-        assert at_work.totals.last_refusal == (
-            "plotfeed/telemetry/u8: lat is 'n/a'; expected a number"
-        )
-        stop.set()
-        await running
+    where = {"hostname": "127.0.0.1", "port": port}
+    with own_broker(tmp_path, port):
+        async with at_work(of, port) as session:
+            for n in range(3):
+                said = json.dumps({"lat": 40.46 + n * 1e-6, "lon": -3.73, "alt": 900})
+                await asyncio.to_thread(single, "fleet/u7/state", said, qos=1, **where)
+            await asyncio.to_thread(single, "fleet/u8/state", '{"lat": "n/a"}', qos=1, **where)
+            await until(lambda: (session.totals.telemetry, session.totals.refused) == (3, 1))
+            assert session.session.trajectories.names == ["u7"]
+    expected = "plotfeed/telemetry/u8: lat is 'n/a'; expected a number"
+    assert session.totals.last_refusal == expected
 
 
 @pytest.mark.asyncio
@@ -222,7 +173,8 @@ async def test_an_autopilot_that_sends_what_it_is_asked_for_is_followed() -> Non
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
         autopilot.setblocking(False)
         port = free_port()
-        async with session(scene(f'url = "mavlink:udp://:{port}"\nask_hz = 5')) as at_work:
+        source = f'url = "mavlink:udp://:{port}"\nask_hz = 5'
+        async with at_work(scene(source), None) as session:
 
             def follows() -> bool:
                 said = mav.heartbeat_encode(2, 3, 0, 0, 4)
@@ -236,8 +188,8 @@ async def test_an_autopilot_that_sends_what_it_is_asked_for_is_followed() -> Non
                         for message in mav.parse_buffer(autopilot.recv(2048)) or []:
                             if message.get_type() == "COMMAND_LONG" and message.command == 511:
                                 asked[int(message.param1)] = message.param2
-                return at_work.totals.telemetry > 0
+                return session.totals.telemetry > 0
 
             await until(follows)
-            assert at_work.session.trajectories.names == ["mav-4"]
+            assert session.session.trajectories.names == ["mav-4"]
     assert asked == {33: 200_000, 24: 200_000, 2: 1_000_000, 242: 1_000_000}

@@ -212,27 +212,6 @@ async def test_a_way_out_that_fills_up_holds_what_is_overdue_as_well() -> None:
 
 
 @pytest.mark.asyncio
-async def test_a_simulated_clock_stands_steps_and_goes_on_at_another_pace() -> None:
-    clock = WallClock(1_000, speed=50.0)
-    assert clock.start() == 1_000
-    clock.pause()
-    stood = clock.now_ns()
-    await asyncio.sleep(0.005)
-    assert clock.now_ns() == stood
-    assert clock.is_paused
-    clock.step(5 * MS)
-    await clock.sleep_until(stood + 5 * MS)
-    await asyncio.sleep(0.005)
-    assert clock.is_paused
-    assert clock.now_ns() == stood + 5 * MS
-    clock.set_speed(1000.0)
-    clock.resume()
-    await clock.sleep_until(stood + 50 * MS)
-    assert clock.now_ns() >= stood + 50 * MS
-    clock.close()
-
-
-@pytest.mark.asyncio
 async def test_a_clock_that_stands_lets_nobody_pass_until_it_goes_on() -> None:
     clock = WallClock(0)
     case = Case(clock)

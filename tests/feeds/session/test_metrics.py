@@ -116,9 +116,9 @@ async def held(folder: Path) -> Held:
     return found
 
 
-@pytest.mark.asyncio
-async def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
-    found = await held(tmp_path)
+def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
+    """And they are served on loopback alone."""
+    found = asyncio.run(held(tmp_path))
     read = values(found.families)
     for name in COUNTERS:
         assert found.families[f"plotfeed_{name}"].type == "counter"
@@ -135,6 +135,8 @@ async def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
     assert read["plotfeed_sensor_on_the_way", "far"] > 0
     assert read["plotfeed_sensor_on_the_way", "near"] == 0
     assert not is_listening(found.port)
+    heard = [row[1] for row in found.listeners if row[1].endswith(f":{found.port:04X}")]
+    assert {*heard} == {f"0100007F:{found.port:04X}"}
 
 
 def test_every_count_in_the_totals_is_a_metric() -> None:
@@ -161,13 +163,6 @@ def test_without_the_library_that_serves_them_is_one_line(monkeypatch: pytest.Mo
         pass
     expected = "metrics need prometheus-client: pip install 'plotfeed[metrics]'"
     assert (str(caught.value), caught.value.exit_code) == (expected, 1)
-
-
-@pytest.mark.asyncio
-async def test_metrics_are_served_on_loopback_alone(tmp_path: Path) -> None:
-    found = await held(tmp_path)
-    heard = [row[1] for row in found.listeners if row[1].endswith(f":{found.port:04X}")]
-    assert {*heard} == {f"0100007F:{found.port:04X}"}
 
 
 def test_metrics_are_for_who_asks_for_this_machine() -> None:

@@ -32,7 +32,7 @@ ZOOMED_OUT = {
     name: {"horizontal_fov_deg": 15.0, "vertical_fov_deg": 10.0, "tilt_deg": 6.0}
     for name in ("axis-q6215-le", "droneopt", "indra-arms-optronic", "triton-pt")
 }
-SENSORS: dict[str, dict[str, Any]] = {
+OF_EACH_KIND: dict[str, dict[str, Any]] = {
     "turning": radar(scan=rotating(1.0, 32), pfa=1e-5),
     "rates": radar(measures_elevation=False, doppler={}),
     "gate": {"type": "range_gate", "scan": staring(), "range_max_m": 5e3, "sigma_m": 5.0},
@@ -57,8 +57,8 @@ SENSORS: dict[str, dict[str, Any]] = {
         "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
         "range_max_m": 10_000.0,
     },
-    **{name: {"preset": name} | ZOOMED_OUT.get(name, {}) for name in names()},
 }  # fmt: skip
+PRESETS = {name: {"preset": name} | ZOOMED_OUT.get(name, {}) for name in names()}
 # The nearest have all emissions.
 DRONES = [
     held(
@@ -69,34 +69,39 @@ DRONES = [
 ]  # fmt: skip
 MANNERS: dict[str, dict[str, Any]] = {
     "plain": {},
-    "of a class": {"default_class": "Air Vehicle", "default_class_confidence": 0.8},
-    "on the Earth": {"location": "location"},
-}
+    "of a class on the Earth": {
+        "default_class": "Air Vehicle", "default_class_confidence": 0.8, "location": "location",
+    },
+}  # fmt: skip
+TOLD = [
+    *(("plain", name) for name in OF_EACH_KIND | PRESETS),
+    *(("of a class on the Earth", name) for name in OF_EACH_KIND),
+]
 
 
 @cache
 def messages(manner: str) -> dict[str, list[SapientMessage]]:
-    """Of every sensor, by its id; twelve drones and four kinds of emission are near all of them."""
-    sensors = [
-        {**sensor, "id": name.replace(" ", "-"), "report": ["sapient"]}
-        for name, sensor in SENSORS.items()
-    ]
+    """Of every sensor; twelve drones and four kinds of emission are near all of them."""
+    keys = {name: (OF_EACH_KIND | PRESETS)[name] for told, name in TOLD if told == manner}
+    ids = {name: name.replace(" ", "-") for name in keys}
+    sensors = [keys[name] | {"id": ids[name], "report": ["sapient"]} for name in keys]
     road = fly(scene(sensors, DRONES, seed=9, sapient=MANNERS[manner]), 4.0)
     return {
-        sensor["id"]: [checked(payload) for payload in road.payloads(f"{sensor['id']}/sapient")]
-        for sensor in sensors
+        name: [SapientMessage.FromString(payload) for payload in road.payloads(f"{its_id}/sapient")]
+        for name, its_id in ids.items()
     }
 
 
-@pytest.mark.parametrize("manner", MANNERS)
-@pytest.mark.parametrize("sensor", [name.replace(" ", "-") for name in SENSORS])
+@pytest.mark.parametrize(("manner", "sensor"), TOLD)
 def test_whatever_a_detection_tells_of_was_registered(sensor: str, manner: str) -> None:
     first, *others = messages(manner)[sensor]
     assert first.HasField("registration")
-    detections = [m.detection_report for m in others if m.HasField("detection_report")]
+    detections = [m for m in others if m.HasField("detection_report")]
+    for message in (first, *detections[:5]):
+        checked(message.SerializeToString())
     assert detections
     for detection in detections:
-        assert_declared(first.registration, detection)
+        assert_declared(first.registration, detection.detection_report)
 
 
 def classes_of(sensor: str, manner: str) -> set[tuple[str, ...]]:
@@ -112,11 +117,11 @@ def classes_of(sensor: str, manner: str) -> set[tuple[str, ...]]:
 
 
 def test_a_sensor_that_names_emissions_registers_those_of_the_scene() -> None:
-    assert classes_of("names-all", "plain") == {(), *((kind,) for kind in KINDS)}
-    assert classes_of("reads-one", "plain") == {(), ("remote-id",)}
+    assert classes_of("names all", "plain") == {(), *((kind,) for kind in KINDS)}
+    assert classes_of("reads one", "plain") == {(), ("remote-id",)}
     above = {("Air Vehicle",), *(("Air Vehicle", kind) for kind in KINDS)}
-    assert classes_of("names-all", "of a class") == above
-    registration = messages("plain")["names-all-and-reads-two"][0].registration
+    assert classes_of("names all", "of a class on the Earth") == above
+    registration = messages("plain")["names all and reads two"][0].registration
     assert set(_declared(registration)) == set(KINDS)
 
 
@@ -127,7 +132,7 @@ def _declared(registration: Registration) -> list[str]:
     return [each.type for each in definition.class_definition]
 
 
-@pytest.mark.parametrize("sensor", ["turning", "names-all", "gate"])
+@pytest.mark.parametrize("sensor", ["turning", "names all", "gate"])
 def test_detections_of_drones_are_surer_than_false_alarms(sensor: str) -> None:
     """As the ledger tells them apart, in the order of reports; a gate has no false alarms."""
     drones, alarms = confidences(sensor)
@@ -147,12 +152,12 @@ def test_a_scene_may_state_one_confidence_for_all() -> None:
 
 def confidences(name: str, **settings: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     """Of detections of drones, and of false alarms."""
-    sensor = {**SENSORS[name.replace("-", " ")], "id": name, "report": ["sapient"]}
+    sensor = OF_EACH_KIND[name] | {"id": "one", "report": ["sapient"]}
     if "pfa" in sensor:
-        sensor["pfa"] = 1e-3 if name == "names-all" else 1e-5
+        sensor["pfa"] = 1e-3 if name == "names all" else 1e-5
     road = fly(scene([sensor], DRONES, seed=10, sapient=settings), 4.0)
     plots = [plot for entry in road.ledgers for plot in entry.plots]
-    reports = [SapientMessage.FromString(p) for p in road.payloads(f"{name}/sapient")]
+    reports = [SapientMessage.FromString(p) for p in road.payloads("one/sapient")]
     told = np.array(
         [m.detection_report.detection_confidence for m in reports if m.HasField("detection_report")]
     )

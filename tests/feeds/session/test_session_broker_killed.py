@@ -3,38 +3,46 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
-from typing import Any
 
 import pytest
-from support.brokers import free_port
+from support.brokers import free_port, own_broker
 from support.cut_proxy import proxied
 from support.scene_files import radar, scene_file, scene_text
-from support.sessions import AtWork, Start, at_work, every_broker
+from support.sessions import AtWork, Start, at_work, quiet_mosquitto
 from support.waiting import until
 
 from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.transport import ways_out
+from plotfeed.models.beam import Sector
 from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import iso_utc
 from plotfeed.testing import MqttMessage, MqttReceiver
 
 KEPT = 12
 SECTOR_S = 6.0 / 240
+PLOTS, STATUS = "plotfeed/radar/plots", "plotfeed/radar/status"
 
 
-@every_broker
-@pytest.mark.parametrize("policy", ["drop-oldest", "drop-newest", "wait"])
+@pytest.mark.parametrize(
+    ("start", "policy"),
+    [(quiet_mosquitto, "drop-oldest"), (own_broker, "drop-newest"), (quiet_mosquitto, "wait")],
+)
 @pytest.mark.asyncio
 async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promises(
-    start: Start, policy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    start: Start,
+    policy: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """By the ledger of a whole session, with QoS 1; what arrived is heard by another client."""
+    """By the ledger of a whole session, with QoS 1; the session hears telemetry again, too."""
     monkeypatch.setattr(ways_out, "BACKOFF_S", (0.02,))
     queue = f'queue = {{ policy = "{policy}", messages = {KEPT} }}'
     plots = radar(period_s=6.0, sectors=240, more='report = ["plots"]')
     text = scene_text(port=1883, sensors=plots, drones="", mqtt=f"qos = 1\ntruth = false\n{queue}")
     what = load(scene_file(tmp_path, text))
-
     port = free_port()
     async with proxied(port) as proxy:
         with start(tmp_path, port) as process:
@@ -48,38 +56,55 @@ async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promi
         await until(lambda: task.outbox.waiting >= KEPT)
         full, sectors = task.outbox.waiting, len(session.sectors)
         if policy == "wait":
-            await asyncio.sleep(20 * SECTOR_S)
+            await asyncio.sleep(10 * SECTOR_S)
             assert len(session.sectors) == sectors
         else:
             await session.sectors_more(2 * KEPT)
             assert task.outbox.waiting <= full
-        with start(tmp_path, port), MqttReceiver(port, 5, "plotfeed/radar/plots") as ears:
+        with start(tmp_path, port), MqttReceiver(port, 5, PLOTS, STATUS) as ears:
             back_ns = session.clock.now_ns()
             proxy.is_closed = False
             await until(lambda: not task.outbox.waiting)
+            while not session.totals.telemetry:
+                ears.publish("plotfeed/telemetry/d", telemetry(session.clock.now_ns()))
+                await asyncio.sleep(0.05)
             await session.sectors_more(5)
             await session_of.__aexit__(None, None, None)
             last = place(session.sectors[-1].sector)
-            await asyncio.to_thread(ears.wait_for, lambda m: heard_place(m) == last)
-            heard = [heard_place(m) for m in ears.heard]
+            await asyncio.to_thread(ears.wait_for, lambda m: is_plots_of(m, last))
+            states = [json.loads(payload)["state"] for payload in ears.on(STATUS)]
+            heard = [heard_place(payload) for payload in ears.on(PLOTS)]
     assert_kept(session, policy, back_ns, heard)
+    assert (states[0], states[-1]) == ("ONLINE", "OFFLINE")
+    lost = [each for each in caplog.messages if "lost the connection" in each]
+    assert len(lost) == 1  # of the one connection for data; those of last wills say nothing
 
 
-def place(sector: Any) -> tuple[int, int]:
+def telemetry(now_ns: int) -> bytes:
+    place = {"latitude_deg": 40.46, "longitude_deg": -3.73, "altitude_m": 900.0}
+    said = {"time_utc": iso_utc(now_ns), "altitude_reference": "ELLIPSOID", **place}
+    return json.dumps(said).encode()
+
+
+def place(sector: Sector) -> tuple[int, int]:
     return sector.scan, sector.index
 
 
-def heard_place(message: MqttMessage) -> tuple[int, int]:
-    batch = pb.PlotBatch.FromString(message.payload)
+def heard_place(payload: bytes) -> tuple[int, int]:
+    batch = pb.PlotBatch.FromString(payload)
     return batch.scan, batch.sector
+
+
+def is_plots_of(message: MqttMessage, wanted: tuple[int, int]) -> bool:
+    return message.topic == PLOTS and heard_place(message.payload) == wanted
 
 
 def assert_kept(session: AtWork, policy: str, back_ns: int, heard: list[tuple[int, int]]) -> None:
     fates = {(e.scan, e.sector): one for e in session.entries for one in e.messages}
-    assert fates.keys() == {place(r.sector) for r in session.sectors}
-    assert len(fates) == sum(len(entry.messages) for entry in session.entries)
+    assert fates.keys() == {place(batch.sector) for batch in session.sectors}
+    assert len(fates) == len(session.sent)
     assert {one.fate for one in fates.values()} <= {pb.SENT, pb.UNDELIVERED}
-    ends_ns = {place(r.sector): r.sector.end_ns for r in session.sectors}
+    ends_ns = {place(batch.sector): batch.sector.end_ns for batch in session.sectors}
     sent_afterwards = [p for p, one in fates.items() if one.sent_utc_ns >= back_ns]
     assert {*sent_afterwards} <= {*heard}
     assert sorted(dict.fromkeys(heard)) == list(dict.fromkeys(heard))
@@ -88,10 +113,11 @@ def assert_kept(session: AtWork, policy: str, back_ns: int, heard: list[tuple[in
     due_away = sorted(p for p in fates if ends_ns[p] < up_again_ns and p >= min(sent_afterwards))
     if policy == "wait":
         assert given_up == []
-    elif policy == "drop-oldest":
-        assert len(given_up) > KEPT / 2
+        return
+    assert len(given_up) > KEPT / 2
+    assert session.totals.undelivered == len(given_up)
+    if policy == "drop-oldest":
         assert {*due_away[-(KEPT - 1) :]} <= {*sent_afterwards}  # a status has a place, too
     else:
-        assert len(given_up) > KEPT / 2
         assert max(given_up) in due_away
         assert len([p for p in due_away if p < min(given_up)]) >= KEPT - 1

@@ -11,18 +11,16 @@ from typing import Any
 import pytest
 from support.brokers import free_port
 from support.http_receiver import http_receiver
+from support.sessions import AtWork
 from support.udp_receiver import heard, place, receiver
 from support.waiting import until
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
-from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.ways_out import TransportError
-from plotfeed.proto.ledger import entries_in
 from plotfeed.testing import START_NS, flown, radar, scene, waypoint
 
 REPORT = ["air-traffic", "cot", "geojson"]
@@ -34,13 +32,11 @@ def made(**destinations: Any) -> Scene:
     return scene([sensor], drones, seed=501, **destinations)
 
 
-async def session(what: Scene, stop: asyncio.Event) -> tuple[SessionCounters, list[Message]]:
-    sent: list[Message] = []
-    clock = WallClock(START_NS, speed=4.0)
-    totals = await run(
-        what, clock=clock, broker="none", stop=stop, tap=lambda message, _: sent.append(message)
-    )
-    return totals, sent
+async def session(what: Scene, stop: asyncio.Event) -> AtWork:
+    watch = AtWork(WallClock(START_NS, speed=4.0))
+    observers = [watch]
+    watch.totals = await run(what, clock=watch.clock, broker="none", stop=stop, observers=observers)
+    return watch
 
 
 @pytest.mark.asyncio
@@ -67,20 +63,17 @@ async def test_each_destination_gets_its_format_and_what_failed_is_in_the_ledger
             await listen()
             await until(lambda: len(utm.posts) > 5)
             stop.set()
-            totals, sent = await running
+            ran = await running
         events = heard(ears)
-    of_kind = {kind: [m.payload for m in sent if m.topic.endswith(kind)] for kind in REPORT}
-    assert utm.bodies == of_kind["air-traffic"]
-    assert events == of_kind["cot"]
+    assert utm.bodies == ran.on("radar/air-traffic")
+    assert events == ran.on("radar/cot")
     assert ET.fromstring(events[0]).attrib["uid"] == "radar-1"  # noqa: S314 - our own
-    assert set(told) <= {payload.decode() for payload in of_kind["geojson"]}
+    assert set(told) <= {payload.decode() for payload in ran.on("radar/geojson")}
     assert json.loads(told[0])["features"][0]["id"] == "radar-1"
-    (name,) = totals.undelivered_to
+    (name,) = ran.totals.undelivered_to
     assert name.startswith("http[0] http://127.0.0.1")
-    assert totals.undelivered_to[name] == 1
-    ledger = [e for m in sent if m.topic.endswith("/truth") for e in entries_in(m.payload)]
-    not_to = [list(each.not_to) for entry in ledger for each in entry.messages if each.not_to]
-    assert not_to == [[name]]
+    assert ran.totals.undelivered_to[name] == 1
+    assert [list(each.not_to) for each in ran.sent if each.not_to] == [[name]]
 
 
 @pytest.mark.asyncio
@@ -96,9 +89,9 @@ async def test_events_reach_a_group_as_taks_mesh_has_them() -> None:
 
         await until(have_come)
         stop.set()
-        _, sent = await running
+        ran = await running
         events.extend(heard(ears))
-    assert events == [m.payload for m in sent if m.topic.endswith("cot")]
+    assert events == ran.on("radar/cot")
 
 
 @pytest.mark.asyncio
