@@ -76,6 +76,9 @@ class FalseAlarmsDue:
         self._timetables = timetables
         # The last one of each sensor whose alarms are drawn.
         self._scan = np.full(len(chances), NO_SCAN, np.int64)
+        # In which sector a rotating sensor draws those of its next turn: sensors take turns, so
+        # that those which begin a scan together are not late together.
+        self._draws_in = np.arange(len(chances)) % [each.sectors for each in timetables]
         self._next_ns = np.full(len(chances), NONE_DUE_NS, np.int64)
         self._due: dict[int, Plots] = {}
         # Maps of clutter that sensors see, whose plots come as false alarms do.
@@ -97,10 +100,12 @@ class FalseAlarmsDue:
 
     def of_turns(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
         """False alarms within sectors of rotating sensors, of which each one's are in order."""
-        begun = sectors.scan != self._scan[sectors.sensor]
-        if begun.any():
-            which = zip(sectors.sensor[begun].tolist(), sectors.scan[begun].tolist(), strict=True)
-            for sensor, scan in dict.fromkeys(which):
+        # The scan up to which those of each sensor are drawn by the end of its sector.
+        drawn = sectors.scan + (sectors.index >= self._draws_in[sectors.sensor])
+        for row in np.flatnonzero(drawn > self._scan[sectors.sensor]).tolist():
+            sensor = int(sectors.sensor[row])
+            first = max(int(sectors.scan[row]), int(self._scan[sensor]) + 1)
+            for scan in range(first, int(drawn[row]) + 1):
                 turn = self._timetables[sensor].turn(scan)
                 alarms = self._drawn(sensor, turn, models[sensor])
                 self._scan[sensor] = scan

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.scene_files import radar, scene_text
 
@@ -16,6 +17,9 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example, parsed
 from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.models.beam import Sector
+from plotfeed.models.sensors.polar_radar import PolarRadar
+from plotfeed.models.state import Plots
 from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.testing import START_NS
 
@@ -96,6 +100,30 @@ def test_echoes_merge_alike_whatever_else_is_worked_out_with_them(tmp_path: Path
     scene = parsed(text.encode(), tmp_path / "chain.toml")
     paces = [by_engine(Engine(scene, START_NS), in_steps(step)) for step in (NS // 50, NS, END_NS)]
     assert paces[0] == paces[1] == paces[2]
+
+
+def test_radars_that_begin_their_scans_together_draw_their_false_alarms_in_turn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first sectors of a scan are as quickly worked out as all others."""
+    scans, draw = [], PolarRadar.draw_false_alarms
+
+    def drawn(self: PolarRadar, sector: Sector, rng: np.random.Generator) -> Plots:
+        scans.append(sector.scan)
+        return draw(self, sector, rng)
+
+    monkeypatch.setattr(PolarRadar, "draw_false_alarms", drawn)
+    sensors = "".join(radar(id=f"r{i}", period_s=1.0, sectors=8) for i in range(16))
+    scene = parsed(scene_text(sensors=sensors, drones="").encode(), tmp_path / "step.toml")
+    engine = Engine(scene, START_NS)
+    many = []
+    for sector in range(1, 33):
+        list(engine.until(START_NS + sector * NS // 8))
+        many.append(len(scans))
+    first_s, *others = np.diff(many, prepend=0).reshape(4, 8).tolist()
+    assert first_s == [18, *[2] * 7]
+    assert others == [[2] * 8] * 3
+    assert sorted(scans) == sorted([*range(scans[0], scans[0] + 5)] * 16)
 
 
 def report(t_ns: int, step: int) -> bytes:
