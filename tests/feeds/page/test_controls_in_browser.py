@@ -174,7 +174,7 @@ def test_a_sensor_is_switched_off_degraded_and_on_again(page: Page, stage: MadeU
     as_before = {"enabled": True, "pfa": 1e-5, "loss_db": 4}
     wait_for_command(page, stage, {"sensor": "radar", "set": as_before})
     state.get_by_text("on").wait_for()
-    assert stage.sensors["radar"].pfa == own.pfa  # type: ignore[union-attr]
+    assert stage.sensors["radar"].sensor.pfa == own.pfa
 
 
 def test_another_sensor_is_chosen_hidden_and_asked(page: Page, stage: MadeUpSession) -> None:
