@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextvars import ContextVar
 from functools import cache, wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Floats, Ints
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -104,3 +104,13 @@ def _interpolated(
     slope_across = (f_across - f) / (x_across - x)
     divisor = slope_across * slope * (f_across - f_before)
     return -f * (f_across * slope_across - f_before * slope) / divisor if divisor else np.inf
+
+
+def joined_by_pairs(first: Ints, second: Ints, n: int) -> tuple[int, Ints]:
+    """How many sets n things make of which these pairs belong together, and the set of each."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links: Any = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(n, n))
+    m, label = connected_components(links, directed=False)
+    return m, np.asarray(label, np.int64)

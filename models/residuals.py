@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.special import ndtri
 
 from plotfeed.models.effects.merging import REACH, near_pairs
+from plotfeed.models.numerics import joined_by_pairs
 from plotfeed.models.plain_tracker import least_sum
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.tail_chances import p_of_normal, p_of_poisson, p_of_squares, p_of_trials
@@ -513,8 +512,7 @@ def look_groups(axes: Sequence[tuple[Floats, float]]) -> Ints:
     if n < 2:
         return np.zeros(n, np.int64)
     first, second, _ = near_pairs([(place * REACH, period * REACH) for place, period in axes])
-    links: Any = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(n, n))
-    return np.asarray(connected_components(links, directed=False)[1], np.int64)
+    return joined_by_pairs(first, second, n)[1]
 
 
 def _commonest(error: Floats, sigma: float) -> float:

@@ -6,13 +6,12 @@ Neighbours stay together too, so that a worker needs the telemetry of one area.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from plotfeed.feeds.scene.presets.system import MEMBERS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.mount_keys import mount_of
+from plotfeed.models.numerics import joined_by_pairs
 from plotfeed.models.state import Floats, Ints
 
 ALARMS_A_SECTOR = 50.0  # False alarms that cost as much as a sector, about
@@ -51,10 +50,7 @@ def together(scene: Scene) -> Ints:
         there = [index[name] for name in members if name in index]
         pairs += [(there[0], other) for other in there[1:]]
     rows, columns = np.array(pairs, np.int64).reshape(-1, 2).T
-    n = len(scene.sensor)
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-    _, number = connected_components(graph, directed=False)
-    return np.asarray(number, np.int64)
+    return joined_by_pairs(rows, columns, len(scene.sensor))[1]
 
 
 def load_of(scene: Scene, sensor: Sensor) -> float:

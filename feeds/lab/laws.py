@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import kolmogorov, ndtr
 
-from plotfeed.feeds.lab.evidence import AskedSensor
 from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.models.beam import Volume
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
@@ -20,6 +19,9 @@ from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.proto.asterix.decode_plots import steps_of
 from plotfeed.proto.measured_plots import MeasuredPlots
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.lab.evidence import AskedSensor
 
 # Variance of a count above which it is taken to be normal; below it, there is no z-score.
 ENOUGH = 5.0

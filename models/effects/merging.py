@@ -14,11 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from plotfeed.models.frames import wrap_180, wrap_360
+from plotfeed.models.numerics import joined_by_pairs
 from plotfeed.models.state import Floats, Ints, Looks, Texts
 
 # Widths, beyond which two targets are unresolved with a probability below 2^-36, 1.5e-11.
@@ -155,6 +153,8 @@ def near_pairs(axes: Sequence[tuple[Floats, float]]) -> tuple[Ints, Ints, Floats
 
 
 def _pairs_of(places: Floats, periods: list[float]) -> tuple[Ints, Ints, Floats]:
+    from scipy.spatial import KDTree  # as long to load as NumPy
+
     n = len(places)
     tree = KDTree(places, boxsize=periods)
     distance, other = tree.query(places, min(n, NEIGHBOURS) + 1, distance_upper_bound=REACH)
@@ -167,9 +167,7 @@ def _pairs_of(places: Floats, periods: list[float]) -> tuple[Ints, Ints, Floats]
 
 def _groups(first: Ints, second: Ints, powers: Floats) -> MergedGroups:
     """Groups of all looks, of which these pairs are linked, in the order of their leaders."""
-    n = len(powers)
-    links: Any = coo_array((np.ones(len(first), np.bool_), (first, second)), shape=(n, n))
-    m, label = connected_components(links, directed=False)
+    m, label = joined_by_pairs(first, second, len(powers))
     by_power: NDArray[Any] = np.lexsort((-powers, label))
     leader = by_power[np.searchsorted(label[by_power], np.arange(m))]
     order = np.argsort(leader)

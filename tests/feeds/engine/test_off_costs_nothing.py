@@ -151,13 +151,18 @@ def test_what_stands_in_the_way_is_seen_too(tmp_path: Path) -> None:
     assert {"line_of_sight", "surroundings"} <= {Path(file).stem for file, _ in counts}
 
 
-def test_a_session_begins_without_what_few_scenes_need() -> None:
-    few = {
-        *("scipy.stats", "scipy.optimize", "scipy.sparse", "plotfeed.feeds.lab", "ray"),
-        *("sapient_msg", "plotfeed.models.effects.merging"),
-    }
+@pytest.mark.parametrize(
+    ("begins", "besides"),
+    [
+        ("cli.run", {"plotfeed.feeds.lab", "plotfeed.models.effects.merging"}),
+        ("page.run_with_page", {"plotfeed.feeds.lab.evidence", "plotfeed.feeds.lab.oracle"}),
+    ],
+)
+def test_a_session_begins_without_what_few_scenes_need(begins: str, besides: set[str]) -> None:
+    few = {"scipy.stats", "scipy.optimize", "scipy.sparse", "scipy.spatial", "ray", "sapient_msg"}
+    few |= besides
     code = (
-        "import sys; import plotfeed.feeds.cli.run; "
+        f"import sys; import plotfeed.feeds.{begins}; "
         "from plotfeed.feeds.scene.scene import example; example('section-4'); "
         f"print(*{few} & sys.modules.keys())"
     )
