@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import asyncio
-import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from support.links import OCTETS, due_times, passed
+from support.recordings import MS, mcap_of, message
 
 from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.link.impairment import Outcome
-from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
+from plotfeed.feeds.recording.recorder import attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import McapWriter
-from plotfeed.replay.recorded import Recorded, Stage
-from plotfeed.testing import START_NS
+from plotfeed.replay.recorded import Attachment, Recorded, Stage
+from plotfeed.testing import START_NS, fly
 
 LEDGER = "application/x-protobuf; messageType=plotfeed.v1.Ledger"
 
@@ -82,41 +78,33 @@ def recorded(
     ledgers: Iterable[pb.Ledger | bytes], *, topic: str = "plotfeed/truth"
 ) -> list[Recorded]:
     """As they come by MQTT, a millisecond apart."""
+    payloads = (x if isinstance(x, bytes) else x.SerializeToString() for x in ledgers)
     return [
-        Recorded(
-            topic=topic,
-            payload=each if isinstance(each, bytes) else each.SerializeToString(),
-            log_time_ns=START_NS + n * 1_000_000,
-            publish_time_ns=START_NS + n * 1_000_000,
-            content_type=LEDGER,
-        )
-        for n, each in enumerate(ledgers)
+        message(payload, START_NS + n * MS, topic=topic, content_type=LEDGER)
+        for n, payload in enumerate(payloads)
     ]
 
 
-def written(path: Path, messages: Iterable[Recorded]) -> Path:
+def written(
+    path: Path, messages: Iterable[Recorded], attachments: Sequence[Attachment] = ()
+) -> Path:
     """A file of those."""
-    file = io.BytesIO()
-    log = McapWriter(file)
-    for message in messages:
-        log.write(message)
-    log.close()
-    path.write_bytes(file.getvalue())
+    path.write_bytes(mcap_of(messages, attachments=attachments))
     return path
 
 
 def changed(
-    path: Path, other: Path, change: Callable[[Iterable[Recorded]], Iterable[Recorded]]
+    path: Path,
+    other: Path,
+    change: Callable[[Iterable[Recorded]], Iterable[Recorded]] = list,
+    attachments: Sequence[Attachment] | None = None,
 ) -> Path:
-    """Another record with what the change makes of the messages, and all attachments."""
-    with McapReader(path) as log, other.open("wb") as file:
-        names = [entry.name for entry in log.attachments()]
-        attachments = [a for a in map(log.attachment, names) if a is not None]
-        writer = McapWriter(file, attachments=attachments)
-        for message in change(log.messages()):
-            writer.write(message)
-        writer.close()
-    return other
+    """Another record with what the change makes of the messages, and the same attachments."""
+    with McapReader(path) as log:
+        if attachments is None:
+            found = map(log.attachment, [entry.name for entry in log.attachments()])
+            attachments = [each for each in found if each is not None]
+        return written(other, change(log.messages()), attachments)
 
 
 def told(path: Path) -> FeedReport:
@@ -136,30 +124,13 @@ def record_session(
 
     It says that the session was one of the scene `says`, if that is given.
     """
-    scene = load(scene_path)
-    clock = InstantClock(START_NS)
-    attachments = attachments_of(scene if says is None else load(says), START_NS)
-    with Recorder(path, attachments=attachments, waits=True) as recorder:
-        observer = SessionRecorder(recorder, ledger_is_sent=scene.mqtt.truth)
-        observers = [observer]
-        asyncio.run(
-            run(scene, clock=clock, broker="none", duration_s=duration_s, observers=observers)
-        )
-    assert not recorder.failure
-    return path
+    fly(load(scene_path), duration_s, record=path)
+    if says is None:
+        return path
+    attachments = attachments_of(load(says), START_NS)
+    return changed(path, path.with_name(f"{path.stem}-says{path.suffix}"), attachments=attachments)
 
 
 def as_received(messages: Iterable[Recorded]) -> Iterator[Recorded]:
     """What a recording of the broker would have had of a session's."""
-    for each in messages:
-        if each.stage is Stage.AFTER:
-            yield Recorded(
-                topic=each.topic,
-                payload=each.payload,
-                log_time_ns=each.log_time_ns,
-                publish_time_ns=each.publish_time_ns,
-                content_type=each.content_type,
-                properties=each.properties,
-                retain=each.retain,
-                qos=each.qos,
-            )
+    return (each._replace(stage=Stage.RECEIVED) for each in messages if each.stage is Stage.AFTER)

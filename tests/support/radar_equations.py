@@ -63,8 +63,3 @@ def detected_power_density(sensor: dict[str, Any], power: ArrayLike, snr: ArrayL
 def sigma_range_m(sensor: dict[str, Any], power: ArrayLike) -> Floats:
     """Equation 13."""
     return np.asarray(sensor["range_resolution_m"] / (1.63 * np.sqrt(2 * np.asarray(power))))
-
-
-def sigma_angle_deg(beamwidth_deg: float, power: ArrayLike) -> Floats:
-    """Equations 14 and 15 with Barton's constant."""
-    return np.asarray(beamwidth_deg / (1.6 * np.sqrt(2 * np.asarray(power))))

@@ -12,9 +12,14 @@ from typing import get_args
 
 from support.dice import Dice, Keys
 from support.hills import TILE, write_ridge
-from support.random_links import random_link
-from support.random_sensors import SENSOR_MAKERS, drop_what_is_refused, random_sensor, tables_of
-from support.random_tables import TABLE_MAKERS
+from support.random_sensors import (
+    SENSOR_MAKERS,
+    TABLE_MAKERS,
+    drop_what_is_refused,
+    random_link,
+    random_sensor,
+    tables_of,
+)
 
 from plotfeed.feeds.scene.presets.preset import names as preset_names
 from plotfeed.feeds.scene.presets.preset import system_names

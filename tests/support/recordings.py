@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from hypothesis import strategies as st
 
@@ -145,10 +145,16 @@ def messages(count: int, *, octets: int = 40, step_ns: int = MS) -> list[Recorde
     ]
 
 
-def mcap_of(recorded: Iterable[Recorded], *, flush_every: int = 0, close: bool = True) -> bytes:
+def mcap_of(
+    recorded: Iterable[Recorded],
+    *,
+    attachments: Sequence[Attachment] = (SCENE,),
+    flush_every: int = 0,
+    close: bool = True,
+) -> bytes:
     """A whole file, or what there is of one that nobody has ended."""
     file = io.BytesIO()
-    writer = McapWriter(file, attachments=[SCENE])
+    writer = McapWriter(file, attachments=attachments)
     for n, each in enumerate(recorded, 1):
         writer.write(each)
         if flush_every and n % flush_every == 0:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from support.recordings import mcap_of
 from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
@@ -15,7 +16,6 @@ from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.mcap.mcap_writer import McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
 S = 1_000_000_000
@@ -113,11 +113,7 @@ def since(*steps_ms: float) -> list[int]:
 def log_file(folder: Path, recorded: Sequence[Recorded]) -> Path:
     """An MCAP file of these messages."""
     path = folder / "session.mcap"
-    with path.open("wb", buffering=0) as file:
-        writer = McapWriter(file)
-        for each in recorded:
-            writer.write(each)
-        writer.close()
+    path.write_bytes(mcap_of(recorded, attachments=()))
     return path
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 from support.brokers import free_port
 
@@ -85,16 +83,3 @@ def scene_file(folder: Path, text: str) -> Path:
     path = folder / "scene.toml"
     path.write_text(text)
     return path
-
-
-def toml_of(tree: dict[str, Any]) -> str:
-    """The text of a scene's file."""
-    return "".join(f"{name} = {_inline(value)}\n" for name, value in tree.items())
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_inline(of)}' for key, of in value.items())} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_inline, value))}]"
-    return json.dumps(value)

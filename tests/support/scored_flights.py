@@ -15,9 +15,8 @@ from plotfeed.feeds.lab.track_reports import ToldTrack, TracksRead, TrackTable
 from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, enu_to_aer
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of
-
-NS = 1_000_000_000
-SITE = LocalFrame(40.45, -3.73, 650.0)
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE
 
 
 @dataclass(frozen=True)

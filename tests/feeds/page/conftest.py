@@ -11,9 +11,8 @@ from support.brokers import free_port, mosquitto
 from support.chromium import chromium, looking
 from support.command import plotfeed
 from support.made_up_session import MadeUpSession
-from support.page_replays import SESSION_S, TRACKS, Act, Viewer
+from support.page_replays import SESSION_S, TRACKS, Act, Viewer, with_page
 from support.page_server import Served, on_stage
-from support.page_sessions import with_page
 from support.scene_files import radar, scene_text
 
 from plotfeed.feeds.page.view import View

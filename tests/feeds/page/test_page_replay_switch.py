@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.page_replays import Act, Viewer, of_lab
-from support.page_sessions import Begun
+from support.page_replays import Act, Begun, Viewer, of_lab
 from support.waiting import until
 
 from plotfeed.feeds.page import page_replay

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.page_replays import SESSION_S, TRACKS, Act, Viewer, of_lab, settled
-from support.page_sessions import Begun
+from support.page_replays import SESSION_S, TRACKS, Act, Begun, Viewer, of_lab, settled
 from support.waiting import until
 
 from plotfeed.feeds.page.updates import SectionKind

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.page_replays import Viewer
-from support.page_sessions import Begun, with_page
+from support.page_replays import Begun, Viewer, with_page
 from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.page.session_switch import new_path, recordings_in

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from support.certificates import Certificates
 from support.deliveries import Deliveries
-from support.mqtt_link import end_connection, linked, numbers
-from support.scripted_broker import ScriptedBroker
+from support.scripted_broker import ScriptedBroker, end_connection, linked, numbers
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.transports import publish

@@ -8,8 +8,7 @@ from itertools import count, pairwise, takewhile
 
 import pytest
 from support.deliveries import Deliveries, number_of
-from support.mqtt_link import BUSY, end_connection, linked, numbers
-from support.scripted_broker import ScriptedBroker
+from support.scripted_broker import BUSY, ScriptedBroker, end_connection, linked, numbers
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.transport import ways_out

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from support.brokers import free_port
 from support.deliveries import NOBODY, Deliveries
-from support.mqtt_link import linked
-from support.scripted_broker import ScriptedBroker, serving
+from support.scripted_broker import ScriptedBroker, linked, serving
 from support.sessions import Start, every_broker
 from support.waiting import PATIENCE_S, until
 

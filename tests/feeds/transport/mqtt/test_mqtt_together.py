@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.deliveries import Deliveries
-from support.mqtt_link import BUSY, end_connection, linked
-from support.scripted_broker import ScriptedBroker
+from support.scripted_broker import BUSY, ScriptedBroker, end_connection, linked
 from support.waiting import until
 
 from plotfeed.feeds.link.counters import SessionCounters
