@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.seen_sectors import scene_of, sectors_of, seen_by
+from support.seen_sectors import scene_of, seen
 
 from plotfeed.feeds.formats import SceneFormats
 from plotfeed.feeds.scene.scene import SceneError
@@ -91,20 +91,15 @@ def test_it_follows_each_drone_by_one_track_and_better_than_its_plots(name: str)
 
 
 def test_what_it_says_follows_from_plots_and_not_from_whose_they_are() -> None:
-    made = scene_of("rotating", 2, ["asterix-062"], udp=[])
-    plain = [
-        s.model_copy(update={"tracks": TracksKeys(kind="plain", confirm_hits=1)})
-        for s in made.sensor
-    ]
-    made = made.model_copy(update={"sensor": plain})
-    rng = np.random.default_rng(302)
-    order = np.repeat([[0, 1]], 64, axis=0).ravel()
-    sectors = sectors_of(made, order, np.arange(128) // 2)
-    seen = seen_by("rotating", sectors, np.full(128, 20), rng)
-    plots = seen.plots.but(drone=np.full(len(seen.plots), -1))
-    nothing = np.zeros_like(seen.looks_by)
-    others = replace(seen, plots=plots, looks=NO_LOOKS, looks_by=nothing, names=["x"])
-    mine, theirs = (SceneFormats(made).messages(each) for each in (seen, others))
+    made = scene_of("rotating", 2, ["asterix-062"])
+    plain = TracksKeys(kind="plain", confirm_hits=1)
+    tracking = tuple(s.model_copy(update={"tracks": plain}) for s in made.sensor)
+    made = made.model_copy(update={"sensor": tracking})
+    found = seen(made)
+    plots = found.plots.but(drone=np.full(len(found.plots), -1))
+    nothing = np.zeros_like(found.looks_by)
+    others = replace(found, plots=plots, looks=NO_LOOKS, looks_by=nothing, names=["x"])
+    mine, theirs = (SceneFormats(made).messages(each) for each in (found, others))
     assert mine == theirs
     assert any("asterix/062" in m.topic for each in mine for m in each)
 

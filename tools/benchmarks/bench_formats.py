@@ -20,7 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 from aims import YARDSTICK, ratios, spread, yardstick_us
-from support.seen_sectors import scene_of, sectors_of, seen_by
+from support.seen_sectors import scene_of, seen
 
 from plotfeed.feeds.cli.run import GARBAGE_OF_SESSION
 from plotfeed.feeds.console.process import keep_freed, undisturbed
@@ -56,13 +56,14 @@ def us_of(call: Callable[[], object]) -> float:
 
 
 def seen_sectors(kind: str, report: str, count: int) -> tuple[SceneFormats, Batch]:
-    """So many sectors, one of each sensor after the other, and what makes their messages."""
-    rng = np.random.default_rng(1)
-    scene = scene_of(kind, SENSORS, [report])
-    sensors = np.arange(count) % SENSORS
-    apart = 0 if count == SENSORS else np.arange(count) % 29
-    sectors = sectors_of(scene, sensors, 3 + apart)
-    return SceneFormats(scene), seen_by(kind, sectors, rng.integers(1, 3, count), rng)
+    """So many sectors of as many sensors, and what makes their messages."""
+    turns = kind == "rotating"
+    scene = scene_of(kind, SENSORS, [report], drones=45 if turns else 2)
+    sectors = seen(scene, scans=1)
+    of_each = len(sectors) // SENSORS
+    numbers = np.arange(count)
+    apart = 0 if count == SENSORS else numbers
+    return SceneFormats(scene), sectors.rows(numbers * of_each + apart % of_each)
 
 
 def packets(messages: list[Message], version: int) -> list[bytes]:
@@ -86,9 +87,9 @@ def table() -> None:
     print("|---|---|--:|--:|--:|--:|--:|--:|")
     for kind, report in CASES:
         for count in PASSES:
-            formats, seen = seen_sectors(kind, report, count)
+            formats, found = seen_sectors(kind, report, count)
 
-            def made(formats: SceneFormats = formats, seen: Batch = seen) -> list[Message]:
+            def made(formats: SceneFormats = formats, seen: Batch = found) -> list[Message]:
                 vars(seen).pop("stamps", None)  # each pass has its own
                 return [m for each in formats.messages(seen) for m in each]
 

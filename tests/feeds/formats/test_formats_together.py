@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.seen_sectors import KINDS, scene_of, sectors_of, seen_by
+from support.seen_sectors import scene_of, seen
 
 from plotfeed.feeds.formats import Batch, SceneFormats
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.state import Ints, TruthState
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.utc import iso_utc
-from plotfeed.testing import scene
 
 CASES = (
     ("rotating", ["asterix-048"]),
@@ -29,17 +27,6 @@ CASES = (
     ("gate", ["asterix-015", "plots"]),
     ("rf", ["asterix-205", "plots"]),
 )
-
-
-def truth_at(t_utc_ns: int, drones: Ints) -> TruthState:
-    """Drones that stand still, a kilometre apart."""
-    place = np.array([4_850_000.0, -310_000.0, 4_120_000.0])
-    return TruthState(
-        drone=drones,
-        t_utc_ns=np.full(len(drones), t_utc_ns, np.int64),
-        position_ecef_m=place + 1000.0 * drones[:, None],
-        velocity_ecef_m_s=np.zeros((len(drones), 3)),
-    )
 
 
 @dataclass(frozen=True)
@@ -58,14 +45,13 @@ def passes(draw: st.DrawFn, kind: str, report: list[str]) -> Pass:
         {"destination": f"127.0.0.1:{5000 + i}", "sensors": [f"{kind}-{i}"], "max_octets": octets}
         for i, octets in enumerate(taken)
     ]
-    made = scene_of(kind, count, report, udp=udp)
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    sensors = rng.permutation(np.repeat(np.arange(count), draw(st.integers(1, 12))))
-    before = rng.integers(0, 1000, count)
-    numbers = np.array([before[s] + (sensors[:i] == s).sum() for i, s in enumerate(sensors)])
-    plots = rng.integers(0, draw(st.sampled_from([2, 4, 40])), len(sensors))
-    seen = seen_by(kind, sectors_of(made, sensors, numbers), plots, rng)
-    return Pass(made, replace(seen, truth_at=truth_at))
+    drones, seed = draw(st.sampled_from([0, 3, 40])), draw(st.integers(0, 2**31 - 1))
+    made = scene_of(kind, count, report, drones=drones, seed=seed, udp=udp)
+    found = seen(made, scans=draw(st.integers(1, 12)) if drones < 40 else 2)
+    # By chance whose sector comes next, of each sensor in their order.
+    turns = np.random.default_rng(seed).permutation(found.sectors.sensor)
+    order = np.argsort(np.argsort(turns, kind="stable"))
+    return Pass(made, found.rows(order[: draw(st.integers(1, 48))]))
 
 
 def alone(formats: SceneFormats, seen: Batch) -> list[list[Message]]:
@@ -100,49 +86,46 @@ def test_it_matters_not_in_which_order_sensors_stand(
     assert SceneFormats(other).messages(seen) == SceneFormats(drawn.scene).messages(drawn.seen)
 
 
-def of_two_reports() -> Scene:
-    first, second = scene_of("rotating", 2, ["asterix-048"]).sensor
-    more = second.model_copy(update={"report": ("plots", "asterix-015")})
-    made = scene([KINDS["rotating"]], seed=1)
-    return made.model_copy(update={"sensor": [first, more]})
-
-
 def test_sensors_of_one_pass_may_report_in_other_formats() -> None:
-    made, rng = of_two_reports(), np.random.default_rng(1)
-    sectors = sectors_of(made, np.array([0, 1, 0, 1, 1]), np.array([5, 8, 6, 9, 10]))
-    seen = seen_by("rotating", sectors, np.array([1, 2, 0, 3, 0]), rng)
-    messages = SceneFormats(made).messages(seen)
-    assert messages == alone(SceneFormats(made), seen)
+    first, second = scene_of("rotating", 2, ["asterix-048"], drones=0).sensor
+    second = second.model_copy(update={"report": ("plots", "asterix-015")})
+    made = scene_of("rotating", 2, ["asterix-048"], drones=1)
+    made = made.model_copy(update={"sensor": (first, second)})
+    every = seen(made, scans=1)
+    plots = np.diff(every.plots_by).reshape(2, 32)
+    with_drone, without = (np.argmax(each, axis=1) + [0, 32] for each in (plots, plots == 0))
+    sectors = every.rows(np.concatenate([with_drone, without]))
+    messages = SceneFormats(made).messages(sectors)
+    assert messages == alone(SceneFormats(made), sectors)
     kinds = [[m.topic.partition("/rotating-")[2][2:] for m in each] for each in messages]
     assert kinds == [
         ["asterix/048", "asterix/034"],
         ["plots", "asterix/015"],
         ["asterix/034"],
-        ["plots", "asterix/015"],
         ["plots"],
     ]
 
 
 def test_what_some_measure_and_others_do_not_is_encoded_apart() -> None:
-    made, rng = scene_of("staring", 2, ["asterix-048"]), np.random.default_rng(1)
-    sectors = sectors_of(made, np.array([0, 1]), np.array([5, 5]))
-    seen = seen_by("staring", sectors, np.array([2, 2]), rng)
-    height_m = seen.plots.height_m.copy()
+    made = scene_of("staring", 2, ["asterix-048"], drones=2)
+    found = seen(made, scans=1)
+    assert found.plots_by.tolist() == [0, 2, 4]
+    height_m = found.plots.height_m.copy()
     height_m[:2] = np.nan
-    without = replace(seen, plots=seen.plots.but(height_m=height_m))
+    without = replace(found, plots=found.plots.but(height_m=height_m))
     (first,), (second,) = SceneFormats(made).messages(without)
     assert len(first.payload) == len(second.payload) - 2 * 4  # heights and their flags
-    assert [second] == SceneFormats(made).messages(seen)[1]
+    assert [second] == SceneFormats(made).messages(found)[1]
     height_m[1] = 0.0
     with pytest.raises(EncodeError, match="NaN"):
-        SceneFormats(made).messages(replace(seen, plots=seen.plots.but(height_m=height_m)))
+        SceneFormats(made).messages(replace(found, plots=found.plots.but(height_m=height_m)))
 
 
 def test_properties_are_those_of_cloudevents_in_their_order() -> None:
-    made, rng = scene_of("rotating", 1, ["asterix-048"]), np.random.default_rng(1)
-    sectors = sectors_of(made, np.array([0]), np.array([3]))
-    ((_, crossing),) = SceneFormats(made).messages(seen_by("rotating", sectors, np.array([1]), rng))
-    scan, end_ns = int(sectors.scan[0]), int(sectors.end_ns[0])
+    made = scene_of("rotating", 1, ["asterix-048"])
+    sector = seen(made, scans=1).rows(np.array([3]))
+    ((*_, crossing),) = SceneFormats(made).messages(sector)
+    scan, end_ns = int(sector.sectors.scan[0]), int(sector.sectors.end_ns[0])
     expected: tuple[tuple[str, Any], ...] = (
         ("id", f"asterix-034-{scan}-3-0"),
         ("type", "plotfeed.asterix.034"),
@@ -166,6 +149,5 @@ def test_properties_are_those_of_cloudevents_in_their_order() -> None:
 
 def test_no_sectors_have_no_messages() -> None:
     made = scene_of("rotating", 2, ["asterix-048", "plots"])
-    none = np.zeros(0, np.int64)
-    seen = seen_by("rotating", sectors_of(made, none, none), none, np.random.default_rng(1))
-    assert SceneFormats(made).messages(seen) == []
+    none = seen(made).rows(np.zeros(0, np.int64))
+    assert SceneFormats(made).messages(none) == []
