@@ -93,7 +93,7 @@ def test_sensors_of_one_pass_may_report_in_other_formats() -> None:
     made = made.model_copy(update={"sensor": (first, second)})
     every = seen(made, scans=1)
     plots = np.diff(every.plots_by).reshape(2, 32)
-    with_drone, without = (np.argmax(each, axis=1) + [0, 32] for each in (plots, plots == 0))
+    with_drone, without = (np.add([0, 32], each.argmax(axis=1)) for each in (plots, plots == 0))
     sectors = every.rows(np.concatenate([with_drone, without]))
     messages = SceneFormats(made).messages(sectors)
     assert messages == alone(SceneFormats(made), sectors)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import json
+import struct
+import sys
 from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 from support.scene_files import scene_file, scene_text
 
+from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.scene.fields import frame_at, geodetic
 from plotfeed.feeds.scene.scene import Scene, SceneError, load
-from plotfeed.feeds.schema import text_of
-from plotfeed.models.frames import geodetic_to_ecef
+from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
+from plotfeed.proto.errors import PlotfeedError
 
 NODES = {  # of EGM96, every 15', by the US National Geospatial-Intelligence Agency
     "Canberra": (-35.5, 149.0, 19.167),
@@ -70,11 +73,11 @@ def test_a_sensor_and_a_waypoint_stand_above_the_sea_where_they_are(
 def test_sea_level_is_where_the_scene_states_it(tmp_path: Path) -> None:
     site = site_at(-35.3, 149.1, "height_msl_m = 577.0")
     scene = written(tmp_path, site, telemetry="geoid_undulation_m = 27.0")
-    assert scene.scene.site.height_m == 604.0
-
-
-def test_above_the_ellipsoid_nothing_has_changed(tmp_path: Path) -> None:
-    assert written(tmp_path).scene.site.height_m == 650.0
+    level = scene.sea_level()
+    assert (scene.scene.site.height_m, level.level_m) == (604.0, 27.0)
+    assert level.undulation_m([0.0, 90.0], 7.0).tolist() == [27.0, 27.0]
+    assert scene.sea_level(stated_m=0.0).level_m == 0.0
+    assert written(tmp_path).scene.site.height_m == 650.0  # above the ellipsoid, as it stands
 
 
 @pytest.mark.parametrize(
@@ -96,6 +99,10 @@ def test_above_the_ellipsoid_nothing_has_changed(tmp_path: Path) -> None:
             },
             "scene.site.height_msl_m: counts from the package's geoid",
         ),
+        (
+            {"telemetry": 'geoid_grid = "here.gtx"\ngeoid_undulation_m = 1.0'},
+            "either it or geoid_undulation_m",
+        ),
         ({"site": SITE.replace("height_m = 650.0", 'height_msl_m = "650"')}, "valid number"),
         ({"site": SITE.replace("height_m = 650.0", "height_msl_m = 1e5")}, "less than or equal"),
         ({"site": SITE.replace("height_m = 650.0", "height_msl_m = nan")}, "finite number"),
@@ -113,10 +120,53 @@ def test_what_is_not_one_height_is_refused_by_its_key(
     assert told in str(refused.value)
 
 
-def test_editors_take_either_height_and_not_both() -> None:
-    of_site = {"$defs": json.loads(text_of("scene"))["$defs"], "$ref": "#/$defs/Site"}
+def test_editors_take_either_height_and_not_both(schema: Any) -> None:
+    of_site = {"$defs": schema.schema["$defs"], "$ref": "#/$defs/Site"}
     place = {"latitude_deg": 1.0, "longitude_deg": 2.0}
     valid = jsonschema.Draft202012Validator(of_site).is_valid
     one, other = {"height_m": 1.0}, {"height_msl_m": 1.0}
     told = [valid(place | heights) for heights in (one, other, {}, one | other)]
     assert told == [True, True, False, False]
+
+
+def gtx(path: Path) -> None:
+    """Undulations of latitude + longitude / 2, every 10 degrees from 60 south to 60 north."""
+    latitudes, longitudes = range(-60, 61, 10), range(-180, 181, 10)
+    header = struct.pack(">4d2i", -60, -180, 10, 10, len(latitudes), len(longitudes))
+    values = [latitude + longitude / 2 for latitude in latitudes for longitude in longitudes]
+    path.write_bytes(header + struct.pack(f">{len(values)}f", *values))
+
+
+def test_a_scene_that_says_nothing_has_the_packages_geoid(tmp_path: Path) -> None:
+    level = written(tmp_path).sea_level()
+    assert level.level_m is None
+    assert level.undulation_m(40.45, -3.73) == geoid_undulation_m(40.45, -3.73)
+
+
+def test_a_grid_of_proj_stands_in_its_place_as_far_as_it_reaches(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    folder = tmp_path / "two words"
+    folder.mkdir()
+    gtx(folder / "here.gtx")
+    level = written(folder, telemetry='geoid_grid = "here.gtx"').sea_level()
+    found = level.undulation_m(np.array([20.0, -20.0, 70.0]), np.array([30.0, -30.0, 0.0]))
+    np.testing.assert_allclose(found, [35.0, -35.0, geoid_undulation_m(70.0, 0.0)], atol=1e-6)
+    assert level.undulation_m(20.0, 30.0) == pytest.approx(35.0, abs=1e-6)
+
+
+def test_a_grid_that_is_none_is_refused_by_its_path(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    for name in ("absent.gtx", "scene.toml"):
+        scene = written(tmp_path, telemetry=f'geoid_grid = "{name}"')
+        with pytest.raises(PlotfeedError, match=rf"{name}: telemetry\.geoid_grid: expected"):
+            scene.sea_level()
+        with pytest.raises(PlotfeedError, match=name):
+            report(scene)
+
+
+def test_without_pyproj_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gtx(tmp_path / "here.gtx")
+    scene = written(tmp_path, telemetry='geoid_grid = "here.gtx"')
+    monkeypatch.setitem(sys.modules, "pyproj", None)
+    with pytest.raises(PlotfeedError, match=r"plotfeed\[geoid\]"):
+        scene.sea_level()

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.scene.changes import changed
-from plotfeed.feeds.scene.presets.preset import names
 from plotfeed.feeds.scene.scene import SceneError, numbered
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.testing import fly, held, radar, rotating, scene
@@ -23,17 +22,22 @@ def codes(*stated: dict[str, Any]) -> list[tuple[int, int]]:
     return [(s.sac, s.sic) for s in scene(sensors(*stated), seed=1).sensor]
 
 
-def test_sensors_without_a_sic_are_numbered_in_their_order() -> None:
-    assert codes({}, {}, {}) == [(0, 1), (0, 2), (0, 3)]
-
-
-def test_numbers_that_are_stated_anywhere_are_left_to_who_states_them() -> None:
-    assert codes({}, {"sic": 1}, {}, {"sic": 3}) == [(0, 2), (0, 1), (0, 4), (0, 3)]
-
-
-def test_areas_are_numbered_each_by_itself() -> None:
-    stated = codes({"sac": 7}, {}, {"sac": 7}, {"sac": 7, "sic": 2}, {"sic": 2})
-    assert stated == [(7, 1), (0, 1), (7, 3), (7, 2), (0, 2)]
+@pytest.mark.parametrize(
+    ("stated", "numbered"),
+    [
+        ([{}, {}, {}], [(0, 1), (0, 2), (0, 3)]),
+        # What is stated anywhere is left to who states it, and areas are numbered by themselves.
+        ([{}, {"sic": 1}, {}, {"sic": 3}], [(0, 2), (0, 1), (0, 4), (0, 3)]),
+        (
+            [{"sac": 7}, {}, {"sac": 7}, {"sac": 7, "sic": 2}, {"sic": 2}],
+            [(7, 1), (0, 1), (7, 3), (7, 2), (0, 2)],
+        ),
+    ],
+)
+def test_sensors_without_a_sic_are_numbered_in_their_order(
+    stated: list[dict[str, Any]], numbered: list[tuple[int, int]]
+) -> None:
+    assert codes(*stated) == numbered
 
 
 def test_who_finds_no_room_in_an_area_goes_to_the_next() -> None:
@@ -88,11 +92,6 @@ def test_equal_codes_are_refused_where_asterix_is_reported() -> None:
 def test_a_sensor_keeps_its_number_when_it_is_changed() -> None:
     second = scene(sensors({}, {}), seed=1).sensor[1]
     assert changed(second, {"pfa": 1e-5}).sic == second.sic == 2
-
-
-def test_presets_are_numbered_too() -> None:
-    some = [{"id": f"p{i}", "preset": name} for i, name in enumerate(names())]
-    assert [s.sic for s in scene(some, seed=1).sensor] == list(range(1, len(some) + 1))
 
 
 def test_their_records_bear_their_numbers() -> None:

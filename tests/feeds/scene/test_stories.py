@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 from support.scene_files import scene_file, scene_text
 
-from plotfeed.feeds.scene.changes import changed
-from plotfeed.feeds.scene.examples import summaries
-from plotfeed.feeds.scene.scene import SceneError, example, load
+from plotfeed.feeds.scene.scene import SceneError, load
 
 USUAL = {"bad-link", "outage", "drift", "jamming", "swarm"}
 STORY = """
@@ -18,17 +16,6 @@ id = "rain"
 title = "A shower"
 change = [{ sensor = "radar", set = { weather = { rain_mm_h = 20.0 } } }]
 """
-
-
-@pytest.mark.parametrize("name", [*summaries()])
-def test_every_shipped_scene_has_the_usual_stories_and_its_sensors_can_have_them(name: str) -> None:
-    scene = example(name)
-    assert scene.stories.keys() >= USUAL - {"jamming"}
-    sensors = {sensor.id: sensor for sensor in scene.sensor}
-    for story in scene.stories.values():
-        for sensor, keys in story.sets.items():
-            assert changed(sensors[sensor], keys) != sensors[sensor]
-            changed(sensors[sensor], keys).model(scene.scene.site)
 
 
 def test_a_scene_tells_stories_of_its_own_and_in_place_of_the_usual(tmp_path: Path) -> None:
