@@ -20,7 +20,7 @@ FEEDS = Path(__file__).parents[1] / "feeds"
 # Calls by which octets of strangers come in.
 OPENERS = {"start_server", "open_connection", "create_connection", "receiver_at", "serve", "Config"}
 OPENERS |= {"create_server", "read_apart", "file_octets"}
-INPUTS = 100  # Of each target
+INPUTS = 50  # Of each target
 
 
 @contextmanager
@@ -68,8 +68,10 @@ def test_every_door_has_a_target() -> None:
     """Who opens a socket or reads a file of strangers says by which target that is tried."""
     found = set()
     for path in FEEDS.rglob("*.py"):
-        module = str(path.relative_to(FEEDS))
-        for node in ast.walk(ast.parse(path.read_text())):
+        module, text = str(path.relative_to(FEEDS)), path.read_text()
+        if not any(f"{opener}(" in text for opener in OPENERS):
+            continue
+        for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Call):
                 called = getattr(node.func, "attr", getattr(node.func, "id", ""))
                 if called in OPENERS:

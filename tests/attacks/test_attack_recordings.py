@@ -91,35 +91,32 @@ def test_files_that_hold_nothing_are_damage_in_bounded_memory(name: str, tmp_pat
     assert says in done.stderr
 
 
-@pytest.fixture(scope="module")
-def bombs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("bombs")
-    contents = {
-        "one chunk of many": bomb(1, 8_000_000),
-        "many chunks": bomb(60, 30_000),
-        "with an index": empty_messages(30_000),
-    }
-    found = {}
-    for name, content in contents.items():
-        found[name] = folder / f"{name.replace(' ', '-')}.mcap"
-        found[name].write_bytes(content)
-    return found
+BOMBS = {
+    "one chunk of many": lambda: bomb(1, 8_000_000),
+    "many chunks": lambda: bomb(60, 30_000),
+    "with an index": lambda: empty_messages(30_000),
+}
 
 
 @pytest.mark.parametrize(
-    "command",
-    [("show",), ("show", "--list"), ("report",), ("convert", "{}.jsonl"), ("run",)],
-    ids=" ".join,
+    ("command", "name"),
+    [
+        *((("show", "--list"), name) for name in BOMBS),
+        *((command, "many chunks") for command in (("show",), ("report",), ("run",))),
+        (("convert", "{}.jsonl"), "many chunks"),
+    ],
+    ids=str,
 )
-def test_what_a_file_grows_to_is_bounded(bombs: dict[str, Path], command: tuple[str, ...]) -> None:
-    verb, *rest = command
-    for name, path in bombs.items():
-        others = [word.format(path) for word in rest if not word.startswith("-")]
-        options = [word for word in rest if word.startswith("-")]
-        done = bounded(verb, path, *others, *options, cpu_s=CPU_S, memory_mib=MEMORY_MIB)
-        assert done.returncode in {0, 2}, name
-        damage = [line for line in done.stderr.splitlines() if "octet" in line]
-        assert done.returncode == 0 or damage or verb in {"report", "run"}, name
+def test_what_a_file_grows_to_is_bounded(
+    command: tuple[str, ...], name: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(BOMBS[name]())
+    verb, *rest = (word.format(path) for word in command)
+    done = bounded(verb, path, *rest, cpu_s=CPU_S, memory_mib=MEMORY_MIB)
+    assert done.returncode in {0, 2}
+    damage = [line for line in done.stderr.splitlines() if "octet" in line]
+    assert done.returncode == 0 or damage or verb in {"report", "run"}
 
 
 def test_a_log_that_shrinks_well_is_read_whole(tmp_path: Path) -> None:

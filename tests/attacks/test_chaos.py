@@ -11,12 +11,13 @@ from support.chaos import DOORS, OVER_TCP, WAYS, beside
 SECONDS = 1.5  # tools/soak/chaos.py has ten, for each door alone
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("ways", [WAYS[:3], WAYS[3:]], ids=" ".join)
 @pytest.mark.asyncio
-async def test_whoever_misbehaves_at_all_doors_changes_no_octet(way: str, tmp_path: Path) -> None:
-    found = await beside(DOORS, way, SECONDS, tmp_path)
-    assert (found.differing, found.sectors > 5) == (0, True)
-    assert (found.refused > 0) == (way not in {"silence", "disconnect"})
+async def test_whoever_misbehaves_at_all_doors_changes_no_octet(
+    ways: tuple[str, ...], tmp_path: Path
+) -> None:
+    found = await beside(DOORS, ways, SECONDS, tmp_path)
+    assert (found.differing, found.sectors > 5, found.refused > 0) == (0, True, True)
 
 
 def test_every_kind_of_live_source_is_a_door() -> None:

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 from plotfeed.models.state import NS, Plots
-from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
-from plotfeed.proto.asterix.cat048 import PlotEncoder048
-from plotfeed.proto.asterix.decode_plots import plots_in_asterix
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.measured_plots import NOT_TOLD, MeasuredPlots
+from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.plot_messages import plot_batches, plots_in_batch
-from plotfeed.proto.utc import DAY_NS
 
 T_NS = 1_767_268_800 * NS
 PLOTS = Plots.of(
@@ -33,32 +29,6 @@ def test_a_batch_says_all_that_is_measured_and_no_more() -> None:
     for name in ("range_m", "elevation_deg", "height_m", "altitude_m", "sigma_range_m"):
         assert np.isnan(getattr(found, name)).all()
     assert (found.category == 0).all()
-
-
-def test_a_multistatic_range_is_no_range() -> None:
-    (payload,) = PlotEncoder015(25, 14, geometry=Geometry.MULTISTATIC).blocks(PLOTS)
-    found = plots_in_asterix(payload, T_NS + DAY_NS // 3)
-    assert found.t_utc_ns.tolist() == PLOTS.t_utc_ns.tolist()
-    assert found.bistatic_range_m == pytest.approx([2000, 3000])
-    assert (found.sigma_bistatic_range_m >= 2.5).all()  # with the rounding of the range, and up
-    assert found.sigma_bistatic_range_m == pytest.approx([2.5, 2.5], abs=0.1 + 1e-9)
-    assert np.isnan(found.range_m).all()
-    assert (found.category.tolist(), found.sic.tolist()) == ([15, 15], [14, 14])
-
-
-def test_heights_of_048_are_altitudes() -> None:
-    own = Plots.of(
-        t_utc_ns=PLOTS.t_utc_ns,
-        range_m=np.array([1852.0, 3704.0]),
-        azimuth_deg=PLOTS.azimuth_deg,
-        height_m=np.array([304.8, 304.8]),
-    )
-    (payload,) = PlotEncoder048(25, 13).blocks(own)
-    found = plots_in_asterix(payload, T_NS)
-    assert found.range_m.tolist() == [1852.0, 3704.0]
-    assert found.altitude_m == pytest.approx([304.8, 304.8])
-    assert np.isnan(found.height_m).all()
-    assert (found.channel == NOT_TOLD).all()
 
 
 def test_no_plots_join_with_others_to_those() -> None:

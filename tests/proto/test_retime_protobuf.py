@@ -5,14 +5,12 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
-from google.protobuf import json_format
 from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.messages.message import attributes
 from plotfeed.feeds.telemetry.position_report import PositionReport, decode
-from plotfeed.feeds.telemetry.receiver import to_json
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError
@@ -66,12 +64,6 @@ def test_every_time_of_ours_moves_exactly_and_nothing_else(t_ns: int, shift_ns: 
         assert done == moved.SerializeToString()
 
 
-def test_times_that_are_absent_stay_absent() -> None:
-    for message in (pb.Ledger(sensor="x"), pb.Telemetry(latitude_deg=1.0), pb.PlotBatch()):
-        data = message.SerializeToString()
-        assert retime_protobuf(data, type(message), NS) == data
-
-
 def test_fields_of_a_newer_schema_are_kept() -> None:
     data = plots(START).SerializeToString() + b"\xfa\x3e\x03new"
     assert retime_protobuf(data, pb.PlotBatch, 0) == data
@@ -123,14 +115,6 @@ def test_a_time_is_found_however_it_is_written(text: str) -> None:
     before, after = json.loads(text), json.loads(retime_json(text.encode(), NS))
     (name,) = (n for n in ("time_utc", "timeUtc") if n in before)
     assert after == before | {name: "2026-01-01T12:00:01Z"}
-
-
-def test_status_and_refusals_are_moved_as_they_are_sent() -> None:
-    status = pb.SensorStatus(sensor="radar", state=pb.SensorStatus.ONLINE, lateness_p50_us=1.25)
-    status.time_utc.FromNanoseconds(START)
-    moved = json_format.Parse(retime_json(to_json(status), NS), pb.SensorStatus())
-    status.time_utc.FromNanoseconds(START + NS)
-    assert moved == status
 
 
 def test_a_session_says_in_two_ways_when_it_began() -> None:

@@ -2,26 +2,30 @@ from __future__ import annotations
 
 import io
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.given_recordings import CAPTURES, FRAMES
-from support.recordings import block, block_048, message, plots, written
+from support.recordings import block, block_048, is_read_whatever_it_is, message, plots, written
 
 from plotfeed.feeds.recording.foreign_recordings import RecordingFile, open_recording
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay.asterix_files import FinalReader, RawReader
 from plotfeed.replay.files import (
     FORMATS,
     SUFFIXES,
     FileFormat,
+    JsonLinesReader,
     format_of,
     format_of_content,
     format_of_suffix,
     writer_to,
 )
-from plotfeed.replay.recorded import Recorded, Stage
+from plotfeed.replay.pcap import COOKED, ETHERNET, NULL, RAW, PcapReader, frame, ns_header
+from plotfeed.replay.recorded import Recorded, RecordingReader, Stage
 
 PCAPNG = struct.pack("<IIIHHqI", 0x0A0D0D0A, 28, 0x1A2B3C4D, 1, 0, -1, 28)
 BOTH_WAYS = (FileFormat.MCAP, FileFormat.PCAP, FileFormat.FINAL, FileFormat.RAW, FileFormat.JSON)
@@ -37,6 +41,32 @@ def stored(folder: Path, data: bytes, name: str = "file") -> Path:
     path = folder / name
     path.write_bytes(data)
     return path
+
+
+LINES = [message(b"\1\2", 7, topic="t", properties=(("a", "b"),), content_type="c")] * 2
+
+
+def capture(link_type: int) -> bytes:
+    """Packets of either IP."""
+    header, data = ns_header(link_type), ns_header(link_type).octets
+    for here, there in ((bytes(4), bytes([239, 1, 2, 3])), (bytes(16), b"\xff" * 16)):
+        packet = frame(link_type, (here, 4000), (there, 8600), block_048(43_200))
+        data += header.record.pack(1, 0, len(packet), len(packet)) + packet
+    return data
+
+
+DAMAGED: dict[str, tuple[Callable[[io.BytesIO], RecordingReader], bytes]] = {
+    "raw": (RawReader, b"".join(each.payload for each in plots(4)) + block(250, "00" * 20)),
+    "final": (FinalReader, data_of(FileFormat.FINAL, plots(4))),
+    "jsonl": (JsonLinesReader, data_of(FileFormat.JSON, LINES)),
+    **{f"pcap {kind}": (PcapReader, capture(kind)) for kind in (NULL, ETHERNET, RAW, COOKED)},
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole(name: str) -> None:
+    # A line is whole without its end.
+    is_read_whatever_it_is(*DAMAGED[name], other_parts=2 if name == "jsonl" else 0)
 
 
 @pytest.mark.parametrize("form", [*BOTH_WAYS, FileFormat.PCAPNG])

@@ -6,21 +6,10 @@ import json
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.given_recordings import CAPTURES, FRAMES_048
-from support.recordings import (
-    MESSAGES,
-    START_NS,
-    is_read_whatever_it_is,
-    message,
-    plots,
-    read,
-    written,
-)
+from support.recordings import MESSAGES, START_NS, message, plots, read, written
 
 from plotfeed.replay import files
-from plotfeed.replay.asterix_files import FinalReader, FinalWriter
 from plotfeed.replay.files import JsonLinesReader, JsonLinesWriter
-from plotfeed.replay.pcap import PcapReader
 from plotfeed.replay.recorded import Recorded
 
 
@@ -111,19 +100,3 @@ def test_a_line_without_end_is_damage_and_the_next_is_read(monkeypatch: pytest.M
     assert len(messages) == 2
     assert [each.offset for each in reader.damage] == [len(good)]
     assert reader.at == len(good) * 2 + len(long)
-
-
-def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole() -> None:
-    messages = [message(b"\1\2", 7, topic="t", properties=(("a", "b"),), content_type="c")] * 2
-    # A line is whole without its end.
-    is_read_whatever_it_is(JsonLinesReader, written(JsonLinesWriter, messages), other_parts=2)
-
-
-def test_recordings_of_others_keep_everything() -> None:
-    for capture in CAPTURES:
-        messages, _ = read(PcapReader, capture.path.read_bytes())
-        assert read(JsonLinesReader, written(JsonLinesWriter, messages))[0] == messages
-    for path in FRAMES_048:
-        messages, _ = read(FinalReader, path.read_bytes())
-        again, _ = read(JsonLinesReader, written(JsonLinesWriter, messages))
-        assert written(FinalWriter, again) == path.read_bytes()

@@ -164,10 +164,17 @@ def scene_of(ports: dict[str, int], port: int) -> Scene:
 
 
 def misbehave(
-    doors: Sequence[str], way: str, ports: Mapping[str, int], begun: Event, over: Event
+    doors: Sequence[str], ways: Sequence[str], ports: Mapping[str, int], begun: Event, over: Event
 ) -> None:
-    """At each of those doors somebody, all in this process, until told to stop or nobody can."""
-    attacks = [Attack(door, way, ports[door], over) for door in doors]
+    """At each of those doors somebody, all in this process, until told to stop or nobody can.
+
+    In each of those ways; where we are the service that is asked, in the first.
+    """
+    attacks = [
+        Attack(door, way, ports[door], over)
+        for door in doors
+        for way in (ways[:1] if door == SERVED else ways)
+    ]
     threads = [threading.Thread(target=each.run, daemon=True) for each in attacks]
     for thread in threads:
         thread.start()
@@ -177,7 +184,9 @@ def misbehave(
         pass
 
 
-async def beside(doors: Sequence[str], way: str, seconds: float, folder: Path) -> Outcome:
+async def beside(
+    doors: Sequence[str], ways: Sequence[str], seconds: float, folder: Path
+) -> Outcome:
     """A session with bad peers at those doors for so long, and the same engine without.
 
     They are a process of their own, as peers are, so that their work is not the session's.
@@ -186,7 +195,7 @@ async def beside(doors: Sequence[str], way: str, seconds: float, folder: Path) -
     ports = {door: free_port() for door in (*LIVE, SERVED)}
     scene, begun, over = scene_of(ports, broker), apart.Event(), apart.Event()
     ports |= dict.fromkeys(("mqtt", *TOPICS), broker)
-    bad = apart.Process(target=misbehave, args=(doors, way, ports, begun, over))
+    bad = apart.Process(target=misbehave, args=(doors, ways, ports, begun, over))
     with own_broker(folder, broker):
         async with at_work(scene, broker) as session:
             bad.start()

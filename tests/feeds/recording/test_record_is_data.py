@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import stat
+import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -241,43 +242,51 @@ def test_a_recording_is_its_owners_alone(tmp_path: Path) -> None:
     assert mode_of(converted) == 0o600
 
 
-def written_by(tmp_path: Path) -> dict[str, tuple[Path, Callable[..., object]]]:
+Command = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def written_by(tmp_path: Path) -> dict[str, tuple[tuple[Path, ...], Command]]:
+    """The files that each command writes, and the command."""
     scene = scene_file(tmp_path, scene_text(start_utc="2026-01-01T12:00:00Z", port=1883))
     record = tmp_path / "source.mcap"
     simulated = ("--speed", "max", "--broker", "none", "--duration", "1", "--json")
     assert plotfeed_here("run", scene, *simulated, "--record", record).returncode == 0
 
-    def command(*words: object) -> Callable[..., object]:
+    def command(*words: object) -> Command:
         return lambda *more: plotfeed_here(*words, *more)
 
     raw, log, picture, text = (tmp_path / f"a.{kind}" for kind in ("ast", "mcap", "png", "toml"))
     soon = ("--runs", "2", "--duration", "2")
+    needs = command("needs", scene, *soon, "--chart", picture, "--lean", text, "--full", raw)
     return {
-        "run --write": (raw, command("run", scene, *simulated, "--write", raw)),
-        "run --record": (log, command("run", scene, *simulated, "--record", log)),
-        "convert": (raw, command("convert", record, raw)),
-        "check --chart": (picture, command("check", scene, "--chart", picture)),
-        "report --chart": (picture, command("report", record, "--chart", picture)),
-        "chart --chart": (picture, command("chart", scene, *soon, "--chart", picture)),
-        "needs --chart": (picture, command("needs", scene, *soon, "--chart", picture)),
-        "needs --lean": (text, command("needs", scene, *soon, "--lean", text)),
-        "needs --full": (text, command("needs", scene, *soon, "--full", text)),
+        "run": ((raw, log), command("run", scene, *simulated, "--write", raw, "--record", log)),
+        "convert": ((raw,), command("convert", record, raw)),
+        "check": ((picture,), command("check", scene, "--chart", picture)),
+        "report": ((picture,), command("report", record, "--chart", picture)),
+        "chart": ((picture,), command("chart", scene, *soon, "--chart", picture)),
+        "needs": ((picture, text, raw), needs),
     }
 
 
 def test_no_command_replaces_a_file_unasked(tmp_path: Path) -> None:
-    for name, (path, run_command) in written_by(tmp_path).items():
-        path.write_bytes(b"dear to somebody")
-        done = run_command()
-        assert done.returncode == 2, name  # type: ignore[attr-defined]
-        assert done.stderr == (  # type: ignore[attr-defined]
-            f"plotfeed: {path}: is there already; --force writes another in its place\n"
-        )
-        assert path.read_bytes() == b"dear to somebody"
+    for name, (paths, run_command) in written_by(tmp_path).items():
+        for path in paths:
+            path.write_bytes(b"dear to somebody")
+            done = run_command()
+            assert done.returncode == 2, name
+            assert done.stderr == (
+                f"plotfeed: {path}: is there already; --force writes another in its place\n"
+            )
+            assert path.read_bytes() == b"dear to somebody"
+            if path is not paths[-1]:
+                path.unlink()
+        for path in paths:
+            path.write_bytes(b"dear to somebody")
         done = run_command("--force")
-        assert done.returncode == 0, (name, done.stderr)  # type: ignore[attr-defined]
-        assert path.read_bytes() != b"dear to somebody"
-        path.unlink()
+        assert done.returncode == 0, (name, done.stderr)
+        for path in paths:
+            assert path.read_bytes() != b"dear to somebody"
+            path.unlink()
 
 
 def test_it_opens_no_door_to_web_pages_and_claims_no_port(tmp_path: Path) -> None:

@@ -72,21 +72,17 @@ async def heard_over_udp(
 ) -> list[Recorded]:
     payloads = [BLOCK, b"", b"?" * 1400, BLOCK * 3]
 
-    async def listen() -> list[Recorded]:
-        async with Listener(source) as listener:
-            with sender(to, interface) as out:
-                began_ns = time.time_ns()
-                for payload in payloads:
-                    out.sendto(payload, (to, port))
-                found = await listener.wait_for(len(payloads))
-                ended_ns = time.time_ns()
-                came_from = out.getsockname()[1]
-            assert all(began_ns <= m.log_time_ns <= ended_ns for m in found)
-            assert {m.properties[0][0] for m in found} == {"udp-source"}
-            assert all(m.properties[0][1].endswith(f"/{came_from}") for m in found)
-            return found
-
-    found = await listen()
+    async with Listener(source) as listener:
+        with sender(to, interface) as out:
+            began_ns = time.time_ns()
+            for payload in payloads:
+                out.sendto(payload, (to, port))
+            found = await listener.wait_for(len(payloads))
+            ended_ns = time.time_ns()
+            came_from = out.getsockname()[1]
+        assert all(began_ns <= m.log_time_ns <= ended_ns for m in found)
+        assert {m.properties[0][0] for m in found} == {"udp-source"}
+        assert all(m.properties[0][1].endswith(f"/{came_from}") for m in found)
     assert [m.payload for m in found] == payloads
     assert [m.content_type for m in found] == [
         "application/x-asterix; cat=48",
@@ -114,43 +110,37 @@ async def test_datagrams_to_one_host_come_with_their_destination(bound: str) -> 
         assert {m.topic for m in found} == {f"udp/{to}/{port}"}
 
 
-@pytest.mark.parametrize("interface", ["127.0.0.1", LOOPBACK_INTERFACE])
+@pytest.mark.parametrize(
+    ("group", "interface"), [(GROUP_4, "127.0.0.1"), (GROUP_4, LOOPBACK_INTERFACE), (GROUP_6, "")]
+)
 @pytest.mark.asyncio
-async def test_a_group_is_joined_where_it_is_said(interface: str) -> None:
-    port = free_port()
-    source = UdpSource(Endpoint.parse(f"{GROUP_4}:{port}"), interface)
-    found = await heard_over_udp(source, GROUP_4, port, interface)
-    assert {m.topic for m in found} == {f"udp/{GROUP_4}/{port}"}
-
-
-@pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6 loopback")
-@pytest.mark.asyncio
-async def test_a_group_of_ipv6_is_joined() -> None:
-    port, interface = free_port(), interface_of(GROUP_6)
-    source = UdpSource(Endpoint.parse(f"[{GROUP_6}]:{port}"), interface)
-    found = await heard_over_udp(source, GROUP_6, port, interface)
-    assert {m.topic for m in found} == {f"udp/{GROUP_6}/{port}"}
+async def test_a_group_is_joined_where_it_is_said(group: str, interface: str) -> None:
+    if group == GROUP_6 and not has_ipv6():
+        pytest.skip("this machine has no IPv6 loopback")
+    port, joined_at = free_port(), interface or interface_of(group)
+    place = f"[{group}]:{port}" if group == GROUP_6 else f"{group}:{port}"
+    found = await heard_over_udp(
+        UdpSource(Endpoint.parse(place), joined_at), group, port, joined_at
+    )
+    assert {m.topic for m in found} == {f"udp/{group}/{port}"}
 
 
 @on_linux
 @pytest.mark.asyncio
 async def test_times_are_those_at_which_the_kernel_took_them() -> None:
-    async def listen() -> None:
-        port = free_port()
-        source = UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))
-        async with Listener(source) as listener:
-            assert source.has_kernel_times
-            for number in range(1, 21):  # the kernel begins to stamp a little after it is asked to
-                with sender("127.0.0.1") as out:
-                    out.sendto(BLOCK, ("127.0.0.1", port))
-                arrived_ns = time.time_ns()  # nobody has read it yet
-                time.sleep(0.05)  # noqa: ASYNC251 - the loop is to be held up
-                *_, recorded = await listener.wait_for(number)
-                if recorded.log_time_ns <= arrived_ns:
-                    return
-            pytest.fail("no datagram has the time at which the kernel took it")
-
-    await listen()
+    port = free_port()
+    source = UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))
+    async with Listener(source) as listener:
+        assert source.has_kernel_times
+        for number in range(1, 21):  # the kernel begins to stamp a little after it is asked to
+            with sender("127.0.0.1") as out:
+                out.sendto(BLOCK, ("127.0.0.1", port))
+            arrived_ns = time.time_ns()  # nobody has read it yet
+            time.sleep(0.05)  # noqa: ASYNC251 - the loop is to be held up
+            *_, recorded = await listener.wait_for(number)
+            if recorded.log_time_ns <= arrived_ns:
+                return
+        pytest.fail("no datagram has the time at which the kernel took it")
 
 
 @pytest.mark.asyncio
@@ -160,15 +150,13 @@ async def test_at_first_no_datagram_is_older_than_the_one_before(
     stamps = iter([5, 3, 9, 7])
     monkeypatch.setattr(UdpSource, "_kernel_told", lambda *_: ("udp", next(stamps)))
 
-    async def listen() -> list[int]:
-        port = free_port()
-        async with Listener(UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))) as listener:
-            with sender("127.0.0.1") as out:
-                for _ in range(4):
-                    out.sendto(BLOCK, ("127.0.0.1", port))
-            return [recorded.log_time_ns for recorded in await listener.wait_for(4)]
-
-    assert await listen() == [5, 5, 9, 9]
+    port = free_port()
+    async with Listener(UdpSource(Endpoint.parse(f"127.0.0.1:{port}"))) as listener:
+        with sender("127.0.0.1") as out:
+            for _ in range(4):
+                out.sendto(BLOCK, ("127.0.0.1", port))
+        found = await listener.wait_for(4)
+    assert [recorded.log_time_ns for recorded in found] == [5, 5, 9, 9]
 
 
 @on_linux
@@ -201,12 +189,9 @@ async def test_what_the_socket_had_no_room_for_is_counted(monkeypatch: pytest.Mo
 async def test_what_cannot_be_heard_is_an_error(
     place: str, interface: str | None, text: str
 ) -> None:
-    async def listen() -> None:
+    with pytest.raises(TransportError) as caught:
         async with Listener(UdpSource(Endpoint.parse(place), interface)):
             pass
-
-    with pytest.raises(TransportError) as caught:
-        await listen()
     assert str(caught.value).startswith(text)
 
 
@@ -235,21 +220,17 @@ MESSAGES = [
 async def heard_over_mqtt(port: int, versions: tuple[int, ...]) -> list[Recorded]:
     address = BrokerAddress("127.0.0.1", port, versions)
 
-    async def listen() -> list[Recorded]:
-        async with Listener(BrokerSource(address, "plotfeed/#")) as listener:
-            link = MqttTransport(address, "test")
-            running = asyncio.create_task(link.run())
-            try:
-                await link.wait_until_up(PATIENCE_S)
-                for message in MESSAGES:
-                    link.publish([message.again(NOBODY, 1)])
-                return await listener.wait_for(len(MESSAGES))
-            finally:
-                running.cancel()
-                await asyncio.gather(running, return_exceptions=True)
-
-    began_ns = time.time_ns()
-    found = await listen()
+    link, began_ns = MqttTransport(address, "test"), time.time_ns()
+    async with Listener(BrokerSource(address, "plotfeed/#")) as listener:
+        running = asyncio.create_task(link.run())
+        try:
+            await link.wait_until_up(PATIENCE_S)
+            for message in MESSAGES:
+                link.publish([message.again(NOBODY, 1)])
+            found = await listener.wait_for(len(MESSAGES))
+        finally:
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
     assert all(began_ns <= m.log_time_ns <= time.time_ns() for m in found)
     return sorted(found, key=lambda m: m.topic)
 

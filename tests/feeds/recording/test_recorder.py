@@ -80,22 +80,13 @@ def test_a_file_that_is_there_is_kept_unless_it_is_to_go(tmp_path: Path) -> None
     with pytest.raises(PlotfeedError, match="is there already; --force"):
         Recorder(path)
     assert path.read_text() == "mine"
-    with Recorder(path, force=True) as recorder:
-        recorder.write(recorded(START_NS))
-    assert len(read_log(path.read_bytes())[0]) == 1
-
-
-def test_a_file_that_cannot_be_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         Recorder(tmp_path / "nowhere" / "a.mcap")
-
-
-def test_what_no_file_can_hold_is_counted(tmp_path: Path) -> None:
-    with Recorder(tmp_path / "a.mcap") as recorder:
-        recorder.write(recorded(-1))
-        recorder.write(recorded(1))
+    with Recorder(path, force=True) as recorder:
+        recorder.write(recorded(-1))  # which no file can hold
+        recorder.write(recorded(START_NS))
     assert (recorder.refused, recorder.messages) == (1, 1)
-    assert len(read_log(recorder.path.read_bytes())[0]) == 1
+    assert len(read_log(path.read_bytes())[0]) == 1
 
 
 @pytest.mark.asyncio
@@ -113,13 +104,13 @@ async def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> N
 
 
 def test_a_disk_that_stands_still_costs_messages_and_no_time(tmp_path: Path) -> None:
-    sent = messages(40_000, octets=1000)
+    sent = messages(10_000, octets=4000)
     go_on = threading.Event()
     recorder = Recorder(tmp_path / "a.mcap")
     recorder._thread.submit(go_on.wait)
     for each in sent:
         recorder.write(each)
-    assert recorder.dropped > 1000
+    assert recorder.dropped > 100
     assert recorder.messages + recorder.dropped == len(sent)
     assert recorder.octets > MAX_WAITING_CHUNKS * 200_000
     go_on.set()
@@ -130,7 +121,7 @@ def test_a_disk_that_stands_still_costs_messages_and_no_time(tmp_path: Path) -> 
 
 
 def test_where_nothing_may_be_dropped_it_waits(tmp_path: Path) -> None:
-    sent = messages(30_000, octets=1000)
+    sent = messages(7500, octets=4000)
     go_on = threading.Event()
     recorder = Recorder(tmp_path / "a.mcap", waits=True)
     recorder._thread.submit(go_on.wait)

@@ -107,20 +107,6 @@ def test_a_file_without_a_date_is_shown_without_one(tmp_path: Path, capsys: Capt
     assert out.splitlines()[-1] == "  final has no date"
 
 
-def test_messages_are_listed_with_their_times_and_topics(tmp_path: Path, capsys: Capture) -> None:
-    path = stored(tmp_path, session())
-    assert shown(path, listed=True) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 201
-    where = "2026-01-01T12:00:00.000000000Z  after  plotfeed/a/asterix/048"
-    assert lines[0].startswith(f"{where}  CAT048  12:00:00.000  010 SAC=25")
-    assert shown(path, count=3, as_json=True) == 0
-    objects = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [each["topic"][9] for each in objects] == ["a", "b", "a"]
-    assert objects[0]["time_utc"] == "2026-01-01T12:00:00.000000000Z"
-    assert objects[0]["message"]["items"]["I048/010"] == {"SAC": 25, "SIC": 13}
-
-
 def both_sides_of_a_link() -> list[Recorded]:
     return [
         message(

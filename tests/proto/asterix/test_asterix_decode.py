@@ -1,106 +1,149 @@
+"""Octets to records, whatever they are, and the tables that say how."""
+
 from __future__ import annotations
 
 import contextlib
+import inspect
+import re
 import subprocess
 import sys
+from importlib import import_module
+from random import Random
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.asterix_input import flags_of
+from support.asterix_input import flags_of, slots_octets
 from support.asterix_rule import record_by_rule
 
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN
+from plotfeed.proto.asterix.cat062 import CAT062_1_18
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec import decode as readers
-from plotfeed.proto.asterix.codec.decode import (
-    Block,
-    Value,
-    blocks,
-    decode,
-    decode_lenient,
-    records_in,
+from plotfeed.proto.asterix.codec.decode import Block, blocks, decode, decode_lenient, records_in
+from plotfeed.proto.asterix.codec.layout import (
+    Category,
+    Extended,
+    Fixed,
+    Group,
+    Item,
+    Raw,
+    Repetitive,
+    Spare,
+    category,
 )
-from plotfeed.proto.asterix.codec.layout import Category
 from plotfeed.proto.errors import DecodeError
 
 # Written by hand from the layout: FSPEC, then the items in the order of their numbers.
 PLOT = bytes.fromhex("f30108 1903 000640 30 01800718 1817ba 3fff")
+EVERY_CATEGORY = pytest.mark.parametrize("layout", CATEGORIES.values(), ids=lambda c: f"{c.number}")
 
 
-def block(category: int, body: bytes) -> bytes:
-    return bytes([category]) + (len(body) + 3).to_bytes(2, "big") + body
-
-
-def only(category: int, hexadecimal: str) -> dict[str, Value]:
-    (record,) = decode(block(category, bytes.fromhex(hexadecimal)))
-    return dict(record.items)
+def block(number: int, body: bytes) -> bytes:
+    return bytes([number]) + (len(body) + 3).to_bytes(2, "big") + body
 
 
 VALID = block(48, PLOT * 2) + block(34, bytes.fromhex("e8 1903 01 0c8000 0080"))
-
-
-def test_a_plot_reads_as_written() -> None:
-    first, second, north = decode(VALID)
-    assert first.items == second.items
-    assert first.items == {
+# Of category 129, which is in no library.
+EVERYTHING_129 = (
+    "ff fb 80"  # items 1 to 7; 8 to 12 and 14; 15
+    "0000"  # source 0/0
+    "0a0b"  # destination 10/11
+    "414243"  # ABC
+    "583132"  # X12
+    "534e2d303030303030303031"  # SN-000000001
+    "4553"  # ES
+    "546000"  # 12 h: 5529600 / 128 s
+    "0e666666 ff555555"  # 241591910 and -11184811 in 180/2^30 deg
+    "001a0b"  # 6667: 666.7 m
+    "fffff6"  # -10: -1.0 m
+    "000c"  # 12 m
+    "9f0000"  # 10 01 1111
+    "003e8ffc18"  # 1000 and -1000: 10 and -10 m/s
+    "0fff9c"  # -100: -1 m/s
+)
+BY_HAND: list[tuple[int, str, dict[str, Any]]] = [
+    (48, PLOT.hex(), {
         "I048/010": {"SAC": 25, "SIC": 3},
         "I048/140": 12.5,
         "I048/020": {"TYP": 1, "SIM": 1, "RDP": 0, "SPI": 0, "RAB": 0},
         "I048/040": {"RHO": 1.5, "THETA": 0x0718 * 360 / 65536},
         "I048/130": {"PRL": 23 * 360 / 8192, "PAM": -70.0},
         "I048/110": -25.0,
-    }
-    assert north.items["I034/041"] == 1.0
-    assert (first.octets, first.at_octet, second.at_octet) == (PLOT, 3, 3 + len(PLOT))
+    }),
+    (48, "01 01 40 0f 04", {"I048/030": [7, 2]}),
+    (48, "01 20 02 00000000000001 40 00000000000002 51", {"I048/250": [
+        {"MBDATA": 1, "BDS1": 4, "BDS2": 0}, {"MBDATA": 2, "BDS1": 5, "BDS2": 1},
+    ]}),
+    (48, "01 20 00", {"I048/250": []}),
+    (48, "01 01 04 c0 83ff 01 0001 0002 0003", {"I048/120": {
+        "CAL": {"D": 1, "CAL": -1.0}, "RDS": [{"DOP": 1.0, "AMB": 2.0, "FRQ": 3.0}],
+    }}),
+    (48, "01 40 10c236d41820", {"I048/240": "DLH65A  "}),
+    (48, "08 6e53", {"I048/070": {"V": 0, "G": 1, "L": 1, "MODE3A": "7123"}}),
+    (48, "01 01 01 06 03abcd 01", {"I048/SP": b"\xab\xcd", "I048/RE": b""}),
+    (34, "01 10 fffd 800000 7fffff", {
+        "I034/120": {"HGT": -3.0, "LAT": -180.0, "LON": (2**23 - 1) * 360 / 2**24},
+    }),
+    (129, EVERYTHING_129, {
+        "I129/010": {"SAC": 0, "SIC": 0},
+        "I129/015": {"DAC": 10, "DIC": 11},
+        "I129/020": "ABC",
+        "I129/030": "X12",
+        "I129/040": "SN-000000001",
+        "I129/050": "ES",
+        "I129/070": 43_200.0,
+        "I129/080": {"LAT": 241_591_910 * 180 / 2**30, "LON": -11_184_811 * 180 / 2**30},
+        "I129/090": pytest.approx(666.7),
+        "I129/100": pytest.approx(-1.0),
+        "I129/110": 12.0,
+        "I129/120": {"UCC": 2, "ARC": 1, "AEC": 15},
+        "I129/185": {"VX": pytest.approx(10.0), "VY": pytest.approx(-10.0)},
+        "I129/220": pytest.approx(-1.0),
+    }),
+]  # fmt: skip
 
 
-def test_paths_reach_into_items() -> None:
-    record = decode(VALID)[0]
-    assert record.get("I048/040/RHO") == 1.5
-    assert record.get("I048/140") == 12.5
-    assert record.get("I048/161") is None
-    assert record.get("I048/140/RHO") is None
-
-
-def test_repetitive_items_are_lists() -> None:
-    assert only(48, "01 01 40 0f 04") == {"I048/030": [7, 2]}
-    mode_s = only(48, "01 20 02 00000000000001 40 00000000000002 51")["I048/250"]
-    assert mode_s == [{"MBDATA": 1, "BDS1": 4, "BDS2": 0}, {"MBDATA": 2, "BDS1": 5, "BDS2": 1}]
-    assert only(48, "01 20 00")["I048/250"] == []
-
-
-def test_compound_items_hold_repetitive_ones() -> None:
-    doppler = only(48, "01 01 04 c0 83ff 01 0001 0002 0003")["I048/120"]
-    assert doppler == {"CAL": {"D": 1, "CAL": -1.0}, "RDS": [{"DOP": 1.0, "AMB": 2.0, "FRQ": 3.0}]}
-
-
-def test_text_is_text() -> None:
-    assert only(48, "01 40 10c236d41820")["I048/240"] == "DLH65A  "
-    assert only(48, "08 6e53")["I048/070"] == {"V": 0, "G": 1, "L": 1, "MODE3A": "7123"}
-
-
-def test_explicit_fields_keep_their_bytes() -> None:
-    assert only(48, "01 01 01 06 03abcd 01") == {"I048/SP": b"\xab\xcd", "I048/RE": b""}
+@pytest.mark.parametrize(("number", "octets", "items"), BY_HAND)
+def test_octets_say_what_was_worked_out_by_hand(
+    number: int, octets: str, items: dict[str, Any]
+) -> None:
+    (record,) = decode(block(number, bytes.fromhex(octets)))
+    assert record.items == items
 
 
 def test_an_extended_item_longer_than_its_layout_is_kept() -> None:
-    item = only(48, "20 21 01 01 01 01 01 ab cc")["I048/020"]
+    (record,) = decode(block(48, bytes.fromhex("20 21 01 01 01 01 01 ab cc")))
+    item = record.items["I048/020"]
     assert isinstance(item, dict)
-    assert item["TYP"] == 1
-    assert item["IRMACTVAL"] == 0
-    assert item["FURTHER"] == b"\xab\xcc"
+    assert (item["TYP"], item["IRMACTVAL"], item["FURTHER"]) == (1, 0, b"\xab\xcc")
 
 
-def test_negative_heights_are_negative() -> None:
-    assert only(34, "01 10 fffd 800000 7fffff") == {
-        "I034/120": {"HGT": -3.0, "LAT": -180.0, "LON": (2**23 - 1) * 360 / 2**24}
-    }
+def test_paths_reach_into_items_and_records_lie_where_they_say() -> None:
+    first, second, north = decode(VALID)
+    assert first.items == second.items
+    assert (first.octets, first.at_octet, second.at_octet) == (PLOT, 3, 3 + len(PLOT))
+    found = [first.get(path) for path in ("I048/040/RHO", "I048/140", "I048/161", "I048/140/RHO")]
+    assert found == [1.5, 12.5, None, None]
+    assert north.items["I034/041"] == 1.0
+    assert [(b.category, b.at_octet) for b in blocks(VALID)] == [(48, 3), (34, 6 + 2 * len(PLOT))]
 
 
-def test_unknown_categories_keep_their_bytes() -> None:
+def test_unknown_categories_keep_their_octets() -> None:
     record, plot, _ = decode(block(247, b"\x01\x02") + block(48, PLOT * 2))
     assert (record.category, record.items, record.octets) == (247, {}, b"\x01\x02")
     assert plot.category == 48
+
+
+def test_editions_differ_where_they_are_said_to() -> None:
+    height = bytes.fromhex("3e 000a 01010102 20 ffff")  # below 0 from edition 1.19 on
+    assert decode(height)[0].get("I062/340/HEIGHT") == -25.0
+    assert decode(height, {62: CAT062_1_18})[0].get("I062/340/HEIGHT") == 65535 * 25.0
+    place = bytes.fromhex("19 000d 0108 20000000 f0000000")
+    assert decode(place)[0].get("I025/600") == {"LAT": 22.5, "LON": -22.5}
+    (half_turn,) = decode(place, {25: CAT025_HALF_TURN})
+    assert half_turn.get("I025/600") == {"LAT": 22.5, "LON": -11.25}
 
 
 @pytest.mark.parametrize(
@@ -120,6 +163,7 @@ def test_unknown_categories_keep_their_bytes() -> None:
         ("300008 0101010405", 8),
         ("300006 0120ff", 6),  # a count without its members
         ("300005 2021", 5),  # an extension that does not come
+        ("220007 0180 ff 00", 6),  # a count that outnumbers the input
     ],
 )
 def test_what_is_broken_is_refused_at_its_octet(data: str, at_octet: int) -> None:
@@ -139,8 +183,8 @@ def test_a_broken_record_costs_the_rest_of_its_block_alone() -> None:
 
 
 @given(st.binary(max_size=400), st.sampled_from(sorted(CATEGORIES)))
-def test_any_body_gives_records_that_lie_where_they_say(body: bytes, category: int) -> None:
-    data = block(category, body)
+def test_any_body_gives_records_that_lie_where_they_say(body: bytes, number: int) -> None:
+    data = block(number, body)
     records, errors = decode_lenient(data)
     at = 3
     for record in records:
@@ -150,74 +194,106 @@ def test_any_body_gives_records_that_lie_where_they_say(body: bytes, category: i
     assert errors or at == len(data)
 
 
-@given(st.data())
-def test_flipped_and_cut_blocks_give_records_or_errors(data: st.DataObject) -> None:
-    octets = bytearray(VALID)
-    for place in data.draw(st.lists(st.integers(0, len(VALID) - 1), max_size=4)):
-        octets[place] = data.draw(st.integers(0, 255))
-    decode_lenient(bytes(octets[: data.draw(st.integers(0, len(VALID)))]))
-
-
-def test_every_cut_of_a_valid_block_is_an_error() -> None:
-    whole = block(48, PLOT)
-    for length in range(1, len(whole)):
-        with pytest.raises(DecodeError):
-            decode(whole[:length])
-
-
-def test_blocks_say_where_their_bodies_are() -> None:
-    assert [(b.category, b.at_octet) for b in blocks(VALID)] == [(48, 3), (34, 6 + 2 * len(PLOT))]
-    for piece in blocks(VALID):
-        assert VALID[piece.at_octet :].startswith(piece.body)
-
-
-def test_a_count_that_outnumbers_the_input_allocates_nothing() -> None:
-    with pytest.raises(DecodeError, match="I034/070 needs 2 octets, 1 are left"):
-        decode(bytes.fromhex("220007 0180 ff 00"))
-
-
-@pytest.mark.parametrize("category", CATEGORIES.values(), ids=lambda c: f"{c.number:03}")
+@EVERY_CATEGORY
 @given(data=st.data())
-def test_compiled_readers_read_what_the_rule_reads(category: Category, data: st.DataObject) -> None:
+def test_compiled_readers_read_what_the_rule_reads(layout: Category, data: st.DataObject) -> None:
     # Flags of items that are there, so that most of what is drawn is read to its end.
-    wanted = data.draw(st.sets(st.sampled_from([n for n, i in enumerate(category.uap) if i])))
+    wanted = data.draw(st.sets(st.sampled_from([n for n, i in enumerate(layout.uap) if i])))
     body = flags_of(wanted) + data.draw(st.binary(max_size=400) | st.just(bytes(400)))
     try:
-        items, end = record_by_rule(category, body)
+        items, end = record_by_rule(layout, body)
     except DecodeError as error:
         with pytest.raises(DecodeError) as caught:
-            next(records_in(Block(category.number, body, 0)))
+            next(records_in(Block(layout.number, body, 0)))
         assert (str(caught.value), caught.value.at_octet) == (str(error), error.at_octet)
         return
-    record = next(records_in(Block(category.number, body, 0)))
+    record = next(records_in(Block(layout.number, body, 0)))
     assert (record.items, list(record.items)) == (items, list(items))
     assert record.octets == body[:end]
+
+
+@EVERY_CATEGORY
+@given(st.randoms(use_true_random=False))
+def test_what_comes_often_is_read_as_what_comes_once(layout: Category, rng: Random) -> None:
+    """By a reader that is compiled for its flags; what is cut off is no record for it either."""
+    body = slots_octets(layout.uap, rng)
+    items, end = record_by_rule(layout, body)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(readers, "OFTEN", 2)
+        plans = readers.Plans(layout.uap)
+        for _ in range(4):
+            found, at = plans.read(body, 0)
+            assert (found, list(found), at) == (items, list(items), end)
+        for length in range(1, len(body), 5):
+            with contextlib.suppress(*readers.BROKEN):
+                assert plans.read(body[:length], 0)[1] > length
 
 
 @given(st.lists(st.binary(min_size=2, max_size=6), max_size=30))
 def test_plans_of_flags_are_bounded(bodies: list[bytes]) -> None:
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(readers, "MAX_PLANS", 3)
-        plans = readers.Plans(CATEGORIES[48].uap)
-        for body in bodies:
-            with contextlib.suppress(*readers.BROKEN):
-                plans.read(body, 0)
-            assert len(plans._readers) <= 3
-
-
-def test_a_set_of_flags_that_comes_often_keeps_to_the_bound() -> None:
-    with pytest.MonkeyPatch.context() as patched:
         patched.setattr(readers, "MAX_PLANS", 2)
         patched.setattr(readers, "OFTEN", 2)
         plans = readers.Plans(CATEGORIES[48].uap)
-        bodies = [b"\x80\x01\x02"] * 3 + [b"\x40abc"] * 3 + [b"\x08abc"] * 3
-        read = [plans.read(body, 0) for body in bodies * 2]
-    assert read == [read[place] for place in (0, 3, 6) for _ in range(3)] * 2
-    assert len(plans._readers) <= 2
-    assert read[0] == ({"I048/010": {"SAC": 1, "SIC": 2}}, 3)
+        for body in [*bodies, *[b"\x80\x01\x02"] * 3, *[b"\x40abc"] * 3, *[b"\x08abc"] * 3]:
+            with contextlib.suppress(*readers.BROKEN):
+                plans.read(body, 0)
+            assert len(plans._readers) <= 2
+        assert plans.read(b"\x80\x01\x02", 0) == ({"I048/010": {"SAC": 1, "SIC": 2}}, 3)
 
 
 def test_decoding_loads_no_numpy() -> None:
     # It takes longer to load than fifty thousand records take to read.
     code = "import sys, plotfeed.proto.asterix.codec.decode; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def octets_of(item: Item) -> str:
+    """How long an item is, as tables say it."""
+    match item:
+        case Fixed(_, group):
+            return f"{group.octets}"
+        case Extended(_, groups):
+            return f"{groups[0].octets}+FX"
+        case Repetitive(_, group):
+            return f"{group.octets}+FX" if group.fx else f"1+{group.octets}n"
+        case _:
+            return "1+n"
+
+
+@EVERY_CATEGORY
+def test_items_are_as_long_as_their_table_states(layout: Category) -> None:
+    """Whose parts alone are read; a radar's two categories are one file, and those of tracks."""
+    place = {34: 48, 63: 62}.get(layout.number, layout.number)
+    source = inspect.getsource(import_module(f"plotfeed.proto.asterix.cat{place:03d}"))
+    stated = re.findall(rf"^(\d+) +(I{layout.number:03d}/\w+) +(\S+)", source, re.MULTILINE)
+    found = [(f"{n}", item.name, octets_of(item)) for n, item in enumerate(layout.uap, 1) if item]
+    assert set(stated) >= set(found)
+
+
+def test_a_row_stands_in_for_that_of_another_edition() -> None:
+    first = category(1, "1 I001/010 1 A 8\n2 I001/020 1 B 8")
+    second = category(1, "2 I001/020 1 B ±8: 1/4 m", base=first)
+    assert second.uap[0] == first.uap[0]
+    (part,) = second.uap[1].group.parts  # type: ignore[union-attr]
+    assert (part.bits, part.signed, part.lsb, part.unit) == (8, True, 0.25, "m")  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        *((f"1    I001/010  1       {parts}.", "no part")
+          for parts in ("A 8 9", "A ±8: 1 m often", "A 8;B 8", "")),
+        *((f"1 I001/010 1 A 8\n{row}", "no row")
+          for row in ("I001/020 1 B 8", "2 I001/020 B", "2 I001 1 B 8")),
+        ("1 I001/010 1 A 9, _1", "10 bits"),
+    ],
+)  # fmt: skip
+def test_what_is_not_in_the_notation_is_refused(row: str, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        category(1, row)
+
+
+def test_a_part_knows_its_place() -> None:
+    group = Group((Spare(2), Raw("A", 3), Raw("B", 2)), fx=True)
+    assert [(part.name, right) for part, right in group.fields] == [("A", 3), ("B", 1)]

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
+from support.flight_blender import BlenderObservation, judged
 from support.told_tracks import NS, RADAR, T_NS, any_tracks, told_tracks
 
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -74,26 +75,20 @@ def test_protobuf_holds_every_number_unrounded(tracks: ToldTracks) -> None:
 @settings(max_examples=30)
 @given(any_tracks(), names)
 def test_events_of_cot_are_xml_that_says_where_a_track_is(tracks: ToldTracks, name: str) -> None:
-    origin = replace(RADAR, sensor=name)
-    for i, octets in enumerate(cot_events(tracks, origin)):
+    """And how it moves, for as long as it is not stale: takproto reads the rest."""
+    for i, octets in enumerate(cot_events(tracks, replace(RADAR, sensor=name))):
         event = ET.fromstring(octets)  # noqa: S314 - our own
         assert event.attrib["uid"] == f"{name}-{tracks.track[i]}"
-        assert (event.attrib["type"], event.attrib["how"]) == ("a-u-A-M-H-Q", "m-s")
         time_ns, start_ns, stale_ns = (
             utc_ns(event.attrib[key]) for key in ("time", "start", "stale")
         )
         assert time_ns == start_ns == T_NS // 1_000_000 * 1_000_000
         assert stale_ns == pytest.approx(T_NS + (0 if tracks.last[i] else 6 * NS), abs=1_000_000)
-        point = event.find("point")
+        point, track = event.find("point"), event.find("detail/track")
         assert point is not None
-        assert float(point.attrib["lat"]) == pytest.approx(tracks.latitude_deg[i], abs=1e-7)
-        assert float(point.attrib["lon"]) == pytest.approx(tracks.longitude_deg[i], abs=1e-7)
+        assert track is not None
         if np.isnan(tracks.height_m[i]):
             assert point.attrib["hae"] == point.attrib["le"] == UNKNOWN
-        else:
-            assert float(point.attrib["hae"]) == pytest.approx(tracks.height_m[i], abs=0.01)
-        track = event.find("detail/track")
-        assert track is not None
         course, speed = np.radians(float(track.attrib["course"])), float(track.attrib["speed"])
         assert speed * np.sin(course) == pytest.approx(tracks.velocity_east_m_s[i], abs=0.05)
         assert speed * np.cos(course) == pytest.approx(tracks.velocity_north_m_s[i], abs=0.05)
@@ -142,20 +137,84 @@ def test_a_map_shows_all_tracks_that_live_whichever_sector_they_were_seen_in() -
     assert shown([3], 8.0) == [3]  # of the others nothing has come
 
 
+# Before, milliseconds have too few digits to be told from seconds.
+FROM_NS, UNTIL_NS = utc_ns("2001-09-10T00:00:00Z"), utc_ns("2200-01-01T00:00:00Z")
+PLACES = {"pole": (90.0, 0.0), "south": (-90.0, 180.0), "date line": (0.0, -180.0)}
+A_BODY = json.loads(air_traffic(told_tracks(1, np.random.default_rng(5)), RADAR))
+
+
 @settings(max_examples=30)
-@given(any_tracks(), names)
-def test_flight_blender_is_told_of_each_track_by_a_key_of_its_own(
-    tracks: ToldTracks, name: str
+@given(any_tracks(), names, st.integers(FROM_NS, UNTIL_NS), st.sampled_from(["plain", "smoothed"]))
+def test_what_is_posted_is_taken_and_means_what_was_measured(
+    tracks: ToldTracks, name: str, t_ns: int, kind: str
 ) -> None:
-    origin = replace(RADAR, sensor=name)
-    found = in_json("plotfeed.AirTraffic", air_traffic(tracks, origin))["observations"]
-    assert len({each["icao_address"] for each in found}) == len(tracks)
+    tracks = tracks.but(t_utc_ns=np.full(len(tracks), t_ns))
+    origin = replace(RADAR, sensor=name, kind="plain" if kind == "plain" else "smoothed-truth")
+    body = air_traffic(tracks, origin)
+    in_json("plotfeed.AirTraffic", body)
+    found = judged(body)
+    assert len({each.icao_address for each in found}) == len(tracks)  # by which it keeps them apart
     for i, each in enumerate(found):
-        assert type(each["timestamp"]) is int
-        assert each["timestamp"] == T_NS // 1_000_000
-        assert each["metadata"]["altitude_is_measured"] == (not np.isnan(tracks.height_m[i]))
+        assert each.lat_dd == pytest.approx(tracks.latitude_deg[i], abs=1e-8)
+        assert each.lon_dd == pytest.approx(tracks.longitude_deg[i], abs=1e-8)
         height_mm = 1000 * np.nan_to_num(tracks.height_m[i])
-        assert each["altitude_mm"] == pytest.approx(height_mm, abs=0.1)
+        assert each.altitude_mm == pytest.approx(height_mm, abs=0.1)
+        assert abs(each.sensor_time.timestamp() - t_ns / NS) < 0.002
+        assert (each.traffic_source, each.source_type) == (5, 0)  # a primary radar, not fused
+        # It keeps metadata as the text of JSON, and reads them again.
+        kept = json.loads(json.dumps(each.metadata))
+        assert kept["simulated"] is True
+        assert kept["altitude_is_measured"] == (not np.isnan(tracks.height_m[i]))
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_places_at_the_edges_of_the_earth_are_taken(place: str) -> None:
+    tracks = told_tracks(1, np.random.default_rng(6))
+    latitude, longitude = (np.array([value]) for value in PLACES[place])
+    (found,) = judged(
+        air_traffic(tracks.but(latitude_deg=latitude, longitude_deg=longitude), RADAR)
+    )
+    assert (found.lat_dd, found.lon_dd) == PLACES[place]
+
+
+def test_our_own_schema_promises_no_less_than_it_demands() -> None:
+    ours: Any = JSON_SCHEMAS["plotfeed.AirTraffic"]["properties"]["observations"]["items"]
+    theirs = BlenderObservation.model_json_schema()
+    assert set(theirs["required"]) <= set(ours["required"])
+    for key, demanded in theirs["properties"].items():
+        promised = ours["properties"][key]
+        assert promised["type"] == demanded.get("type", "integer"), key
+        assert promised.get("maxLength") == demanded.get("maxLength"), key
+        for bound in ("minimum", "maximum"):
+            if key.endswith("_dd"):
+                assert promised[bound] == demanded[bound], key
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *((key, None) for key in ("lat_dd", "lon_dd", "altitude_mm", "icao_address", "timestamp")),
+        ("traffic_source", None),
+        ("traffic_source", 12),
+        ("source_type", 2),
+        ("timestamp", 1_700_000_000.5),
+        ("timestamp", 0),
+        ("lat_dd", 90.1),
+        ("lon_dd", float("nan")),
+        ("altitude_mm", "high"),
+        ("icao_address", "x" * 25),
+        ("icao_address", 17),
+        ("metadata", "{}"),
+    ],
+)
+def test_the_judge_refuses_what_flight_blender_refuses(key: str, value: object) -> None:
+    (each,) = A_BODY["observations"]
+    wrong = {**each, key: value}
+    if value is None:
+        del wrong[key]
+    with pytest.raises(ValueError, match=key):
+        judged(json.dumps({"observations": [wrong]}).encode())
+    assert judged(json.dumps({"observations": [each, {**each, "more": 1}]}).encode())
 
 
 def test_keys_of_sensors_whose_names_are_long_and_begin_alike_differ() -> None:

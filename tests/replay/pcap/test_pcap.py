@@ -10,15 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.given_recordings import EVERY_CAPTURE, RadarCapture
-from support.recordings import (
-    START_NS,
-    block_048,
-    is_read_whatever_it_is,
-    message,
-    plots,
-    read,
-    written,
-)
+from support.recordings import START_NS, block_048, message, plots, read, written
 from support.tshark import tshark_fields
 
 from plotfeed.proto.asterix.codec.decode import decode
@@ -27,9 +19,17 @@ from plotfeed.replay.pcap import (
     COOKED,
     COOKED_2,
     ETHERNET,
+    FILE,
+    HEAD,
+    LENGTH,
+    LINK_TYPES,
     NULL,
+    ONLY_IPV4,
+    ONLY_IPV6,
+    PAYLOAD_CRC,
     RAW,
     SOURCE,
+    TAIL,
     PcapReader,
     PcapWriter,
 )
@@ -41,27 +41,42 @@ HERE_6, THERE_6 = bytes(15) + b"\1", b"\xff\x15" + bytes(13) + b"\7"
 IP = 14  # Octets of an Ethernet header
 
 
-def frame(payload: bytes = PLOT, *, six: bool = False) -> bytes:
+def frame(payload: bytes = PLOT, *, six: bool = False, link_type: int = ETHERNET) -> bytes:
     """From 10.0.0.1 port 4000 to the group 239.1.2.3 port 8600, or the same by IPv6."""
     here, there = (HERE_6, THERE_6) if six else (HERE, THERE)
-    return captures.frame(ETHERNET, (here, 4000), (there, 8600), payload)
+    return captures.frame(link_type, (here, 4000), (there, 8600), payload)
 
 
-def pcap(*packets: bytes, link_type: int = ETHERNET, order: str = "<", ns: bool = False) -> bytes:
-    """A capture of a packet every 1.5 ms."""
+def pcap(
+    *packets: bytes,
+    link_type: int = ETHERNET,
+    order: str = "<",
+    ns: bool = False,
+    snap: int = 65_535,
+    more: int = 0,
+) -> bytes:
+    """A capture of a packet every 1.5 ms, of which so many more octets were cut off."""
     magic = 0xA1B23C4D if ns else 0xA1B2C3D4
-    data = struct.pack(f"{order}IHHiIII", magic, 2, 4, 0, 0, 1 << 16, link_type)
-    for n, packet in enumerate(packets):
-        seconds, fraction_ns = divmod(START_NS + n * 1_500_000, 1_000_000_000)
-        fraction = fraction_ns if ns else fraction_ns // 1000
-        data += struct.pack(f"{order}IIII", seconds, fraction, len(packet), len(packet)) + packet
+    data = struct.pack(f"{order}IHHiIII", magic, 2, 4, 3600, 7, snap, link_type)
+    for n, each in enumerate(packets):
+        seconds, fraction = divmod(START_NS + n * 1_500_000, 1_000_000_000)
+        fraction = fraction if ns else fraction // 1000
+        data += struct.pack(f"{order}IIII", seconds, fraction, len(each), len(each) + more) + each
     return data
 
 
-def payloads(data: bytes) -> list[bytes]:
+def messages_of(data: bytes) -> list[Recorded]:
     messages, reader = read(PcapReader, data)
-    assert reader.damage == []
-    return [each.payload for each in messages]
+    assert (reader.damage, reader.skipped) == ([], 0)
+    return messages
+
+
+def payloads(data: bytes) -> list[bytes]:
+    return [each.payload for each in messages_of(data)]
+
+
+def again(data: bytes) -> bytes:
+    return written(PcapWriter, messages_of(data))
 
 
 def damage_of(data: bytes) -> list[Damage]:
@@ -70,11 +85,8 @@ def damage_of(data: bytes) -> list[Damage]:
     return reader.damage
 
 
-@pytest.mark.parametrize("order", "<>")
-@pytest.mark.parametrize("ns", [True, False])
-def test_either_byte_order_and_either_unit(order: str, ns: bool) -> None:
-    messages, reader = read(PcapReader, pcap(frame(), frame(), order=order, ns=ns))
-    assert reader.damage == []
+def test_a_datagram_is_a_message_with_its_times_its_destination_and_its_sender() -> None:
+    messages = messages_of(pcap(frame(), frame()))
     assert [each.log_time_ns - START_NS for each in messages] == [0, 1_500_000]
     assert [each.publish_time_ns - START_NS for each in messages] == [0, 1_500_000]
     assert messages[0].topic == "udp/239.1.2.3/8600"
@@ -118,15 +130,10 @@ def test_a_payload_ends_where_udp_says_and_not_with_the_padding() -> None:
     assert payloads(pcap(frame(b"\1") + bytes(20), frame(b"") + bytes(30))) == [b"\1", b""]
 
 
-def test_a_payload_keeps_what_a_vendor_appended() -> None:
-    (with_trailer,), _ = read(PcapReader, pcap(frame(PLOT + b"\xca\xfe\0\0\0\1")))
-    assert with_trailer.payload == PLOT + b"\xca\xfe\0\0\0\1"
-    assert with_trailer.content_type == "application/x-asterix; cat=48"
-
-
 def test_content_types_tell_asterix_from_other_payloads() -> None:
     cases = {
         PLOT + PLOT: "application/x-asterix; cat=48",
+        PLOT + b"\xca\xfe\0\0\0\1": "application/x-asterix; cat=48",  # a vendor's trailer
         PLOT + b"\x22\0\x09\xe0\x19\x0d\x01\0\0": "application/x-asterix",
         b"\x30\0\2": "application/octet-stream",
         b"\0\0\4\1": "application/octet-stream",
@@ -135,7 +142,7 @@ def test_content_types_tell_asterix_from_other_payloads() -> None:
         b"": "application/octet-stream",
     }
     messages, _ = read(PcapReader, pcap(*map(frame, cases)))
-    assert [each.content_type for each in messages] == list(cases.values())
+    assert {each.payload: each.content_type for each in messages} == cases
 
 
 def test_ip_options_and_extension_headers_are_passed_over() -> None:
@@ -198,21 +205,6 @@ def test_what_does_not_begin_as_a_pcap_is_one_damage(data: bytes) -> None:
     assert damage.offset == 0
 
 
-@pytest.mark.parametrize("link_type", [NULL, ETHERNET, RAW, COOKED, COOKED_2])
-def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole(
-    link_type: int,
-) -> None:
-    packets = [
-        packet for kind, packet in packets_of(frame()[IP:], 0x0800).values() if kind == link_type
-    ]
-    packets += [
-        packet
-        for kind, packet in packets_of(frame(six=True)[IP:], 0x86DD).values()
-        if kind == link_type
-    ]
-    is_read_whatever_it_is(PcapReader, pcap(*packets, link_type=link_type))
-
-
 @given(st.sampled_from([NULL, ETHERNET, RAW, COOKED, COOKED_2]), st.binary(max_size=80))
 def test_any_packet_is_a_message_damage_or_skipped(link_type: int, packet: bytes) -> None:
     messages, reader = read(PcapReader, pcap(packet, link_type=link_type))
@@ -221,25 +213,6 @@ def test_any_packet_is_a_message_damage_or_skipped(link_type: int, packet: bytes
 
 def recorded(payload: bytes, n: int = 0, topic: str = "udp/239.1.2.3/8600") -> Recorded:
     return message(payload, START_NS + n, topic=topic, properties=((SOURCE, "10.0.0.1/4000"),))
-
-
-def test_what_is_written_is_read_back_with_its_nanoseconds() -> None:
-    sent = [
-        recorded(PLOT, 123_456_789),
-        recorded(b"\1" * 65_507, 1, "udp/192.0.2.7/1"),
-        message(PLOT, topic="udp/ff15::7/65535", properties=((SOURCE, "fe80::1/9"),)),
-    ]
-    data = written(PcapWriter, sent)
-    got, reader = read(PcapReader, data)
-    assert reader.damage == []
-    for one, other in zip(got, sent, strict=True):
-        assert (one.topic, one.payload, one.log_time_ns, one.properties[0]) == (
-            other.topic,
-            other.payload,
-            other.log_time_ns,
-            other.properties[0],
-        )
-    assert written(PcapWriter, got) == data
 
 
 def test_topics_of_mqtt_become_addresses_of_their_own_and_are_told() -> None:
@@ -323,3 +296,145 @@ def test_a_capture_of_others_keeps_payloads_times_and_places(capture: RadarCaptu
     assert sum(record.category == 48 for record in records) == capture.plots
     assert sum(record.category == 34 for record in records) == capture.services
     assert written(PcapWriter, got) == data
+
+
+# A capture that is read and written again, as it was or with what was changed.
+
+VLAN = b"\x88\xa8\0\7\x81\0\x20\x09"
+MAC = 12
+OF_BOTH = [link_type for link_type in LINK_TYPES if link_type not in (ONLY_IPV4, ONLY_IPV6)]
+
+
+@pytest.mark.parametrize(("link_type", "six"), [(ONLY_IPV4, False), (ONLY_IPV6, True)])
+def test_a_capture_of_one_ip_takes_no_other(link_type: int, six: bool) -> None:
+    data = pcap(frame(link_type=link_type, six=six), link_type=link_type)
+    assert again(data) == data
+    (was,) = messages_of(data)
+    writer = PcapWriter(io.BytesIO())
+    other = message(PLOT, topic="udp/10.0.0.7/8600" if six else "udp/ff15::7/8600")
+    assert [writer.write(was), writer.write(other)] == [
+        None,
+        f"of an IP that link type {link_type} of the capture does not hold",
+    ]
+
+
+@pytest.mark.parametrize("six", [False, True])
+@pytest.mark.parametrize("link_type", OF_BOTH)
+def test_every_header_and_every_link_layer_comes_back(link_type: int, six: bool) -> None:
+    for order in "<>":
+        for ns in (False, True):
+            packets = [frame(link_type=link_type, six=each) for each in (six, False)]
+            data = pcap(*packets, link_type=link_type, order=order, ns=ns, snap=100, more=5)
+            assert again(data) == data
+
+
+@given(
+    st.binary(max_size=30), st.binary(min_size=2, max_size=2), st.binary(min_size=12, max_size=12)
+)
+def test_tags_padding_addresses_and_wrong_checksums_come_back(
+    tail: bytes, checksum: bytes, hardware: bytes
+) -> None:
+    plain = frame()
+    wrong = plain[:40] + checksum + plain[42:]
+    no_lengths = plain[:16] + b"\0\0" + plain[18:24] + b"\0\0" + plain[26:]
+    data = pcap(hardware + VLAN + plain[MAC:] + tail, hardware + wrong[MAC:] + tail, no_lengths)
+    assert again(data) == data
+
+
+def test_the_frame_check_sequence_that_a_header_tells_of_comes_back() -> None:
+    data = pcap(frame() + b"\1\2\3\4", link_type=ETHERNET | 0x2400_0000)
+    assert again(data) == data
+
+
+@pytest.mark.parametrize("payload", [block_048(50_000), PLOT + PLOT, b"", bytes(65_507)])
+@pytest.mark.parametrize("six", [False, True])
+def test_another_payload_has_its_own_lengths_and_checksums(payload: bytes, six: bool) -> None:
+    plain = frame(six=six)
+    data = pcap(plain[:MAC] + VLAN + plain[MAC:] + bytes(9), more=5, snap=0)
+    (was,) = messages_of(data)
+    changed = written(PcapWriter, [was._replace(payload=payload)])
+    (now,) = messages_of(changed)
+    assert (now.payload, now.topic) == (payload, was.topic)
+    ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(changed))
+    made = frame(payload, six=six)
+    assert octets == plain[:MAC] + VLAN + made[MAC:]
+    assert LENGTH not in dict(now.properties)
+
+
+def test_options_and_time_to_live_stay_with_another_payload() -> None:
+    plain = frame()
+    head = bytearray(plain[14:34] + b"\x94\4\0\0" + plain[34:42])
+    head[0], head[8] = 0x46, 3
+    (was,) = messages_of(pcap(bytes(head[:2] + b"\0\x2e" + head[4:]) + PLOT, link_type=RAW))
+    changed = written(PcapWriter, [was._replace(payload=PLOT * 2)])
+    (now,) = messages_of(changed)
+    assert now.payload == PLOT * 2
+    ((_, octets),) = dpkt.pcap.Reader(io.BytesIO(changed))
+    ip = dpkt.ip.IP(octets)
+    assert (ip.ttl, ip.opts, ip.len) == (3, b"\x94\4\0\0", len(octets))
+
+
+def test_another_destination_or_source_is_a_packet_of_its_own() -> None:
+    (was,) = messages_of(pcap(frame(link_type=RAW), link_type=RAW))
+    there = was._replace(topic="udp/239.9.9.9/8601")
+    here = was._replace(properties=((SOURCE, "10.9.9.9/1"), *was.properties[1:]))
+    elsewhere = was._replace(topic="plotfeed/radar/asterix/048")
+    got = messages_of(written(PcapWriter, [was, there, here, elsewhere]))
+    assert [each.topic for each in got] == [
+        was.topic, "udp/239.9.9.9/8601", was.topic, "udp/127.1.0.0/8600"
+    ]  # fmt: skip
+    assert dict(got[2].properties)[SOURCE] == "10.9.9.9/1"
+    assert [each.payload for each in got] == [PLOT] * 4
+
+
+@pytest.mark.parametrize("link_type", [NULL, ETHERNET, RAW, COOKED, COOKED_2])
+def test_messages_from_elsewhere_go_along_in_every_link_layer(
+    link_type: int, tmp_path: Path
+) -> None:
+    (was,) = messages_of(pcap(frame(link_type=link_type), link_type=link_type))
+    others = [message(PLOT, START_NS + 1), message(PLOT, START_NS, topic="udp/ff15::7/8600")]
+    data = written(PcapWriter, [was, *others])
+    assert [each.payload for each in messages_of(data)] == [PLOT] * 3
+    path = tmp_path / "mixed.pcap"
+    path.write_bytes(data)
+    lines = tshark_fields(path, "udp.dstport", "udp.checksum.status", "_ws.malformed")
+    assert lines == [["8600", "1", ""]] * 3
+
+
+def test_packets_of_another_link_layer_than_that_of_the_first_are_made_anew() -> None:
+    (raw,) = messages_of(pcap(frame(link_type=RAW), link_type=RAW))
+    (ethernet,) = messages_of(pcap(frame()))
+    assert written(PcapWriter, [raw, ethernet._replace(log_time_ns=START_NS + 1_500_000)]) == (
+        pcap(frame(link_type=RAW), frame(link_type=RAW), link_type=RAW)
+    )
+
+
+def test_what_the_header_of_the_file_does_not_allow_is_told() -> None:
+    (was,) = messages_of(pcap(frame(), snap=80))
+    writer = PcapWriter(io.BytesIO())
+    assert writer.write(was._replace(log_time_ns=START_NS + 1)) is None
+    assert writer.notes()[1:] == ["1 times lost what is less than a microsecond"]
+    reason = writer.write(message(bytes(100), topic="udp/10.0.0.1/1"))
+    assert reason == "longer than the capture's 80 octets of a packet"
+
+
+NAMES = [FILE, HEAD, TAIL, LENGTH, PAYLOAD_CRC, SOURCE]
+
+
+@given(
+    st.sampled_from([NULL, ETHERNET, RAW, COOKED, COOKED_2]),
+    st.lists(st.tuples(st.sampled_from(NAMES), st.text(max_size=8)), max_size=3),
+    st.integers(0, 80),
+    st.binary(max_size=40),
+)
+def test_whatever_the_properties_say_the_payload_goes_where_the_topic_says(
+    link_type: int, changed: list[tuple[str, str]], length: int, payload: bytes
+) -> None:
+    (was,) = messages_of(pcap(frame(link_type=link_type), link_type=link_type))
+    kept = dict(was.properties)
+    kept[HEAD] = kept[HEAD][: length // 4 * 4]
+    properties = tuple((kept | dict(changed)).items())
+    (now,) = messages_of(
+        written(PcapWriter, [was._replace(payload=payload, properties=properties)])
+    )
+    assert (now.payload, now.topic) == (payload, was.topic)

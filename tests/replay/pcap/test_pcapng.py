@@ -147,9 +147,8 @@ def test_interfaces_without_end_are_bounded() -> None:
     assert 0 < len(reader.damage) <= 1001
 
 
-@pytest.mark.parametrize("order", "<>")
-def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole(order: str) -> None:
-    capture = Capture(order).interface((9, b"\x09"), (14, bytes(8))).enhanced(1)
+def test_a_file_that_is_cut_or_turned_anywhere_is_read_as_far_as_it_is_whole() -> None:
+    capture = Capture(">").interface((9, b"\x09"), (14, bytes(8))).enhanced(1)
     capture.block(STATISTICS, bytes(20)).block(SIMPLE, capture.pack("I", len(FRAME)) + FRAME)
     is_read_whatever_it_is(PcapngReader, capture.data, other_parts=4)
 

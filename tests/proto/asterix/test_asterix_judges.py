@@ -1,0 +1,398 @@
+"""Independent readers read what we read: asterix-decoder, libasterix and tshark."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from asterix import base  # type: ignore[import-not-found]
+from support.asterix_input import (
+    every_path,
+    numeric_slots,
+    plots,
+    slots_octets,
+    text_constants,
+    tracks,
+)
+from support.asterix_readers import items_of, read_blocks, values_of
+from support.given_recordings import EVERY_RECORDING
+from support.recordings import message, written
+from support.tshark import tshark_layers
+
+from plotfeed.feeds.recording.foreign_recordings import open_recording
+from plotfeed.proto.asterix.cat015 import CAT015, PlotEncoder015
+from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
+from plotfeed.proto.asterix.cat048 import CAT034, CAT048, PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.cat062 import CAT062_1_18, CAT063, StatusEncoder063, TrackEncoder062
+from plotfeed.proto.asterix.cat205 import CAT205, BearingEncoder205
+from plotfeed.proto.asterix.categories import CATEGORIES
+from plotfeed.proto.asterix.codec.decode import (
+    FURTHER,
+    Block,
+    Record,
+    Value,
+    blocks,
+    decode,
+    records_in,
+)
+from plotfeed.proto.asterix.codec.encode import Encoder, blocks_of
+from plotfeed.proto.asterix.codec.layout import Category, Quantity, Raw
+from plotfeed.proto.asterix.other_categories import OTHER_CATEGORIES
+from plotfeed.proto.asterix.standard import standard, tables
+from plotfeed.replay.pcap import PcapWriter
+
+# Registers of Mode S transponders: asterix-decoder shows what they report, and their numbers.
+REGISTERS = "I048/250"
+# Items that asterix-decoder reads in another way.
+OTHERWISE = {
+    "I034/120",  # a height below 0 for one above
+    "I048/260",  # a register again, without its number
+    "I015/480",  # as zeros
+    "I015/600",  # deviations of positions as signed
+    "I015/601",  # correlations
+    "I015/602",  # and those of velocities, of a second coordinate without their sign
+    "I015/603",
+    "I015/628",  # elevations below 0 half a turn off
+    "I015/631",
+    "I062/135",  # in feet
+    "I062/136",
+    "I062/SP",
+}
+NOT_READ = {
+    "I015/030*2",  # these end the record before its end
+    "I015/604/RSVV",
+    "I015/626/SDDA",
+    "I015/626/CODVR",
+    "I015/626/CODVRR",
+    "I015/626/CODVRA",
+    "I048/020/IRMXPREP",  # its editions have fewer groups: 048 1.21, 062 1.18 and 063 1.3
+    "I062/080/M5I",
+    "I063/060/TTFEP",
+    "I062/380/TID*2",  # a point's number as signed
+    "I062/380/ACS",  # these are shown by what they mean
+    "I062/380/BDSDATA*2",
+    "I062/500/ABA",  # in feet
+}
+OF_DECODER = (CAT015, CAT025, CAT034, CAT048, CAT062_1_18, CAT063, CAT205)
+AS_DECODER = CATEGORIES | {62: CAT062_1_18}
+
+
+def values(value: Value) -> Iterator[Any]:
+    """From left to right."""
+    if isinstance(value, dict):
+        assert FURTHER not in value
+    members = value.values() if isinstance(value, dict) else value
+    if isinstance(members, (int, float, str, bytes)):
+        yield members
+        return
+    for member in members:
+        yield from values(member)
+
+
+def payloads_of(path: Path) -> list[bytes]:
+    with open_recording(path) as recording:
+        found = [each.payload for each in recording.reader.messages()]
+    assert found
+    return found
+
+
+def is_near(mine: Any, theirs: Any) -> bool:
+    is_float = isinstance(theirs, float)
+    return bool(mine == (pytest.approx(theirs, rel=1e-6, abs=1e-9) if is_float else theirs))
+
+
+def agree_with_decoder(records: list[Record], theirs: list[dict[str, Any]], but: set[str]) -> int:
+    """Both have the same items in the same records, with the same values; how many values."""
+    assert len(records) == len(theirs)
+    compared = 0
+    for record, other in zip(records, theirs, strict=True):
+        items = items_of(other)
+        assert record.category == other["category"]
+        assert set(record.items) == set(items) != set()
+        for name in set(items) - but:
+            mine, its = list(values(record.items[name])), values_of(items[name])
+            if name == REGISTERS:
+                mine = [f"{one:X}{two:X}" for one, two in zip(mine[1::3], mine[2::3], strict=True)]
+                its = [register["BDS"]["val"] for register in items[name]]
+            if name == "I048/240":  # it shows a character that does not exist as a blank
+                mine = [text.replace("?", " ") for text in mine]
+            near = [
+                pytest.approx(v, rel=1e-6, abs=1e-9) if isinstance(v, float) else v for v in its
+            ]
+            assert mine == near, name
+            compared += len(mine)
+    return compared
+
+
+@EVERY_RECORDING
+def test_asterix_decoder_reads_the_same_in_recordings(recording: Path) -> None:
+    payloads = payloads_of(recording)
+    records = [record for each in payloads for record in decode(each, AS_DECODER)]
+    theirs = [record for each in read_blocks(payloads) for record in each]
+    assert agree_with_decoder(records, theirs, OTHERWISE) >= 15
+
+
+def random_blocks(category: Category, rng: np.random.Generator) -> list[bytes]:
+    """Records of everything that can be sent and that asterix-decoder reads."""
+    paths = [path for path in every_path(category) if path not in NOT_READ]
+    encoder = Encoder(category, paths, constants=text_constants(category))
+    columns: dict[str, list[float]] = {}
+    for slot in numeric_slots(category):
+        assert isinstance(slot.part, Raw | Quantity)
+        low, high = slot.part.limits
+        lsb = 1.0
+        if isinstance(slot.part, Quantity):
+            high, lsb = (slot.part.modulus or high + 1) - 1, float(slot.part.lsb)
+        whole = rng.integers(low, high, 60, endpoint=True)
+        columns[slot.path] = (whole * lsb if isinstance(slot.part, Quantity) else whole).tolist()
+    return blocks_of(category.number, encoder.records(columns), encoder.record_length)
+
+
+def test_asterix_decoder_reads_every_item_that_we_can_send() -> None:
+    rng = np.random.default_rng(7)
+    sent = {category.number: random_blocks(category, rng) for category in OF_DECODER}
+    theirs = iter(read_blocks([block for each in sent.values() for block in each]))
+    for each in sent.values():
+        records = [record for block in each for record in decode(block, AS_DECODER)]
+        its = [record for _ in each for record in next(theirs)]
+        assert agree_with_decoder(records, its, OTHERWISE) > 60 * 12
+
+
+def test_asterix_decoder_reads_the_reports_of_every_encoder() -> None:
+    rng, first, n = np.random.default_rng(5), np.array([0]), 100
+    site = {"latitude_deg": 40.45, "longitude_deg": -3.73}
+    measured = {
+        "t_utc_ns": rng.integers(0, 2**60, n),
+        "range_m": rng.uniform(0, 4e5, n),
+        "azimuth_deg": rng.uniform(0, 360, n),
+        "amplitude_dbm": rng.uniform(-127, 127, n),
+        "range_rate_m_s": rng.uniform(-500, 500, n),
+    }
+    only_048 = {"run_length_deg": rng.uniform(0, 11, n), "height_m": rng.uniform(-500, 1e4, n)}
+    more = {"elevation_deg": rng.uniform(0, 80, n), "snr": 10 ** rng.uniform(0, 6, n)}
+    sigmas = {f"sigma_{of}": rng.uniform(0, 40, n) for of in
+              ("range_m", "azimuth_deg", "elevation_deg", "range_rate_m_s")}  # fmt: skip
+    radar = ServiceEncoder034(25, 3, antenna_period_s=2.5, place=(40.45, -3.73, 650.0))
+    estimated = {"height_m": 100.0, "climb_m_s": 1.0, "age_s": 0.5}
+    sent = [
+        *PlotEncoder048(25, 3).blocks(plots(**measured | only_048)),
+        *PlotEncoder015(25, 3).blocks(plots(**measured | more | sigmas)),
+        *BearingEncoder205(25, 3, **site).blocks(plots(**measured | more), 10**9),
+        *TrackEncoder062(25, 3).blocks(
+            tracks(track=[4711, 4712], **site, **estimated, sigma_east_m=1.0, sigma_north_m=2.0)
+        ),
+        *StatusEncoder025(25, 3, **site, height_m=700.0).blocks(np.array([10**9]), first),
+        *StatusEncoder063(25, 3).blocks(np.array([10**9]), first),
+        *radar.north_markers([10**9], first),
+        *radar.sector_crossings([0], [45.0], first),
+    ]
+    records = [record for block in sent for record in decode(block, AS_DECODER)]
+    theirs = [record for block in read_blocks(sent) for record in block]
+    but = OTHERWISE - {"I034/120", "I015/628"}  # of which none is below 0 here
+    assert agree_with_decoder(records, theirs, but) > 45 * n
+
+
+def leaves(variation: Any) -> Iterator[Any]:
+    """What libasterix has read, part by part."""
+    match variation:
+        case base.Element():
+            yield value_of(variation)
+        case base.RuleVariationDependent():
+            yield variation.bs.to_uinteger()
+        case base.Explicit():
+            return
+        case base.Compound():
+            for each in variation.cv_items_list:
+                if each and (found := variation.arg.get(each.cv_name)) is not None:
+                    yield from leaves(inside(found))
+        case base.Extended():
+            for group in variation.arg:
+                yield from (leaf for each in group if each for leaf in of_item(each))
+        case base.Group():
+            yield from (leaf for each in variation.arg for leaf in of_item(each))
+        case base.Repetitive():
+            yield from (leaf for each in variation.arg for leaf in leaves(each))
+
+
+def value_of(element: Any) -> Any:
+    rule = element._get_rule()
+    content = rule._get_content() if isinstance(rule, base.RuleContentContextFree) else None
+    match content:
+        case base.ContentQuantity():
+            return content._as_quantity()
+        case base.ContentInteger():
+            return content.as_integer()
+        case base.ContentString():
+            return content.as_string()
+        case _:
+            return element.as_uint()
+
+
+def inside(of: Any) -> Any:
+    rule = of.arg
+    return rule.arg if isinstance(rule, base.RuleVariationContextFree) else rule
+
+
+def of_item(item: Any) -> Iterator[Any]:
+    if isinstance(item, base.Item):
+        yield from leaves(inside(item.arg))
+
+
+def of_libasterix(record: Any, name: str) -> list[Any]:
+    """What libasterix has read in an item, such as I048/040, from left to right."""
+    return list(leaves(inside(record.get_item(name.partition("/")[2]))))
+
+
+def in_its_parts(name: str, value: Value) -> Value:
+    """An item whose parts are put together where libasterix does not cut them."""
+    match value:
+        case {"MBDATA": int(data), "BDS1": int(one), "BDS2": int(two)} if name == "I062/380":
+            return data << 8 | one << 4 | two
+        case {"PID": int(pair), "ON": int(number)} if name == "I015/480":
+            return pair << 24 | number
+        case dict():
+            return {key: in_its_parts(name, member) for key, member in value.items()}
+        case list():
+            return [in_its_parts(name, member) for member in value]
+        case _:
+            return value
+
+
+def is_same(mine: Any, theirs: Any) -> bool:
+    """Whether two values are one; libasterix drops what is no character."""
+    if isinstance(theirs, str):
+        is_text = isinstance(mine, str)
+        return not is_text or mine in (theirs,) or mine.replace("?", "") == theirs
+    if isinstance(mine, float):
+        return abs(mine - theirs) <= 1e-9 * max(1.0, abs(theirs))
+    return bool(mine == theirs)
+
+
+def agree_with_libasterix(record: Record, theirs: Any) -> int:
+    """Both have the same values in each item; how many."""
+    count = 0
+    for name, value in record.items.items():
+        mine = [v for v in values(in_its_parts(name, value)) if not isinstance(v, bytes)]
+        its = of_libasterix(theirs, name)
+        assert len(mine) == len(its), name
+        assert all(map(is_same, mine, its)), (name, mine, its)
+        count += len(mine)
+    return count
+
+
+def assert_cut_alike(number: int, body: bytes, theirs: Any) -> None:
+    """Our cutting without libasterix finds the record, twice in a block, and its items' ends."""
+    cut = list(records_in(Block(number, 2 * body, 0), OTHER_CATEGORIES))
+    assert [record.octets for record in cut] == [body, body]
+    for name, value in cut[1].items.items():
+        octets = inside(theirs.get_item(name.partition("/")[2])).unparse().to_bytes()
+        if isinstance(value, bytes):  # RE without its length
+            assert value in (octets, octets[1:])
+        elif isinstance(value, float):
+            assert value * 128 == int.from_bytes(octets, "big")
+        else:
+            assert isinstance(value, dict)
+            assert bytes(value.values()) == octets  # type: ignore[arg-type]
+
+
+def newest(number: int) -> Any:
+    """The newest edition of a category that libasterix knows."""
+    known = tables()
+    assert known
+    return max(known[0].manifest["CATS"][number], key=lambda each: each.cv_edition)
+
+
+NAMED = {1, 2, 19, 20, 21, 23, 65, 240, 247}
+OURS = {number: layout for number, layout in CATEGORIES.items() if number != 129}
+OURS[25] = CAT025_HALF_TURN  # as libasterix has it
+
+
+def test_libasterix_reads_random_records_of_every_category_as_we_do() -> None:
+    """By our own layouts, by those that are made of its tables, and cut without it."""
+    rng, known = Random(1), tables()  # noqa: S311
+    assert known
+    made = {n: found.category for n in known[0].manifest["CATS"] if (found := standard(n))}
+    assert made.keys() >= NAMED | OURS.keys()
+    for number, layout in [*OURS.items(), *made.items()]:
+        uap, always, seen = layout.uap, (), set[str]()
+        if number == 1:  # a plot, whose profile that is
+            uap, always = (None, None, *layout.uap[2:]), (2,)
+        profile = newest(number).cv_uap
+        kind = profile.cv_uaps["plot"] if hasattr(profile, "cv_uaps") else profile.cv_record
+        for _ in range(25):
+            body = slots_octets(uap, rng, *always)
+            (record,) = records_in(Block(number, body, 0), {number: layout})
+            read = kind.parse(base.ParsingMode.StrictParsing, base.Bits.from_bytes(body))
+            assert not isinstance(read, ValueError), (number, body.hex(), read)
+            theirs, rest = read
+            assert not len(rest), (number, body.hex())
+            agree_with_libasterix(record, theirs)
+            if number in OTHER_CATEGORIES:
+                assert_cut_alike(number, body, theirs)
+            seen |= record.items.keys()
+        assert seen == {item.name for item in uap if item}
+
+
+@EVERY_RECORDING
+def test_libasterix_reads_the_same_in_recordings(recording: Path) -> None:
+    count = 0
+    for payload in payloads_of(recording):
+        for block in blocks(payload):
+            read = newest(block.category).cv_uap.parse(base.Bits.from_bytes(block.body))
+            assert not isinstance(read, ValueError), read
+            for mine, theirs in zip(records_in(block), read, strict=True):
+                count += agree_with_libasterix(mine, theirs)
+    assert count >= 15
+
+
+def of_tshark(layer: Any) -> Iterator[tuple[str, list[Any]]]:
+    """Each item of a record by our name, with its values from left to right."""
+    for key, content in layer:
+        name = key.removeprefix("asterix.").replace("_", "/")
+        if name != "fspec":
+            yield f"I{name}", list(leaves_of_tshark(content))
+
+
+def leaves_of_tshark(content: Any) -> Iterator[Any]:
+    for key, value in content:
+        if isinstance(value, list):
+            yield from leaves_of_tshark(value)
+        elif key not in ("asterix.FX", "asterix.counter", "asterix.fspec") and "spare" not in key:
+            yield value
+
+
+def is_that(mine: Any, theirs: str) -> bool:
+    """Whether both are one value."""
+    if isinstance(mine, str):
+        return mine.replace("?", " ") == theirs or mine.isdigit()  # codes of Mode A are integers
+    number = int(theirs, 16) if theirs.startswith("0x") else float(theirs)
+    return bool(mine == pytest.approx(number, rel=1e-9, abs=1e-12))
+
+
+@EVERY_RECORDING
+def test_tshark_reads_the_same_in_recordings(recording: Path, tmp_path: Path) -> None:
+    payloads = payloads_of(recording)
+    path = tmp_path / "again.pcap"
+    sent = [message(each, content_type="application/x-asterix") for each in payloads]
+    path.write_bytes(written(PcapWriter, sent))
+    records = [r for p in payloads for b in blocks(p) for r in records_in(b)]
+    layers = [layer for name, layer in tshark_layers(path) if name == "asterix"]
+    found = [value for layer in layers for key, value in layer if key == "asterix.message"]
+    count = 0
+    for record, theirs in zip(records, found, strict=True):
+        items = dict(of_tshark(theirs))
+        assert set(items) == set(record.items)
+        for name, value in record.items.items():
+            if isinstance(value, bytes):
+                continue
+            ours = list(values(value))
+            if name == "I048/090" and ours[-1] < 0:  # it takes a level below 0 for one above
+                ours[-1] += 1 << 12
+            assert len(ours) == len(items[name]), (name, ours, items[name])
+            assert all(map(is_that, ours, items[name])), (name, ours, items[name])
+            count += len(ours)
+    assert count >= 15

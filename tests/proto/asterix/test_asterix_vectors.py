@@ -1,0 +1,421 @@
+"""Byte for byte what libasterix makes of integers that are worked out by hand.
+
+Each case has what an encoder is given in place of the usual, and what must come of it: libasterix
+only puts these integers in their places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from asterix.generated import (  # type: ignore[import-not-found]
+    Cat_015_1_2,
+    Cat_016_1_0,
+    Cat_025_1_6,
+    Cat_034_1_29,
+    Cat_048_1_32,
+    Cat_062_1_21,
+    Cat_063_1_7,
+    Cat_205_1_0,
+)
+from support.asterix_input import plots, tracks
+
+from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
+from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
+from plotfeed.proto.asterix.cat025 import StatusEncoder025
+from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.cat062 import StatusEncoder063, TrackEncoder062
+from plotfeed.proto.asterix.cat205 import BearingEncoder205
+
+OURS = 25, 3
+SOURCE = (("SAC", 25), ("SIC", 3))
+SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73}
+MIDNIGHT_NS = 1_700_006_400 * 10**9
+SECOND_NS = MIDNIGHT_NS + 10**9
+# The last that rounds to the day before, and the first that rounds to midnight.
+LAST_NS, NEXT_NS = MIDNIGHT_NS - 3_906_251, MIDNIGHT_NS - 3_906_250
+LAST = 11_059_199
+FIRST, ROWS = np.array([0]), 3
+
+Given = dict[str, Any]
+Integers = dict[str, int]
+Case = tuple[str, Given, Integers]
+
+
+def twos(value: int, bits: int) -> int:
+    """A number in two's complement."""
+    return value & (1 << bits) - 1
+
+
+def block_of(category: Any, items: Given) -> bytes:
+    """A data block of one record of libasterix, with the items that are there."""
+    there = {name: item for name, item in items.items() if item not in (None, {})}
+    record = category.cv_record.create(there)
+    return bytes(category.create([record]).unparse().to_bytes())
+
+
+def of_bits(sent: Integers, **bits: int) -> Integers:
+    """The subfields that are sent."""
+    return {name: twos(sent[name], size) for name, size in bits.items() if name in sent}
+
+
+PLOTS_048: list[Case] = [
+    ("2-D, no amplitude", {}, {}),
+    ("3-D", {"run_length_deg": 1.40625, "amplitude_dbm": -72.0, "height_m": 762.0},
+     {"PRL": 32, "PAM": -72, "3DH": 100}),
+    ("2-D with amplitude", {"run_length_deg": 0, "amplitude_dbm": 0}, {"PRL": 0, "PAM": 0}),
+    ("height alone", {"height_m": 0.0}, {"3DH": 0}),
+    ("amplitude alone", {"amplitude_dbm": -1.0}, {"PAM": -1}),
+    ("run length alone", {"run_length_deg": 5.0}, {"PRL": 114}),
+    ("range saturates", {"range_m": 474_112.0}, {"RHO": 65535}),
+    ("last range", {"range_m": 474_104.0}, {"RHO": 65535}),
+    ("no negative range", {"range_m": -20.0}, {"RHO": 0}),
+    ("a tie of range goes down to even", {"range_m": 18.0859375}, {"RHO": 2}),
+    ("a tie of range goes up to even", {"range_m": 10.8515625}, {"RHO": 2}),
+    ("a circle wraps", {"azimuth_deg": 360.0}, {"THETA": 0}),
+    ("rounding wraps", {"azimuth_deg": 359.999}, {"THETA": 0}),
+    ("last azimuth", {"azimuth_deg": 359.995}, {"THETA": 65535}),
+    ("west of north", {"azimuth_deg": -90.0}, {"THETA": 49152}),
+    ("last time of day", {"t_utc_ns": LAST_NS}, {"TOD": LAST}),
+    ("rounding reaches midnight", {"t_utc_ns": NEXT_NS}, {"TOD": 0}),
+    ("a tie of time goes down to even", {"t_utc_ns": MIDNIGHT_NS + 3_906_250}, {"TOD": 0}),
+    ("a tie of time goes up to even", {"t_utc_ns": MIDNIGHT_NS + 11_718_750}, {"TOD": 2}),
+    ("amplitude saturates below", {"amplitude_dbm": -200.0}, {"PAM": -128}),
+    ("amplitude saturates above", {"amplitude_dbm": 200.0}, {"PAM": 127}),
+    ("run length saturates", {"run_length_deg": 12.0}, {"PRL": 255}),
+    ("below sea level", {"height_m": -100.0}, {"3DH": -13}),
+    ("a tie of height goes to even", {"height_m": -3.81}, {"3DH": 0}),
+    ("height saturates above", {"height_m": 70_000.0}, {"3DH": 8191}),
+    ("height saturates below", {"height_m": -70_000.0}, {"3DH": -8192}),
+    ("approaches", {"range_rate_m_s": -12.4}, {"CAL": -12}),
+    ("speed saturates", {"range_rate_m_s": 600.0}, {"CAL": 511}),
+]  # fmt: skip
+
+
+def plot_048(sent: Integers, _row: int) -> bytes:
+    return block_of(
+        Cat_048_1_32,
+        {
+            "010": SOURCE,
+            "140": sent["TOD"],
+            "020": ((1, 1, 0, 0, 0, None),),
+            "040": (("RHO", sent["RHO"]), ("THETA", sent["THETA"])),
+            "130": of_bits(sent, PRL=8, PAM=8),
+            "110": (0, ("3DH", twos(sent["3DH"], 14))) if "3DH" in sent else None,
+            "120": {"CAL": (0, 0, twos(sent["CAL"], 10))} if "CAL" in sent else None,
+        },
+    )
+
+
+MONOSTATIC: list[Case] = [
+    ("2-D", {}, {}),
+    ("3-D with everything",
+     {"sigma_range_m": 0.26, "sigma_azimuth_deg": 0.5, "elevation_deg": 12.5,
+      "sigma_elevation_deg": 1.0, "snr": 100.0, "amplitude_dbm": -101.6},
+     {"SDR": 3, "SDASZ": 729, "EL": 4551, "SDEL": 1457, "RPS": 20, "RPP": -102}),
+    ("errors far below an LSB are those of rounding, rounded up",
+     {"sigma_range_m": 1e-3, "sigma_azimuth_deg": 0.0, "elevation_deg": 12.5,
+      "sigma_elevation_deg": 1e-9},
+     {"SDR": 1, "SDASZ": 3, "EL": 4551, "SDEL": 2}),
+    ("below the horizon", {"elevation_deg": -1.0}, {"EL": -364}),
+    ("straight down", {"elevation_deg": -90.0}, {"EL": -32768}),
+    ("straight up saturates", {"elevation_deg": 90.0}, {"EL": 32767}),
+    ("a range saturates", {"range_m": 838_861.0}, {"R": 8_388_607}),
+    ("a tie of range goes to even", {"range_m": 1000.25}, {"R": 10_002}),
+    ("a circle wraps", {"azimuth_deg": 360.0}, {"AZ": 0}),
+    ("rounding wraps", {"azimuth_deg": 359.999}, {"AZ": 0}),
+    ("west of north", {"azimuth_deg": -90.0}, {"AZ": 49_152}),
+    ("deviations saturate", {"sigma_range_m": 2e6, "sigma_azimuth_deg": 45.0},
+     {"SDR": 16_777_215, "SDASZ": 65_535}),
+    ("last time of day", {"t_utc_ns": LAST_NS}, {"TOA": LAST}),
+    ("rounding reaches midnight", {"t_utc_ns": NEXT_NS}, {"TOA": 0}),
+    ("SNR saturates", {"snr": 1e20}, {"RPS": 127}),
+    ("SNR below 1", {"snr": 0.5}, {"RPS": -3}),
+    ("amplitude saturates below", {"amplitude_dbm": -300.0}, {"RPP": -256}),
+    ("amplitude saturates above", {"amplitude_dbm": 300.0}, {"RPP": 255}),
+    ("of a class", {"kind": "multirotor"}, {"CLS": 300}),
+    ("approaches", {"range_rate_m_s": -12.34, "sigma_range_rate_m_s": 0.25},
+     {"DV": -1234, "SDDV": 17}),
+]  # fmt: skip
+MULTISTATIC: list[Case] = [
+    ("passive", {"sigma_bistatic_range_m": 12.34}, {"SDR": 124}),
+    ("a negative difference", {"bistatic_range_m": -12.3}, {"R": -123}),
+    ("saturates below", {"bistatic_range_m": -1e6}, {"R": -8_388_608}),
+]
+BEARINGS_015: list[Case] = [
+    ("microphones", {"elevation_deg": 30.0}, {"EL": 10_923}),
+    ("in a plane", {}, {}),
+]
+FIRST_OBSERVATION = (1 << 24) - 1
+
+
+def plot_015(sent: Integers, row: int) -> bytes:
+    powers = of_bits(sent, RPS=8)
+    if "RPP" in sent:
+        powers = {"RPP": (0, twos(sent["RPP"], 9)), **powers}
+    observation = (FIRST_OBSERVATION + row) % (1 << 24)
+    return block_of(
+        Cat_015_1_2,
+        {
+            "010": SOURCE,
+            "000": (1, 0),
+            "020": ((sent["MOMU"], 3, 3, 0, None),),
+            "145": sent["TOA"],
+            "300": [(sent["CLS"], 100)] if "CLS" in sent else None,
+            "400": (("PID", 2), ("ON", observation)) if sent["MOMU"] == 1 else None,
+            "625": of_bits(sent, R=24, SDR=24),
+            "626": of_bits(sent, DV=24, SDDV=16),
+            "627": of_bits(sent, AZ=16, SDASZ=16),
+            "628": of_bits(sent, EL=16, SDEL=16),
+            "630": powers,
+        },
+    )
+
+
+DIRECTIONS: list[Case] = [
+    ("bearing alone", {}, {}),
+    ("everything", {"amplitude_dbm": -80.0, "snr": 100.0, "elevation_deg": 5.004},
+     {"LEVEL": 2699, "QUALITY": 128, "ELEVATION": 500}),
+    ("a circle wraps", {"azimuth_deg": 360.0}, {"BEARING": 0}),
+    ("rounding wraps", {"azimuth_deg": 359.996}, {"BEARING": 0}),
+    ("last bearing", {"azimuth_deg": 359.99}, {"BEARING": 35_999}),
+    ("west of north", {"azimuth_deg": -90.0}, {"BEARING": 27_000}),
+    ("level saturates", {"amplitude_dbm": -1000.0}, {"LEVEL": -32_768}),
+    ("quality saturates", {"snr": 1e9}, {"QUALITY": 255}),
+    ("no quality below 0 dB", {"snr": 0.1}, {"QUALITY": 0}),
+    ("below the horizon", {"elevation_deg": -0.01}, {"ELEVATION": -1}),
+    ("measured long before it is sent", {"t_utc_ns": 5 * 10**9}, {}),
+]  # fmt: skip
+
+
+def direction_205(sent: Integers, row: int) -> bytes:
+    """A bearing from 40.45 N, 3.73 W, which is sent a second after midnight."""
+    names = {"180": ("LEVEL", 16), "190": ("QUALITY", 8), "200": ("ELEVATION", 16)}
+    return block_of(
+        Cat_205_1_0,
+        {
+            "010": SOURCE,
+            "000": 5,
+            "030": 128,
+            "040": (255 + row) % 256,
+            "050": (("LAT", 7_540_427), ("LON", twos(-695_322, 32))),
+            "070": sent["BEARING"],
+        }
+        | {item: twos(sent[n], bits) for item, (n, bits) in names.items() if n in sent},
+    )
+
+
+TRACKS: list[Case] = [
+    ("2-D", {}, {}),
+    ("everything", {"height_m": 762.0, "climb_m_s": -3.175, "age_s": 1.5, "sigma_east_m": 2.5,
+                    "sigma_north_m": 40_000.0},
+     {"ALTITUDE": 400, "RATE": -100, "AGE": 6, "SDX": 6, "SDY": 65_535}),
+    ("errors below an LSB", {"sigma_east_m": 0.0, "sigma_north_m": 0.49}, {"SDX": 1, "SDY": 2}),
+    ("begins, tentative", {"first": True, "tentative": True}, {"TSB": 1, "CNF": 1}),
+    ("ends, coasted", {"last": True, "coasted": True}, {"TSE": 1, "CST": 1}),
+    ("an age saturates", {"age_s": 100.0}, {"AGE": 255}),
+    ("below the ellipsoid", {"height_m": -10.0}, {"ALTITUDE": -5}),
+    ("the south-west", {"latitude_deg": -33.0, "longitude_deg": -70.5, "east_m": -1.0,
+                        "north_m": -0.75}, {"LAT": -6_151_646, "LON": -13_142_153, "X": -2,
+                                            "Y": -2}),
+    ("velocities saturate", {"velocity_east_m_s": 1e4, "velocity_north_m_s": -1e4},
+     {"VX": 32_767, "VY": -32_768}),
+    ("rounding reaches midnight", {"t_utc_ns": NEXT_NS}, {"TOD": 0}),
+]  # fmt: skip
+A_TRACK = {
+    "t_utc_ns": MIDNIGHT_NS, "track": 4711, "latitude_deg": 40.0, "longitude_deg": 3.0,
+    "east_m": 100.0, "north_m": 200.0, "velocity_east_m_s": 10.0, "velocity_north_m_s": -10.0,
+}  # fmt: skip
+TRACK_SENT = {"TOD": 0, "LAT": 7_456_540, "LON": 559_241, "X": 200, "Y": 400, "VX": 40, "VY": -40}
+
+
+def track_062(sent: Integers, _row: int) -> bytes:
+    high, coasted = "ALTITUDE" in sent, sent.get("CST", 0)
+    begins, ends = sent.get("TSB", 0), sent.get("TSE", 0)
+    return block_of(
+        Cat_062_1_21,
+        {
+            "010": SOURCE,
+            "070": sent["TOD"],
+            "105": (("LAT", twos(sent["LAT"], 32)), ("LON", twos(sent["LON"], 32))),
+            "100": (("X", twos(sent["X"], 24)), ("Y", twos(sent["Y"], 24))),
+            "185": (("VX", twos(sent["VX"], 16)), ("VY", twos(sent["VY"], 16))),
+            "040": 4711,
+            "080": (
+                (1, 0, 1, 2 if high else 0, sent.get("CNF", 0), None),
+                (1, ends, begins, 0, 0, 0, 0, None),
+                (0, 0, 0, 0, 0, None),
+                (coasted, coasted, 0, 0, 0, 0, 0, None),
+            ),
+            "130": twos(sent["ALTITUDE"], 16) if high else None,
+            "220": twos(sent["RATE"], 16) if "RATE" in sent else None,
+            "290": {"PSR": sent["AGE"]} if "AGE" in sent else None,
+            "500": {"APC": (("X", sent["SDX"]), ("Y", sent["SDY"]))} if "SDX" in sent else None,
+        },
+    )
+
+
+def encoded_015(geometry: Geometry) -> Callable[[Given], list[bytes]]:
+    encoder = PlotEncoder015(*OURS, geometry=geometry, classes={"multirotor": 300})
+    return lambda columns: encoder.blocks(plots(**columns), FIRST_OBSERVATION)
+
+
+class Kind(NamedTuple):
+    """Reports of one kind."""
+
+    encode: Callable[[Given], list[bytes]]
+    expect: Callable[[Integers, int], bytes]  # Of the integers of a row
+    usual: tuple[Given, Integers]
+    cases: Sequence[Case]
+
+
+PLOT: Given = {"t_utc_ns": MIDNIGHT_NS, "azimuth_deg": 90.0}
+NO_RANGE, AT_1_KM = {"range_m": np.nan}, {"range_m": 1000.0}
+SENT_015 = {"TOA": 0, "AZ": 16_384}
+PAIR = {"bistatic_range_m": 1000.0, "range_m": 600.0, "channel": 2}
+KINDS = {
+    "048": Kind(
+        lambda columns: PlotEncoder048(*OURS).blocks(plots(**columns)),
+        plot_048,
+        (PLOT | {"range_m": 18520.0}, {"TOD": 0, "RHO": 2560, "THETA": 16384}),
+        PLOTS_048,
+    ),
+    "015": Kind(
+        encoded_015(Geometry.MONOSTATIC),
+        plot_015,
+        (PLOT | AT_1_KM, SENT_015 | {"R": 10_000, "MOMU": 0}),
+        MONOSTATIC,
+    ),
+    "015 multistatic": Kind(
+        encoded_015(Geometry.MULTISTATIC),
+        plot_015,
+        (PLOT | PAIR, SENT_015 | {"R": 10_000, "MOMU": 1}),
+        MULTISTATIC,
+    ),
+    "015 bearings": Kind(
+        encoded_015(Geometry.OTHER), plot_015, (PLOT | NO_RANGE, SENT_015 | {"MOMU": 2}),
+        BEARINGS_015,
+    ),
+    "205": Kind(
+        lambda columns: BearingEncoder205(*OURS, **SITE).blocks(plots(**columns), SECOND_NS, 255),
+        direction_205,
+        ({"azimuth_deg": 90.0}, {"BEARING": 9000}),
+        DIRECTIONS,
+    ),
+    "062": Kind(
+        lambda columns: TrackEncoder062(*OURS).blocks(tracks(**columns)),
+        track_062,
+        (A_TRACK, TRACK_SENT),
+        TRACKS,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "sent"),
+    [
+        pytest.param(name, given, sent, id=f"{name} {case}")
+        for name, kind in KINDS.items()
+        for case, given, sent in kind.cases
+    ],
+)
+def test_records_are_those_of_libasterix(name: str, given: Given, sent: Integers) -> None:
+    kind = KINDS[name]
+    usual, usually_sent = kind.usual
+    columns = {column: [value] * ROWS for column, value in (usual | given).items()}
+    blocks = kind.encode(columns)
+    expected = [kind.expect(usually_sent | sent, row) for row in range(ROWS)]
+    assert all(int.from_bytes(block[1:3], "big") == len(block) for block in blocks)
+    assert b"".join(block[3:] for block in blocks) == b"".join(each[3:] for each in expected)
+    assert {block[0] for block in blocks} == {each[0] for each in expected}
+    assert len(blocks) == (ROWS if name == "205" else 1)
+
+
+# Where the radar stands, south and west and below the ellipsoid, and what is sent of it.
+PLACE = [-34.5, -58.25, -12.4]
+SENT_PLACE = [("HGT", -12, 16), ("LAT", -1_607_817, 24), ("LON", -2_714_647, 24)]
+PERIOD_S = 4.9453125  # 633 / 128
+
+
+# Time, sector azimuth (None: north marker), and what is sent: time of day, sector.
+@pytest.mark.parametrize(
+    ("t_utc_ns", "azimuth_deg", "time_of_day", "sector"),
+    [
+        (SECOND_NS, None, 128, None),
+        (MIDNIGHT_NS - 7_812_500, None, LAST, None),
+        (MIDNIGHT_NS - 1, None, 0, None),
+        (SECOND_NS, 11.25, 128, 8),
+        (SECOND_NS, 0.0, 128, 0),
+        (SECOND_NS, 360.0, 128, 0),
+        (SECOND_NS, 358.59375, 128, 255),
+        (SECOND_NS, 359.5, 128, 0),  # rounding wraps
+    ],
+)
+def test_service_messages_in_034(
+    t_utc_ns: int, azimuth_deg: float | None, time_of_day: int, sector: int | None
+) -> None:
+    encoder = ServiceEncoder034(*OURS, antenna_period_s=PERIOD_S, place=PLACE)
+    place = tuple((name, twos(value, bits)) for name, value, bits in SENT_PLACE)
+    items: Given = {"010": SOURCE, "030": time_of_day}
+    if azimuth_deg is None:
+        found = encoder.north_markers([t_utc_ns], FIRST)
+        items |= {"000": 1, "041": 633, "120": place}
+    else:
+        found = encoder.sector_crossings([t_utc_ns], [azimuth_deg], FIRST)
+        items |= {"000": 2, "020": sector}
+    assert found == [block_of(Cat_034_1_29, items)]
+
+
+def test_systems_in_016() -> None:
+    """Of a passive radar with two transmitters."""
+    stations = [
+        Component(identity=10, latitude_deg=40.0, longitude_deg=-3.0, height_m=700.1),
+        Component(identity=11, latitude_deg=-40.0, longitude_deg=180.0, height_m=-9000.0),
+    ]
+    receiver = Component(identity=20, latitude_deg=0.0, longitude_deg=-180.0, height_m=0.0)
+    pairs = [Pair(identity=p, transmitter=t, receiver=20) for p, t in ((1, 10), (2, 11))]
+    system = System(
+        sac=25, sic=3, pairs=pairs, transmitters=stations, receivers=[receiver], reference=receiver
+    )
+    encoder = SystemEncoder016([system], period_s=10, geoid_undulation_m=52.0)
+    half_turn, common = 1 << 31, {"010": SOURCE, "140": 128}
+    north, south, west = 477_218_588, twos(-477_218_588, 32), twos(-35_791_394, 32)
+    assert encoder.blocks(SECOND_NS) == [
+        block_of(Cat_016_1_0, common | items)
+        for items in (
+            {
+                "000": 1,
+                "200": 10,
+                "300": [(1, 10, 20), (2, 11, 20)],
+                "400": (("LAT", 0), ("LON", half_turn)),
+                "405": twos(-208, 16),
+            },
+            {
+                "000": 2,
+                "410": [
+                    (10, north, west, 2800, 0, 0, 0, 0),
+                    (11, south, half_turn, twos(-32_768, 16), 0, 0, 0, 0),
+                ],
+                "420": [(20, 0, half_turn, 0)],
+            },
+        )
+    ]
+
+
+def test_status_in_025_and_063() -> None:
+    once = np.array([SECOND_NS]), FIRST
+    system = StatusEncoder025(*OURS, **SITE, height_m=652.0, geoid_undulation_m=52.0)
+    status = {
+        "010": SOURCE,
+        "000": (1, 0),
+        "070": 128,
+        "100": ((0, 0, 0, None), (0, 0, 0, None)),
+        "600": (("LAT", 965_174_595), ("LON", twos(-44_500_633, 32))),
+        "610": 2400,
+    }
+    assert system.blocks(*once) == [block_of(Cat_025_1_6, status)]
+    works = {"010": SOURCE, "030": 128, "050": SOURCE, "060": ((0, 0, 0, 0, 0, 0, None),)}
+    assert StatusEncoder063(*OURS).blocks(*once) == [block_of(Cat_063_1_7, works)]
