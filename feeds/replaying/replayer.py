@@ -467,15 +467,15 @@ class Replayer:
                 if self._settings.stands_at_ns is None or rush is not None:
                     return
                 next_ns = self._control.stand(self._settings.stands_at_ns)
-            if next_ns is None:
-                await self._news.wait()
+            is_reading = self._ahead.peek() is None and not self._ahead.finished
+            if next_ns is None or (is_reading and rush is None and self.clock.can_wait):
+                await self._news.wait()  # what comes next may be due before what is ready
             else:
                 await (self._sleep(next_ns) if rush is None else self._breathe())
 
     async def _sleep(self, until_ns: int) -> None:
         """Wait until then or for news; exactly where something is to be sent."""
-        is_to_send = until_ns == self._schedule.next_due_ns()
-        await self.clock.sleep_until(until_ns, exactly=is_to_send)
+        await self.clock.sleep_until(until_ns, exactly=until_ns == self._schedule.next_due_ns())
 
     def _begin(self) -> None:
         """Begin as soon as the first message has been read."""
