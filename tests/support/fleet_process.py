@@ -35,9 +35,10 @@ class Fleet:
         self.client = MqttReceiver(port, 5, "plotfeed/#")
         url = f"mqtt://127.0.0.1:{by_port or port}"
         words = ["fleet", str(scene), "--broker", url, *more]
-        with errors.open("w") as file:
+        self._out = errors.with_name("out")
+        with self._out.open("w") as out, errors.open("w") as err:
             self.process = subprocess.Popen(
-                [*PLOTFEED, *words], stdout=subprocess.DEVNULL, stderr=file
+                [*PLOTFEED, *words], stdout=out, stderr=err, start_new_session=True
             )
 
     def statuses(self) -> dict[int, dict[str, Any]]:
@@ -85,10 +86,14 @@ class Fleet:
         """The process that has a part."""
         return int(self.statuses()[part]["worker"].rpartition(":")[2])
 
-    def end(self) -> int:
-        """Have it end: its exit code."""
-        self.process.terminate()
+    def end(self, how: signal.Signals = signal.SIGTERM) -> int:
+        """Have it end with all of its processes, as a terminal does: its exit code."""
+        os.killpg(self.process.pid, how)
         return self.process.wait(120)
+
+    def said(self) -> Any:
+        """What it has printed, in JSON."""
+        return json.loads(self._out.read_text())
 
     def verdict(self, more_gaps: Iterable[dict[str, Any]] = ()) -> Verdict:
         """What was heard of plots and tracks against what one process sends."""

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.engine.engine import Engine
-from plotfeed.feeds.engine.intake import AT_ONCE, Intake
+from plotfeed.feeds.engine.intake import Intake
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.telemetry.fair_queue import MAX_OF_TOPIC
 from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, PositionReport
-from plotfeed.feeds.telemetry.receiver import TelemetryReceiver, look_back_s
+from plotfeed.feeds.telemetry.receiver import MAX_REFUSALS_PER_S, TelemetryReceiver, look_back_s
 from plotfeed.models.state import AltitudeReference
 from plotfeed.models.truth import Trajectories
 
@@ -102,7 +102,7 @@ def test_a_drone_at_10_hz_is_never_stale_beside_50_000_messages_a_second(scene: 
     """The machine takes in as much as the least that a tick takes, whatever comes."""
     intake, flood, sent = Told(scene), 500, 0
     payloads = {"garbage": b"\xff\xff", "oversized": b"{" * 5_000}
-    for tick in range(500):
+    for tick in range(150):
         now_ns = NOW + tick * TICK_NS
         if tick % 10 == 0:
             intake.come("quiet", report(now_ns, (1.0, 0.0, 0.0)))
@@ -117,17 +117,17 @@ def test_a_drone_at_10_hz_is_never_stale_beside_50_000_messages_a_second(scene: 
         assert len(intake.inputs) <= 2 * MAX_OF_TOPIC
     totals = intake.totals
     assert totals.flooded > 0.8 * sent
-    assert totals.telemetry + totals.conflated + totals.refused + len(intake.inputs) == sent + 50
+    assert totals.telemetry + totals.conflated + totals.refused + len(intake.inputs) == sent + 15
     assert "flood" in intake.reasons
     errors = [json.loads(error.payload) for error in intake.errors]
     flooded = [error for error in errors if error["reason"] == "flood"]
     assert {error["drone"] for error in flooded} == {"flood"}
-    assert len(errors) <= 50 * 6
+    assert len(errors) <= 2 * MAX_REFUSALS_PER_S  # 1.5 s
 
 
 def test_ten_thousand_names_in_a_flood_neither_blind_nor_fill_the_session(scene: Scene) -> None:
     intake, latest = Told(scene), 0.0
-    for tick in range(300):
+    for tick in range(100):
         now_ns = NOW + tick * TICK_NS
         if tick % 10 == 0:
             intake.come("quiet", report(now_ns, (1.0, 0.0, 0.0)))
@@ -140,18 +140,6 @@ def test_ten_thousand_names_in_a_flood_neither_blind_nor_fill_the_session(scene:
     assert intake.trajectories.names == ["quiet"]
 
 
-def test_commands_come_first(scene: Scene) -> None:
-    intake = Told(scene)
-    for i in range(AT_ONCE + 1):
-        intake.come(f"d{i}", report(NOW))
-    intake.inputs.queue("plotfeed/control", b"{}", None)
-    intake.tick(NOW, budget=0)
-    assert [topic for topic, _, _ in intake.told] == ["plotfeed/control"]
-    assert intake.reasons == {"control"}
-    intake.tick(NOW)
-    assert len(intake.told) == AT_ONCE + 2
-
-
 def test_a_flood_of_commands_takes_no_more_than_a_tick_has_and_starves_no_telemetry(
     scene: Scene,
 ) -> None:
@@ -162,7 +150,8 @@ def test_a_flood_of_commands_takes_no_more_than_a_tick_has_and_starves_no_teleme
         intake.come("quiet", report(NOW + i * MS))
     intake.tick(NOW, budget=3)
     topics = [topic for topic, _, _ in intake.told]
-    assert topics[:4] == ["plotfeed/control"] * 4
+    assert topics[:4] == ["plotfeed/control"] * 4  # these come first
+    assert "control" in intake.reasons
     assert set(topics[4:]) == {"plotfeed/telemetry/quiet"}
     intake.tick(NOW)
     assert [topic for topic, _, _ in intake.told].count("plotfeed/control") == 500
@@ -215,7 +204,7 @@ DRONES = ("a", "b", "c")
 STEPS_MS = st.integers(1, 300) | st.sampled_from([2_999, 3_001])
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     st.lists(st.tuples(st.sampled_from(DRONES), STEPS_MS), min_size=1, max_size=80),
     st.sets(st.sampled_from(DRONES)),
@@ -258,7 +247,7 @@ def test_a_batch_makes_the_truth_that_its_reports_make_one_by_one(
 def test_what_was_taken_in_is_told_in_order_and_makes_the_same_again(scene: Scene) -> None:
     first, again = Told(scene), Told(scene)
     rng = np.random.default_rng(3)
-    for tick in range(200):
+    for tick in range(100):
         now_ns = NOW + tick * TICK_NS
         for drone in rng.integers(0, 200, 60):
             first.come(f"d{drone}", report(now_ns - int(rng.integers(0, 6_000)) * MS))

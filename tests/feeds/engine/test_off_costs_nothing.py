@@ -124,20 +124,17 @@ def test_the_test_sees_what_is_named(kind: str) -> None:
     counts = instructions_of(lambda: at.report(sector))
     stems = {Path(file).stem for file, _ in counts}
     assert "readings" in stems
-    if "doppler" in known:
-        assert {"doppler", "merging"} <= stems
-    if "classifier" in known:
-        assert "classification" in stems
-    if "layout" in known:
-        assert "microphone_layout" in stems
-    if "pulses" in known:
-        assert "pulse_intervals" in stems
-    if "decorrelation_s" in known:
-        assert "target_echoes" in stems
-    if "antenna" in known:
-        assert "echo_effects" in stems
-    if "multipath" in known:
-        assert "surroundings" in stems
+    modules = {
+        "doppler": {"doppler", "merging"},
+        "classifier": {"classification"},
+        "layout": {"microphone_layout"},
+        "pulses": {"pulse_intervals"},
+        "decorrelation_s": {"target_echoes"},
+        "antenna": {"echo_effects"},
+        "multipath": {"surroundings"},
+    }
+    for key in known & modules.keys():
+        assert modules[key] <= stems
 
 
 def test_what_stands_in_the_way_is_seen_too(tmp_path: Path) -> None:

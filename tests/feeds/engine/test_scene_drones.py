@@ -271,39 +271,36 @@ def test_a_random_formation_is_by_the_seed_and_within_its_cylinder() -> None:
             {"contingency": [{"kind": "hold", "at_s": 9.0}, {"kind": "resume", "at_s": 9.0}]},
             r"contingency\[1\].at_s of 'a': must be above",
         ),
+        (
+            {"contingency": [{"kind": "hold", "at_s": 5e3}]},
+            r"'a': hold: it is not there then.*\[0\]",
+        ),
     ],
 )
 def test_what_no_drone_can_fly_is_refused_with_its_key(
     drone: dict[str, Any], expected: str
 ) -> None:
     given = {k: v for k, v in on_legs(**drone).items() if v is not None}
-    with pytest.raises(SceneError, match=expected):
+    with pytest.raises(PlotfeedError, match=expected):
         Flown(given)
 
 
 @pytest.mark.parametrize(
-    ("more", "expected"),
+    ("swarms", "expected"),
     [
-        ({"swarm": [SWARM, SWARM]}, r"swarm\[1\].id: the id 's' is used twice"),
-        ({"drone": [on_path(id="s-3")], "swarm": [SWARM]}, r"swarm\[0\].id: the id 's-3' is used"),
-        ({"swarm": [SWARM | {"number": 0}]}, r"swarm\[0\].number of 's'"),
+        ([SWARM, SWARM], r"swarm\[1\].id: the id 's' is used twice"),
+        ([SWARM | {"id": "a", "number": 0}], r"swarm\[0\].number of 'a'"),
         (
-            {"swarm": [SWARM | {"claim": [{"from_s": 1.0, "freeze": True}]}]},
+            [SWARM | {"claim": [{"from_s": 1.0, "freeze": True}]}],
             r"swarm\[0\].claim of 's': the drone says nothing: it is not \[cooperative\]",
         ),
     ],
 )
 def test_swarms_that_cannot_be_are_refused_with_their_key(
-    more: dict[str, Any], expected: str
+    swarms: list[dict[str, Any]], expected: str
 ) -> None:
     with pytest.raises(SceneError, match=expected):
-        Flown(*more.pop("drone", []), **more)
-
-
-def test_what_cannot_happen_is_told_with_its_place() -> None:
-    late = {"kind": "hold", "at_s": 5000.0}
-    with pytest.raises(PlotfeedError, match=r"drone 'a': hold: it is not there then.*\[0\]"):
-        Flown(on_path(late))
+        Flown(on_path(), swarm=swarms)
 
 
 def test_one_by_latitude_is_moved_like_one_by_metres() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Collection, Iterable
 from itertools import cycle
 from typing import Any
 
@@ -10,15 +11,15 @@ import numpy as np
 from support.dice import Dice
 from support.random_sensors import SENSOR_MAKERS
 
-from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.engine.scene_drones import launch
+from plotfeed import Engine, Scene
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.truth import Trajectories
+from plotfeed.feeds.scene.changes import command_of
+from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
+from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS, radar, rotating, scene, staring, waypoint
 
-S = 1_000_000_000
-DURATION_NS = 3 * S
+END_NS = START_NS + 2 * NS
 EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
 KINDS: dict[str, dict[str, Any]] = {
     "staring": radar(pfa=1e-6, scan=staring(0.5)),
@@ -37,30 +38,40 @@ EFFECTS: list[dict[str, Any]] = [
     {"degradation": {"pd_factor": 0.7, "false_alarm_factor": 3.0, "error_factor": 2.0}},
 ]
 EVENTS = [
-    {"from_s": 0.9, "to_s": 2.3, "set": {"pfa": 1e-4}},
-    {"from_s": 1.1, "to_s": 1.55, "set": {"enabled": False}},
+    {"from_s": 0.6, "to_s": 1.5, "set": {"pfa": 1e-4}},
+    {"from_s": 0.7, "to_s": 1.05, "set": {"enabled": False}},
 ]
 
 
+def formats_of(sensor: dict[str, Any], by_chance: random.Random) -> list[str]:
+    """Some in which it may report."""
+    rows = [REPORT_FORMATS[name] for name in SENSORS[sensor["type"]].formats]
+    measures_azimuth = sensor.get("measures_azimuth", True)
+    names = [
+        row.name
+        for row in rows
+        if not row.tells_tracks and (measures_azimuth or not row.needs_azimuth)
+    ]
+    return by_chance.sample(names, by_chance.randint(1, len(names)))
+
+
 def sensors(seed: int) -> list[dict[str, Any]]:
-    """Three of each kind, elsewhere and of other power; radars with effects, jitter, events."""
+    """Two of each kind, elsewhere, in other formats; radars with effects, jitter, events."""
     by_chance = random.Random(seed)  # noqa: S311
     effects = cycle([*EFFECTS, {}, {}, {}, {}])
     found = []
     for kind, keys in KINDS.items():
-        for i in range(3):
-            one = keys | {
-                "id": f"{kind}-{i}",
-                "position_enu_m": [by_chance.uniform(-3e3, 3e3), by_chance.uniform(-3e3, 3e3), 0.0],
-            }
+        for i in range(2):
+            place = [by_chance.uniform(-3e3, 3e3), by_chance.uniform(-3e3, 3e3), 0.0]
+            one = keys | {"id": f"{kind}-{i}", "position_enu_m": place}
+            one |= {"report": formats_of(one, by_chance), "sac": i, "sic": len(found)}
             if one["type"] == "active_radar":
                 one |= {"power_w": by_chance.uniform(300.0, 900.0)}
-                one |= next(effects) | ({"event": EVENTS} if i == 2 else {})
-                if (
-                    "degradation" not in one and by_chance.random() < 0.3
-                ):  # by factors of its own, in one pass with others
-                    one["degradation"] = {"pd_factor": by_chance.uniform(0.2, 0.9)}
-                    one["degradation"] |= {"error_factor": by_chance.uniform(1.0, 3.0)}
+                one |= next(effects) | ({"event": EVENTS} if i == 1 else {})
+                # By factors of its own, in one pass with others.
+                if "degradation" not in one and by_chance.random() < 0.3:
+                    factors = {"pd_factor": by_chance.uniform(0.2, 0.9)}
+                    one["degradation"] = factors | {"error_factor": by_chance.uniform(1.0, 3.0)}
                 if "sectors" in one["scan"] and i == 0:
                     one["scan"] = one["scan"] | {"jitter_ms": 2.0}
             found.append(one)
@@ -85,77 +96,58 @@ def drones(seed: int, n: int = 12) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def at_work(made: Scene, which: list[int] | None = None) -> EmulatedSensors:
-    trajectories = Trajectories(stale_after_s=3.0)
-    launch(made, trajectories, START_NS)
-    chosen = made.sensor if which is None else [made.sensor[i] for i in which]
-    found = EmulatedSensors(made, trajectories, chosen)
-    found.start(START_NS)
-    return found
-
-
-def in_stretches(sensors: EmulatedSensors, ends_ns: list[int]) -> dict[str, list[Message]]:
-    """Messages of each sensor, in its order."""
+def said(engine: Engine, *ends_ns: int) -> dict[str, list[Message]]:
+    """By each sensor, in its order, in stretches that end then."""
     found: dict[str, list[Message]] = {}
     for end_ns in ends_ns:
-        for batch in sensors.seen(end_ns):
-            of = batch.sectors.sensor.tolist()
-            for i, messages in zip(of, sensors.messages(batch), strict=True):
-                found.setdefault(batch.sensors[i], []).extend(messages)
+        for batch in engine.until(end_ns):
+            for i, some in zip(batch.sectors.sensor.tolist(), batch.messages, strict=True):
+                found.setdefault(batch.sensors[i], []).extend(some)
     return found
 
 
-END_NS = START_NS + DURATION_NS
+def made_of(sensors: list[dict[str, Any]], seed: int, n: int = 12) -> Scene:
+    """Every second of the sensors goes to a destination that takes short blocks alone, too."""
+    udp = [
+        {"destination": f"127.0.0.1:{5000 + i}", "sensors": [one["id"]], "max_octets": 128 + 64 * i}
+        for one in sensors
+        for i in [one["sic"]]
+        if i % 2
+    ]
+    return scene(sensors, drones(seed, n), seed=seed, udp=udp)
+
+
+def by_one_of(made: Scene, ends_ns: Iterable[int], which: Collection[str] | None = None) -> Any:
+    return said(Engine(made, START_NS, sensors=which), *ends_ns)
 
 
 def test_no_octet_depends_on_how_time_is_cut_into_ticks() -> None:
-    seed = 1
-    made = scene(sensors(seed), drones(seed), seed=seed)
-    whole = in_stretches(at_work(made), [END_NS])
-    by_ticks = in_stretches(at_work(made), [*range(START_NS, END_NS, S // 100), END_NS])
-    by_chance = sorted(np.random.default_rng(seed).integers(START_NS, END_NS, 60).tolist())
-    assert by_ticks == whole
-    assert in_stretches(at_work(made), [*by_chance, END_NS]) == whole
-    assert len(whole) == 3 * len(KINDS)
-    assert sum(map(len, whole.values())) > 1500
+    made = made_of(sensors(1), 1)
+    whole = by_one_of(made, [END_NS])
+    by_chance = sorted(np.random.default_rng(1).integers(START_NS, END_NS, 30).tolist())
+    assert by_one_of(made, [*range(START_NS, END_NS, NS // 25), END_NS]) == whole
+    assert by_one_of(made, [*by_chance, END_NS]) == whole
+    assert len(whole) == 2 * len(KINDS)
+    assert sum(map(len, whole.values())) > 700
 
 
 def test_no_octet_of_a_sensor_depends_on_who_else_is_there() -> None:
-    seed = 4
-    made = scene(sensors(seed), drones(seed, 40), seed=seed)
-    together = in_stretches(at_work(made), [END_NS])
-    numbers = np.random.default_rng(seed).permutation(len(made.sensor)).tolist()
-    for part in (numbers[:1], numbers[1:8], numbers[8:]):
-        some = in_stretches(at_work(made, part), [END_NS])
-        assert some == {made.sensor[i].id: together[made.sensor[i].id] for i in part}
+    every = sensors(4)
+    made = made_of(every, 4, 40)
+    together = by_one_of(made, [END_NS])
+    names = np.random.default_rng(4).permutation([sensor.id for sensor in made.sensor]).tolist()
+    for part in (names[:1], names[1:8], names[8:]):
+        assert by_one_of(made, [END_NS], part) == {name: together[name] for name in part}
+    assert by_one_of(made_of([*reversed(every)], 4, 40), [END_NS]) == together
 
 
 def test_control_in_mid_run_changes_that_sensor_alone_from_the_next_sector_on() -> None:
     made = scene([radar(id=f"r{i}", scan=rotating(1.0, 32)) for i in range(4)], drones(7), seed=7)
-    middle_ns = START_NS + S
-    plain = in_stretches(at_work(made), [middle_ns, END_NS])
-    changed = at_work(made)
-    found = in_stretches(changed, [middle_ns])
-    changed.control(2, {"enabled": False}, middle_ns)
-    for sensor, messages in in_stretches(changed, [END_NS]).items():
+    middle_ns = START_NS + NS
+    plain, engine = by_one_of(made, [middle_ns, END_NS]), Engine(made, START_NS)
+    found = said(engine, middle_ns)
+    engine.obey(command_of({"sensor": "r2", "set": {"enabled": False}}), middle_ns)
+    for sensor, messages in said(engine, END_NS).items():
         found[sensor] += messages
     assert {name for name in plain if found[name] != plain[name]} == {"r2"}
-    of_r2 = [message.due_utc_ns for message in found["r2"]]
-    assert min(of_r2) < middle_ns
-    assert max(of_r2) < middle_ns
-
-
-def test_echoes_merge_with_those_of_their_own_turn_however_many_are_worked_out_at_once() -> None:
-    """Two that fly side by side, in so many turns that those of others would be the nearest."""
-    side_by_side = [
-        {
-            "id": f"d{i}", "speed_m_s": 8.0, "repeat": True, "rcs_m2": 1.0,
-            "path": [waypoint(60.0 + 0.3 * i, 5.0, 1600.0 + 15.0 * i), waypoint(80.0, 5.0, 1900.0)],
-        }
-        for i in range(2)
-    ]  # fmt: skip
-    sensor = radar(scan=rotating(0.5, 16), merging={"range_m": 60.0, "azimuth_deg": 4.0})
-    made = scene([sensor], side_by_side, seed=8)
-    end_ns = START_NS + 20 * S
-    by_ticks = in_stretches(at_work(made), [*range(START_NS, end_ns, S // 100), end_ns])
-    assert in_stretches(at_work(made), [end_ns]) == by_ticks
+    assert max(message.due_utc_ns for message in found["r2"]) <= middle_ns

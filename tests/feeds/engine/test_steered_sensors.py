@@ -9,8 +9,7 @@ import pytest
 from scipy import stats
 from support.significance import assert_law, assert_standard_normal, assert_sum
 
-from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
-from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
+from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.scene import SceneError
@@ -141,13 +140,9 @@ def test_what_is_seen_does_not_depend_on_how_much_is_worked_out_at_once() -> Non
     made = scene([second, camera(), radar(pfa=1e-7, scan=rotating(1.0, 8))], drones, seed=7)
 
     def plots(stretch_ns: int) -> list[tuple[int, int, float]]:
-        trajectories = trajectories_of(made)
-        launch(made, trajectories, START_NS)
-        emulated = EmulatedSensors(made, trajectories)
-        emulated.start(START_NS)
-        found = []
-        for before_ns in range(START_NS + stretch_ns, START_NS + 12 * NS + 1, stretch_ns):
-            for one in emulated.seen(before_ns):
+        engine, found = Engine(made, START_NS), []
+        for end_ns in range(START_NS + stretch_ns, START_NS + 12 * NS + 1, stretch_ns):
+            for one in engine.until(end_ns, messages=False):
                 sensor = np.repeat(one.sectors.sensor, np.diff(one.plots_by)).tolist()
                 times, azimuths = one.plots.t_utc_ns.tolist(), one.plots.azimuth_deg.tolist()
                 found += list(zip(sensor, times, azimuths, strict=True))

@@ -23,7 +23,7 @@ from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.models.truth import Trajectories
 
 START_NS = 1_767_268_800_000_000_000
-SECONDS = 12.0
+SECONDS = 8.0
 # Hindrances of what no sensor looks at.
 WITHIN = {"range", "elevation", "direction", "nothing to sense", "off"}
 OF_PAIRS = {"acoustic_pair", "multistatic_passive", "multistatic_mimo"}
@@ -61,7 +61,7 @@ def anywhere(seed: int) -> list[dict[str, Any]]:
     return drones
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(8))
 def test_what_is_foretold_is_what_is_looked_at(seed: int) -> None:
     """Sensors of all kinds and effects; a drone that one looks at has the Pd that was foretold."""
     tree = random_tree(seed)
@@ -178,7 +178,7 @@ def unseen_scene(folder: Path) -> Path:
     return scene_file(folder, scene_text(drones=drones))
 
 
-def test_check_says_who_sees_whom_and_why_not(tmp_path: Path) -> None:
+def test_check_and_run_say_who_sees_whom_and_why_not(tmp_path: Path) -> None:
     scene = unseen_scene(tmp_path)
     found = json.loads(plotfeed_here("check", scene, "--json").stdout)
     told = {each["drone"]: each for each in found["visibility"]["drones"]}
@@ -197,20 +197,14 @@ def test_check_says_who_sees_whom_and_why_not(tmp_path: Path) -> None:
     assert "far, from 0 to 10 s: no sensor sees it" in text
     assert "    radar: not, range: 499 km away at its nearest, it sees to 10 km" in text
     assert "warning: drone 'mole' is 800 m below the site at its lowest, and no [terrain]" in text
-
-
-def test_run_says_in_a_line_whom_no_sensor_sees(tmp_path: Path) -> None:
-    scene, options = unseen_scene(tmp_path), ("--broker", "none", "--speed", "max", "--duration", 1)
+    options = ("--broker", "none", "--speed", "max", "--duration", 1, "--json")
     done = plotfeed_here("run", scene, *options)
     (line,) = [line for line in done.stderr.splitlines() if "no sensor sees" in line]
     assert line.startswith("plotfeed: no sensor sees overhead (radar: 90° high at best")
     assert "far (radar: 499 km away at its nearest" in line
-    assert "mole (radar: -39° high" in line
     assert "seen (" not in line
-    totals = json.loads(plotfeed_here("run", scene, *options, "--json").stdout)
-    assert list(totals["unseen"]) == ["overhead", "far", "mole"]
-    usual = plotfeed_here("run", scene_file(tmp_path, scene_text()), *options)
-    assert usual.stderr == ""
+    assert list(json.loads(done.stdout)["unseen"]) == ["overhead", "far", "mole"]
+    assert plotfeed_here("run", scene_file(tmp_path, scene_text()), *options).stderr == ""
 
 
 def test_of_many_drones_all_are_asked_after_and_some_explained() -> None:

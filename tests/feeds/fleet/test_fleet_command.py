@@ -5,20 +5,22 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
+import time
 from collections import defaultdict
 from pathlib import Path
 
 import pytest
 from support.brokers import free_port, mosquitto
-from support.command import PLOTFEED, plotfeed_here
+from support.command import plotfeed_here
 from support.fleet_process import fleet
 from support.fleet_scenes import by_topic
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.waiting import wait_until
 
+from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.recording.recorder import SessionRecord
 from plotfeed.feeds.scene.scene import load
+from plotfeed.proto.utc import NS, iso_utc, whole_second_ns
 from plotfeed.replay.mcap.mcap_reader import McapReader
 from plotfeed.replay.recorded import Stage
 from plotfeed.testing import MqttReceiver, fly
@@ -32,6 +34,14 @@ SENSORS = "".join(
 )
 START = ("--start", "2026-01-01T12:00:00Z")
 BROKER = "mqtt://127.0.0.1:1"
+
+
+FILES = ("SCENE", "WEBSOCKET", "SOURCE")
+
+
+def soon() -> tuple[str, str]:
+    """When a fleet is to begin whose processes are up by then."""
+    return "--start", iso_utc(whole_second_ns(time.time_ns() + 2 * NS))
 
 
 def test_parts_record_in_simulated_time_what_one_process_sends(tmp_path: Path) -> None:
@@ -63,7 +73,7 @@ def test_none_is_sent_twice_whatever_becomes_of_processes(tmp_path: Path) -> Non
     quiet = f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
     with (
         mosquitto(tmp_path, port, quiet),
-        fleet(scene, port, "--workers", "2", "--spares", "1") as at_work,
+        fleet(scene, port, "--workers", "2", "--spares", "1", "--json", *soon()) as at_work,
     ):
         at_work.wait(lambda: at_work.sends(2), "it never began")
         at_work.wait(lambda: at_work.errors().count("stands by") >= 2, "nobody stands by")
@@ -85,47 +95,43 @@ def test_none_is_sent_twice_whatever_becomes_of_processes(tmp_path: Path) -> Non
         assert [row["state"] for row in json.loads(told.stdout)["parts"]] == ["RUNNING"] * 2
         assert json.loads(told.stdout)["takeovers"] >= 2
         assert "take-overs" in plotfeed_here("fleet", "status", scene, "--broker", broker).stdout
-        verdict = at_work.verdict()
-        assert at_work.end() == 0, at_work.errors()
+        assert at_work.end(signal.SIGINT) == INTERRUPTED, at_work.errors()  # as of Ctrl-C
         assert "Traceback" not in at_work.errors()
+        assert [row["state"] for row in at_work.said()["parts"]] == ["ENDED"] * 2
+        assert at_work.said()["counts"]["messages"] > 0
         wait_until(lambda: at_work.states("plotfeed/fleet/2")[-1] == "ENDED")
         states = {name: at_work.states(f"plotfeed/{name}/status")[-1] for name in names}
+        wait_until(lambda: not at_work.verdict().missing)  # as soon as the last gap is told
+        verdict = at_work.verdict()
     assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
-    assert not verdict.missing
     assert verdict.heard > 50
     assert set(states.values()) == {"OFFLINE"}
     deaths = [at_work.states(f"plotfeed/fleet/{part}/session").count("DIED") for part in (1, 2)]
     assert deaths == [1, 1]
 
 
-def test_a_part_is_started_again_by_whoever_started_it_and_goes_on(tmp_path: Path) -> None:
-    """Without one that stands by; what its will says, it takes back itself."""
-    port = free_port()
+def test_a_part_is_started_again_by_whoever_started_it_and_goes_on_without(tmp_path: Path) -> None:
+    """Nobody stands by; what its will says, it takes back itself."""
+    port, died = free_port(), "plotfeed/fleet/1/session"
     scene = scene_file(tmp_path, scene_text(sensors=SENSORS, drones=DRONE))
-    with mosquitto(tmp_path, port), fleet(scene, port, "--workers", "1") as at_work:
+    with mosquitto(tmp_path, port), fleet(scene, port, "--workers", "1", *soon()) as at_work:
         at_work.wait(lambda: at_work.sends(1), "it never began")
-        died = "plotfeed/fleet/1/session"
-        at_work.wait(lambda: at_work.states(died), "its session never said so")
+        said = at_work.statuses()[1]["number"]
+        # Has told by then that it was late, if it was.
+        at_work.wait(lambda: at_work.statuses()[1]["number"] > said + 2, "it says nothing")
         os.kill(at_work.pid(1), signal.SIGKILL)
         at_work.wait(lambda: at_work.states(died)[:2] == ["RUNNING", "DIED"], "no will came")
         at_work.wait(lambda: at_work.sends(1, 2), "it was not started again")
         at_work.wait(lambda: at_work.states(died)[-1] == "RUNNING", "it is still said to be dead")
-        verdict = at_work.verdict()
-    assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
-    assert not verdict.missing
-
-
-def test_parts_go_on_without_who_started_them(tmp_path: Path) -> None:
-    port = free_port()
-    scene = scene_file(tmp_path, scene_text(sensors=SENSORS, drones=DRONE))
-    with mosquitto(tmp_path, port), fleet(scene, port, "--workers", "1") as at_work:
-        at_work.wait(lambda: at_work.sends(1), "it never began")
         at_work.process.kill()
         at_work.process.wait()
         since = len(at_work.client.heard)
         wait_until(lambda: any("/asterix" in m.topic for m in at_work.client.heard[since + 20 :]))
         os.kill(at_work.pid(1), signal.SIGTERM)
         wait_until(lambda: at_work.states("plotfeed/fleet/1")[-1] == "ENDED")
+        wait_until(lambda: not at_work.verdict().missing)  # as soon as the last gap is told
+        verdict = at_work.verdict()
+    assert (verdict.twice, verdict.foreign_topics, verdict.disordered) == (0, set(), 0)
 
 
 def test_there_is_no_fleet_where_none_says_so(tmp_path: Path) -> None:
@@ -157,41 +163,18 @@ def test_there_is_no_fleet_where_none_says_so(tmp_path: Path) -> None:
         (["run", "SCENE", *START], "--start is for parts of a scene"),
         (["run", "SCENE", "--part", "1/3", "--page", "1"], "--page is of a whole session"),
         (["run", "SCENE", "--part", "1/3", "--broker", BROKER, "--speed", "2"], "in real time"),
+        (["fleet", "WEBSOCKET", "--broker", BROKER], "websocket"),
+        (["fleet", "SOURCE", "--broker", BROKER], "telemetry"),
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(tmp_path: Path, words: list[str], says: str) -> None:
-    scene = scene_file(tmp_path, scene_text(sensors=SENSORS))
-    done = plotfeed_here(*(str(scene) if word == "SCENE" else word for word in words))
+    source = '\n[[telemetry.source]]\nfrom = "mavlink:udpin:127.0.0.1:14550"\n'
+    websocket = '\n[[websocket]]\ncarries = "plots"\nport = 8765\n'
+    scene = tmp_path / "scene.toml"
+    for name, more in zip(FILES, ("", websocket, source), strict=True):
+        if name in words:
+            scene_file(tmp_path, scene_text(sensors=SENSORS) + more)
+    done = plotfeed_here(*(str(scene) if word in FILES else word for word in words))
     assert done.returncode in (1, 2)
     assert says in done.stderr
     assert "Traceback" not in done.stderr
-
-
-@pytest.mark.parametrize("table", ["websocket", "telemetry.source"])
-def test_a_scene_whose_parts_would_get_into_each_others_way_is_refused(
-    tmp_path: Path, table: str
-) -> None:
-    more = {
-        "websocket": '\n[[websocket]]\ncarries = "plots"\nport = 8765\n',
-        "telemetry.source": '\n[[telemetry.source]]\nfrom = "mavlink:udpin:127.0.0.1:14550"\n',
-    }
-    scene = scene_file(tmp_path, scene_text(sensors=SENSORS) + more[table])
-    done = plotfeed_here("fleet", scene, "--broker", BROKER)
-    assert done.returncode == 2
-    assert table.partition(".")[0] in done.stderr
-
-
-def test_a_fleet_in_the_foreground_ends_by_ctrl_c_as_a_whole(tmp_path: Path) -> None:
-    port = free_port()
-    scene = scene_file(tmp_path, scene_text(sensors=SENSORS))
-    with mosquitto(tmp_path, port), MqttReceiver(port, 5, "plotfeed/#") as client:
-        words = ["fleet", scene, "--broker", f"mqtt://127.0.0.1:{port}", "--json"]
-        process = subprocess.Popen(
-            [*PLOTFEED, *map(str, words)], stdout=subprocess.PIPE, start_new_session=True
-        )
-        client.wait_for(lambda m: "/asterix" in m.topic)
-        os.killpg(process.pid, signal.SIGINT)
-        told, _ = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert [row["state"] for row in json.loads(told)["parts"]] == ["ENDED"] * 2
-    assert json.loads(told)["counts"]["messages"] > 0

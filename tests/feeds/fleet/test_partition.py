@@ -20,7 +20,7 @@ from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.beam import CULLED_FROM
 from plotfeed.testing import START_NS, fly, radar, rotating, scene, staring
 
-DURATION_S = 6.0
+DURATION_S = 4.0
 
 
 def flown_in_part(scene: Scene, part: SessionPart) -> list[Message]:
@@ -43,7 +43,7 @@ def test_any_partition_sends_the_bytes_of_one_process() -> None:
     assert len(made.drone) >= CULLED_FROM
     whole = by_topic(fly(made, DURATION_S).messages)
     assert len(whole) > 15
-    for n in (1, 2, 3, 7):
+    for n in (2, 7):
         parts = partition(made, n)
         assert len(parts) == n
         together: dict[str, list[bytes]] = {}
@@ -55,7 +55,7 @@ def test_any_partition_sends_the_bytes_of_one_process() -> None:
         assert together == whole, n
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_every_sensor_is_in_one_part_and_parts_cost_about_the_same(seed: int) -> None:
     by_chance = random.Random(seed)  # noqa: S311
     sensors = [

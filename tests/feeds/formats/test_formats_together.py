@@ -2,88 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from support.seen_sectors import scene_of, seen
 
 from plotfeed.feeds.formats import Batch, SceneFormats
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.scene import Scene
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.utc import iso_utc
-
-CASES = (
-    ("rotating", ["asterix-048"]),
-    ("rotating", ["asterix-015", "plots"]),
-    ("rotating", ["plots", "asterix-062", "asterix-048"]),
-    ("rotating", ["sapient"]),
-    ("staring", ["asterix-048", "sapient"]),
-    ("passive", ["asterix-015"]),
-    ("gate", ["asterix-015", "plots"]),
-    ("rf", ["asterix-205", "plots"]),
-)
-
-
-@dataclass(frozen=True)
-class Pass:
-    """Sectors that follow each other of some sensors, shuffled among each other."""
-
-    scene: Scene
-    seen: Batch
-
-
-@st.composite
-def passes(draw: st.DrawFn, kind: str, report: list[str]) -> Pass:
-    count = draw(st.integers(1, 4))
-    taken = [draw(st.sampled_from([128, 300, 1400])) for _ in range(count)]
-    udp = [
-        {"destination": f"127.0.0.1:{5000 + i}", "sensors": [f"{kind}-{i}"], "max_octets": octets}
-        for i, octets in enumerate(taken)
-    ]
-    drones, seed = draw(st.sampled_from([0, 3, 40])), draw(st.integers(0, 2**31 - 1))
-    made = scene_of(kind, count, report, drones=drones, seed=seed, udp=udp)
-    found = seen(made, scans=draw(st.integers(1, 12)) if drones < 40 else 2)
-    # By chance whose sector comes next, of each sensor in their order.
-    turns = np.random.default_rng(seed).permutation(found.sectors.sensor)
-    order = np.argsort(np.argsort(turns, kind="stable"))
-    return Pass(made, found.rows(order[: draw(st.integers(1, 48))]))
 
 
 def alone(formats: SceneFormats, seen: Batch) -> list[list[Message]]:
     """What each sector has if it is worked out by itself."""
     every = [seen.rows(np.array([i])) for i in range(len(seen))]
     return [messages for one in every for messages in formats.messages(one)]
-
-
-@pytest.mark.parametrize(("kind", "report"), CASES, ids=str)
-@settings(max_examples=10)
-@given(st.data())
-def test_together_they_are_as_alone(kind: str, report: list[str], data: st.DataObject) -> None:
-    drawn = data.draw(passes(kind, report))
-    together = SceneFormats(drawn.scene).messages(drawn.seen)
-    assert together == alone(SceneFormats(drawn.scene), drawn.seen)
-    ends_ns = drawn.seen.sectors.end_ns.tolist()
-    assert all(m.due_utc_ns == t for t, each in zip(ends_ns, together, strict=True) for m in each)
-
-
-@pytest.mark.parametrize(("kind", "report"), CASES, ids=str)
-@settings(max_examples=10)
-@given(st.data())
-def test_it_matters_not_in_which_order_sensors_stand(
-    kind: str, report: list[str], data: st.DataObject
-) -> None:
-    drawn = data.draw(passes(kind, report))
-    n = len(drawn.scene.sensor)
-    order = data.draw(st.permutations(range(n)))
-    other = drawn.scene.model_copy(update={"sensor": [drawn.scene.sensor[i] for i in order]})
-    sensors = np.argsort(order)[drawn.seen.sectors.sensor]
-    seen = replace(drawn.seen, sectors=replace(drawn.seen.sectors, sensor=sensors))
-    assert SceneFormats(other).messages(seen) == SceneFormats(drawn.scene).messages(drawn.seen)
 
 
 def test_sensors_of_one_pass_may_report_in_other_formats() -> None:

@@ -44,7 +44,9 @@ def without_extra(not_imported: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_extra")
-def test_without_the_extra_a_scene_is_refused_in_one_line() -> None:
+def test_without_the_extra_a_scene_that_needs_it_is_refused_in_one_line() -> None:
+    assert fly(scene([radar()], seed=1), 1.0).payloads("radar/plots")
+    assert sys.modules["sapient_msg"] is None
     with pytest.raises(PlotfeedError) as caught:
         fly(scene([radar(report=["sapient"])], seed=1), 1.0)
     assert str(caught.value) == "SAPIENT needs sapient-proto: pip install 'plotfeed[sapient]'"
@@ -93,24 +95,14 @@ def test_what_is_installed_wrongly_is_told_in_one_line(
 
 
 @pytest.mark.usefixtures("without_extra")
-def test_without_the_extra_show_says_so() -> None:
-    (line,) = message_lines("plotfeed/radar/sapient", b"x", None)
-    assert line.endswith("pip install 'plotfeed[sapient]'")
-
-
-@pytest.mark.usefixtures("without_extra")
-def test_the_command_says_it_too(tmp_path: Path) -> None:
+def test_commands_say_it_too(tmp_path: Path) -> None:
     path = scene_file(tmp_path, scene_text(sensors=radar_text(more=REPORT)))
     done = plotfeed_here("run", path, "--broker", "none", "--duration", 1)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert "pip install 'plotfeed[sapient]'" in done.stderr
-
-
-@pytest.mark.usefixtures("without_extra")
-def test_a_scene_without_sapient_does_not_import_it() -> None:
-    assert fly(scene([radar()], seed=1), 1.0).payloads("radar/plots")
-    assert sys.modules["sapient_msg"] is None
+    (line,) = message_lines("plotfeed/radar/sapient", b"x", None)
+    for said in (line, done.stderr):
+        assert "pip install 'plotfeed[sapient]'" in said
 
 
 @pytest.mark.parametrize(
@@ -150,14 +142,11 @@ def test_messages_are_shown_as_a_line_and_as_json() -> None:
     assert "SYSTEM_GOODBYE" in shown["status_report"]
 
 
-def test_tasks_are_shown_too() -> None:
+def test_tasks_are_shown_too_and_what_is_no_sapient_as_such() -> None:
     asked = task(ONE, mode_change="standby")
     (line,) = message_lines("plotfeed/radar/sapient/task", asked, None)
     assert ONE in line
     assert '"mode_change": "standby"' in line
-
-
-def test_what_is_no_sapient_is_shown_as_such() -> None:
     for payload in (b"", b"\xff\xff", b"\x12\x01a"):
         (line,) = message_lines("plotfeed/radar/sapient", payload, None)
         assert "not what the topic says" in line

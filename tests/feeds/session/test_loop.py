@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 
 import pytest
-from support.waiting import PATIENCE_S, until
+from support.waiting import until
 
 from plotfeed.feeds.session.loop import LATER_EVERY_SIMULATED_NS, MAX_LATER, SessionLoop
 from plotfeed.feeds.timing.clock import ActionKind, Clock, InstantClock, Schedule, WallClock
@@ -155,23 +155,6 @@ async def test_at_the_end_only_what_was_handed_over_is_still_done() -> None:
 
 
 @pytest.mark.asyncio
-async def test_what_becomes_due_earlier_wakes_a_clock_that_sleeps() -> None:
-    clock = WallClock()
-    case = Case(clock)
-    hour_ns = clock.now_ns() + 3_600_000 * MS
-    case.at(hour_ns, "in an hour")
-    working = asyncio.create_task(case.loop.work(None))
-    await asyncio.sleep(0.01)
-    happened = asyncio.Event()
-    case.loop.schedule.put(clock.now_ns(), happened.set)
-    await asyncio.wait_for(happened.wait(), 10)
-    working.cancel()
-    await asyncio.gather(working, return_exceptions=True)
-    clock.close()
-    assert [name for name, _ in case.done] == []
-
-
-@pytest.mark.asyncio
 async def test_a_full_way_out_holds_everything_until_it_has_room() -> None:
     class Patient:
         def __init__(self) -> None:
@@ -209,22 +192,6 @@ async def test_a_way_out_that_fills_up_holds_what_is_overdue_as_well() -> None:
     await case.loop.work(1_000)
     assert [name for name, _ in case.done] == [str(n) for n in range(10)]
     assert held == [3, 3, 3]
-
-
-@pytest.mark.asyncio
-async def test_a_clock_that_stands_lets_nobody_pass_until_it_goes_on() -> None:
-    clock = WallClock(0)
-    case = Case(clock)
-    clock.start()
-    clock.pause()
-    case.at(clock.now_ns() + MS, "due")
-    working = asyncio.create_task(case.loop.work(clock.now_ns() + 2 * MS))
-    await asyncio.sleep(0.02)
-    assert case.done == []
-    clock.resume()
-    await asyncio.wait_for(working, PATIENCE_S)
-    clock.close()
-    assert [name for name, _ in case.done] == ["due"]
 
 
 @pytest.mark.asyncio

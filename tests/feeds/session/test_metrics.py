@@ -145,16 +145,21 @@ def test_every_count_in_the_totals_is_a_metric() -> None:
     assert counts - {"drones", "scan", "ended", "other_sessions"} == set(COUNTERS)
 
 
-def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
+def test_a_place_that_is_taken_or_none_is_one_line(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=radar(), port=1883))
     with socket.socket() as holder:
         holder.bind(("127.0.0.1", 0))
         holder.listen()
         port = holder.getsockname()[1]
-        done = plotfeed_here("run", scene, "--broker", "none", "--duration", 1, "--metrics", port)
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert done.stderr == f"plotfeed: --metrics 127.0.0.1:{port}: Address already in use\n"
+        taken = f"127.0.0.1:{port}"
+        for text, code, says in (
+            (taken, 1, f" {taken}: Address already in use"),
+            ("::1:9464", 2, ": expected HOST:PORT, such as 127.0.0.1:9464, not '::1:9464'"),
+            ("70000", 2, ": expected HOST:PORT, such as 127.0.0.1:9464, not '70000'"),
+        ):
+            done = plotfeed_here("run", scene, "--broker", "none", "--metrics", text)
+            assert (done.returncode, done.stdout) == (code, "")
+            assert done.stderr == f"plotfeed: --metrics{says}\n"
 
 
 def test_without_the_library_that_serves_them_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,15 +203,6 @@ def test_metrics_beyond_this_machine_need_the_token_that_is_told(
             assert answer_to(port, "127.0.0.1", f"{path}?token={wrong}") == 401
         assert answer_to(port, "127.0.0.1", path, Authorization=f"Bearer x{token}") == 401
         assert answer_to(port, "evil.example", f"{path}?token={token}") == 403
-
-
-def test_a_place_for_metrics_that_is_none_is_one_line(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text(sensors=radar(), port=1883))
-    for text in ("70000", "::1:9464", "host:", "x"):
-        done = plotfeed_here("run", scene, "--broker", "none", "--metrics", text)
-        expected = "expected HOST:PORT, such as 127.0.0.1:9464, not"
-        assert done.stderr == f"plotfeed: --metrics: {expected} {text!r}\n"
-        assert done.returncode == 2
 
 
 def answer_to(port: int, host: str, path: str = "/metrics", **headers: str) -> int:

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from support.held_sizes import held
 from support.scene_files import radar, scene_file, scene_text
+from support.sessions import AtWork, simulated
 
-from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
-from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.state import AltitudeReference
-from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.utc import NS
 
 FAR = -1  # A place on the other half of the Earth
@@ -51,15 +45,13 @@ def report(t_utc_ns: int, place: int) -> bytes:
     )
 
 
-class Traffic(Observer):
-    """Four times a second reports of drones that are named by the time since the beginning."""
+Named = Callable[[float], list[tuple[str, int]]]  # Drones and their places at a time
 
-    wants_ledger = True
 
-    def __init__(self, drones_at: Callable[[float], list[tuple[str, int]]]) -> None:
-        self._drones_at = drones_at
-        self.messages: list[tuple[str, int, bytes]] = []
-        self.entries: list[pb.Ledger] = []
+class Sizes(Observer):
+    """What a session and its page hold, every two seconds and a half."""
+
+    def __init__(self) -> None:
         self.sizes: list[int] = []
         self.known: list[int] = []
         self.view = View()
@@ -69,77 +61,59 @@ class Traffic(Observer):
         self._begin_ns = self._next_ns = session.clock.now_ns()
         self.view.scene(session.scene)
 
-    def next_input_ns(self) -> int:
-        return self._next_ns
-
     def before_due(self, due_utc_ns: int) -> None:
         while self._next_ns < due_utc_ns:
-            now_ns, self._next_ns = self._next_ns, self._next_ns + NS // 4
-            since_s = (now_ns - self._begin_ns) / NS
-            inputs = [
-                (f"plotfeed/telemetry/{drone}", report(now_ns, place), None)
-                for drone, place in self._drones_at(since_s)
-            ]
-            if inputs:
-                self._session.receive(inputs, now_ns)
-            if since_s % 5.0 == 0.0:
-                trajectories = self._session.trajectories
-                state = trajectories.state_at(now_ns)
-                self.view.truth(now_ns, state, trajectories.names)
-                self.view.update(now_ns, since_s)
-                self.known.append(len(trajectories))
-                self.sizes.append(held(self._session, self.view))
-
-    def after_link(self, message: Message, sent_utc_ns: int) -> None:
-        if not message.topic.endswith("/status"):  # which counts drones
-            self.messages.append((message.topic, sent_utc_ns, message.payload))
-
-    def ledger(self, message: Message) -> None:
-        self.entries += entries_in(message.payload)
+            now_ns, self._next_ns = self._next_ns, self._next_ns + 5 * NS // 2
+            trajectories = self._session.trajectories
+            self.view.truth(now_ns, trajectories.state_at(now_ns), trajectories.names)
+            self.view.update(now_ns, (now_ns - self._begin_ns) / NS)
+            self.known.append(len(trajectories))
+            self.sizes.append(held(self._session, self.view))
 
 
-def flown(scene: Scene, traffic: Traffic, seconds: float) -> SessionCounters:
-    clock = InstantClock(scene.scene.start_utc_ns)
-    return asyncio.run(
-        run(scene, clock=clock, broker="none", duration_s=seconds, observers=[traffic])
-    )
+def flown(scene: Scene, drones_at: Named, seconds: float) -> tuple[AtWork, Sizes]:
+    """With reports of drones four times a second."""
+    start_ns, sizes = scene.scene.start_utc_ns or 0, Sizes()
+    times_s = [quarter / 4 for quarter in range(round(4 * seconds))]
+    asked = [
+        (at_s, f"plotfeed/telemetry/{drone}", report(start_ns + round(at_s * NS), place))
+        for at_s in times_s
+        for drone, place in drones_at(at_s)
+    ]
+    return simulated(scene, seconds, asked, sizes), sizes
 
 
 def test_hundreds_of_names_that_come_and_go_leave_a_session_and_its_page_as_they_were(
     tmp_path: Path,
 ) -> None:
-    """Ten new drones a second for 30 s, each for a second, and then none but one."""
+    """Ten new drones a second for 20 s, each for a second, and then none but one."""
 
     def drones_at(since_s: float) -> list[tuple[str, int]]:
-        if since_s >= 30.0:
+        if since_s >= 20.0:
             return [("stays", 0)]
         second = int(since_s)
         return [("stays", 0), *((f"d{second}-{i}", 10 * second + i) for i in range(10))]
 
-    traffic = Traffic(drones_at)
-    totals = flown(scene_of(tmp_path), traffic, 45.0)
-    assert totals.forgotten == 300
-    assert totals.drones == 1
+    (ran, traffic), (_, quiet) = (
+        flown(scene_of(tmp_path), of, 32.0) for of in (drones_at, lambda _: [("stays", 0)])
+    )
+    assert (ran.totals.forgotten, ran.totals.drones) == (200, 1)
     assert max(traffic.known) < 100
-    quiet = Traffic(lambda _: [("stays", 0)])
-    flown(scene_of(tmp_path), quiet, 45.0)
-    steady = traffic.sizes[2:6]
+    steady = traffic.sizes[4:8]
     assert max(steady) < 1.3 * np.median(steady), "flat, but for buffers that fill and empty"
     assert traffic.sizes[-1] < 1.2 * quiet.sizes[-1]
     # Whose plots and looks they were is told by the names that they had then.
-    told = {look.drone for entry in traffic.entries for look in entry.looks}
-    assert "" not in told
-    assert len(told) == 301
-    last_s = {}
-    for entry in traffic.entries:
-        for look in entry.looks:
-            last_s[look.drone] = look.time_utc_ns
-    start_ns = scene_of(tmp_path).scene.start_utc_ns
-    assert start_ns is not None
-    for drone, t_utc_ns in last_s.items():
+    last_s = {
+        look.drone: (look.time_utc_ns - ran.start_ns) / NS
+        for entry in ran.entries
+        for look in entry.looks
+    }
+    assert "" not in last_s
+    assert len(last_s) == 201
+    for drone, at_s in last_s.items():
         if drone != "stays":
             second = int(drone[1:].partition("-")[0])
-            assert second <= (t_utc_ns - start_ns) / NS <= second + 2.0
+            assert second <= at_s <= second + 2.0
 
 
 def test_the_bytes_of_drones_that_stay_are_the_same_whether_others_are_forgotten_or_never_came(
@@ -153,11 +127,15 @@ def test_the_bytes_of_drones_that_stay_are_the_same_whether_others_are_forgotten
             return found
         return found + [(f"far{int(since_s / 3)}-{i}", FAR) for i in range(others)]
 
-    alone = Traffic(lambda since_s: drones_at(0, since_s))
-    among = Traffic(lambda since_s: drones_at(40, since_s))
     scene = scene_of(tmp_path)
-    flown(scene, alone, 20.0)
-    totals = flown(scene, among, 20.0)
-    assert totals.forgotten > 100
-    assert len(alone.messages) > 300
-    assert among.messages == alone.messages
+    alone, among = (
+        flown(scene, lambda since_s, others=others: drones_at(others, since_s), 14.0)[0]  # type: ignore[misc]
+        for others in (0, 40)
+    )
+    assert among.totals.forgotten >= 40
+    said = [
+        [(m.topic, t_ns, m.payload) for m, t_ns in ran.said if not m.topic.endswith("/status")]
+        for ran in (alone, among)
+    ]
+    assert len(said[0]) > 200
+    assert said[0] == said[1]

@@ -43,9 +43,7 @@ def wait_for_all(ears: MqttReceiver, state: str) -> None:
         )
 
 
-@pytest.mark.parametrize(
-    ("broker", "version"), [(mosquitto, "any"), (mosquitto, "3.1.1"), (own_broker, "any")]
-)
+@pytest.mark.parametrize(("broker", "version"), [(mosquitto, "3.1.1"), (own_broker, "any")])
 def test_every_sensor_of_a_session_that_was_killed_is_offline(
     broker: Callable[[Path, int], AbstractContextManager[Any]], version: str, tmp_path: Path
 ) -> None:

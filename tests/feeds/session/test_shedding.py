@@ -91,19 +91,16 @@ def loaded(
     return sent, asyncio.run(running)
 
 
-@pytest.mark.parametrize(
-    ("sensors", "times"),
-    [(IN_STEP, 1.3), (IN_STEP, 5.0), (QUICK, 1.3), (QUICK, 2.0), (PERIODS, 2.0), (PERIODS, 5.0)],
-)
+@pytest.mark.parametrize(("sensors", "times"), [(IN_STEP, 5.0), (QUICK, 1.3), (PERIODS, 2.0)])
 def test_whole_scans_are_left_out_in_turn_and_what_is_sent_is_on_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sensors: str, times: float
 ) -> None:
-    sent, totals = loaded(tmp_path, monkeypatch, sensors, times, 60.0)
+    sent, totals = loaded(tmp_path, monkeypatch, sensors, times, 30.0)
     assert float(np.median(sent.late_ns)) <= 0.05 * NS
     # It is told, and nobody has lost more than two or three scans beyond the share that all lose.
     assert sum(sent.missed.values()) == totals.missed_scans > 0
     sensors_of = load(tmp_path / "scene.toml").sensor
-    scans = {s.id: 60.0 / s.scan.period_s for s in sensors_of}
+    scans = {s.id: 30.0 / s.scan.period_s for s in sensors_of}
     missed = np.array([sent.missed[name] for name in scans])
     all_scans = np.array([*scans.values()])
     assert abs(missed - all_scans * missed.sum() / all_scans.sum()).max() <= 2.5
@@ -122,16 +119,16 @@ def test_nothing_is_left_out_any_more_once_there_is_time_for_all_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However little time is to spare: what was late is given up, and not made up for."""
-    sent, totals = loaded(tmp_path, monkeypatch, IN_STEP, 0.92, 30.0, slow_s=(5.0, 8.0))
+    sent, totals = loaded(tmp_path, monkeypatch, IN_STEP, 0.92, 20.0, slow_s=(3.0, 6.0))
     assert totals.missed_scans > 0
     first = min(min(found) for found in sent.sectors.values())
     for found in sent.sectors.values():
-        assert not [scan for scan in range(first + 12, first + 29) if found[scan] < 32]
+        assert not [scan for scan in range(first + 10, first + 19) if found[scan] < 32]
 
 
 def test_nothing_is_left_out_while_there_is_time_for_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sent, totals = loaded(tmp_path, monkeypatch, IN_STEP, 0.9, 30.0)
+    sent, totals = loaded(tmp_path, monkeypatch, IN_STEP, 0.9, 12.0)
     assert totals.missed_scans == 0
-    assert sum(map(Counter.total, sent.sectors.values())) == 30 * 32 * 12
+    assert sum(map(Counter.total, sent.sectors.values())) == 12 * 32 * 12

@@ -50,18 +50,6 @@ def test_no_detection_waits_for_longer_than_it_must(schedule: tuple[int, int], t
             assert groups.number(last) == groups.number(sector)
 
 
-@given(schedules, times, st.integers(0, 1000))
-def test_a_group_does_not_depend_on_when_one_begins(
-    schedule: tuple[int, int], t_ns: int, later: int
-) -> None:
-    period_ns, count = schedule
-    groups = Groups(period_ns, count)
-    run = sectors(t_ns, period_ns, count, later + 1)
-    (again,) = sectors(run[-1].start_ns, period_ns, count, 1)
-    assert groups.number(again) == groups.number(run[-1])
-    assert groups.ends_with(again) == groups.ends_with(run[-1])
-
-
 def test_a_turn_a_second_in_32_sectors_goes_out_in_threes() -> None:
     assert Groups(1_000_000_000, 32).size == 3
     assert Groups(1_000_000_000, 1).size == 1
