@@ -11,7 +11,7 @@ are worked out at once.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from hashlib import blake2b
 from itertools import count
@@ -78,7 +78,10 @@ class Chance:
 class _DrawTable:
     """Rows of draws of one law: by sensor, by scan modulo the slots, by drone."""
 
-    def __init__(self, sensors: int, slots: int, rows: int, inner: tuple[int, ...]) -> None:
+    def __init__(
+        self, sensors: int, slots: int, rows: int, inner: tuple[int, ...], draw: Draw
+    ) -> None:
+        self.draw = draw
         self.values = np.empty((sensors, slots, rows, *inner))
         self.scan_of = np.full((sensors, slots), NO_SCAN, np.int64)  # Whose draws they are
 
@@ -116,7 +119,7 @@ class ScanDraws:
         slots = FEWEST_SLOTS if table is None else table.scan_of.shape[1]
         if table is None or rows > table.values.shape[2]:
             rows = max(FEWEST_ROWS, 1 << (rows - 1).bit_length())
-            table = _DrawTable(len(self._chances), slots, rows, key[1])
+            table = _DrawTable(len(self._chances), slots, rows, key[1], draw)
         while True:
             slot = scans & (slots - 1)
             missing = table.scan_of[sensors, slot] != scans
@@ -127,14 +130,31 @@ class ScanDraws:
             wanted = dict.fromkeys(
                 zip(sensors[missing].tolist(), scans[missing].tolist(), strict=True)
             )
-            rows = table.values.shape[2]
-            for sensor, scan in wanted:
-                rng = self._chances[sensor].rng(self._purpose, scan, key[0])
-                table.values[sensor, scan % slots] = draw(rng, (rows, *key[1]))
-                table.scan_of[sensor, scan % slots] = scan
+            self._fill(key[0], table, wanted)
             if (table.scan_of[sensors, slot] != scans).any():  # two scans of one slot at once
                 slots *= 2
-                table = _DrawTable(len(self._chances), slots, table.values.shape[2], key[1])
+                rows = table.values.shape[2]
+                table = _DrawTable(len(self._chances), slots, rows, key[1], draw)
+
+    def draw_next(self, sensors: Ints, scans: Ints) -> None:
+        """Draw what looks of the scans after those will ask for if they ask for the same again.
+
+        Sensors that begin their scans together need not draw together then.
+        """
+        for key, table in self._tables.items():
+            last_slot, following = table.scan_of.shape[1] - 1, scans + 1
+            asked = table.scan_of[sensors, scans & last_slot] == scans
+            asked &= table.scan_of[sensors, following & last_slot] != following
+            which = zip(sensors[asked].tolist(), following[asked].tolist(), strict=True)
+            self._fill(key[0], table, which)
+
+    def _fill(self, number: int, table: _DrawTable, which: Iterable[tuple[int, int]]) -> None:
+        """Draw the rows of a table for those sensors and scans."""
+        _, slots, *shape = table.values.shape
+        for sensor, scan in which:
+            rng = self._chances[sensor].rng(self._purpose, scan, number)
+            table.values[sensor, scan % slots] = table.draw(rng, tuple(shape))
+            table.scan_of[sensor, scan % slots] = scan
 
 
 class _StandIn(ABC):

@@ -76,9 +76,9 @@ class FalseAlarmsDue:
         self._timetables = timetables
         # The last one of each sensor whose alarms are drawn.
         self._scan = np.full(len(chances), NO_SCAN, np.int64)
-        # In which sector a rotating sensor draws those of its next turn: sensors take turns, so
-        # that those which begin a scan together are not late together.
-        self._draws_in = np.arange(len(chances)) % [each.sectors for each in timetables]
+        # In which sector a rotating sensor draws those of its next turn, and what else it can:
+        # sensors take turns, so that those which begin a scan together are not late together.
+        self.draws_in = np.arange(len(chances)) % [each.sectors for each in timetables]
         self._next_ns = np.full(len(chances), NONE_DUE_NS, np.int64)
         self._due: dict[int, Plots] = {}
         # Maps of clutter that sensors see, whose plots come as false alarms do.
@@ -101,7 +101,7 @@ class FalseAlarmsDue:
     def of_turns(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
         """False alarms within sectors of rotating sensors, of which each one's are in order."""
         # The scan up to which those of each sensor are drawn by the end of its sector.
-        drawn = sectors.scan + (sectors.index >= self._draws_in[sectors.sensor])
+        drawn = sectors.scan + (sectors.index >= self.draws_in[sectors.sensor])
         for row in np.flatnonzero(drawn > self._scan[sectors.sensor]).tolist():
             sensor = int(sectors.sensor[row])
             first = max(int(sectors.scan[row]), int(self._scan[sensor]) + 1)
@@ -354,6 +354,8 @@ class SensorGroup:
         elif len(met.truth):
             looks, plots = self._observed(sectors, met.truth, met.row)
         alarms = at_work.false_alarms.of_turns(sectors, self.models)
+        draws_now = sectors.index == at_work.false_alarms.draws_in[sectors.sensor]
+        at_work.draws.draw_next(sectors.sensor[draws_now], sectors.scan[draws_now])
         if self._sidelobes:
             alarms += self._by_sidelobes(sectors)
         return self._batch(sectors, looks, plots, alarms)
