@@ -17,9 +17,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example, parsed
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.models.beam import Sector
-from plotfeed.models.sensors.polar_radar import PolarRadar
-from plotfeed.models.state import Plots
+from plotfeed.models.chance import Chance, Purpose
 from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.testing import START_NS
 
@@ -102,28 +100,29 @@ def test_echoes_merge_alike_whatever_else_is_worked_out_with_them(tmp_path: Path
     assert paces[0] == paces[1] == paces[2]
 
 
-def test_radars_that_begin_their_scans_together_draw_their_false_alarms_in_turn(
+def test_radars_that_begin_their_scans_together_draw_in_turn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first sectors of a scan are as quickly worked out as all others."""
-    scans, draw = [], PolarRadar.draw_false_alarms
+    drawn, rng = [], Chance.rng
 
-    def drawn(self: PolarRadar, sector: Sector, rng: np.random.Generator) -> Plots:
-        scans.append(sector.scan)
-        return draw(self, sector, rng)
+    def counted(self: Chance, purpose: Purpose, scan: int, sector: int = 0) -> np.random.Generator:
+        drawn.append((self.key, purpose, scan, sector))
+        return rng(self, purpose, scan, sector)
 
-    monkeypatch.setattr(PolarRadar, "draw_false_alarms", drawn)
+    monkeypatch.setattr(Chance, "rng", counted)
     sensors = "".join(radar(id=f"r{i}", period_s=1.0, sectors=8) for i in range(16))
-    scene = parsed(scene_text(sensors=sensors, drones="").encode(), tmp_path / "step.toml")
+    scene = parsed(scene_text(sensors=sensors).encode(), tmp_path / "step.toml")
     engine = Engine(scene, START_NS)
     many = []
     for sector in range(1, 33):
         list(engine.until(START_NS + sector * NS // 8))
-        many.append(len(scans))
-    first_s, *others = np.diff(many, prepend=0).reshape(4, 8).tolist()
-    assert first_s == [18, *[2] * 7]
-    assert others == [[2] * 8] * 3
-    assert sorted(scans) == sorted([*range(scans[0], scans[0] + 5)] * 16)
+        many.append(len(drawn))
+    of_scan, *_ = by_scan = np.diff(many, prepend=0).reshape(4, 8)[1:]
+    assert (by_scan.max(axis=1) < of_scan.sum() / 4).all()  # all looks are in the second sector
+    assert (by_scan.sum(axis=1) == of_scan.sum()).all()
+    assert {Purpose.DETECTION, Purpose.FALSE_ALARMS} == {purpose for _, purpose, *_ in drawn}
+    assert len(set(drawn)) == len(drawn)
 
 
 def report(t_ns: int, step: int) -> bytes:
