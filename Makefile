@@ -25,7 +25,7 @@ LOWEST := tests/replay/mcap/test_mcap_reader.py tests/replay/test_parquet.py \
   tests/feeds/telemetry/flights/test_golden_flights.py \
   tests/feeds/telemetry/flights/test_autopilot_logs.py \
   tests/feeds/telemetry/test_foreign_files.py tests/feeds/engine/test_terrain_files.py \
-  tests/feeds/scene/test_sea_level.py tests/feeds/session/test_metrics.py \
+  tests/feeds/scene/test_sea_heights.py tests/feeds/session/test_metrics.py \
   tests/feeds/page/test_server.py \
   tests/feeds/lab/test_oracle.py::test_every_shipped_scene_asks_what_its_sensors_do \
   tests/feeds/lab/test_needs.py::test_the_commands_say_it_in_groups_and_draw_it

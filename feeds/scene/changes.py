@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 
 from plotfeed.feeds.scene.claim_keys import ClaimFault
 from plotfeed.feeds.scene.drones import Contingency
@@ -170,31 +170,29 @@ class Command(SceneTable):
     undo: bool = False
     """Whatever was asked last of sensors or as a story is taken back, and so on, one by one."""
 
-    @model_validator(mode="after")
-    def _says_one_thing(self) -> Command:
+    def _refusals(self) -> Iterator[str]:
         subjects = [self.sensor, self.drone, self.clock, self.story, self.undo or None]
         if subjects.count(None) != len(subjects) - 1:
-            raise ValueError("expected one of sensor, drone, clock, story and undo")
+            yield "expected one of sensor, drone, clock, story and undo"
         if (self.story is not None or self.undo) and self.set is not None:
-            raise ValueError("set is of a sensor")
+            yield "set is of a sensor"
         if self.undo and self.reset:
-            raise ValueError("undo has no reset: whatever was asked last is undone")
+            yield "undo has no reset: whatever was asked last is undone"
         of_drone = [self.contingency, self.claim]
         if self.sensor is not None and (self.set is None) != self.reset:
-            raise ValueError('with a sensor, expected either "set" or "reset"')
+            yield 'with a sensor, expected either "set" or "reset"'
         if self.drone is None and of_drone != [None, None]:
-            raise ValueError("contingency and claim are of a drone")
+            yield "contingency and claim are of a drone"
         if self.drone is not None and (
             self.set is not None or of_drone.count(None) + (not self.reset) != 2
         ):
-            raise ValueError('with a drone, expected one of "contingency", "claim" and "reset"')
+            yield 'with a drone, expected one of "contingency", "claim" and "reset"'
         if self.contingency is not None and self.contingency.at_s is not None:
-            raise ValueError("contingency.at_s: it happens at once")
+            yield "contingency.at_s: it happens at once"
         if self.claim is not None and not {None} >= {self.claim.from_s, self.claim.to_s}:
-            raise ValueError("claim: from_s and to_s: it holds from now on, until reset")
+            yield "claim: from_s and to_s: it holds from now on, until reset"
         if self.clock is not None and not self.clock.model_fields_set:
-            raise ValueError("clock: expected paused, speed or step_s")
-        return self
+            yield "clock: expected paused, speed or step_s"
 
 
 def check_octets(payload: bytes) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import Enu, Location, Name, NotNegative, Positive, SceneTable
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -45,15 +45,13 @@ class ClaimFault(SceneTable):
     spoof: SpoofKeys | None = None
     """It believes to be elsewhere; bias and walk come on top."""
 
-    @model_validator(mode="after")
-    def _ends_after_it_began(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.to_s is not None and self.to_s <= (self.from_s or 0.0):
-            raise ValueError("to_s: must be above from_s")
+            yield "to_s: must be above from_s"
         if self.freeze and self.spoof is not None:
-            raise ValueError("freeze: what is frozen cannot be spoofed; give one of both")
+            yield "freeze: what is frozen cannot be spoofed; give one of both"
         if not self.names:
-            raise ValueError("drop_out, delay_s, bias_enu_m, walk_m, freeze or spoof is needed")
-        return self
+            yield "drop_out, delay_s, bias_enu_m, walk_m, freeze or spoof is needed"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,11 +86,9 @@ class CooperativeKeys(SceneTable):
     link: LinkSettings | None = None
     """Between the drones and whoever hears them."""
 
-    @model_validator(mode="after")
-    def _one_format_on_a_topic(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if len(set(self.report)) < len(self.report) or {"json", "protobuf"} <= set(self.report):
-            raise ValueError("report: each format once, and one of json and protobuf")
-        return self
+            yield "report: each format once, and one of json and protobuf"
 
     def those_of(self, flown: Sequence[str], swarms: Mapping[str, Sequence[str]]) -> list[str]:
         """The ids of the cooperative ones, of all that fly; swarms are known by their ids, too."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from plotfeed.feeds.scene.claim_keys import COOPERATIVE, ClaimFault, CooperativeKeys
 from plotfeed.feeds.scene.fields import (
@@ -202,26 +202,25 @@ class MissionKeys(SceneTable):
     contingency: Annotated[tuple[Contingency, ...], Field(strict=False)] = ()
     """What goes otherwise than planned, and when."""
 
-    @model_validator(mode="after")
-    def _can_be_flown(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.leg and self.home is None:
-            raise ValueError("home: needed with leg")
+            yield "home: needed with leg"
         for n, leg in enumerate(self.leg):
-            self._check_leg(n, leg)
+            yield from self._refused_leg(n, leg)
         before_s = -1.0
         for n, happening in enumerate(self.contingency):
             key = f"contingency[{n}].at_s"
             if happening.at_s is None:
-                raise ValueError(f"{key}: missing")
-            if happening.at_s <= before_s:
-                raise ValueError(f"{key}: must be above that of the one before")
-            before_s = happening.at_s
-        return self
+                yield f"{key}: missing"
+            elif happening.at_s <= before_s:
+                yield f"{key}: must be above that of the one before"
+            else:
+                before_s = happening.at_s
 
-    def _check_leg(self, n: int, leg: Leg) -> None:
+    def _refused_leg(self, n: int, leg: Leg) -> Iterator[str]:
         limits = self.limits.model()
         if leg.kind == "land" and n + 1 < len(self.leg):
-            raise ValueError(f"leg[{n}]: nothing comes after land")
+            yield f"leg[{n}]: nothing comes after land"
         if not isinstance(leg, PlaceLeg | OrbitLeg) or leg.speed_m_s is None:
             return
         most, why = limits.speed_m_s, "limits"
@@ -229,7 +228,7 @@ class MissionKeys(SceneTable):
             most = limits.orbit_speed_m_s(leg.radius_m)
             why = f"limits, on a circle of {leg.radius_m:g} m"
         if leg.speed_m_s > most:
-            raise ValueError(f"leg[{n}].speed_m_s: at most {most:.3g} m/s by its {why}")
+            yield f"leg[{n}].speed_m_s: at most {most:.3g} m/s by its {why}"
 
 
 Swerling = Annotated[int, Field(ge=0, le=4)]
@@ -256,13 +255,11 @@ class TableAspectKeys(SceneTable):
     gain_db: Annotated[tuple[Decibels, ...], Field(strict=False, min_length=2, max_length=10_000)]
     """At those, beside the stated rcs_m2; linear in between, all around."""
 
-    @model_validator(mode="after")
-    def _is_a_table(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if len(self.angle_deg) != len(self.gain_db):
-            raise ValueError("gain_db: as many as angle_deg are needed")
+            yield "gain_db: as many as angle_deg are needed"
         if (np.diff(self.angle_deg) <= 0).any() or self.angle_deg[-1] - self.angle_deg[0] >= 360:
-            raise ValueError("angle_deg: must rise, by less than 360 in all")
-        return self
+            yield "angle_deg: must rise, by less than 360 in all"
 
     def model(self) -> Aspect:
         """Aspect for a model."""
@@ -402,24 +399,22 @@ class FlownKeys(MissionKeys):
     """What it says of itself wrongly, if it is [cooperative]; of those that overlap the later one
     counts."""
 
-    @model_validator(mode="after")
-    def _flies(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if bool(self.path) + bool(self.flight) + bool(self.leg) != 1:
-            raise ValueError("path: a drone has either a path, a flight or legs")
+            yield "path: a drone has either a path, a flight or legs"
         if self.path and len(self.path) < 2:
-            raise ValueError("path: at least two waypoints are needed")
+            yield "path: at least two waypoints are needed"
         if self.path and self.speed_m_s is None and any(w.speed_m_s is None for w in self.path[1:]):
-            raise ValueError("speed_m_s: needed, unless every waypoint after the first has one")
+            yield "speed_m_s: needed, unless every waypoint after the first has one"
         if self.flight and (self.speed_m_s or self.repeat or any(self.offset_enu_m)):
-            raise ValueError("flight: speed_m_s, repeat and offset_enu_m belong to a path")
+            yield "flight: speed_m_s, repeat and offset_enu_m belong to a path"
         if self.leg and self.speed_m_s:
-            raise ValueError("speed_m_s: of a path; legs have their own, and limits")
+            yield "speed_m_s: of a path; legs have their own, and limits"
         if self.leg and self.repeat and self.leg[-1].kind == "land":
-            raise ValueError("repeat: who has landed is gone")
+            yield "repeat: who has landed is gone"
         for n, fault in enumerate(self.claim):
             if fault.from_s is None:
-                raise ValueError(f"claim[{n}].from_s: missing")
-        return self
+                yield f"claim[{n}].from_s: missing"
 
 
 class Drone(FlownKeys):
@@ -481,11 +476,9 @@ class Swarm(FlownKeys):
     stagger_s: NotNegative = 0.0
     """Each starts so much later than the one before."""
 
-    @model_validator(mode="after")
-    def _is_no_recording(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.flight is not None:
-            raise ValueError("flight: a swarm has a path or legs")
-        return self
+            yield "flight: a swarm has a path or legs"
 
     @property
     def names(self) -> list[str]:
@@ -543,25 +536,23 @@ class Fleet:
         """Ids of those that report themselves."""
         return [] if self.cooperative is None else self.cooperative.those_of(*self._by_name())
 
-    def check(self) -> None:
-        """Raise `ValueError` where names are not one drone's, or nobody says what is claimed."""
+    def refusals(self) -> Iterator[str]:
+        """Names that are not one drone's, and claims that nobody says."""
         known: set[str] = set()
         keys = [("drone", n, [d.id]) for n, d in enumerate(self.single)]
         keys += [("swarm", n, [s.id, *s.names]) for n, s in enumerate(self.swarms)]
         for kind, n, names in keys:
             for name in names:
                 if name in known:
-                    raise ValueError(f"{kind}[{n}].id: the id {name!r} is used twice")
+                    yield f"{kind}[{n}].id: the id {name!r} is used twice"
                 known.add(name)
         problem = self.cooperative and self.cooperative.problem(*self._by_name())
         if problem:
-            raise ValueError(f"{COOPERATIVE}: {problem}")
+            yield f"{COOPERATIVE}: {problem}"
         say = set(self.cooperative_names)
         for (kind, n, names), each in zip(keys, (*self.single, *self.swarms), strict=True):
             if each.claim and say.isdisjoint(names):
-                raise ValueError(
-                    f"{kind}[{n}].claim: the drone says nothing: it is not [cooperative]"
-                )
+                yield f"{kind}[{n}].claim: the drone says nothing: it is not [cooperative]"
 
     def _by_name(self) -> tuple[list[str], dict[str, list[str]]]:
         return self.names, {swarm.id: swarm.names for swarm in self.swarms}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from functools import cache, lru_cache
 from importlib import import_module
@@ -35,6 +35,7 @@ class SceneTable(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )
+    _all_refusals: ClassVar[tuple[Callable[[Any], Iterator[str]], ...]] = ()
 
     def made(self, kind: type[M], /, **others: Any) -> M:
         """A dataclass of a model, whose fields have the keys and properties of the same names.
@@ -52,6 +53,28 @@ class SceneTable(BaseModel):
         found |= {name: table.model() for name, table in tables.items()}
         return kind(**found | others)
 
+    def _refusals(self) -> Iterator[str]:
+        """What its keys cannot be together, as "key: why", one after the other; the first is told.
+
+        Those of the classes that it derives from come before its own.
+        """
+        yield from ()
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        for refusals in self._all_refusals:
+            for text in refusals(self):
+                raise ValueError(text)
+        return self
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
+        own = (
+            vars(kind).get("_refusals") for kind in reversed(cls.__mro__) if kind is not SceneTable
+        )
+        cls._all_refusals = tuple(filter(None, own))
+
     @classmethod
     def meanings(cls) -> dict[str, str]:
         """The meanings of its keys, from the strings beneath them in the source."""
@@ -68,10 +91,15 @@ class SceneTable(BaseModel):
     ) -> JsonSchemaValue:
         """JSON schema of the table, with the meanings of its keys."""
         schema = handler(core_schema)
-        keys = handler.resolve_ref_schema(schema).get("properties", {})
+        table = handler.resolve_ref_schema(schema)
         for name, text in cls.meanings().items():
-            keys[name]["description"] = text
+            table["properties"][name]["description"] = text
+        cls._put_right(table)
         return schema
+
+    @classmethod
+    def _put_right(cls, schema: dict[str, Any]) -> None:
+        """Change the JSON schema of the table where its fields do not say all."""
 
 
 @cache
@@ -171,23 +199,13 @@ class ForAWhile(SceneTable):
     to_s: Positive | None = None
     """When it is over; without it, never."""
 
-    @model_validator(mode="after")
-    def _ends_after_it_began(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.to_s is not None and self.to_s <= self.from_s:
-            raise ValueError("to_s: must be above from_s")
-        return self
-
-
-def _one_height(schema: dict[str, Any]) -> None:
-    """Let the JSON schema pass a site with either height."""
-    schema["required"].remove("height_m")
-    schema["oneOf"] = [{"required": ["height_m"]}, {"required": ["height_msl_m"]}]
+            yield "to_s: must be above from_s"
 
 
 class Site(SceneTable):
     """The point from which positions in the scene are counted."""
-
-    model_config = ConfigDict(json_schema_extra=_one_height)
 
     latitude_deg: Latitude
     """WGS-84, north."""
@@ -197,6 +215,12 @@ class Site(SceneTable):
     """Above the WGS-84 ellipsoid; needed, unless height_msl_m is given."""
     height_msl_m: Height | None = None
     """Above mean sea level, in place of height_m."""
+
+    @classmethod
+    def _put_right(cls, schema: dict[str, Any]) -> None:
+        """Either height is needed."""
+        schema["required"].remove("height_m")
+        schema["oneOf"] = [{"required": ["height_m"]}, {"required": ["height_msl_m"]}]
 
 
 class Location(SceneTable):
@@ -217,19 +241,17 @@ class Location(SceneTable):
     height_msl_m: Height | None = None
     """Above mean sea level, in place of height_m, in a scene's file."""
 
-    @model_validator(mode="after")
-    def _one_way_or_the_other(self) -> Location:
+    def _refusals(self) -> Iterator[str]:
         local = (self.east_m, self.north_m, self.above_site_m)
         geodetic = (self.latitude_deg, self.longitude_deg, self.height_m)
         given = [None not in way for way in (local, geodetic)]
         void = [way == (None, None, None) for way in (local, geodetic)]
         alone = (given[0] and void[1]) or (given[1] and void[0])
         if not alone or self.height_msl_m is not None:
-            raise ValueError(
+            yield (
                 "a place has east_m, north_m and above_site_m, or latitude_deg, longitude_deg and "
                 "height_m or, in a scene's file, height_msl_m"
             )
-        return self
 
 
 @lru_cache

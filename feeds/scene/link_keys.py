@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import SceneTable
 
@@ -25,13 +26,11 @@ class RandomLoss(SceneTable):
     correlation: Correlation = 0.0
     """Between the losses of successive messages: exactly that, unlike netem's."""
 
-    @model_validator(mode="after")
-    def _can_be(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         p = self.probability
         least = -min(p, 1 - p) / max(p, 1 - p)  # else a row of two losses has less than no chance
         if self.correlation < least:
-            raise ValueError(f"correlation: with that probability, at least {least:.4g}")
-        return self
+            yield f"correlation: with that probability, at least {least:.4g}"
 
 
 class GilbertElliott(SceneTable):
@@ -52,24 +51,22 @@ class GilbertElliott(SceneTable):
     bad_loss: Chance | None = None
     """Probability of losing a message in the bad state, netem's 1-h; with p and r, else 1."""
 
-    @model_validator(mode="after")
-    def _one_way_or_the_other(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         means = (self.mean_loss, self.mean_burst)
         chain = (self.p, self.r, self.good_loss, self.bad_loss)
         if not (
             (None not in means and chain == (None,) * 4)
             or (means == (None, None) and None not in chain[:2])
         ):
-            raise ValueError(
+            yield (
                 "expected mean_loss and mean_burst, or p and r, with good_loss and bad_loss or not"
             )
         if self.mean_loss is not None and self.mean_burst is not None:
             least = self.mean_loss / (1 - self.mean_loss)
             if self.mean_burst < least:  # p = L/(B(1-L)) is a probability
-                raise ValueError(f"mean_burst: with that mean_loss, at least {least:.4g}")
+                yield f"mean_burst: with that mean_loss, at least {least:.4g}"
         elif self.p == self.r == 0:
-            raise ValueError("p: must be above 0 where r is 0, or nothing tells in which state")
-        return self
+            yield "p: must be above 0 where r is 0, or nothing tells in which state"
 
     @property
     def probabilities(self) -> tuple[float, float, float, float]:
@@ -98,17 +95,15 @@ class FourState(SceneTable):
     p14: Chance = 0.0
     """Probability of losing a message alone."""
 
-    @model_validator(mode="after")
-    def _can_be(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.p13 + self.p14 > 1:
-            raise ValueError("p14: with p13, at most 1")
+            yield "p14: with p13, at most 1"
         if self.ends + self.p32 > 1:
-            raise ValueError("p32: with p31, at most 1")
+            yield "p32: with p31, at most 1"
         if self.ends == 0:
-            raise ValueError("p31: must be above 0, or a burst never ends")
+            yield "p31: must be above 0, or a burst never ends"
         if self.p23 == 0:
-            raise ValueError("p23: must be above 0, or a burst never ends")
-        return self
+            yield "p23: must be above 0, or a burst never ends"
 
     @property
     def ends(self) -> float:
@@ -168,20 +163,18 @@ class LinkSettings(SceneTable):
     down: bool = False
     """An outage: nothing passes."""
 
-    @model_validator(mode="after")
-    def _can_be(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.distribution == "table":
             if self.delays_ms is None:
-                raise ValueError('delays_ms: needed with distribution = "table"')
+                yield 'delays_ms: needed with distribution = "table"'
             if self.jitter_ms:
-                raise ValueError('jitter_ms: contradicts distribution = "table"')
+                yield 'jitter_ms: contradicts distribution = "table"'
         elif self.delays_ms is not None:
-            raise ValueError('delays_ms: needs distribution = "table"')
+            yield 'delays_ms: needs distribution = "table"'
         if self.reorder is not None and self.in_order:
-            raise ValueError("reorder: contradicts in_order")
+            yield "reorder: contradicts in_order"
         if self.reorder is not None and self.on_loss == "stall":
-            raise ValueError('reorder: contradicts on_loss = "stall", which keeps the order')
-        return self
+            yield 'reorder: contradicts on_loss = "stall", which keeps the order'
 
     @property
     def keeps_order(self) -> bool:

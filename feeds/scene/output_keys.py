@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from plotfeed.feeds.scene.fields import (
     Latitude,
@@ -192,14 +192,12 @@ class PageKeys(SceneTable):
     afterglow_s: Annotated[float, Field(ge=1, le=60)] = 10.0
     """For how long plots fade."""
 
-    @model_validator(mode="after")
-    def _topic_is_one(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         topic = self.tracks_topic
         if topic is not None and (
             not 1 <= len(topic) <= 200 or not topic.isprintable() or any(c in topic for c in "+# ")
         ):
-            raise ValueError("tracks_topic: expected one topic, without +, # or space")
-        return self
+            yield "tracks_topic: expected one topic, without +, # or space"
 
 
 MIN_OCTETS, USUAL_OCTETS, MAX_OCTETS = 64, 1400, 65_000
@@ -254,15 +252,13 @@ class UdpDestination(SceneTable):
     max_octets: Annotated[int, Field(ge=MIN_OCTETS, le=MAX_OCTETS)] = USUAL_OCTETS
     """Of a datagram; data blocks are cut to fit, and an event is one."""
 
-    @model_validator(mode="after")
-    def _interface_is_for_multicast(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.interface is None:
-            return self
+            return
         if not self.is_multicast:
-            raise ValueError(f"interface: only for multicast, which {self.destination} is not")
+            yield f"interface: only for multicast, which {self.destination} is not"
         if not self.interface or "\0" in self.interface:
-            raise ValueError("interface: expected the name of one, or its address")
-        return self
+            yield "interface: expected the name of one, or its address"
 
     @property
     def is_multicast(self) -> bool:
@@ -359,12 +355,10 @@ class TakServer(QueuedDestination):
     server_name: str | None = None
     """In the server's certificate, where that is not the host."""
 
-    @model_validator(mode="after")
-    def _certificates_need_tls(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         given = (self.ca_file, self.client_certificate_file, self.client_key_file, self.server_name)
         if any(each is not None for each in given) and not self.server.startswith("tls://"):
-            raise ValueError("server: certificates and names of theirs need tls://")
-        return self
+            yield "server: certificates and names of theirs need tls://"
 
 
 class HttpDestination(QueuedDestination):
@@ -457,8 +451,8 @@ class DestinationTables(SceneTable):
     websocket: Annotated[tuple[WebSocketKeys, ...], Field(strict=False)] = ()
     remote_id_service: Annotated[tuple[RemoteIdService, ...], Field(strict=False)] = ()
 
-    def check_senders(self, reports: Mapping[str, Sequence[str]]) -> None:
-        """Raise `ValueError` if a destination names no sensor, or one that has nothing for it.
+    def refused_destinations(self, reports: Mapping[str, Sequence[str]]) -> Iterator[str]:
+        """Destinations that name no sensor, or ones that have nothing for them.
 
         `reports` are the formats of whoever sends, by name.
         """
@@ -466,11 +460,11 @@ class DestinationTables(SceneTable):
             for n, each in enumerate(getattr(self, kind)):
                 for name in each.sensors:
                     if name not in reports:
-                        raise ValueError(f"{kind}[{n}].sensors: no sensor has the id {name!r}")
+                        yield f"{kind}[{n}].sensors: no sensor has the id {name!r}"
                 wanted = each.format
                 theirs = [formats for name, formats in reports.items() if each.takes(name)]
                 if wanted is not None and not any(wanted in formats for formats in theirs):
-                    raise ValueError(
+                    yield (
                         f"{kind}[{n}]: none of its sensors has {wanted!r} in its report, and "
                         "nothing else goes there"
                     )

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from codecs import BOM_UTF8
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.resources import as_file, files
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, GetJsonSchemaHandler, PrivateAttr, ValidationError, model_validator
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
@@ -25,7 +23,7 @@ from plotfeed.feeds.scene.problems import located, problems_of
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sea_level import SeaLevel, with_ellipsoidal_heights
 from plotfeed.feeds.scene.sensors import SENSORS, Sensor, SensorKeys
-from plotfeed.feeds.scene.sensors.mount_keys import check_cues
+from plotfeed.feeds.scene.sensors.mount_keys import refused_cues
 from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys
 from plotfeed.feeds.scene.story_keys import Story, usual_stories
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
@@ -75,8 +73,8 @@ def _numbered(sensor: Any, taken: set[Source]) -> Any:
     return {**sensor, **({"sac": sac} if sac else {}), "sic": sic}
 
 
-def check_sources(sensors: Sequence[SensorKeys]) -> None:
-    """Raise `ValueError` if two sensors that report in ASTERIX have one SAC and SIC.
+def shared_sources(sensors: Sequence[SensorKeys]) -> Iterator[str]:
+    """Refusals of sensors that report in ASTERIX and have another's SAC and SIC.
 
     All go to the same brokers and files, where nothing else in a record tells them apart.
     """
@@ -87,7 +85,7 @@ def check_sources(sensors: Sequence[SensorKeys]) -> None:
         source = sensor.sac, sensor.sic
         other = known.setdefault(source, sensor.id)
         if other != sensor.id:
-            raise ValueError(
+            yield (
                 f"sensor[{n}].sic: {other!r} and {sensor.id!r} both have sac {sensor.sac} and sic "
                 f"{sensor.sic}, and both report in ASTERIX, which tells them apart by that alone; "
                 "leave out sic, and they are numbered"
@@ -163,15 +161,13 @@ class General(SceneTable):
     duration_s: Positive | None = None
     """When to end; without it, on request."""
 
-    @model_validator(mode="after")
-    def _start_is_a_time(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.start_utc is None:
-            return self
+            return
         if self.start_utc.tzinfo is None:
-            raise ValueError("start_utc: write the zone too, such as 2026-01-01T12:00:00Z")
+            yield "start_utc: write the zone too, such as 2026-01-01T12:00:00Z"
         if not 1970 < self.start_utc.year < 2200:
-            raise ValueError("start_utc: must be from 1971 to 2199")
-        return self
+            yield "start_utc: must be from 1971 to 2199"
 
     @property
     def start_utc_ns(self) -> int | None:
@@ -256,15 +252,10 @@ class Scene(DestinationTables, WorldKeys):
     _text: str = PrivateAttr(default="")
 
     @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /
-    ) -> JsonSchemaValue:
-        """JSON schema of a scene's file, in which systems may stand for all sensors."""
-        schema = super().__get_pydantic_json_schema__(core_schema, handler)
-        found = handler.resolve_ref_schema(schema)
-        found["required"] = [key for key in found["required"] if key != "sensor"]
-        found["anyOf"] = [{"required": ["sensor"]}, {"required": ["system"]}]
-        return schema
+    def _put_right(cls, schema: dict[str, Any]) -> None:
+        """Systems may stand for all sensors."""
+        schema["required"] = [key for key in schema["required"] if key != "sensor"]
+        schema["anyOf"] = [{"required": ["sensor"]}, {"required": ["system"]}]
 
     @model_validator(mode="before")
     @classmethod
@@ -274,49 +265,47 @@ class Scene(DestinationTables, WorldKeys):
         tree = with_spells(with_ellipsoidal_heights(tree))
         return {**tree, "sensor": with_track_numbers(numbered(tree["sensor"]))}
 
-    @model_validator(mode="after")
-    def _holds_together(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         known: set[str] = set()
         for n, sensor in enumerate(self.sensor):
             if sensor.id in known:
-                raise ValueError(f"sensor[{n}].id: the id {sensor.id!r} is used twice")
+                yield f"sensor[{n}].id: the id {sensor.id!r} is used twice"
             known.add(sensor.id)
             if sensor.id in TOPICS_OF_SESSION:
-                raise ValueError(f"sensor[{n}].id: the id {sensor.id!r} is a topic of the session")
-        check_sources(self.sensor)
-        check_cues(self.sensor)
-        self.fleet.check()
+                yield f"sensor[{n}].id: the id {sensor.id!r} is a topic of the session"
+        yield from shared_sources(self.sensor)
+        yield from refused_cues(self.sensor)
+        yield from self.fleet.refusals()
         for n, sensor in enumerate(self.sensor):
-            _check_false_alarms(sensor, f"sensor[{n}]", self.scene.site)
-        return self
+            yield from _too_many_alarms(sensor, f"sensor[{n}]", self.scene.site)
+        yield from self._refused_events()
+        yield from self._refused_stories()
 
-    @model_validator(mode="after")
-    def _events_can_happen(self) -> Self:
+    def _refused_events(self) -> Iterator[str]:
         for n, sensor in enumerate(self.sensor):
             for i, event in enumerate(sensor.event):
                 key = f"sensor[{n}].event[{i}].set"
                 try:
                     other = changed(sensor, event.set)
                 except ChangeError as error:
-                    raise ValueError(f"{key}: {error}") from None
-                _check_false_alarms(other, key, self.scene.site)
-        self.check_senders({COOPERATIVE: (), **{s.id: s.report for s in self.sensor}})
-        return self
+                    yield f"{key}: {error}"
+                else:
+                    yield from _too_many_alarms(other, key, self.scene.site)
+        senders = {COOPERATIVE: (), **{s.id: s.report for s in self.sensor}}
+        yield from self.refused_destinations(senders)
 
-    @model_validator(mode="after")
-    def _stories_can_be_told(self) -> Self:
+    def _refused_stories(self) -> Iterator[str]:
         sensors = {sensor.id: sensor for sensor in self.sensor}
         known: set[str] = set()
         for n, story in enumerate(self.story):
             if story.id in known:
-                raise ValueError(f"story[{n}].id: the id {story.id!r} is used twice")
+                yield f"story[{n}].id: the id {story.id!r} is used twice"
             known.add(story.id)
             for key, why in story.problems(sensors, self.fleet.names, self.fleet.cooperative_names):
-                raise ValueError(f"story[{n}].{key}: {why}")
+                yield f"story[{n}].{key}: {why}"
             for name, keys in story.sets.items():
                 other = changed(sensors[name], keys)
-                _check_false_alarms(other, f"story[{n}].change", self.scene.site)
-        return self
+                yield from _too_many_alarms(other, f"story[{n}].change", self.scene.site)
 
     @property
     def fleet(self) -> Fleet:
@@ -404,12 +393,10 @@ class Scene(DestinationTables, WorldKeys):
         return self._text
 
 
-def _check_false_alarms(sensor: Sensor, key: str, site: Site) -> None:
+def _too_many_alarms(sensor: Sensor, key: str, site: Site) -> Iterator[str]:
     expected = sensor.model(site).false_alarms_per_scan
     if expected > MAX_FALSE_ALARMS:
-        raise ValueError(
-            f"{key}: {expected:.3g} false alarms a scan; at most {MAX_FALSE_ALARMS} are taken"
-        )
+        yield f"{key}: {expected:.3g} false alarms a scan; at most {MAX_FALSE_ALARMS} are taken"
 
 
 def load(path: str | Path) -> Scene:

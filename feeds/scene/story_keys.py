@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.claim_keys import ClaimFault
@@ -34,20 +34,18 @@ class StoryChange(SceneTable):
     claim: ClaimFault | None = None
     """How it says meanwhile otherwise where it is, without from_s and to_s."""
 
-    @model_validator(mode="after")
-    def _says_one_thing(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if (self.sensor is None) == (self.drone is None):
-            raise ValueError("expected either sensor or drone")
+            yield "expected either sensor or drone"
         if (self.set is None) != (self.sensor is None):
-            raise ValueError("expected set with a sensor, and with no drone")
+            yield "expected set with a sensor, and with no drone"
         happens = [self.contingency, self.claim].count(None) == 1
         if happens != (self.drone is not None):
-            raise ValueError("expected contingency or claim with a drone, and with no sensor")
+            yield "expected contingency or claim with a drone, and with no sensor"
         if self.contingency is not None and self.contingency.at_s is not None:
-            raise ValueError("contingency.at_s: it happens when the story begins")
+            yield "contingency.at_s: it happens when the story begins"
         if self.claim is not None and not {None} >= {self.claim.from_s, self.claim.to_s}:
-            raise ValueError("claim: from_s and to_s: it holds for as long as the story")
-        return self
+            yield "claim: from_s and to_s: it holds for as long as the story"
 
 
 class Story(SceneTable):
@@ -64,11 +62,9 @@ class Story(SceneTable):
     swarm: Annotated[tuple[Swarm, ...], Field(strict=False)] = ()
     """Drones that are there from when it begins until it is taken back."""
 
-    @model_validator(mode="after")
-    def _tells_something(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if not self.change and not self.swarm:
-            raise ValueError("change: a story has changes or swarms")
-        return self
+            yield "change: a story has changes or swarms"
 
     @property
     def sets(self) -> Sets:

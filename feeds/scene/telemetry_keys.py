@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.scene.fields import (
@@ -191,27 +191,25 @@ class TelemetrySource(SceneTable):
     ask_hz: Annotated[float, Field(ge=0.1, le=50)] | None = None
     """How often autopilots are asked for positions; without it, nothing is sent but over udpout."""
 
-    @model_validator(mode="after")
-    def _fits_its_kind(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         kind = self.address.kind
         named = {part.partition("}")[0] for part in (self.drone or "").split("{")[1:]}
         unknown = sorted(named - KINDS[kind].fields)
         if unknown:
             known = ", ".join(f"{{{name}}}" for name in sorted(KINDS[kind].fields))
-            raise ValueError(f"drone: {{{unknown[0]}}} is not known of {kind}; expected {known}")
+            yield f"drone: {{{unknown[0]}}} is not known of {kind}; expected {known}"
         if (self.address.transport == "http") != (self.view is not None):
-            raise ValueError("view: network Remote ID is asked for one, and nothing else")
+            yield "view: network Remote ID is asked for one, and nothing else"
         if self.qnh_hpa is not None and not KINDS[kind].is_traffic:
-            raise ValueError("qnh_hpa: only for ADS-B")
+            yield "qnh_hpa: only for ADS-B"
         if self.interface is not None:
             if self.address.transport != "udpin" or not self.address.is_multicast:
-                raise ValueError(f"interface: only for a multicast group, which {self.url} is not")
+                yield f"interface: only for a multicast group, which {self.url} is not"
             if not self.interface or "\0" in self.interface:
-                raise ValueError("interface: expected the name of one, or its address")
+                yield "interface: expected the name of one, or its address"
         for key in ("ask_hz", "altitude"):
             if kind != "mavlink" and getattr(self, key) != type(self).model_fields[key].default:
-                raise ValueError(f"{key}: only for mavlink")
-        return self
+                yield f"{key}: only for mavlink"
 
     @property
     def address(self) -> SourceAddress:
@@ -287,19 +285,15 @@ class TelemetryMapping(SceneTable):
     rcs_m2: Positive | None = None
     """Of its drones; without it, telemetry.rcs_m2."""
 
-    @model_validator(mode="after")
-    def _is_whole(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if (PLACE in self.topic) == (self.drone is not None):
-            raise ValueError(
-                f"drone: either the topic has {PLACE}, or drone is the key of its name"
-            )
+            yield (f"drone: either the topic has {PLACE}, or drone is the key of its name")
         if (self.speed is None) != (self.course is None):
-            raise ValueError("speed: it and course belong together")
+            yield "speed: it and course belong together"
         if self.speed is not None and (self.velocity_east or self.velocity_north):
-            raise ValueError("speed: either speed and course, or velocity_east and velocity_north")
+            yield "speed: either speed and course, or velocity_east and velocity_north"
         if self.velocity_up is not None and self.velocity_down is not None:
-            raise ValueError("velocity_down: either it or velocity_up")
-        return self
+            yield "velocity_down: either it or velocity_up"
 
     @property
     def filter(self) -> str:
@@ -347,14 +341,12 @@ class Telemetry(SceneTable):
     mapping: Annotated[tuple[TelemetryMapping, ...], Field(strict=False, max_length=64)] = ()
     """JSON of other systems on the session's broker, as telemetry."""
 
-    @model_validator(mode="after")
-    def _can_be_taken(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         is_traffic = any(KINDS[source.address.kind].is_traffic for source in self.source)
         if is_traffic and "max_speed_m_s" not in self.model_fields_set:
-            raise ValueError(
+            yield (
                 "max_speed_m_s: must be stated beside ADS-B, since aircraft fly faster than 150 "
                 "m/s; 350 takes airliners"
             )
         if self.geoid_grid is not None and self.geoid_undulation_m is not None:
-            raise ValueError("geoid_grid: either it or geoid_undulation_m says where sea level is")
-        return self
+            yield "geoid_grid: either it or geoid_undulation_m says where sea level is"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
@@ -190,15 +190,11 @@ class ClutterKeys(SceneTable):
     rate_m_s: Annotated[float, Field(ge=0, le=100)] = 0.2
     """Standard deviation of range rates, where they are measured."""
 
-    @model_validator(mode="after")
-    def _comes_somehow(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if (self.plots_per_km2 is None) == (self.threshold_db is None):
-            raise ValueError("expected plots_per_km2 or threshold_db")
+            yield "expected plots_per_km2 or threshold_db"
         if self.threshold_db is not None and self.shape > MOST_SPIKY_ORDER:
-            raise ValueError(
-                f"shape: at most {MOST_SPIKY_ORDER:g} with threshold_db: beyond it is noise"
-            )
-        return self
+            yield (f"shape: at most {MOST_SPIKY_ORDER:g} with threshold_db: beyond it is noise")
 
 
 HORIZONS = "horizons"  # What a recording has in the place of the files of [terrain]
@@ -223,11 +219,9 @@ class TerrainKeys(SceneTable):
     step_m: Annotated[float, Field(ge=1, le=1000)] = 30.0
     """Between samples of the ground; at least a 4000th of the furthest range."""
 
-    @model_validator(mode="after")
-    def _stands_somewhere(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if not self.elevation and not self.buildings:
-            raise ValueError("elevation: needed, or buildings")
-        return self
+            yield "elevation: needed, or buildings"
 
 
 class WorldKeys(SceneTable):
@@ -248,11 +242,9 @@ class WorldKeys(SceneTable):
     clutter: Annotated[tuple[ClutterKeys, ...], Field(strict=False)] = ()
     """Regions with plots of radars that measure range and azimuth, in every scan."""
 
-    @model_validator(mode="after")
-    def _its_names_are_unique(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         for kind in ("jammer", "birds", "road", "turbine", "clutter"):
             ids = [each.id for each in getattr(self, kind)]
             for n, name in enumerate(ids):
                 if name in ids[:n]:
-                    raise ValueError(f"{kind}[{n}].id: the id {name!r} is used twice")
-        return self
+                    yield f"{kind}[{n}].id: the id {name!r} is used twice"

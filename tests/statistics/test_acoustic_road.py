@@ -246,6 +246,6 @@ def test_warnings_are_of_hurried_scans_and_of_gains_given_twice() -> None:
         ],
         seed=1,
     )
-    good, bad = (sensor.warnings(parts.scene.site) for sensor in parts.sensor)
+    good, bad = (list(sensor.warnings(parts.scene.site)) for sensor in parts.sensor)
     assert not good
     assert [text.split()[0] for text in bad] == ["scan.period_s", "microphones"]

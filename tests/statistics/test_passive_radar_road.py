@@ -263,8 +263,8 @@ def test_check_warns_of_directions_along_a_baseline_and_of_a_long_integration() 
     wide = passive(azimuth_min_deg=100.0, azimuth_max_deg=170.0, integration_s=2.0, **floors)
     flown = scene([wide, passive(id="narrow", **floors)], seed=65)
     site = flown.scene.site
-    found = flown.sensor[0].warnings(site)
+    found = list(flown.sensor[0].warnings(site))
     assert len(found) == 2
     assert "integration_s is 2" in found[0]
     assert "transmitter east, at azimuth 135.0" in found[1]
-    assert flown.sensor[1].warnings(site) == []
+    assert not list(flown.sensor[1].warnings(site))

@@ -312,7 +312,7 @@ def test_warnings_are_of_long_integration_and_of_unused_keys() -> None:
         detector(id="c", baseline_m=0.3),
     ]
     parts = scene(sensors, seed=1)
-    good, slow, unused = (sensor.warnings(parts.scene.site) for sensor in parts.sensor)
+    good, slow, unused = (list(sensor.warnings(parts.scene.site)) for sensor in parts.sensor)
     assert not good
     assert slow[0].startswith("integration_s is 1.5, longer than a scan")
     assert unused[0].startswith("baseline_m: not used")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
@@ -22,7 +23,7 @@ from plotfeed.feeds.scene.sensors.effect_keys import (
     SOUND_BEARING_DEG,
     ClassifierKeys,
     odd_floor,
-    refuse_bias,
+    refused_bias,
 )
 from plotfeed.feeds.scene.sensors.scan_keys import StaringScan
 from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, SensorGeometry
@@ -111,19 +112,17 @@ class MicrophoneKeys(AzimuthCoverKeys):
     classifier: ClassifierKeys | None = None
     """In its place, what each `target_class` is called, rightly or wrongly."""
 
-    @model_validator(mode="after")
-    def _lies_so(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.classifier is not None and self.kind:
-            raise ValueError("classifier: leave it out, or leave out kind")
+            yield "classifier: leave it out, or leave out kind"
         if self.layout is None:
-            return self
+            return
         if self.microphones < FEWEST_IN_A_LAYOUT:
-            raise ValueError(f"microphones: a layout has at least {FEWEST_IN_A_LAYOUT}")
+            yield f"microphones: a layout has at least {FEWEST_IN_A_LAYOUT}"
         if self.layout.shape == "rectangle" and self.microphones % 2:
-            raise ValueError("microphones: a rectangle has an even number")
+            yield "microphones: a rectangle has an even number"
         if self.layout.shape == "line" and self.elevation_beamwidth_deg is not None:
-            raise ValueError("elevation_beamwidth_deg: a line of microphones tells no elevations")
-        return self
+            yield "elevation_beamwidth_deg: a line of microphones tells no elevations"
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -164,29 +163,27 @@ class MicrophoneKeys(AzimuthCoverKeys):
             ),
         }
 
-    def warnings(self, _site: Site, /) -> list[str]:
+    def warnings(self, _site: Site, /) -> Iterator[str]:
         """Odd accuracies, scans too short to hear anything in, and a gain given twice."""
-        found = odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, SOUND_BEARING_DEG)
+        yield from odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, SOUND_BEARING_DEG)
         if self.elevation_beamwidth_deg is not None:
-            found += odd_floor("elevation_floor_deg", self.elevation_floor_deg, SOUND_BEARING_DEG)
+            yield from odd_floor("elevation_floor_deg", self.elevation_floor_deg, SOUND_BEARING_DEG)
         if self.scan.period_s < SHORTEST_LISTENING_S:
-            found.append(
+            yield (
                 f"scan.period_s is {self.scan.period_s:g}: an array listens for at least "
                 f"{SHORTEST_LISTENING_S:g} s for one bearing, so scans this short would not be "
                 "independent of each other"
             )
         if self.layout is not None:
-            return found + self._ambiguous(self.layout)
-        if self.array_gain_db is not None and "microphones" in self.model_fields_set:
-            found.append("microphones is not used: array_gain_db is given")
-        return found
+            yield from self._ambiguous(self.layout)
+        elif self.array_gain_db is not None and "microphones" in self.model_fields_set:
+            yield "microphones is not used: array_gain_db is given"
 
-    def _ambiguous(self, layout: LayoutKeys) -> list[str]:
+    def _ambiguous(self, layout: LayoutKeys) -> Iterator[str]:
         """Sides that a line cannot tell apart, and waves that are too short for the spacing."""
-        found = []
         wavelength_m = self.sound_speed_m_s / self.frequency_hz
         if layout.spacing_m > wavelength_m / 2:
-            found.append(
+            yield (
                 f"layout.spacing_m is {layout.spacing_m:g}, more than half a wavelength at "
                 f"{self.frequency_hz:g} Hz, {wavelength_m / 2:.2g} m: directions would be "
                 "ambiguous, which is not modelled"
@@ -195,11 +192,10 @@ class MicrophoneKeys(AzimuthCoverKeys):
         sides = (layout.azimuth_deg + from_line_deg, layout.azimuth_deg - from_line_deg)
         both = np.logical_and(*(self.azimuth_cover.holds(wrap_360(side)) for side in sides))
         if layout.shape == "line" and both.any():
-            found.append(
+            yield (
                 "a line of microphones cannot tell its sides apart, and the cover holds both: "
                 "half of the plots there are on the wrong one"
             )
-        return found
 
 
 class AcousticKeys(MicrophoneKeys):
@@ -223,16 +219,14 @@ class AcousticPairKeys(MicrophoneKeys):
     second_array: Location
     """Where the other array stands; places are seen from the first."""
 
-    @model_validator(mode="after")
-    def _measures_no_ranges(self) -> Self:
-        refuse_bias(
+    def _refusals(self) -> Iterator[str]:
+        yield from refused_bias(
             self.bias,
             "two arrays, which measure directions",
             ("azimuth_offset_deg", "tilt_deg", "tilt_azimuth_deg", "time_offset_s"),
         )
         if self.drift is not None and self.drift.sigma_range_m:
-            raise ValueError("drift.sigma_range_m: not modelled of two arrays")
-        return self
+            yield "drift.sigma_range_m: not modelled of two arrays"
 
     def model(self, site: Site, /) -> AcousticPair:
         """The model of both."""
@@ -242,18 +236,17 @@ class AcousticPairKeys(MicrophoneKeys):
             range_max_m=self.range_max_m, array=array, baseline_enu_m=baseline_enu_m
         )
 
-    def warnings(self, site: Site, /) -> list[str]:
+    def warnings(self, site: Site, /) -> Iterator[str]:
         """What there is of one array, and a baseline that is too short or too long."""
         apart_m = float(np.hypot(*self.offset_enu_m(site, self.second_array)[:2]))
-        found = super().warnings(site)
+        yield from super().warnings(site)
         if apart_m > self.range_max_m:
-            found.append(
+            yield (
                 f"second_array is {apart_m:.0f} m away, and sounds carry {self.range_max_m:g} m: "
                 "the two hear little in common"
             )
         elif apart_m < SHORTEST_BASELINE * self.range_max_m:
-            found.append(
+            yield (
                 f"second_array is {apart_m:.3g} m away, less than a twentieth of "
                 f"{self.range_max_m:g} m: bearings hardly cross, and distances are guesses"
             )
-        return found

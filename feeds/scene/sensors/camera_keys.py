@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import Azimuth, Elevation, Name, Site
 from plotfeed.feeds.scene.sensors.mount_keys import MountKeys
@@ -93,19 +94,17 @@ class CameraKeys(SensorKeys):
     netd_mk: Annotated[float, Field(ge=1, le=10_000)] = 50.0
     """Noise of a pixel of heat; some 50 mK without a cooler, 20 to 25 with one."""
 
-    @model_validator(mode="after")
-    def _sees_something(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.scan.rotates and self.horizontal_fov_deg < 360:
-            raise ValueError("scan.kind: a camera turns to see all around: horizontal_fov_deg 360")
+            yield "scan.kind: a camera turns to see all around: horizontal_fov_deg 360"
         if self.mount is not None and (self.scan.rotates or self.is_panoramic):
-            raise ValueError("mount: only of a camera with flat pictures that does not turn")
+            yield "mount: only of a camera with flat pictures that does not turn"
         if self.nyquist_contrast <= self.threshold_contrast:
-            raise ValueError("nyquist_contrast: must be above threshold_contrast")
+            yield "nyquist_contrast: must be above threshold_contrast"
         if UNRECOGNISED in self.tells_apart:
-            raise ValueError(f"tells_apart: {UNRECOGNISED!r} is what is not recognised")
+            yield f"tells_apart: {UNRECOGNISED!r} is what is not recognised"
         if len(set(self.tells_apart)) < len(self.tells_apart):
-            raise ValueError("tells_apart: one is there twice")
-        return self
+            yield "tells_apart: one is there twice"
 
     @property
     def is_panoramic(self) -> bool:
@@ -190,16 +189,12 @@ class CameraKeys(SensorKeys):
             visibility_m=visibility_m,
         )
 
-    def warnings(self, _site: Site, /) -> list[str]:
+    def warnings(self, _site: Site, /) -> Iterator[str]:
         """Pictures that are no lens's, and a night without its contrast."""
-        found = []
         if not self.is_panoramic:
             square = np.tan(np.radians(self.vertical_field_deg) / 2) * self.pixels_across
             square /= np.tan(np.radians(self.horizontal_fov_deg) / 2) * self.pixels_down
             if not 0.8 < square < 1.25:
-                found.append(
-                    f"vertical_fov_deg: pixels are {square:.2g} times as high as they are wide"
-                )
+                yield f"vertical_fov_deg: pixels are {square:.2g} times as high as they are wide"
         if self.night and self.night_contrast is None:
-            found.append("night changes nothing: night_contrast is not given")
-        return found
+            yield "night changes nothing: night_contrast is not given"

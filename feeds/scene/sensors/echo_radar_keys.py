@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import Azimuth, Beamwidth, Decibels, Loss, SceneTable, Site
 from plotfeed.feeds.scene.sensors.effect_keys import DopplerKeys, MergingKeys
@@ -103,11 +103,9 @@ class CosecantSquaredKeys(SceneTable):
     beamwidth_deg: Beamwidth | None = None
     """At 3 dB, beyond the two; without it, the sensor's."""
 
-    @model_validator(mode="after")
-    def _rises(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if not self.from_deg < self.to_deg:
-            raise ValueError("to_deg: must be above from_deg")
-        return self
+            yield "to_deg: must be above from_deg"
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
@@ -127,13 +125,11 @@ class TableCutKeys(_Beam):
     gain_db: Annotated[tuple[Decibels, ...], Field(strict=False, min_length=2, max_length=10_000)]
     """At those, one way, beside the antenna's stated gain; linear in between."""
 
-    @model_validator(mode="after")
-    def _is_a_table(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if len(self.angle_deg) != len(self.gain_db):
-            raise ValueError("gain_db: as many as angle_deg are needed")
+            yield "gain_db: as many as angle_deg are needed"
         if (np.diff(self.angle_deg) <= 0).any():
-            raise ValueError("angle_deg: must rise")
-        return self
+            yield "angle_deg: must rise"
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
@@ -194,11 +190,9 @@ class AntennaKeys(SceneTable):
 
         return Antenna(transmit=transmit, receive=receive, shows_sidelobes=self.sidelobe_plots)
 
-    @model_validator(mode="after")
-    def _has_sidelobes(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.sidelobe_plots and self.receive is None:
-            raise ValueError("sidelobe_plots: needs receive, whose sidelobe_db they come by")
-        return self
+            yield "sidelobe_plots: needs receive, whose sidelobe_db they come by"
 
     @property
     def peak_loss_db(self) -> float:
@@ -309,25 +303,21 @@ class EchoRadarKeys(TrackingSensorKeys, VolumeKeys):
     straddling: StraddlingKeys | None = None
     """Without it, nothing is lost between the middles of cells."""
 
-    @model_validator(mode="after")
-    def _effects_are_of_it(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.straddling is not None and self.straddling.doppler and self.doppler is None:
-            raise ValueError("straddling.doppler: needs doppler")
+            yield "straddling.doppler: needs doppler"
         if self.antenna is None:
-            return self
+            return
         if self.scan.rotates and self.antenna.has_azimuths:
-            raise ValueError(
+            yield (
                 "antenna: azimuth is for radars that stare: a beam that turns meets every drone "
                 "in its middle"
             )
         if self.illuminators and self.antenna.transmit is not None:
-            raise ValueError("antenna.transmit: this radar transmits nothing")
+            yield "antenna.transmit: this radar transmits nothing"
         steered = getattr(self, "mount", None) is not None or self.scan.kind == "electronic"
         if self.antenna.sidelobe_plots and (self.illuminators or steered):
-            raise ValueError(
-                "antenna.sidelobe_plots: not of a passive radar, nor of a beam that is steered"
-            )
-        return self
+            yield ("antenna.sidelobe_plots: not of a passive radar, nor of a beam that is steered")
 
     @property
     def signals_hz(self) -> Sequence[tuple[float, float]]:

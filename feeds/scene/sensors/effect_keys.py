@@ -9,11 +9,11 @@ ElevationBiasFraction and RangeRateBiasFraction).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
@@ -54,27 +54,26 @@ def stated_or(floor: float | None, usual: float) -> float:
     return usual if floor is None else floor
 
 
-def odd_floor(key: str, floor: float | None, usual: float) -> list[str]:
+def odd_floor(key: str, floor: float | None, usual: float) -> Iterator[str]:
     """A warning of a stated floor that is no sensor's."""
     if floor is None or usual / BEYOND_BELIEF <= floor <= usual * BEYOND_BELIEF:
-        return []
+        return
     unit = {"deg": "degrees", "m": "m", "s": "m/s"}[key.rpartition("_")[2]]
     sense = "accurate" if floor < usual else "inaccurate"
-    return [
+    yield (
         f"{key} is {floor:g} {unit}, more {sense} than such sensors are: some {usual:.2g} {unit} "
         "of error stay in theirs, however strong the signal"
-    ]
+    )
 
 
-def odd_frequency(key: str, frequency_hz: float) -> list[str]:
+def odd_frequency(key: str, frequency_hz: float) -> Iterator[str]:
     """A warning of a carrier that no radar or radio sensor has: Hz for GHz, most often."""
     low_hz, high_hz = RADAR_BANDS_HZ
-    if low_hz <= frequency_hz <= high_hz:
-        return []
-    return [
-        f"{key} is {frequency_hz:g}: such sensors work from {low_hz:g} to {high_hz:g} Hz; "
-        "is it in another unit?"
-    ]
+    if not low_hz <= frequency_hz <= high_hz:
+        yield (
+            f"{key} is {frequency_hz:g}: such sensors work from {low_hz:g} to {high_hz:g} Hz; "
+            "is it in another unit?"
+        )
 
 
 class BiasKeys(SceneTable):
@@ -107,11 +106,11 @@ class BiasKeys(SceneTable):
         )
 
 
-def refuse_bias(bias: BiasKeys | None, of: str, modelled: Sequence[str]) -> None:
-    """Raise ValueError for a systematic error that would change nothing."""
+def refused_bias(bias: BiasKeys | None, of: str, modelled: Sequence[str]) -> Iterator[str]:
+    """Systematic errors that would change nothing."""
     for name in BiasKeys.model_fields:
         if bias is not None and getattr(bias, name) and name not in modelled:
-            raise ValueError(f"bias.{name}: not modelled of {of}")
+            yield f"bias.{name}: not modelled of {of}"
 
 
 class DriftKeys(SceneTable):
@@ -172,7 +171,7 @@ class DopplerKeys(SceneTable):
             floors_m_s=tuple(stated_or(self.floor_m_s, RATE_SHARE * cell) for cell in cells_m_s),
         )
 
-    def odd_floor(self, cell_m_s: float) -> list[str]:
+    def odd_floor(self, cell_m_s: float) -> Iterator[str]:
         """A warning of a floor that no radar with that Doppler cell has."""
         return odd_floor("doppler.floor_m_s", self.floor_m_s, RATE_SHARE * cell_m_s)
 
@@ -261,21 +260,19 @@ class ClassifierKeys(ModelTable):
     codes: dict[str, Annotated[int, Field(ge=1, le=511)]] | None = None
     """By claim, the class in I015/300, as receiver and sensor agree; 0 for none."""
 
-    @model_validator(mode="after")
-    def _adds_up(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if len(set(self.claims)) < len(self.claims):
-            raise ValueError("claims: one is there twice")
+            yield "claims: one is there twice"
         rows = {f"confusion.{name}": row for name, row in self.confusion.items()}
         if self.otherwise is not None:
             rows["otherwise"] = self.otherwise
         for name, row in rows.items():
             if len(row) != len(self.claims):
-                raise ValueError(f"{name}: {len(row)} numbers for {len(self.claims)} claims")
+                yield f"{name}: {len(row)} numbers for {len(self.claims)} claims"
             if abs(sum(row) - 1) > ROUNDING:
-                raise ValueError(f"{name}: must add up to 1, not {sum(row):.7g}")
+                yield f"{name}: must add up to 1, not {sum(row):.7g}"
         if self.codes is not None and set(self.codes) != set(self.claims):
-            raise ValueError("codes: one for each claim")
-        return self
+            yield "codes: one for each claim"
 
     def model(self) -> Confusion:
         """The matrix for a model."""

@@ -10,9 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from pydantic import GetJsonSchemaHandler, model_validator
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic import model_validator
 
 from plotfeed.feeds.scene.fields import Frequency, Location, Name, Positive, SceneTable
 
@@ -99,14 +97,9 @@ class IlluminatorKeys(SceneTable):
         return {**BROADCASTS[kind].keys, **keys}
 
     @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler, /
-    ) -> JsonSchemaValue:
-        """JSON schema of the keys, of which a kind of broadcast gives some."""
-        schema = super().__get_pydantic_json_schema__(core_schema, handler)
-        keys = handler.resolve_ref_schema(schema)
-        of_a_kind = [key for key in keys["required"] if key in BROADCASTS["dab"].keys]
-        keys["required"] = [key for key in keys["required"] if key not in of_a_kind]
+    def _put_right(cls, schema: dict[str, Any]) -> None:
+        """A kind of broadcast gives some keys."""
+        of_a_kind = [key for key in schema["required"] if key in BROADCASTS["dab"].keys]
+        schema["required"] = [key for key in schema["required"] if key not in of_a_kind]
         kinds = {"properties": {"preset": {"type": "string"}}, "required": ["preset"]}
-        keys["anyOf"] = [kinds, {"required": of_a_kind}]
-        return schema
+        schema["anyOf"] = [kinds, {"required": of_a_kind}]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
@@ -54,17 +54,15 @@ class LookAt(SceneTable):
     horizontal_fov_deg: Annotated[float, Field(ge=0.01, le=360)] | None = None
     """Of a camera; without it, that of its keys."""
 
-    @model_validator(mode="after")
-    def _says_where(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         place = (self.latitude_deg, self.longitude_deg, self.height_m)
         if (self.azimuth_deg is None) == (place == (None, None, None)):
-            raise ValueError("expected azimuth_deg, or latitude_deg, longitude_deg and height_m")
+            yield "expected azimuth_deg, or latitude_deg, longitude_deg and height_m"
         if (self.azimuth_deg is None and None in place) or self.height_msl_m is not None:
-            raise ValueError(
+            yield (
                 "a place has latitude_deg, longitude_deg and height_m or, in a scene's file, "
                 "height_msl_m"
             )
-        return self
 
     def aim(self, site: Site, position_enu_m: Enu, field_deg: float) -> Aim:
         """The aim of a sensor that stands there, with that field of view if none is asked for."""
@@ -119,14 +117,12 @@ class MountKeys(SceneTable):
     look_at: LookAt | None = None
     """Where it looks whatever cues there are; a SAPIENT task sets it."""
 
-    @model_validator(mode="after")
-    def _turns_somewhere(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.tilt_min_deg > self.tilt_max_deg:
-            raise ValueError("tilt_min_deg: must not exceed tilt_max_deg")
+            yield "tilt_min_deg: must not exceed tilt_max_deg"
         low, high = self.fov_min_deg, self.fov_max_deg
         if low is not None and high is not None and low > high:
-            raise ValueError("fov_min_deg: must not exceed fov_max_deg")
-        return self
+            yield "fov_min_deg: must not exceed fov_max_deg"
 
     @property
     def cuers(self) -> tuple[str, ...]:
@@ -223,14 +219,14 @@ def cue_order(sensors: Sequence[SensorKeys]) -> list[int]:
     return [found[i] for i in range(len(sensors))]
 
 
-def check_cues(sensors: Sequence[SensorKeys]) -> None:
-    """Raise `ValueError` if a sensor is cued by one that is not there, or by itself in the end."""
+def refused_cues(sensors: Sequence[SensorKeys]) -> Iterator[str]:
+    """Cues by sensors that are not there; raises `ValueError` where sensors cue each other."""
     known = {sensor.id for sensor in sensors}
     for n, sensor in enumerate(sensors):
         mount = mount_of(sensor)
         if mount is not None and sensor.scan.kind != "staring":
-            raise ValueError(f"sensor[{n}].mount: only of a sensor that stares")
+            yield f"sensor[{n}].mount: only of a sensor that stares"
         for name in mount.cuers if mount else ():
             if name not in known:
-                raise ValueError(f"sensor[{n}].mount.cued_by: no sensor has the id {name!r}")
+                yield f"sensor[{n}].mount.cued_by: no sensor has the id {name!r}"
     cue_order(sensors)

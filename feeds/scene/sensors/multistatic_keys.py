@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import Location, Name, Positive, Site
-from plotfeed.feeds.scene.sensors.effect_keys import refuse_bias
+from plotfeed.feeds.scene.sensors.effect_keys import refused_bias
 from plotfeed.feeds.scene.sensors.passive_radar_keys import PassiveRadarKeys
 from plotfeed.feeds.scene.sensors.polar_radar_keys import MimoRadarKeys
 from plotfeed.feeds.scene.sensors.sensor_keys import (
@@ -51,20 +52,18 @@ class SeveralReceiversKeys(TrackingSensorKeys):
     fewest_pairs: Fewest = FEWEST_PAIRS
     """Of which detections make a place."""
 
-    @model_validator(mode="after")
-    def _makes_places(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         transmitters = len(self.transmitters)
         pairs = (len(self.receivers) + 1) * transmitters
         if not self.fewest_pairs <= pairs <= MOST_PAIRS:
-            raise ValueError(
+            yield (
                 f"receivers: with {transmitters} transmitters they make {pairs} pairs; a place "
                 f"takes {self.fewest_pairs}, and at most {MOST_PAIRS} are joined"
             )
         for name in NOT_MODELLED:
             if name in self.model_fields_set and getattr(self, name, None) is not None:
-                raise ValueError(f"{name}: not modelled of several receivers")
-        refuse_bias(self.bias, "several receivers", ("time_offset_s",))
-        return self
+                yield f"{name}: not modelled of several receivers"
+        yield from refused_bias(self.bias, "several receivers", ("time_offset_s",))
 
     def model(self, site: Site, /) -> MultistaticRadar:
         """The model of all receivers, by the signals of the first, which is the sensor."""
@@ -97,9 +96,10 @@ class MultistaticPassiveKeys(SeveralReceiversKeys, PassiveRadarKeys):
 
     illuminators = SensorKeys.illuminators
 
-    def warnings(self, _site: Site, /) -> list[str]:
+    def warnings(self, _site: Site, /) -> Iterator[str]:
         """Odd accuracies, and an integration longer than a scan: baselines blind pairs alone."""
-        return [*long_integration(self.integration_s, self.scan), *self._odd_values()]
+        yield from long_integration(self.integration_s, self.scan)
+        yield from self._odd_values()
 
 
 class MultistaticMimoKeys(SeveralReceiversKeys, MimoRadarKeys):
@@ -115,7 +115,8 @@ class MultistaticMimoKeys(SeveralReceiversKeys, MimoRadarKeys):
     sigma_height_m: Positive = 35.0
     """Standard deviation of such heights."""
 
-    def warnings(self, _site: Site, /) -> list[str]:
+    def warnings(self, _site: Site, /) -> Iterator[str]:
         """Odd accuracies, cells without false alarms, and an integration longer than a scan."""
-        found = long_integration(self.integration_s, self.scan)
-        return [*found, *self._odd_values(), *self._few_cells()]
+        yield from long_integration(self.integration_s, self.scan)
+        yield from self._odd_values()
+        yield from self._few_cells()

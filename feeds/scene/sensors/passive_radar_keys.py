@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -123,21 +123,17 @@ class PassiveRadarKeys(EchoRadarKeys):
             )
         return keys
 
-    @model_validator(mode="after")
-    def _hears(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.gain_rx_dbi is None and self.elevation_beamwidth_deg is None:
-            raise ValueError(
-                "gain_rx_dbi: needed, or elevation_beamwidth_deg from which it follows"
-            )
+            yield ("gain_rx_dbi: needed, or elevation_beamwidth_deg from which it follows")
         if self.external_noise_db is not None and self.noise_environment is not None:
-            raise ValueError("noise_environment: leave it out, or leave out external_noise_db")
+            yield "noise_environment: leave it out, or leave out external_noise_db"
         ids = [t.id for t in self.transmitters]
         twice = {name for name in ids if ids.count(name) > 1}
         if twice:
-            raise ValueError(f"transmitters: the id {min(twice)!r} is used twice")
+            yield f"transmitters: the id {min(twice)!r} is used twice"
         for transmitter in self.transmitters:
             self._noise_db(transmitter)
-        return self
 
     def _noise_db(self, transmitter: IlluminatorKeys) -> float:
         """External noise in a transmitter's channel; raises ValueError where none is known."""
@@ -192,45 +188,42 @@ class PassiveRadarKeys(EchoRadarKeys):
             ),
         )
 
-    def warnings(self, site: Site, /) -> list[str]:
+    def warnings(self, site: Site, /) -> Iterator[str]:
         """An integration longer than a scan, odd accuracies, and what lies near a baseline."""
         model: PassiveRadar = self.model(site)
         azimuths_deg, _, baselines_m = enu_to_aer(model.positions_enu_m)
-        found = long_integration(self.integration_s, self.scan) + self._odd_values()
+        yield from long_integration(self.integration_s, self.scan)
+        yield from self._odd_values()
         for part, azimuth_deg, baseline_m in zip(
             self.transmitters, azimuths_deg, baselines_m, strict=True
         ):
-            found += self._blurred(model, part.id, float(azimuth_deg), float(baseline_m))
-        return found
+            yield from self._blurred(model, part.id, float(azimuth_deg), float(baseline_m))
 
-    def _odd_values(self) -> list[str]:
+    def _odd_values(self) -> Iterator[str]:
         """Floors that no such radar has by its finest channel, and carriers that none has."""
-        found = []
         for part in self.transmitters:
-            found += odd_frequency(f"frequency_hz of {part.id}", part.frequency_hz)
+            yield from odd_frequency(f"frequency_hz of {part.id}", part.frequency_hz)
         finest_m = C_M_S / max(part.bandwidth_hz for part in self.transmitters)
         usual_m = RANGE_SHARE * finest_m
-        found += odd_floor("bistatic_range_floor_m", self.bistatic_range_floor_m, usual_m)
-        found += odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, self._usual_azimuth_deg())
+        yield from odd_floor("bistatic_range_floor_m", self.bistatic_range_floor_m, usual_m)
+        usual_deg = self._usual_azimuth_deg()
+        yield from odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, usual_deg)
         if self.doppler is not None:
             highest_hz = max(part.frequency_hz for part in self.transmitters)
-            found += self.doppler.odd_floor(C_M_S / highest_hz / self.integration_s)
-        return found
+            yield from self.doppler.odd_floor(C_M_S / highest_hz / self.integration_s)
 
     @staticmethod
     def _blurred(
         model: PassiveRadar, name: str, azimuth_deg: float, baseline_m: float
-    ) -> list[str]:
+    ) -> Iterator[str]:
         """Whether the cover has directions in which a bistatic range says little of the range."""
         if not baseline_m >= 1.0:
-            return [
-                f"transmitter {name} stands where the receiver does: nothing is heard beside it"
-            ]
+            yield f"transmitter {name} stands where the receiver does: nothing is heard beside it"
+            return
         near_deg = azimuth_deg + np.linspace(-BLURRED_DEG, BLURRED_DEG, 105)
-        if not model.azimuth_cover.holds(near_deg).any():
-            return []
-        return [
-            f"within {BLURRED_DEG:g} degrees of transmitter {name}, at azimuth "
-            f"{azimuth_deg:.1f}, errors of bistatic range become ten times larger in range and "
-            "more; on the line to it there are no plots"
-        ]
+        if model.azimuth_cover.holds(near_deg).any():
+            yield (
+                f"within {BLURRED_DEG:g} degrees of transmitter {name}, at azimuth "
+                f"{azimuth_deg:.1f}, errors of bistatic range become ten times larger in range and "
+                "more; on the line to it there are no plots"
+            )

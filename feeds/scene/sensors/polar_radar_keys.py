@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import cycle, islice
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import (
     Beamwidth,
@@ -72,15 +72,13 @@ class PulsesKeys(SceneTable):
     """Of a radar that turns: each interval has the echo that the Gaussian receive beam leaves;
     loss_db then holds no loss of beam shape."""
 
-    @model_validator(mode="after")
-    def _can_be(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.intervals is not None and self.intervals < len(self.prf_hz):
-            raise ValueError("intervals: at least one for each of prf_hz")
+            yield "intervals: at least one for each of prf_hz"
         if self.needed > self.count:
-            raise ValueError(f"needed: must not exceed the {self.count} intervals")
+            yield f"needed: must not exceed the {self.count} intervals"
         if self.pulse_s * max(self.prf_hz) > 0.5:
-            raise ValueError("pulse_s: must not exceed half of the time between pulses")
-        return self
+            yield "pulse_s: must not exceed half of the time between pulses"
 
     @property
     def count(self) -> int:
@@ -92,17 +90,16 @@ class PulsesKeys(SceneTable):
         """The only pulse frequency; None where several tell ranges and rates apart."""
         return self.prf_hz[0] if len(set(self.prf_hz)) == 1 else None
 
-    def warnings(self, range_max_m: float) -> list[str]:
+    def warnings(self, range_max_m: float) -> Iterator[str]:
         """Ranges that fold within the instrumented one."""
         if self.folding_prf_hz is None:
-            return []
+            return
         folds_at_m = C_M_S / (2 * self.folding_prf_hz)
-        if folds_at_m >= range_max_m:
-            return []
-        return [
-            f"pulses.prf_hz is {self.folding_prf_hz:g}: drones beyond {folds_at_m:.0f} m are told "
-            "nearer by as much; two frequencies tell them apart"
-        ]
+        if folds_at_m < range_max_m:
+            yield (
+                f"pulses.prf_hz is {self.folding_prf_hz:g}: drones beyond {folds_at_m:.0f} m are "
+                "told nearer by as much; two frequencies tell them apart"
+            )
 
 
 class PolarRadarKeys(EchoRadarKeys):
@@ -169,10 +166,13 @@ class PolarRadarKeys(EchoRadarKeys):
         rotates = isinstance(scan, dict) and scan.get("kind") == "rotating"
         return ("asterix-048" if rotates else "asterix-015", "plots")
 
-    def warnings(self, site: Site, /) -> list[str]:
+    def warnings(self, site: Site, /) -> Iterator[str]:
         """Odd accuracies, cells without false alarms, and a format coarser than the radar."""
-        folded = [] if self.pulses is None else self.pulses.warnings(self.range_max_m)
-        return [*folded, *self._odd_values(), *self._few_cells(), *self._coarse_format(site)]
+        if self.pulses is not None:
+            yield from self.pulses.warnings(self.range_max_m)
+        yield from self._odd_values()
+        yield from self._few_cells()
+        yield from self._coarse_format(site)
 
     @property
     def signals_hz(self) -> Sequence[tuple[float, float]]:
@@ -192,40 +192,38 @@ class PolarRadarKeys(EchoRadarKeys):
             "elevation_floor_deg": ANGLE_SHARE * self.elevation_beamwidth_deg,
         }
 
-    def _odd_values(self) -> list[str]:
+    def _odd_values(self) -> Iterator[str]:
         """Floors that no radar has, and a carrier that none has."""
-        found = odd_frequency("frequency_hz", self.frequency_hz)
+        yield from odd_frequency("frequency_hz", self.frequency_hz)
         for key, usual in self._usual_floors().items():
             if self.measures_elevation or key != "elevation_floor_deg":
-                found += odd_floor(key, getattr(self, key), usual)
+                yield from odd_floor(key, getattr(self, key), usual)
         if self.doppler is not None:
-            found += self.doppler.odd_floor(C_M_S / self.frequency_hz / (2 * self.integration_s))
-        return found
+            cell_m_s = C_M_S / self.frequency_hz / (2 * self.integration_s)
+            yield from self.doppler.odd_floor(cell_m_s)
 
-    def _few_cells(self) -> list[str]:
+    def _few_cells(self) -> Iterator[str]:
         """Fewer Doppler cells for false alarms than rates are told apart in."""
         doppler = self._doppler()
         if doppler is None:
-            return []
+            return
         cells = doppler.spans_m_s[0] / doppler.cells_m_s[0]
-        if self.doppler_cells > cells / 2:
-            return []
-        return [
-            f"doppler_cells is {self.doppler_cells}, and the range rates that are told apart make "
-            f"{cells:.0f} cells: each could give a false alarm"
-        ]
+        if self.doppler_cells <= cells / 2:
+            yield (
+                f"doppler_cells is {self.doppler_cells}, and the range rates that are told apart "
+                f"make {cells:.0f} cells: each could give a false alarm"
+            )
 
-    def _coarse_format(self, site: Site) -> list[str]:
+    def _coarse_format(self, site: Site) -> Iterator[str]:
         strongest_snr = 1e6  # 60 dB: what remains there is the floor and the resolution
         best_m = float(self.model(site).sigmas(np.array([strongest_snr]))[0, 0])
-        asked = [REPORT_FORMATS[name] for name in dict.fromkeys(self.report)]
-        return [
-            f"{row.name} counts range in steps of {row.range_step_m:.3g} m, an error of "
-            f"{row.range_step_m / 12**0.5:.2g} m beside the radar's own of {best_m:.2g} m for a "
-            "strong echo"
-            for row in asked
-            if row.range_step_m / 12**0.5 > best_m
-        ]
+        for row in (REPORT_FORMATS[name] for name in dict.fromkeys(self.report)):
+            error_m = row.range_step_m / 12**0.5
+            if error_m > best_m:
+                yield (
+                    f"{row.name} counts range in steps of {row.range_step_m:.3g} m, an error of "
+                    f"{error_m:.2g} m beside the radar's own of {best_m:.2g} m for a strong echo"
+                )
 
     def following(self, site: Site, /) -> dict[str, Any]:
         """Error floors that are not stated, the intervals of pulses, and what of any radar."""
@@ -239,13 +237,11 @@ class PolarRadarKeys(EchoRadarKeys):
         """Whether any of its formats tells run lengths."""
         return any(REPORT_FORMATS[name].tells_run_lengths for name in self.report)
 
-    @model_validator(mode="after")
-    def _pulses_are_of_it(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.pulses is not None and self.doppler is not None and self.doppler.prf_hz is not None:
-            raise ValueError("doppler.prf_hz: leave it out: pulses say it")
+            yield "doppler.prf_hz: leave it out: pulses say it"
         if self.pulses is not None and self.pulses.beam_passes and not self.scan.rotates:
-            raise ValueError("pulses.beam_passes: is of a radar that turns")
-        return self
+            yield "pulses.beam_passes: is of a radar that turns"
 
     def _intervals(self) -> PulseIntervals | None:
         pulses, beam = self.pulses, None
@@ -289,13 +285,11 @@ class ActiveRadarKeys(PolarRadarKeys):
     mount: MountKeys | None = None
     """Motors that turn a staring radar, and its cover, to cues."""
 
-    @model_validator(mode="after")
-    def _is_modelled(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if isinstance(self.scan, ElectronicScan):
-            self.scan.refuse_what_cannot_be(self)
+            yield from self.scan.refusals_of(self)
         if self.pulses is not None and self.pulses.count > 1 and self.decorrelation_s is not None:
-            raise ValueError("decorrelation_s: echoes of several pulses.intervals fluctuate anew")
-        return self
+            yield "decorrelation_s: echoes of several pulses.intervals fluctuate anew"
 
     def model(self, site: Site, /) -> ActiveRadar | ElectronicRadar:
         """The radar, or what steers its beam."""
@@ -308,24 +302,25 @@ class ActiveRadarKeys(PolarRadarKeys):
         steering = self.scan.made(Steering)
         return ElectronicRadar(range_max_m=self.range_max_m, radar=model, steering=steering)
 
-    def warnings(self, site: Site, /) -> list[str]:
+    def warnings(self, site: Site, /) -> Iterator[str]:
         """A beam that is too fast for its integration, and a format coarser than the radar."""
-        of_time = self.scan.warnings() if isinstance(self.scan, ElectronicScan) else []
-        return [*self._short_dwell(), *of_time, *super().warnings(site)]
+        yield from self._short_dwell()
+        if isinstance(self.scan, ElectronicScan):
+            yield from self.scan.warnings()
+        yield from super().warnings(site)
 
-    def _short_dwell(self) -> list[str]:
+    def _short_dwell(self) -> Iterator[str]:
         if not self.scan.rotates or (self.pulses is not None and self.pulses.beam_passes):
-            return []
+            return
         beam_deg = min(self.receive_beams * self.azimuth_beamwidth_deg, 360.0)
         on_target_s = self.scan.period_s * beam_deg / 360
         intervals = 1 if self.pulses is None else self.pulses.count
-        if intervals * self.integration_s <= on_target_s:
-            return []
-        times = f" times {intervals} intervals" if intervals > 1 else ""
-        return [
-            f"integration_s is {self.integration_s:g}{times}, but the beam is on a target for "
-            f"{on_target_s:.3g} s of a turn: integrate less, turn slower, or add receive_beams"
-        ]
+        if intervals * self.integration_s > on_target_s:
+            times = f" times {intervals} intervals" if intervals > 1 else ""
+            yield (
+                f"integration_s is {self.integration_s:g}{times}, but the beam is on a target for "
+                f"{on_target_s:.3g} s of a turn: integrate less, turn slower, or add receive_beams"
+            )
 
 
 class MimoTransmitterKeys(Location):
@@ -368,6 +363,7 @@ class MimoRadarKeys(PolarRadarKeys):
         )
         return super().following(site) | {"transmitters": transmitters}
 
-    def warnings(self, site: Site, /) -> list[str]:
+    def warnings(self, site: Site, /) -> Iterator[str]:
         """An integration longer than a scan, and a format coarser than the radar."""
-        return [*long_integration(self.integration_s, self.scan), *super().warnings(site)]
+        yield from long_integration(self.integration_s, self.scan)
+        yield from super().warnings(site)

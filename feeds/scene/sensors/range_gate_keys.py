@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal
 
 from plotfeed.feeds.scene.fields import NotNegative, Positive, Site
@@ -34,10 +35,10 @@ class RangeGateKeys(TrackingSensorKeys):
     sigma_m: NotNegative
     """Of the noise on each of east, north and up."""
 
-    def warnings(self, _site: Site, /) -> list[str]:
+    def warnings(self, _site: Site, /) -> Iterator[str]:
         """Noise that is none."""
-        if self.sigma_m >= LEAST_SIGMA_M:
-            return []
-        return [
-            f"sigma_m is {self.sigma_m:g} m, more accurate than sensors are: some metres are usual"
-        ]
+        if self.sigma_m < LEAST_SIGMA_M:
+            yield (
+                f"sigma_m is {self.sigma_m:g} m, more accurate than sensors are: some metres are "
+                "usual"
+            )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import (
     Beamwidth,
@@ -151,30 +152,26 @@ class RfKeys(AzimuthCoverKeys):
         """The category made for bearings, if there are any, and all that was measured."""
         return ("asterix-205", "plots") if keys.get("measures_azimuth", True) else ("plots",)
 
-    @model_validator(mode="after")
-    def _receives_and_reports(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if not self.frequency_min_hz < self.frequency_max_hz:
-            raise ValueError("frequency_min_hz: must be less than frequency_max_hz")
+            yield "frequency_min_hz: must be less than frequency_max_hz"
         if self._received_at_once_hz() > self.frequency_max_hz - self.frequency_min_hz:
-            raise ValueError(
+            yield (
                 "instantaneous_bandwidth_hz: must not exceed frequency_max_hz - frequency_min_hz"
             )
         if self.channel_bandwidth_hz > self._received_at_once_hz():
-            raise ValueError("channel_bandwidth_hz: must not exceed what is received at once")
+            yield "channel_bandwidth_hz: must not exceed what is received at once"
         if self.channel_bandwidth_hz * self.integration_s > MAX_SAMPLES:
-            raise ValueError(
-                f"integration_s: times channel_bandwidth_hz, at most {MAX_SAMPLES:g} samples"
-            )
+            yield (f"integration_s: times channel_bandwidth_hz, at most {MAX_SAMPLES:g} samples")
         if self.classifier is not None and self.classifies:
-            raise ValueError("classifier: leave it out, or leave out classifies")
+            yield "classifier: leave it out, or leave out classifies"
         if self.elevation_baseline_m is not None and not self.measures_azimuth:
-            raise ValueError("elevation_baseline_m: leave it out, for measures_azimuth is off")
+            yield "elevation_baseline_m: leave it out, for measures_azimuth is off"
         if self.measures_azimuth and self.baseline_m is None:
-            raise ValueError("baseline_m: missing; a detector without one has measures_azimuth off")
+            yield "baseline_m: missing; a detector without one has measures_azimuth off"
         for name in self.report:
             if REPORT_FORMATS[name].needs_azimuth and not self.measures_azimuth:
-                raise ValueError(f"report: {name} carries bearings, and measures_azimuth is off")
-        return self
+                yield f"report: {name} carries bearings, and measures_azimuth is off"
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -218,27 +215,22 @@ class RfKeys(AzimuthCoverKeys):
         places = [(jammer, self.offset_enu_m(site, jammer)) for jammer in self.jamming.values()]
         return replace(model, jammers=tuple(_band_noise(*each, model) for each in places))
 
-    def warnings(self, _site: Site, /) -> list[str]:
+    def warnings(self, _site: Site, /) -> Iterator[str]:
         """Energy summed for longer than a scan, odd values, and directions never measured."""
-        found = [
-            *odd_frequency("frequency_min_hz", self.frequency_min_hz),
-            *odd_frequency("frequency_max_hz", self.frequency_max_hz),
-        ]
+        yield from odd_frequency("frequency_min_hz", self.frequency_min_hz)
+        yield from odd_frequency("frequency_max_hz", self.frequency_max_hz)
         if self.measures_azimuth:
-            found += odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, RF_BEARING_DEG)
+            yield from odd_floor("azimuth_floor_deg", self.azimuth_floor_deg, RF_BEARING_DEG)
         if self.elevation_baseline_m is not None:
-            found += odd_floor("elevation_floor_deg", self.elevation_floor_deg, RF_BEARING_DEG)
+            yield from odd_floor("elevation_floor_deg", self.elevation_floor_deg, RF_BEARING_DEG)
         if self.integration_s > self.scan.period_s:
-            found.append(
+            yield (
                 f"integration_s is {self.integration_s:g}, longer than a scan of "
                 f"{self.scan.period_s:g} s: one emission would be counted in several scans"
             )
         if self.multipath is not None and isinstance(self.path_loss, LogDistance):
-            found.append(
-                "multipath counts the ground, which path_loss.exponent has counted already"
-            )
+            yield "multipath counts the ground, which path_loss.exponent has counted already"
         unused = {"baseline_m", "azimuth_beamwidth_deg", "azimuth_floor_deg"}
         unused &= self.model_fields_set
         if unused and not self.measures_azimuth:
-            found.append(f"{', '.join(sorted(unused))}: not used, for measures_azimuth is off")
-        return found
+            yield f"{', '.join(sorted(unused))}: not used, for measures_azimuth is off"

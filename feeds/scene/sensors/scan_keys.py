@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import ForAWhile, NotNegative, SceneTable
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -32,11 +33,9 @@ class _Periodic(SceneTable):
     jitter_ms: NotNegative = 0.0
     """Standard deviation of a scan's beginning from its time; at most a fiftieth of the period."""
 
-    @model_validator(mode="after")
-    def _scans_keep_their_order(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.jitter_ms * 50 > self.period_s * 1000:
-            raise ValueError("jitter_ms: at most a fiftieth of period_s")
-        return self
+            yield "jitter_ms: at most a fiftieth of period_s"
 
     @property
     def period_ns(self) -> int:
@@ -89,33 +88,31 @@ class ElectronicScan(_Periodic):
     drop_misses: Annotated[int, Field(ge=1, le=1000)] = 5
     """Looks in a row without a detection after which a track is given up."""
 
-    @model_validator(mode="after")
-    def _has_dwells(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.period_s / self.dwell_s < FEWEST_DWELLS:
-            raise ValueError(f"dwell_s: a period has at least {FEWEST_DWELLS} dwells")
-        return self
+            yield f"dwell_s: a period has at least {FEWEST_DWELLS} dwells"
 
-    def refuse_what_cannot_be(self, keys: Any) -> None:
-        """Raise ValueError for keys of a radar that are not modelled of a steered beam."""
+    def refusals_of(self, keys: Any) -> Iterator[str]:
+        """Keys of a radar that are not modelled of a steered beam."""
         if keys.integration_s > self.dwell_s:
-            raise ValueError("integration_s: must not exceed scan.dwell_s")
+            yield "integration_s: must not exceed scan.dwell_s"
         for name in ("doppler", "merging", "pulses"):
             if getattr(keys, name) is not None:
-                raise ValueError(f"{name}: not modelled of a beam that is steered")
+                yield f"{name}: not modelled of a beam that is steered"
         for name in keys.report:
             if REPORT_FORMATS[name].tells_tracks:
-                raise ValueError(f"report: {name} is not for a beam that is steered")
+                yield f"report: {name} is not for a beam that is steered"
 
-    def warnings(self) -> list[str]:
+    def warnings(self) -> Iterator[str]:
         """More tracks than there is time for."""
         every_s = self.revisit_s or self.period_s
         load = self.max_tracks * self.dwell_s / every_s
-        if load <= 1 - self.search_share:
-            return []
-        return [
-            f"scan.max_tracks is {self.max_tracks}: looked at every {every_s:g} s they would take "
-            f"{load:.3g} of all dwells, and search has {self.search_share:g}: fewer are begun"
-        ]
+        if load > 1 - self.search_share:
+            yield (
+                f"scan.max_tracks is {self.max_tracks}: looked at every {every_s:g} s they would "
+                f"take {load:.3g} of all dwells, and search has {self.search_share:g}: fewer are "
+                "begun"
+            )
 
 
 FEWEST_DWELLS = 4

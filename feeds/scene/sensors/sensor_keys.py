@@ -8,7 +8,7 @@ class is defined.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
@@ -251,9 +251,9 @@ class SensorKeys(SceneTable):
         """Nanoseconds by which the clock is ahead that stamps all that it sends."""
         return 0 if self.bias is None else round(self.bias.time_offset_s * NS)
 
-    def warnings(self, _site: Site, /) -> list[str]:
+    def warnings(self, _site: Site, /) -> Iterable[str]:
         """What is legal and still looks wrong; for `check`."""
-        return []
+        return ()
 
 
 NO_ILLUMINATORS = SensorKeys.illuminators
@@ -267,11 +267,9 @@ class AzimuthCoverKeys(SensorKeys):
     azimuth_max_deg: Azimuth = 180.0
     """Where it ends, clockwise of azimuth_min_deg."""
 
-    @model_validator(mode="after")
-    def _looks_somewhere(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if not 0 < self.azimuth_max_deg - self.azimuth_min_deg <= 360:
-            raise ValueError("azimuth_max_deg: must be above azimuth_min_deg, by at most 360")
-        return self
+            yield "azimuth_max_deg: must be above azimuth_min_deg, by at most 360"
 
     @property
     def azimuth_cover(self) -> AzimuthCover:
@@ -291,13 +289,11 @@ class VolumeKeys(AzimuthCoverKeys):
     elevation_max_deg: Elevation
     """Highest elevation of cover."""
 
-    @model_validator(mode="after")
-    def _covers_something(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if not self.range_min_m < self.range_max_m:
-            raise ValueError("range_min_m: must be less than range_max_m")
+            yield "range_min_m: must be less than range_max_m"
         if not self.elevation_min_deg < self.elevation_max_deg:
-            raise ValueError("elevation_min_deg: must be less than elevation_max_deg")
-        return self
+            yield "elevation_min_deg: must be less than elevation_max_deg"
 
 
 TrackNumber = Annotated[int, Field(ge=1, le=MAX_TRACKS)]
@@ -328,13 +324,11 @@ class TracksKeys(SceneTable):
     """First and last number of its tracks; without it, all, or an even share where several sensors
     report tracks other than ASTERIX."""
 
-    @model_validator(mode="after")
-    def _can_begin(self) -> Self:
+    def _refusals(self) -> Iterator[str]:
         if self.confirm_hits > self.confirm_window:
-            raise ValueError("confirm_hits: must not exceed confirm_window")
+            yield "confirm_hits: must not exceed confirm_window"
         if self.numbers[0] > self.numbers[1]:
-            raise ValueError("numbers: the first must not exceed the last")
-        return self
+            yield "numbers: the first must not exceed the last"
 
 
 class TrackingSensorKeys(SensorKeys):
@@ -344,11 +338,10 @@ class TrackingSensorKeys(SensorKeys):
     """For asterix-062 and the other formats of tracks."""
 
 
-def long_integration(integration_s: float, scan: AnyScan) -> list[str]:
+def long_integration(integration_s: float, scan: AnyScan) -> Iterator[str]:
     """Warnings of an integration that is longer than a scan."""
-    if integration_s <= scan.period_s:
-        return []
-    return [
-        f"integration_s is {integration_s:g}, but a scan lasts "
-        f"{scan.period_s:g} s: integrate less, or scan slower"
-    ]
+    if integration_s > scan.period_s:
+        yield (
+            f"integration_s is {integration_s:g}, but a scan lasts "
+            f"{scan.period_s:g} s: integrate less, or scan slower"
+        )

@@ -144,7 +144,7 @@ def test_defaults_and_warnings():
     made = SENSOR.validate_python(least)
     assert "asterix-048" not in made.report
     assert (made.pfa, made.loss_db, made.n_reference) == (1e-6, 1.1, 16)
-    assert sensor().warnings(SITE) == []
+    assert not list(sensor().warnings(SITE))
     (coarse,) = sensor(report=["asterix-048", "plots"]).warnings(SITE)
     assert "asterix-048 counts range in steps of 7.23 m" in coarse
     (long,) = sensor(integration_s=1.5).warnings(SITE)
