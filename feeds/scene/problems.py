@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import tomllib
 from collections import Counter
@@ -24,6 +23,8 @@ def in_a_line(problems: Iterable[tuple[str, str]]) -> str:
 
 def problems_of(error: ValidationError, tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Each problem of a scene as its key and what was expected there; `tree` is what TOML gave."""
+    import difflib  # only who mistypes waits for it
+
     located = error.errors()
     within = {found["loc"][:n] for found in located for n in range(len(found["loc"]))}
     for found in located:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -303,6 +302,8 @@ class UnknownPresetError(PresetError):
 
 def closest(name: str, known: list[str]) -> str:
     """A hint at the one that may have been meant."""
+    import difflib  # only who mistypes waits for it
+
     begun = [each for each in known if name and f"-{name.lower()}" in f"-{each}"]
     close = begun or difflib.get_close_matches(name.lower(), known, 1, 0.5)
     return f"did you mean {close[0]}?" if close else "`plotfeed sensors` lists them"
