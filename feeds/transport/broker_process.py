@@ -51,7 +51,7 @@ def main() -> None:
         why = str(error.strerror).partition(" (while")[0]  # without the address
         print(json.dumps({"error": why}), flush=True)  # noqa: T201 - the parent reads it
     else:
-        asyncio.run(_serve(orders, *found))
+        asyncio.run(serve(orders, *found))
 
 
 def _end_with_parent() -> None:
@@ -92,9 +92,10 @@ def listeners(host: str, ports: Sequence[int], *, may_be_others: bool) -> list[s
     return found
 
 
-async def _serve(
+async def serve(
     orders: dict[str, Any], mqtt: socket.socket, websocket: socket.socket | None = None
 ) -> None:
+    """Serve on sockets that listen until cancelled; the ports are told first."""
     loop, lines = asyncio.get_running_loop(), _Lines()
     users = {
         name: User(user["password"], Rights(**user["rights"]))

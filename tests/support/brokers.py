@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import contextlib
 import hashlib
@@ -11,8 +12,8 @@ import random
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from functools import cache
 from itertools import cycle
 from pathlib import Path
@@ -22,6 +23,7 @@ from support.tools import needed
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
+from plotfeed.feeds.transport.broker_process import listeners, serve
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker, Ports
 
 TOGETHER = 3  # Ports that an embedded broker takes, one after the other
@@ -149,6 +151,22 @@ def own_broker(folder: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
             broker.stdin.close()  # first: whatever becomes of the rest, no open file is left behind
         broker.terminate()
         broker.wait(PATIENCE_S)
+
+
+@asynccontextmanager
+async def broker_here(**orders: object) -> AsyncIterator[int]:
+    """The port of the same broker in the running loop, whose time may be its own."""
+    with ExitStack() as held:
+        (listener,) = listeners("127.0.0.1", [0], may_be_others=True)
+        held.enter_context(listener)
+        port = listener.getsockname()[1]
+        keys = EmbeddedBroker(Ports(port), EmbeddedBrokerKeys(), "plotfeed").orders
+        serving = asyncio.create_task(serve({**keys, **orders}, listener))
+        try:
+            yield port
+        finally:
+            serving.cancel()
+            await asyncio.gather(serving, return_exceptions=True)
 
 
 def has_ipv6() -> bool:

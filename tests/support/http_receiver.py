@@ -1,4 +1,4 @@
-"""HTTP servers for tests: they keep what is posted, and answer as they are told to."""
+"""HTTP servers for tests: they keep what is asked and posted, and answer as they are told to."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import AsyncIterator, Iterable
 from dataclasses import dataclass, field
 
 HANG_UP, SAY_NOTHING, BABBLE = "hang up", "say nothing", "babble"
-Answer = int | str
+Answer = int | str | bytes  # A status, one of these, or octets before it hangs up
 
 
 @dataclass
 class HttpReceiver:
-    """Answers posts one after the other by a list, and with 201 once it is at its end."""
+    """Answers one request after the other by a list, and with 201 once it is at its end."""
 
     answers: list[Answer]
     port: int = 0
@@ -34,7 +34,7 @@ class HttpReceiver:
                     name.lower(): value.strip()
                     for name, _, value in (line.partition(":") for line in head[1:] if line)
                 }
-                body = await reader.readexactly(int(fields["content-length"]))
+                body = await reader.readexactly(int(fields.get("content-length", 0)))
                 self.posts.append((head[0].split()[1], fields, body))
                 answer: Answer = self.answers.pop(0) if self.answers else 201
                 if answer == HANG_UP:
@@ -43,7 +43,9 @@ class HttpReceiver:
                     await reader.read()
                     break
                 if answer == BABBLE:
-                    writer.write(b"\x00\xff" * 50_000)
+                    answer = b"\x00\xff" * 50_000
+                if isinstance(answer, bytes):
+                    writer.write(answer)
                     break
                 text = b'{"message":"queued"}'
                 length = f"Content-Length: {len(text)}"

@@ -1,4 +1,4 @@
-"""Time for tests that goes on by itself where nothing happens: who waits for a minute waits for none.
+"""Time that goes on by itself where nothing happens: a test that waits for a minute takes none.
 
 What is waited for has to come from this process, by sockets or not: of another nobody knows when.
 """

@@ -6,10 +6,11 @@ import asyncio
 import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 from support.certificates import Certificates
-from support.deliveries import number_of
+from support.deliveries import Deliveries, number_of
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
@@ -103,7 +104,7 @@ async def serving(
     def came(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         tasks.add(asyncio.create_task(broker.serve(reader, writer)))
 
-    server = await asyncio.start_server(came, "127.0.0.1", 0, ssl=tls)
+    server = await asyncio.start_server(came, "127.0.0.1", broker.port, ssl=tls)
     broker.port = server.sockets[0].getsockname()[1]
     try:
         yield broker
@@ -132,13 +133,34 @@ async def linked(
             subscribe=subscribe,
             queue=MqttQueueKeys.model_validate(queue),
         )
-        running = asyncio.create_task(link.run())
-        try:
-            await link.wait_until_up(PATIENCE_S)
+        async with link.connected(PATIENCE_S):
             yield link
-        finally:
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
+
+
+@asynccontextmanager
+async def scripted(
+    *subscribe: str, tls: Certificates | None = None, **more: Any
+) -> AsyncIterator[tuple[MqttTransport, ScriptedBroker, Deliveries]]:
+    """A link, its broker, and what is published; fields of the broker, the others of queues."""
+    known = {field.name for field in fields(ScriptedBroker)} & more.keys()
+    broker = ScriptedBroker(**{name: more.pop(name) for name in known})
+    async with linked(broker, *subscribe, tls=tls, **more) as link:
+        yield link, broker, Deliveries()
+
+
+@asynccontextmanager
+async def hearing(port: int, *filters: str) -> AsyncIterator[list[tuple[str, bytes]]]:
+    """Topics and payloads that come meanwhile."""
+    heard: list[tuple[str, bytes]] = []
+    link = MqttTransport(
+        BrokerAddress("127.0.0.1", port),
+        "ears",
+        subscribe=filters,
+        on_message=lambda topic, payload, _type: heard.append((topic, payload)),
+    )
+    async with link.connected(PATIENCE_S):
+        await asyncio.sleep(0.1)  # its subscriptions are on their way
+        yield heard
 
 
 async def end_connection(broker: ScriptedBroker, link: MqttTransport, *, code: int = 0) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Self
 from uuid import uuid4
@@ -16,7 +15,7 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue, loop_s
 from plotfeed.feeds.transport.ways_out import backoff_s, wait_while
 
 log = logging.getLogger(__name__)
@@ -200,7 +199,7 @@ class MqttTransport:
             queue.put(one)
         else:
             if qos:
-                one.since_s = time.monotonic()
+                one.since_s = loop_s()
             self._send(connection, one)
 
     def prepare(self, messages: Sequence[Message]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections import Counter, OrderedDict, defaultdict, deque
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,11 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 
 MAX_WAITING_OCTETS = 32 << 20  # Of payloads; more do not wait, however few messages they are
 OVERRUN = 10_000  # What is taken beyond the limit from whoever publishes although he should wait
+
+
+def loop_s() -> float:
+    """Seconds by the clock of the running loop."""
+    return asyncio.get_running_loop().time()
 
 
 @dataclass(slots=True)
@@ -42,7 +46,7 @@ class SendQueue:
         settings: MqttQueueKeys,
         qos: int,
         counts: QueueCounts,
-        now_s: Callable[[], float] = time.monotonic,
+        now_s: Callable[[], float] = loop_s,
     ) -> None:
         self._policy = settings.policy
         self._limit = settings.limit(qos)
@@ -174,7 +178,7 @@ class SocketBuffer:
         self,
         transport: asyncio.WriteTransport,
         on_room: Callable[[], None],
-        now_s: Callable[[], float] = time.monotonic,
+        now_s: Callable[[], float] = loop_s,
     ) -> None:
         """`on_room` is called whenever the socket has taken everything after it had not.
 

@@ -8,27 +8,22 @@ import os
 import pty
 import socket
 import sys
-import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
 from support.brokers import free_port, has_ipv6
+from support.own_time import in_own_time
 from support.udp_receiver import interface_of
-from support.waiting import PATIENCE_S, until
+from support.waiting import PATIENCE_S, kept_up, until
 
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress, TelemetrySource
-from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import octet_sources
-from plotfeed.feeds.transport.live_source import LiveSource, octets_of
-from plotfeed.feeds.transport.octet_sources import TcpOctets, UdpOctets
+from plotfeed.feeds.transport.live_source import octets_of
+from plotfeed.feeds.transport.octet_sources import AGAIN_S, TcpOctets, UdpOctets
 from plotfeed.feeds.transport.peers import PeerLimits
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.errors import PlotfeedError
-
-# A Location message of Open Drone ID, of now, whenever that is.
-AIRBORNE = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aaffff00")
-IDENTITY = b"\x02\x12" + b"1581F4XF".ljust(20, b"\0") + bytes(3)
 
 
 class Taker:
@@ -61,16 +56,12 @@ async def listening(url: str) -> AsyncIterator[tuple[Taker, UdpOctets]]:
     taker = Taker()
     source = octets_of(SourceAddress.parse(url), taker)
     await source.open()
-    running = asyncio.create_task(source.run())
-    try:
+    async with kept_up(source.run()):
         yield taker, source  # type: ignore[misc]
-    finally:
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
-        source.close()
+    source.close()
 
 
-@pytest.mark.asyncio
+@in_own_time
 async def test_a_peer_that_is_held_up_when_all_ends_is_no_error() -> None:
     class Full(Taker):
         async def hear(self, peer: str, data: bytes) -> None:
@@ -95,7 +86,7 @@ async def test_a_peer_that_is_held_up_when_all_ends_is_no_error() -> None:
     writer.close()
 
 
-@pytest.mark.asyncio
+@in_own_time
 async def test_datagrams_come_with_their_senders_who_can_be_answered() -> None:
     port = free_port()
     async with listening(f"mavlink:udpin:127.0.0.1:{port}") as (taker, source):
@@ -149,7 +140,7 @@ async def in_a_group(host: str, port: int, *takers: Taker) -> AsyncIterator[None
 
 
 @pytest.mark.parametrize("group", ["239.255.77.78", "ff11::7:8"])
-@pytest.mark.asyncio
+@in_own_time
 async def test_a_group_is_heard_by_all_who_joined_it(group: str) -> None:
     if ":" in group and not has_ipv6():
         pytest.skip("this machine has no IPv6 loopback")
@@ -162,53 +153,7 @@ async def test_a_group_is_heard_by_all_who_joined_it(group: str) -> None:
             assert next(iter(one.came)).endswith(f":{drone.getsockname()[1]}")
 
 
-@pytest.mark.asyncio
-async def test_drones_of_a_group_are_telemetry() -> None:
-    """What a receiver of Remote ID sends to a group is reports, of which drone and where."""
-    taken: dict[str, PositionReport] = {}
-    port = free_port()
-    url = f"remote-id:udp://239.255.77.79:{port}"
-    source = LiveSource(
-        TelemetrySource(url=url, interface="127.0.0.1"),
-        now_utc_ns=time.time_ns,
-        take=taken.__setitem__,
-        refuse=lambda _drone, refused: pytest.fail(refused.detail),
-    )
-    try:
-        await source.open()
-    except TransportError as error:
-        pytest.skip(f"this machine's loopback has no multicast: {error}")
-    try:
-        with to_group("239.255.77.79") as receiver:
-            receiver.sendto(IDENTITY, ("239.255.77.79", port))
-            receiver.sendto(AIRBORNE, ("239.255.77.79", port))
-            await until(lambda: "1581F4XF" in taken)
-    finally:
-        source.close()
-    found = taken["1581F4XF"]
-    assert found.latitude_deg == pytest.approx(40.4512345, abs=1e-7)
-    assert found.longitude_deg == pytest.approx(-3.7298765, abs=1e-7)
-
-
-@pytest.mark.asyncio
-async def test_an_interface_that_is_not_there_is_an_error_that_names_it() -> None:
-    keys = {"url": f"mavlink:mcast:239.255.77.78:{free_port()}", "interface": "nowhere0"}
-    settings = TelemetrySource.model_validate(keys)
-    with pytest.raises(TransportError, match=r"mavlink:udpin:239\.255\.77\.78:\d+ at nowhere0: "):
-        await octets_of(settings.address, Taker(), settings.interface).open()
-
-
-@pytest.mark.asyncio
-async def test_a_taken_port_is_an_error_that_names_it() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        url = f"mavlink:udpin:127.0.0.1:{taken.getsockname()[1]}"
-        with pytest.raises(TransportError, match=f"{url}: Address already in use"):
-            async with listening(url):
-                pass
-
-
-@pytest.mark.asyncio
+@in_own_time
 async def test_whoever_is_named_is_sent_something_first() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
         autopilot.bind(("127.0.0.1", 0))
@@ -223,10 +168,11 @@ async def test_whoever_is_named_is_sent_something_first() -> None:
             await until(lambda: taker.all == b"position")
 
 
-@pytest.mark.asyncio
-async def test_a_connection_that_ends_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(octet_sources, "AGAIN_S", (0.01,))
-    port, times = free_port(), 0
+@in_own_time
+async def test_a_connection_that_ends_is_made_again_and_one_that_does_not_come_more_slowly() -> (
+    None
+):
+    port, times, loop = free_port(), 0, asyncio.get_running_loop()
 
     async def serve(_reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         nonlocal times
@@ -236,18 +182,20 @@ async def test_a_connection_that_ends_is_made_again(monkeypatch: pytest.MonkeyPa
         writer.close()
 
     async with listening(f"mavlink:tcp:127.0.0.1:{port}") as (taker, _):
-        await asyncio.sleep(0.05)  # nobody is there yet
-        server = await asyncio.start_server(serve, "127.0.0.1", port)
+        await asyncio.sleep(sum(AGAIN_S) + 0.1)  # nobody is there yet
+        server, since_s = await asyncio.start_server(serve, "127.0.0.1", port), loop.time()
         await until(lambda: len(taker.left) >= 3)
+        assert AGAIN_S[-1] <= loop.time() - since_s <= AGAIN_S[-1] + 3 * AGAIN_S[0] + 1.0
         server.close()
     assert {b"1", b"2", b"3"} <= {bytes([octet]) for octet in taker.all}
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
-@pytest.mark.asyncio
+@in_own_time
 async def test_datagrams_that_the_socket_had_no_room_for_are_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if sys.platform != "linux":
+        pytest.skip("only Linux tells")
     monkeypatch.setattr(octet_sources, "BUFFER_OCTETS", 4096)
     port, sent = free_port(), 500
     async with listening(f"mavlink:udpin:127.0.0.1:{port}") as (taker, _):
@@ -258,7 +206,7 @@ async def test_datagrams_that_the_socket_had_no_room_for_are_counted(
         assert taker.refused
 
 
-@pytest.mark.asyncio
+@in_own_time
 async def test_several_connect_and_who_is_silent_longest_gives_way(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -296,7 +244,7 @@ def watch_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("is_watched", [True, False])
-@pytest.mark.asyncio
+@in_own_time
 async def test_a_serial_port_that_is_unplugged_is_opened_again(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -304,7 +252,6 @@ async def test_a_serial_port_that_is_unplugged_is_opened_again(
     *,
     is_watched: bool,
 ) -> None:
-    monkeypatch.setattr(octet_sources, "REOPEN_S", 0.01)
     if not is_watched:
         watch_nothing(monkeypatch)
     port = tmp_path / "tty"
@@ -336,7 +283,7 @@ async def test_a_serial_port_that_is_unplugged_is_opened_again(
     assert caplog.messages == [f"mavlink:{port},115200: {each}" for each in told]
 
 
-@pytest.mark.asyncio
+@in_own_time
 async def test_a_serial_port_that_takes_no_more_makes_nobody_wait() -> None:
     ours, theirs = pty.openpty()
     async with listening(f"mavlink:{os.ttyname(theirs)}") as (taker, source):
@@ -357,7 +304,7 @@ def test_a_serial_port_without_pyserial_says_what_to_install(
         octets_of(SourceAddress.parse("sbs1:/dev/ttyUSB0"), Taker())
 
 
-@pytest.mark.asyncio
+@in_own_time
 @pytest.mark.parametrize(
     ("url", "why"),
     [
@@ -373,7 +320,21 @@ async def test_what_cannot_be_opened_says_why(url: str, why: str) -> None:
             pass
 
 
-@pytest.mark.asyncio
+@in_own_time
+async def test_a_taken_port_and_an_interface_that_is_not_there_are_named() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = f"mavlink:udpin:127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(TransportError, match=f"{url}: Address already in use"):
+            async with listening(url):
+                pass
+    keys = {"url": f"mavlink:mcast:239.255.77.78:{free_port()}", "interface": "nowhere0"}
+    settings = TelemetrySource.model_validate(keys)
+    with pytest.raises(TransportError, match=r"mavlink:udpin:239\.255\.77\.78:\d+ at nowhere0: "):
+        await octets_of(settings.address, Taker(), settings.interface).open()
+
+
+@in_own_time
 async def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "hex"
     path.write_bytes(bytes(range(256)) * 1000)
@@ -386,38 +347,33 @@ async def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
     assert taker.left == [str(path)]
 
 
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("mavlink:udp://:14550", "mavlink:udpin:127.0.0.1:14550"),
-        ("mavlink:udpin://0.0.0.0:14550", "mavlink:udpin:0.0.0.0:14550"),
-        ("mavlink:udpin:0.0.0.0:14550", "mavlink:udpin:0.0.0.0:14550"),
-        ("mavlink:udpout:10.0.0.1:14550", "mavlink:udpout:10.0.0.1:14550"),
-        ("mavlink:udp:[::1]:14550", "mavlink:udpin:[::1]:14550"),
-        ("mavlink:mcast:", "mavlink:udpin:239.255.145.50:14550"),
-        ("mavlink:tcp:sitl.example:5760", "mavlink:tcp:sitl.example:5760"),
-        ("mavlink:tcpout://127.0.0.1:5760", "mavlink:tcp:127.0.0.1:5760"),
-        ("mavlink:tcpin::5760", "mavlink:tcpin:127.0.0.1:5760"),
-        ("mavlink:/dev/ttyACM0", "mavlink:/dev/ttyACM0,57600"),
-        ("mavlink:serial:///dev/ttyUSB0:115200", "mavlink:/dev/ttyUSB0,115200"),
-        ("mavlink:serial:COM3:115200", "mavlink:COM3,115200"),
-        ("sbs1:-", "sbs1:-"),
-    ],
-)
-def test_addresses_are_understood_as_users_write_them(text: str, shown: str) -> None:
-    assert str(SourceAddress.parse(text)) == shown
-    assert SourceAddress.parse(shown) == SourceAddress.parse(text)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
+ADDRESSES = [
+    ("mavlink:udp://:14550", "mavlink:udpin:127.0.0.1:14550"),
+    ("mavlink:udpin://0.0.0.0:14550", "mavlink:udpin:0.0.0.0:14550"),
+    ("mavlink:udpin:0.0.0.0:14550", "mavlink:udpin:0.0.0.0:14550"),
+    ("mavlink:udpout:10.0.0.1:14550", "mavlink:udpout:10.0.0.1:14550"),
+    ("mavlink:udp:[::1]:14550", "mavlink:udpin:[::1]:14550"),
+    ("mavlink:mcast:", "mavlink:udpin:239.255.145.50:14550"),
+    ("mavlink:tcp:sitl.example:5760", "mavlink:tcp:sitl.example:5760"),
+    ("mavlink:tcpout://127.0.0.1:5760", "mavlink:tcp:127.0.0.1:5760"),
+    ("mavlink:tcpin::5760", "mavlink:tcpin:127.0.0.1:5760"),
+    ("mavlink:/dev/ttyACM0", "mavlink:/dev/ttyACM0,57600"),
+    ("mavlink:serial:///dev/ttyUSB0:115200", "mavlink:/dev/ttyUSB0,115200"),
+    ("mavlink:serial:COM3:115200", "mavlink:COM3,115200"),
+    ("sbs1:-", "sbs1:-"),
+]
+NO_ADDRESSES = [
         "", "mavlink", "mavlink:", "mavlink:udp", "mavlink:udp:", "mavlink:udp:host:1x", "x:udp::1",
         "mavlink:udpin:name:1", "mavlink:tcp::5760", "mavlink:udp:1.2.3.4:0", "mavlink:file:",
         "mavlink:/dev/tty,x", "mavlink:/dev/tty,0", "mavlink:http://a", "mavlink:udp:1.2.3.4:99999",
         "remote-id:-", "remote-id:/dev/ttyUSB0",
-    ],
-)  # fmt: skip
-def test_what_is_no_address_is_an_error(text: str) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        SourceAddress.parse(text)
+]  # fmt: skip
+
+
+def test_addresses_are_understood_as_users_write_them() -> None:
+    for text, shown in ADDRESSES:
+        assert str(SourceAddress.parse(text)) == shown
+        assert SourceAddress.parse(shown) == SourceAddress.parse(text)
+    for text in NO_ADDRESSES:
+        with pytest.raises(ValueError, match="expected"):
+            SourceAddress.parse(text)

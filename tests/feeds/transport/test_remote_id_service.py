@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from support.brokers import free_port
 from support.deliveries import taken
+from support.own_time import LoopClock, in_own_time
 from support.waiting import kept_up, until
 
 from plotfeed.feeds.messages.message import Message
@@ -20,13 +21,12 @@ from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.live_source import LiveSource
 from plotfeed.feeds.transport.mqtt.address import AccessError
-from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
+from plotfeed.feeds.transport.remote_id_service import ASKING, RemoteIdTransport
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.utc import NS, iso_utc_ms
-from plotfeed.testing import START_NS, flown, radar, scene, waypoint
+from plotfeed.testing import flown, radar, scene, waypoint
 
 NOW = 1_767_225_600 * NS
 VIEW = "view=40.44,-3.74,40.45,-3.73"
@@ -64,9 +64,9 @@ async def service(**keys: Any) -> AsyncIterator[RemoteIdTransport]:
         yield transport
 
 
-@pytest.mark.parametrize(
-    ("path", "status", "words"),
-    [
+@in_own_time
+async def test_what_is_asked_for_is_answered() -> None:
+    asked = [
         (f"/uss/flights?{VIEW}", 200, '"id": "radar-1"'),
         (f"/uss/flights?{VIEW}&recent_positions_duration=60", 200, '"recent_positions"'),
         ("/uss/flights/radar-1/details", 200, '{"details": {"id": "radar-1"}}'),
@@ -77,17 +77,15 @@ async def service(**keys: Any) -> AsyncIterator[RemoteIdTransport]:
         ("/uss/flights", 400, "view=lat1"),
         (f"/uss/flights?{VIEW}&recent_positions_duration=x", 400, "in seconds"),
         ("/else", 404, "/uss/flights"),
-    ],
-)
-@pytest.mark.asyncio
-async def test_what_is_asked_for_is_answered(path: str, status: int, words: str) -> None:
+    ]
     async with service() as transport:
-        found, told = await ask(transport.settings.port, path)
-    assert found == status
-    assert words in json.dumps(told)
+        for path, status, words in asked:
+            found, told = await ask(transport.settings.port, path)
+            assert found == status
+            assert words in json.dumps(told)
 
 
-@pytest.mark.asyncio
+@in_own_time
 async def test_who_may_ask() -> None:
     path = f"/uss/flights?{VIEW}"
     async with service(**TOKEN) as transport:
@@ -100,37 +98,24 @@ async def test_who_may_ask() -> None:
         assert (await ask(port, path, right, host="evil.example"))[0] == 403
 
 
-@pytest.mark.parametrize("octets", [b"\x16\x03\x01\r\n\r\n", b"POST / HTTP/1.1\r\n\r\n"])
-@pytest.mark.asyncio
-async def test_what_is_no_request_is_told_so_and_costs_nobody_else(octets: bytes) -> None:
+@in_own_time
+async def test_who_asks_is_answered_whatever_others_say_and_however_many_are_silent() -> None:
     async with service() as transport:
-        port = transport.settings.port
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(octets)
-        assert (await reader.read()).startswith(b"HTTP/1.1 40")
-        writer.close()
-        assert (await ask(port, f"/uss/flights?{VIEW}"))[0] == 200
-
-
-@pytest.mark.asyncio
-async def test_who_asks_is_answered_however_many_are_silent() -> None:
-    async with service() as transport:
-        port = transport.settings.port
+        port, carried = transport.settings.port, transport.settings.content_type
         silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(140)]
-        status, _ = await ask(port, "/display_data/none")
-        assert status == 404
-        assert len(transport._places._held) <= 100
-        for _, writer in silent:
+        for octets in (b"\x16\x03\x01\r\n\r\n", b"POST / HTTP/1.1\r\n\r\n"):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(octets)
+            assert (await reader.read()).startswith(b"HTTP/1.1 40")
             writer.close()
-
-
-@pytest.mark.asyncio
-async def test_a_message_that_is_damaged_on_its_way_tells_nothing() -> None:
-    async with service() as transport:
-        carried = transport.settings.content_type
+        assert len(transport._places._held) <= 100
         damaged = Message("t", flights("radar-2").replace(b"{", b"["), carried, NOW)
         assert taken(transport, damaged)
-        _, told = await ask(transport.settings.port, f"/uss/flights?{VIEW}")
+        _, told = await ask(port, f"/uss/flights?{VIEW}")
+        await asyncio.sleep(ASKING.patience_s)
+        assert not transport._places._held
+        for _, writer in silent:
+            writer.close()
     assert [each["id"] for each in told["flights"]] == ["radar-1"]
 
 
@@ -140,9 +125,9 @@ def made(port: int) -> Scene:
     return scene([sensor], drones, seed=501, remote_id_service=[{"port": port}])
 
 
-@pytest.mark.asyncio
+@in_own_time
 async def test_another_session_follows_the_tracks_of_one_by_asking() -> None:
-    port, stop, clock = free_port(), asyncio.Event(), WallClock(START_NS)
+    port, stop, clock = free_port(), asyncio.Event(), LoopClock()
     what = made(port)
     running = asyncio.create_task(run(what, clock=clock, broker="none", stop=stop))
     site = what.scene.site
@@ -168,12 +153,12 @@ async def test_another_session_follows_the_tracks_of_one_by_asking() -> None:
     assert np.isfinite(report.velocity_enu_m_s[:2]).all()
 
 
-@pytest.mark.asyncio
+@in_own_time
 async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
     server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
     port = server.sockets[0].getsockname()[1]
     with pytest.raises(TransportError, match=r"remote_id_service\[0\].port"):
-        await run(made(port), clock=WallClock(), broker="none", stop=asyncio.Event())
+        await run(made(port), clock=LoopClock(), broker="none", stop=asyncio.Event())
     server.close()
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.flown_logs import moved_m, speeds
-from support.given_files import places
+from support.flown_logs import moved_m, places, speeds
+from support.given_files import places as files
 
 from plotfeed.feeds.telemetry.flights import read, smoothed
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions
@@ -18,37 +18,30 @@ from plotfeed.proto.errors import PlotfeedError
 
 SEA = AltitudeReference.MEAN_SEA_LEVEL
 (MATRICE,), (ROTARY,), (PIXHAWK,) = (
-    places(f"flights/{name}") for name in ("matrice_300.srt", "UAV_Rot.csv", "log171.bin")
+    files(f"flights/{name}") for name in ("matrice_300.srt", "UAV_Rot.csv", "log171.bin")
 )
 
 
-def test_the_matrice_flight() -> None:
-    flight = read(MATRICE)
-    assert len(flight.reports) == 381
-    assert flight.duration_s == 380.0
-    assert flight.skipped == ()
-    first = flight.reports[0]
-    assert (first.latitude_deg, first.longitude_deg, first.altitude_m) == (36.6146, -6.112, 0.3)
-    assert max(r.altitude_m for r in flight.reports) == 87.9
-
-
-def test_the_rotary_flight() -> None:
+def test_each_flight_is_read_whole() -> None:
+    matrice, rotary, pixhawk = flights = (
+        read(MATRICE),
+        read(ROTARY, FlightOptions(altitude_reference=SEA)),
+        read(PIXHAWK),
+    )
+    assert [(len(f.reports), f.duration_s) for f in flights] == [
+        (381, 380.0),
+        (965, 964.0),
+        (1037, 209.0),
+    ]
+    assert places(matrice)[0] == (36.6146, -6.112, 0.3)
+    assert max(r.altitude_m for r in matrice.reports) == 87.9
+    assert rotary.reports[0].t_utc_ns == 1_575_888_575 * 10**9
+    assert all(580 < r.altitude_m < 610 for r in pixhawk.reports)
+    assert matrice.skipped == rotary.skipped == ()
+    assert sum("GPS status 1" in line for line in pixhawk.skipped) == 161
+    assert sum("same time" in line for line in pixhawk.skipped) == 1
     with pytest.raises(PlotfeedError, match="--set altitude_reference"):
         read(ROTARY)
-    flight = read(ROTARY, FlightOptions(altitude_reference=SEA))
-    assert len(flight.reports) == 965
-    assert flight.duration_s == 964.0
-    assert flight.reports[0].t_utc_ns == 1_575_888_575 * 10**9
-    assert flight.skipped == ()
-
-
-def test_the_pixhawk_flight() -> None:
-    flight = read(PIXHAWK)
-    assert len(flight.reports) == 1037
-    assert flight.duration_s == 209.0
-    assert sum("GPS status 1" in line for line in flight.skipped) == 161
-    assert sum("same time" in line for line in flight.skipped) == 1
-    assert all(580 < r.altitude_m < 610 for r in flight.reports)
 
 
 def test_the_matrice_flight_is_plausible() -> None:

@@ -244,6 +244,26 @@ def test_retained_messages_of_all_clients_together_have_a_bound() -> None:
     assert len(later.heard()) == 1
 
 
+def test_connections_and_payloads_beyond_a_limit_are_turned_away_and_nobody_else() -> None:
+    lines: list[str] = []
+    one = broker(limits=BrokerLimits(connections=3, payload_octets=1000), tell=lines.append)
+    ears, voice = Peer(one, 5), Peer(one, 4)
+    ears.subscribe("#")
+    for version, code in ((5, b"\x89"), (4, b"\3")):
+        Peer(one, 5).connection.end()
+        held, late = Peer(one, 5), Peer(one, version)
+        (answer,) = late.told()
+        assert isinstance(answer, BrokerAnswer)
+        assert (answer.codes, late.is_closed) == (code, True)
+        held.connection.end()
+    voice.publish("small", bytes(1000))
+    voice.publish("large", bytes(1001))
+    assert voice.is_closed
+    assert [topic for topic, _ in ears.heard()] == ["small"]
+    Peer(one, 4).say(b"\x30\xff\xff\xff\x7f")  # too long to be waited for
+    assert [("cut off: a p" in line) for line in lines] == [False, False, True, True]
+
+
 def test_rights_hold_for_what_is_published_subscribed_and_retained() -> None:
     lines: list[str] = []
     one = Broker(anonymous=Rights(publishes_not=["p/#"], hears_not=["p/truth"]), tell=lines.append)

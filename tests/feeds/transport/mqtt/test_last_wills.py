@@ -1,4 +1,4 @@
-"""Connections that hold a last will each, over real brokers."""
+"""Connections that hold a last will each, over a broker of others, and over ours in own time."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from support.brokers import free_port, own_broker
+from support.brokers import broker_here, free_port, mosquitto
 from support.cut_proxy import proxied
 from support.deliveries import NOBODY
-from support.sessions import Start, every_broker
+from support.own_time import in_own_time
+from support.scripted_broker import hearing
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.transport import ways_out
 from plotfeed.feeds.transport.mqtt import connection, last_wills
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -76,113 +76,83 @@ async def placed(
             await asyncio.gather(running, return_exceptions=True)
 
 
-def states(ears: MqttReceiver, sensor: str) -> list[str]:
-    return [json.loads(payload)["state"] for payload in ears.on(f"p/{sensor}/status")]
-
-
-def all_states(ears: MqttReceiver) -> dict[str, list[str]]:
-    return {sensor: states(ears, sensor) for sensor in SENSORS}
+def all_states(ears: MqttReceiver | list[tuple[str, bytes]]) -> dict[str, list[str]]:
+    if isinstance(ears, MqttReceiver):
+        ears = [(m.topic, m.payload) for m in ears.heard]
+    found: dict[str, list[str]] = {sensor: [] for sensor in SENSORS}
+    for topic, payload in ears:
+        found[topic.split("/")[1]].append(json.loads(payload)["state"])
+    return found
 
 
 def were(*expected: str) -> dict[str, list[str]]:
     return {sensor: [*expected] for sensor in SENSORS}
 
 
-@every_broker
 @pytest.mark.asyncio
 async def test_wills_that_were_cut_off_are_told_and_what_comes_back_is_told_anew(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
-    port = free_port()
-    with start(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
-        async with proxied(port) as proxy:
-            async with placed(proxy.port) as (there, back):
-                assert number_up(there) == len(SENSORS)
-                await until(lambda: all_states(ears) == were("ONLINE"))
-                proxy.cut()
-                await until(lambda: all_states(ears) == were("ONLINE", "OFFLINE", "ONLINE"))
-                assert sorted(back) == sorted(SENSORS)
-                assert number_up(there) == len(SENSORS)
-            await asyncio.sleep(0.2)  # those that say goodbye have no will
-            assert all_states(ears) == were("ONLINE", "OFFLINE", "ONLINE")
-
-
-@every_broker
-@pytest.mark.asyncio
-async def test_wills_that_say_goodbye_are_forgotten(start: Start, tmp_path: Path) -> None:
-    port = free_port()
-    with start(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
-        async with placed(port):
-            await until(lambda: all_states(ears) == were("ONLINE"))
-        await asyncio.sleep(0.2)
-        assert all_states(ears) == were("ONLINE")
-
-
-@every_broker
-@pytest.mark.asyncio
-async def test_wills_that_say_no_goodbye_are_told(start: Start, tmp_path: Path) -> None:
-    """As of a session that broke."""
-    port = free_port()
-    with start(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
-        async with placed(port, says_goodbye=False):
-            await until(lambda: all_states(ears) == were("ONLINE"))
-        await until(lambda: all_states(ears) == were("ONLINE", "OFFLINE"))
-
-
-@pytest.mark.asyncio
-async def test_connections_that_say_nothing_else_are_kept_alive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And one whose broker is silent is cut, which the broker finds out sooner or later."""
-    keep_alive_s = 3  # the broker cuts off who was silent for half as long again
-    monkeypatch.setattr(connection, "KEEP_ALIVE_S", keep_alive_s)
-    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.1)
-    port = free_port()
-    with own_broker(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
+    """By mosquitto; those that say goodbye have no will, those that break have one."""
+    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
+    port, states = free_port(), ["ONLINE", "OFFLINE", "ONLINE"]
+    with mosquitto(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
         async with proxied(port) as proxy, placed(proxy.port) as (there, back):
             await until(lambda: all_states(ears) == were("ONLINE"))
-            await asyncio.sleep(2 * keep_alive_s)
-            assert (number_up(there), back) == (len(SENSORS), [])
-            assert all_states(ears) == were("ONLINE")
-            proxy.hold()
-            await until(lambda: len(back) == len(SENSORS))
+            proxy.cut()
+            await until(lambda: all_states(ears) == were(*states))
+            assert sorted(back) == sorted(SENSORS)
+            assert number_up(there) == len(SENSORS)
+        async with placed(port, says_goodbye=False):
+            await until(lambda: all_states(ears) == were(*states, "ONLINE"))
+        await until(lambda: all_states(ears) == were(*states, "ONLINE", "OFFLINE"))
 
 
-@pytest.mark.asyncio
+@in_own_time
+async def test_connections_that_say_nothing_else_are_kept_alive() -> None:
+    """And one whose broker is silent is cut, which the broker finds out sooner or later."""
+    async with (
+        broker_here() as port,
+        hearing(port, "p/+/status") as ears,
+        proxied(port) as proxy,
+        placed(proxy.port) as (there, back),
+    ):
+        await until(lambda: all_states(ears) == were("ONLINE"))
+        await asyncio.sleep(10 * connection.KEEP_ALIVE_S)
+        assert (number_up(there), back) == (len(SENSORS), [])
+        assert all_states(ears) == were("ONLINE")
+        proxy.hold()
+        await until(lambda: len(back) == len(SENSORS))
+
+
+@in_own_time
 async def test_a_broker_that_does_not_take_so_many_connections_is_told_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(ways_out, "BACKOFF_S", (0.05,))
-    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
-    port = free_port()
-    with own_broker(tmp_path, port):
-        async with proxied(port) as proxy:
-            proxy.most = 5
-            async with placed(proxy.port) as (there, back):
-                await asyncio.sleep(0.5)
-                await until(lambda: number_up(there) == 4)  # the link is one, too
-                assert back == []
+    async with broker_here() as port, proxied(port) as proxy:
+        proxy.most = 5
+        async with placed(proxy.port) as (there, back):
+            await asyncio.sleep(20.0)
+            assert (number_up(there), back) == (4, [])  # the link is one, too
     assert len([r for r in caplog.records if "no last will" in r.message]) == 1
 
 
-@every_broker
 @pytest.mark.asyncio
 async def test_a_broker_that_is_away_is_not_asked_by_everybody(
-    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The link beside them is the one that knocks."""
     monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
     port = free_port()
     async with proxied(port) as proxy:
-        with start(tmp_path, port) as process:
+        with mosquitto(tmp_path, port) as process:
             async with placed(proxy.port) as (there, back):
                 process.kill()
                 process.wait()
                 await until(lambda: number_up(there) == 0)
                 before = proxy.connections
-                await asyncio.sleep(1.0)
+                await asyncio.sleep(0.3)
                 assert proxy.connections == before
-                with start(tmp_path, port):
+                with mosquitto(tmp_path, port):
                     await until(lambda: number_up(there) == len(SENSORS))
                     assert sorted(back) == sorted(SENSORS)

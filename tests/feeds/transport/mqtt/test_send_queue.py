@@ -1,8 +1,10 @@
-"""The queue before an MQTT link, against a list that does the same in the simplest way."""
+"""What waits: in a queue, against the simplest that does the same, and in a socket's buffer."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import count
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -14,7 +16,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.mqtt import send_queue
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue
+from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue, SocketBuffer
 
 POLICIES = ["drop-oldest", "drop-newest", "wait"]
 
@@ -48,143 +50,70 @@ class Bench:
         return found
 
 
-@pytest.mark.parametrize(
-    ("policy", "kept", "dropped"),
-    [
-        ("drop-oldest", [7, 8, 9], [0, 1, 2, 3, 4, 5, 6]),
-        ("drop-newest", [0, 1, 2], [3, 4, 5, 6, 7, 8, 9]),
-        ("wait", list(range(10)), []),
-    ],
-)
-def test_the_policy_says_which_are_kept(policy: str, kept: list[int], dropped: list[int]) -> None:
-    bench = Bench(policy=policy, messages=3)
-    bench.put(10)
-    assert bench.deliveries.given_up == dropped
-    assert bench.counts.dropped == len(dropped)
-    assert bench.take_all() == kept
-    assert bench.deliveries.delivered == []
-
-
-def test_without_a_number_plots_of_qos_0_do_not_wait_and_10_000_of_qos_1_do() -> None:
-    late, sure = Bench(qos=0), Bench(qos=1)
-    late.put(5, qos=0)
-    sure.put(10_005)
-    assert late.deliveries.given_up == [0, 1, 2, 3, 4]
-    assert len(sure.queue) == 10_000
-    assert sure.deliveries.given_up == [0, 1, 2, 3, 4]
+MOST_OCTETS, OVERRUN, AGE_S = 500, 4, 5.0
 
 
 @given(
     st.sampled_from(POLICIES),
     st.integers(0, 6),
-    st.lists(st.sampled_from(["put", "put", "take", "lose"]), max_size=60),
+    st.lists(
+        st.integers(4, 300) | st.floats(0.1, 3) | st.sampled_from(["take", "lose"]) | st.just(5000),
+        max_size=60,
+    ),
 )
 def test_it_does_what_the_simplest_queue_would_do(
-    policy: str, limit: int, steps: list[str]
+    policy: str, limit: int, steps: list[int | float | str]
 ) -> None:
-    bench = Bench(policy=policy, messages=limit)
-    numbers = count()
-    waiting: list[int] = []
+    """A whole number puts so many octets, a fraction is time; what is lost was sent before."""
+    most, octets_at_most = limit, MOST_OCTETS
+    if policy == "wait":  # whoever does not wait although it is full is not kept for ever
+        most, octets_at_most = limit + OVERRUN, 2 * MOST_OCTETS
+    numbers, waiting, sent = count(), list[tuple[int, int, float]](), list[Message]()
     dropped: list[int] = []
-    sent: list[Message] = []
-    for step in steps:
-        if step == "put":
-            bench.put()
-            if policy == "drop-oldest":
-                while waiting and len(waiting) >= limit:
-                    dropped.append(waiting.pop(0))
-            if policy != "wait" and len(waiting) >= limit:
-                dropped.append(next(numbers))
-            else:
-                waiting.append(next(numbers))
-        elif step == "take":
-            entry = bench.take()
-            assert (entry is not None) == bool(waiting)
-            if entry is not None:
-                assert entry.number == waiting.pop(0)
-                sent.append(entry)
-        else:
-            bench.queue.put_back(sent)
-            waiting[:0] = [entry.number for entry in sent]
-            sent.clear()
-        assert len(bench.queue) == len(waiting)
-        assert bench.deliveries.given_up == sorted(dropped)
-        full = policy == "wait" and len(waiting) > 0 and len(waiting) >= limit
-        assert bench.queue.is_full == full
-    assert bench.take_all() == waiting
-    assert bench.counts.dropped == len(dropped)
 
+    def fits(octets: int) -> bool:
+        held = sum(each for _, each, _ in waiting)
+        return len(waiting) < most and (not waiting or held + octets <= octets_at_most)
 
-@given(st.sampled_from(POLICIES), st.lists(st.one_of(st.integers(1, 300), st.none()), max_size=40))
-def test_what_waits_is_bounded_in_octets_too(policy: str, sizes: list[int | None]) -> None:
-    """None takes one away."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(send_queue, "MAX_WAITING_OCTETS", 500)
-        bench = Bench(policy=policy)
-        most, sent = 1000 if policy == "wait" else 500, 0
-        for size in sizes:
-            if size is None:
-                sent += bench.take() is not None
+        patch.setattr(send_queue, "MAX_WAITING_OCTETS", MOST_OCTETS)
+        patch.setattr(send_queue, "OVERRUN", OVERRUN)
+        bench = Bench(policy=policy, messages=limit, max_age_s=AGE_S)
+        taken = dict[int, tuple[int, int, float]]()
+        for step in steps:
+            bench.now_s += step if isinstance(step, float) else 0.0
+            if step != "lose":
+                while waiting and waiting[0][2] < bench.now_s - AGE_S:
+                    dropped.append(waiting.pop(0)[0])
+            if isinstance(step, float):
+                bench.queue.expire()
+            elif isinstance(step, int):
+                while policy == "drop-oldest" and waiting and not fits(step):
+                    dropped.append(waiting.pop(0)[0])
+                if fits(step):
+                    waiting.append((next(numbers), step, bench.now_s))
+                else:
+                    dropped.append(next(numbers))
+                bench.put(octets=step)
+            elif step == "take":
+                entry = bench.take()
+                assert (entry is not None) == bool(waiting)
+                if entry is not None:
+                    assert entry.number == waiting[0][0]
+                    taken[entry.number] = waiting.pop(0)
+                    sent.append(entry)
             else:
-                bench.put(octets=size)
-            assert bench.queue._octets.total() <= max(most, 300)
-            assert bench.queue.is_full == (policy == "wait" and bench.queue._octets.total() >= 500)
-        assert len(bench.deliveries.made) == sent + len(bench.queue) + bench.counts.dropped
-        left = bench.take_all()
-        assert left == sorted(left)
-        assert bench.queue._octets.total() == 0
-
-
-def test_one_message_may_wait_however_large_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(send_queue, "MAX_WAITING_OCTETS", 500)
-    for policy in POLICIES:
-        bench = Bench(policy=policy)
-        bench.put(octets=5000)
-        assert bench.take_all() == [0]
-
-
-def test_whoever_does_not_wait_although_it_is_full_is_not_kept_for_ever(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(send_queue, "OVERRUN", 4)
-    bench = Bench(policy="wait", messages=3)
-    bench.put(20)
-    assert bench.deliveries.given_up == list(range(7, 20))
-    assert bench.take_all() == list(range(7))
-
-
-@given(
-    st.sampled_from(POLICIES),
-    st.lists(st.one_of(st.sampled_from(["put", "take", "lose"]), st.floats(0, 3)), max_size=60),
-)
-def test_what_has_waited_too_long_is_dropped_and_nothing_else(
-    policy: str, steps: list[str | float]
-) -> None:
-    """A number is time that passes. What was sent and comes back is as old as it was."""
-    bench = Bench(policy=policy, max_age_s=5.0)
-    since_s: list[float] = []
-    sent: list[Message] = []
-    for step in steps:
-        if step == "put":
-            since_s.append(bench.now_s)
-            bench.put()
-        elif step == "take":
-            entry = bench.take()
-            if entry is not None:
-                assert bench.now_s - since_s[entry.number] <= 5.0
-                sent.append(entry)
-        elif step == "lose":
-            bench.queue.put_back(sent)
-            sent.clear()
-        else:
-            assert isinstance(step, float)
-            bench.now_s += step
-            bench.queue.expire()
-        for old in bench.deliveries.given_up:
-            assert bench.now_s - since_s[old] > 5.0
-    bench.now_s += 5.1
-    assert bench.take_all() == []
-    assert len(bench.deliveries.given_up) == len(since_s) - len(sent)
+                bench.queue.put_back(sent)
+                waiting[:0] = [taken[entry.number] for entry in sent]
+                sent.clear()
+            assert bench.deliveries.given_up == sorted(dropped)
+            held = sum(octets for _, octets, _ in waiting)
+            assert (len(bench.queue), bench.queue._octets.total()) == (len(waiting), held)
+            is_full = waiting and (len(waiting) >= limit or held >= MOST_OCTETS)
+            assert bench.queue.is_full == (policy == "wait" and bool(is_full))
+        assert bench.counts.dropped == len(dropped)
+        bench.queue.give_up()
+        assert len(bench.deliveries.given_up) == len(bench.deliveries.made) - len(sent)
 
 
 def test_of_retained_messages_the_newest_on_each_topic_waits() -> None:
@@ -218,14 +147,6 @@ def test_a_newer_retained_message_takes_the_room_of_the_older() -> None:
     assert bench.take_all() == [1, 2]
 
 
-def test_all_that_waits_is_given_up_at_the_end() -> None:
-    bench = Bench()
-    bench.put(50, octets=20)
-    bench.queue.give_up()
-    assert bench.deliveries.given_up == list(range(50))
-    assert (len(bench.queue), bench.queue._octets.total(), bench.counts.dropped) == (0, 0, 50)
-
-
 @pytest.mark.parametrize("policy", POLICIES)
 def test_no_client_takes_the_room_of_another(policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(send_queue, "OVERRUN", 0)
@@ -255,3 +176,121 @@ def test_messages_of_all_clients_leave_in_their_order_also_when_they_come_back()
     sent = [found for found in (bench.take() for _ in range(5)) if found is not None]
     bench.queue.put_back(sent)
     assert bench.take_all() == list(range(12))
+
+
+class Transport:
+    """Tells of its buffer as asyncio's do."""
+
+    def __init__(self) -> None:
+        self.protocol = SimpleNamespace()
+        self.written = self.taken = self.room = 0
+        self.paused = self.closing = False
+
+    def get_write_buffer_size(self) -> int:
+        return self.written - self.taken
+
+    def is_closing(self) -> bool:
+        return self.closing
+
+    def write(self, data: bytes) -> None:
+        octets = len(data)
+        if not self.get_write_buffer_size():  # else it does not try
+            self.taken += min(octets, self.room)
+            self.room -= min(octets, self.room)
+        self.written += octets
+        if self.get_write_buffer_size() > 1 and not self.paused:
+            self.paused = True
+            self.protocol.pause_writing()
+
+    def take(self, octets: int) -> None:
+        self.room += octets
+        now = min(self.room, self.get_write_buffer_size())
+        self.taken += now
+        self.room -= now
+        if self.paused and not self.get_write_buffer_size():
+            self.paused = False
+            self.protocol.resume_writing()
+
+
+def watching(transport: Transport, now_s: Callable[[], float] = lambda: 0.0) -> SocketBuffer:
+    """What its protocol tells."""
+    buffer = SocketBuffer(transport, lambda: None, now_s)  # type: ignore[arg-type]
+    transport.protocol.pause_writing = buffer.hold
+    transport.protocol.resume_writing = buffer.release
+    return buffer
+
+
+steps = st.lists(
+    st.one_of(
+        st.tuples(st.just("publish"), st.lists(st.integers(8, 100), min_size=1, max_size=4)),
+        st.tuples(st.just("ping"), st.integers(2, 9).map(lambda octets: [octets])),
+        st.tuples(st.just("take"), st.integers(1, 500).map(lambda octets: [octets])),
+    ),
+    max_size=60,
+)
+
+
+@given(steps)
+def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
+    steps: list[tuple[str, list[int]]],
+) -> None:
+    """Of one write, too, that is of several messages."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(send_queue, "MAX_UNSENT_OCTETS", 1000)
+        transport, deliveries = Transport(), Deliveries()
+        watch = watching(transport)
+        ends: list[int] = []
+        pings = 0
+        for step, sizes in steps:
+            left = sum(sizes)
+            if step == "take":
+                transport.take(left)
+            elif step == "ping":
+                watch.write(bytes(left))
+                pings += left
+            elif watch.has_room:
+                is_taken = watch.write(bytes(left))
+                for octets in sizes:
+                    delivery, left = deliveries.make(qos=0, octets=octets), left - octets
+                    ends.append(transport.written - left)
+                    if is_taken:
+                        delivery.settle(delivered=True)
+                    else:
+                        watch.keep(delivery, left)
+            else:
+                assert transport.get_write_buffer_size() > 1000
+            watch.is_stuck()
+            for n in deliveries.delivered:
+                assert ends[n] <= transport.taken + 1
+            held = sum(len(p.payload) for p in deliveries.made if not p.said)
+            assert held <= 1000 + 400 + 400 + pings
+            told = deliveries.delivered
+            assert {n for n, end in enumerate(ends) if end <= transport.taken} <= {*told}
+        if steps and steps[-1][0] == "take":
+            assert watch.give_up() == len(deliveries.given_up) == len(ends) - len(told)
+        transport.take(10**6)
+        assert not watch._unsent
+        assert not deliveries.unsettled
+
+
+def test_it_is_stuck_when_nothing_moves_for_long_and_not_when_anything_does() -> None:
+    now_s = 0.0
+    transport = Transport()
+    watch = watching(transport, lambda: now_s)
+    now_s = 1000.0
+    assert not watch.is_stuck()  # nothing is to be sent
+    watch.write(bytes(1000))
+    for _ in range(50):
+        now_s += send_queue.GIVE_UP_S
+        transport.take(1)
+        assert watch.has_room
+        watch.write(bytes(7))
+        assert not watch.is_stuck()
+    now_s += send_queue.GIVE_UP_S + 0.1
+    assert watch.is_stuck()
+    transport.take(10**6)
+    assert not watch.is_stuck()
+    transport.closing = True
+    assert not watch.has_room
+    now_s += send_queue.GIVE_UP_S + 0.1
+    assert watch.is_stuck()
