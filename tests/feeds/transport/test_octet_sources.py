@@ -18,12 +18,17 @@ from support.udp_receiver import interface_of
 from support.waiting import PATIENCE_S, kept_up, until
 
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress, TelemetrySource
+from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.transport import octet_sources
-from plotfeed.feeds.transport.live_source import octets_of
+from plotfeed.feeds.transport.live_source import LiveSource, octets_of
 from plotfeed.feeds.transport.octet_sources import AGAIN_S, TcpOctets, UdpOctets
 from plotfeed.feeds.transport.peers import PeerLimits
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.errors import PlotfeedError
+
+IDENTITY = b"\x02\x12" + b"1581F4XF".ljust(20, b"\0") + bytes(3)
+# A Location message of Open Drone ID, of now, whenever that is.
+AIRBORNE = bytes.fromhex("12222364fe595e1c18b3ddc6fd600dc30d48084b33aaffff00")
 
 
 class Taker:
@@ -102,6 +107,29 @@ async def test_datagrams_come_with_their_senders_who_can_be_answered() -> None:
             source.send(peer, b"answer")
             one.settimeout(PATIENCE_S)
             assert one.recv(100) == b"answer"
+
+
+@in_own_time
+async def test_octets_of_a_live_source_become_reports_with_what_the_scene_states() -> None:
+    """Of Remote ID, with an identity before the place; what is no message is refused."""
+    taken, refused, port = dict[str, PositionReport](), list[str](), free_port()
+    url = f"remote-id:udp://127.0.0.1:{port}"
+    source = LiveSource(
+        TelemetrySource(url=url, rcs_m2=0.5),
+        now_utc_ns=lambda: 1_767_225_600_000_000_000,
+        take=taken.__setitem__,
+        refuse=lambda _drone, refusal: refused.append(refusal.reason),
+    )
+    await source.open()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        for said in (IDENTITY, AIRBORNE, b"noise"):
+            receiver.sendto(said, ("127.0.0.1", source.bound_port))
+        await until(lambda: taken and refused)
+    source.close()
+    assert [*taken] == ["1581F4XF"]
+    found = taken["1581F4XF"]
+    assert found.latitude_deg == pytest.approx(40.4512345, abs=1e-7)
+    assert (found.rcs_m2, refused) == (0.5, ["undecodable"])
 
 
 @contextlib.contextmanager

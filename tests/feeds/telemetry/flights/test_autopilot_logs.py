@@ -82,6 +82,8 @@ def test_gps_time_becomes_utc_by_the_leap_seconds_of_its_day() -> None:
 def test_a_format_without_length_cannot_stall_the_reader() -> None:
     with pytest.raises(PlotfeedError):
         flown(".bin", fmt(0x90, 0, b"ZERO", b"", b"") + b"\xa3\x95\x90" * 1000)
+    with pytest.raises(PlotfeedError, match="GPS record lacks Lat, Lng, Alt or Status"):
+        flown(".bin", fmt(0x90, 7, b"GPS", b"I", b"TimeUS") + b"\xa3\x95\x90" + bytes(4))
 
 
 START_US = 1_600_000_000_000_000
@@ -159,3 +161,9 @@ def test_a_ulog_reads_as_the_library_of_px4_reads_it() -> None:
     (topic,) = (d for d in pyulog.ULog(str(path)).data_list if d.name == "vehicle_global_position")
     latitudes = [r.latitude_deg for r in read(path).reports]
     assert latitudes == topic.data["lat"][-len(latitudes) :].tolist()
+    alone = path.read_bytes().replace(b"vehicle_gps_position", b"vehicle_gps_polition")
+    with pytest.raises(PlotfeedError, match="no UTC in this log"):
+        flown(".ulg", alone)
+    assert flown(".ulg", alone, start_utc_ns=NS).reports[0].t_utc_ns > NS
+    with pytest.raises(PlotfeedError, match="no positions: neither vehicle_global_position nor"):
+        flown(".ulg", alone.replace(b"vehicle_global_position", b"vehicle_global_polition"))

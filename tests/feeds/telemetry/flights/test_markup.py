@@ -42,9 +42,14 @@ def test_track_points_are_taken_above_sea_level_unless_told() -> None:
 def test_points_that_are_not_whole_are_told() -> None:
     bare = '<trkpt lat="50" lon="3"></trkpt>'
     no_elevation = '<trkpt lat="50" lon="3"><time>2022-05-01T00:00:09Z</time></trkpt>'
-    flight = flown(".gpx", gpx(*POINTS, bare, no_elevation))
+    noon = POINTS[0].replace("2022-05-01T00:00:00Z", "noon")
+    flight = flown(".gpx", gpx(*POINTS, bare, no_elevation, noon))
     assert len(flight.reports) == 4
-    assert flight.skipped == ("track point 5: no time", "track point 6: no elevation")
+    assert flight.skipped == (
+        "track point 5: no time",
+        "track point 6: no elevation",
+        "track point 7: no time, position or elevation that can be read",
+    )
     text = gpx(*POINTS)
     flight = flown(".gpx", text[: text.index(POINTS[2]) + 30])
     assert len(flight.reports) == 2

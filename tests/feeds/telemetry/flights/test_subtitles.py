@@ -118,9 +118,11 @@ def test_fractions_of_a_second_are_read_in_both_spellings() -> None:
 def test_records_that_cannot_be_read_are_told_by_line() -> None:
     first, _, last = FILMS["Matrice 300"]
     lines = [first, "GPS(n/a) BAROMETER:1.0M", "GPS(0.0,0.0,0.0M) BAROMETER:1.0M", last]
+    lines.append("GPS(36.6104,-6.1120,0.0M)")
     flight = flown(".srt", subtitles(*lines))
     assert len(flight.reports) == 2
-    assert [line.partition(":")[0] for line in flight.skipped] == ["line 7", "line 12"]
+    assert [line.partition(":")[0] for line in flight.skipped] == ["line 7", "line 12", "line 22"]
+    assert flight.skipped[-1].endswith("no BAROMETER, which other blocks have")
 
 
 def test_a_byte_order_mark_and_an_odd_suffix_do_not_matter(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_the_order_of_days_and_months_is_told_by_the_days_beyond_twelve() -> Non
     march = round(datetime(2024, 3, 1, tzinfo=UTC).timestamp()) * S
     assert midnight_ns("3/1/2024") == midnight_ns("2024-03-01") == march
     assert midnight_ns("1/3/2024", day_first=True) == march
-    assert midnight_ns("2/30/2024") is None
+    assert midnight_ns("2/30/2024") is midnight_ns("noon") is None
 
 
 @given(
@@ -168,7 +168,7 @@ def test_what_a_table_does_not_say_is_asked_for_by_name(
 def test_rows_that_cannot_be_read_are_told_by_line() -> None:
     text = TABLE + "yesterday,50,-30,700,0,0\n2019-12-09 10:49:38,x,-30,700\n"
     text += "2019-12-09 10:49:39,50\n2019-12-09 10:49:36,50,-30,700,0,0\n"
-    text += "2019-12-09 10:49:35,50,-30,700,0,0\n2019-12-09 10:49:40,95,-30,700,0,0\n"
+    text += "2019-12-09 10:49:35,50,-30,700,0,0\n2019-12-09 10:49:40,95,-30,700,0,0\n\n,,\n"
     flight = flown(".csv", text, altitude_reference=SEA)
     assert len(flight.reports) == 2
     told = {line.partition(":")[0]: line for line in flight.skipped}

@@ -159,6 +159,8 @@ def test_remote_id_of_others_is_theirs_by_their_identity() -> None:
     nameless = bytes.fromhex("60601f000002")
     heard = hear(listener, vehicle.says("open_drone_id_location", *location(nameless, 0.0)))
     assert heard[0].drone == "60601f000002"
+    untold = hear(listener, vehicle.says("open_drone_id_location", *location(nameless, 0xFFFF)))
+    assert report(untold).t_utc_ns == NOW
     # A v2 system after a v1 system is understood: the first octet must not pick a dialect.
     report(hear(listener, Vehicle(3, v10).at(1000)))
     frame = Vehicle(2).says("open_drone_id_location", *location(nameless, 0.0))

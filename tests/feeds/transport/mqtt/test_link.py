@@ -22,7 +22,7 @@ from support.scripted_broker import (
     scripted,
     serving,
 )
-from support.waiting import PATIENCE_S, until
+from support.waiting import PATIENCE_S, kept_up, until
 
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.outbox import Outbox, send_all
@@ -412,6 +412,25 @@ async def test_at_the_end_everything_is_settled_and_nothing_more_is_taken() -> N
 async def test_a_subscription_that_is_not_granted_is_told(caplog: pytest.LogCaptureFixture) -> None:
     async with linked(ScriptedBroker(granted=0x87), "here/#"):
         await until(lambda: any("does not grant" in r.getMessage() for r in caplog.records))
+
+
+@in_own_time
+async def test_a_broker_that_may_be_waited_for_is_waited_for_and_that_is_told(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level("INFO")
+    broker = ScriptedBroker(port=free_port())
+    link = MqttTransport(BrokerAddress("127.0.0.1", broker.port, (5,), waits=True), "test")
+    async with kept_up(link.run()):
+        coming = asyncio.create_task(link.wait_until_up(1.0))
+        await asyncio.sleep(30.0)
+        assert not coming.done()
+        async with serving(broker):
+            await coming
+    assert [m for m in caplog.messages if "waits for" in m] == [
+        f"waits for the MQTT broker mqtt://127.0.0.1:{broker.port} (Connect call failed "
+        f"('127.0.0.1', {broker.port})); stop: Ctrl-C"
+    ]
 
 
 @in_own_time

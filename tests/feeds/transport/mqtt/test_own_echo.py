@@ -201,4 +201,11 @@ async def test_what_comes_meanwhile_may_stand_before_it_in_a_backlog(
     await asyncio.sleep(own_echo.WAIT_S)
     assert told == [False]
     assert len(complaints(caplog)) == 1
+    plots = [Message("plotfeed/north/plots", b"again", "", 0)]
+    for seconds, is_sampled in ((own_echo.NEXT_S, False), (own_echo.QUIET_S, True)):
+        await asyncio.sleep(seconds + 0.1)  # a topic is sampled once in a round
+        before = len(asked.subscribed)
+        for _ in range(2):
+            echo.published(plots)
+        assert len(asked.subscribed) - before == is_sampled
     echo.begin(None)
