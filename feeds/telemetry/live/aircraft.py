@@ -70,9 +70,8 @@ OF_CATEGORY: Mapping[str, AircraftKind | None] = {
 }
 # I021/020 counts set A from 1 on up to its sixth, and has others for the rest.
 OF_EMITTER_021: Mapping[int, AircraftKind | None] = {
-    **{number: OF_CATEGORY[f"A{number}"] for number in range(1, 7)},
-    **{10: ROTORCRAFT, 11: GLIDER, 13: UNMANNED, 16: GLIDER},
-}
+    number: OF_CATEGORY[f"A{number}"] for number in range(1, 7)
+} | {10: ROTORCRAFT, 11: GLIDER, 13: UNMANNED, 16: GLIDER}
 OF_EMITTER_MAVLINK: Mapping[int, AircraftKind | None] = {
     int(name[1]) + (8 if name[0] == "B" else 0): kind for name, kind in OF_CATEGORY.items()
 }
