@@ -1,90 +1,69 @@
-"""Writes docs/stability.md: where plain forms fail, by how much, and what ours do there.
+"""Writes figures into docs/stability.md: where plain forms fail, and extremes through the engine.
 
 python docs/commands/write_stability.py
+
+The page has the words. Rows whose figures no rounding makes stand there as they are; each row of
+the first tables is held by the test that it names.
 """
 
 from __future__ import annotations
 
-import re
+import math
 from pathlib import Path
 
-from pages import table
-from stability_case import Case, in_words
-from stability_chances import DETECTION
-from stability_effects import EFFECTS, LINKS
-from stability_joint import JOINT
-from stability_places import BISTATIC, FRAMES
-from stability_sensors import CLUTTER, SENSORS
-from stability_times import TIMES
+from stability_engine import EXTREMES
+from stability_forms import FORMS
 
 PAGE = Path(__file__).parents[1] / "stability.md"
-TESTS = Path(__file__).parents[2] / "tests"
-INTRODUCTION = """# Where plain forms fail
-
-Written by `python docs/commands/write_stability.py` (`make pictures` runs it), which computes
-both forms, and their errors against sixty digits of mpmath. Errors are relative where they have
-no unit; what begins with "under" is rounding alone, and "no number" is a NaN or an infinity. Each
-row is held by the test that its last column names.
-"""
-HEAD = ("where", "plain form", "its error", "ours", "its error", "test")
-GROUPS = (
-    ("Bistatic geometry and propagation", BISTATIC),
-    ("Several stations", JOINT),
-    ("Frames and angles", FRAMES),
-    ("Detection", DETECTION),
-    ("Times, scans and chance", TIMES),
-    ("False alarms, and effects that a scene may name", (*EFFECTS, *CLUTTER)),
-    ("Antennas, arrays, classifiers, steered beams and cameras", SENSORS),
-    ("Links", LINKS),
-)
-PICTURES = {
-    "Bistatic geometry and propagation": """
-![Relative error of the bistatic range beside the baseline](stability-baseline.png)
-
-A metre off the baseline the plain sum has lost half of its digits, and a tenth of a millimetre off
-all of them, wherever between the two; ours has the same digits everywhere
-(`python docs/commands/draw_stability.py`).
-""",
-    "Detection": """
-![Errors on the way to four limits](stability-limits.png)
-
-The closer to the limit, the more digits the plain form has lost. Ours keep theirs; next to the
-vertical, what is left is the rounding of an elevation of nearly 90°. Dots at the foot: no error.
-""",
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# Errors below these, by unit, are those of the last digits: another machine's may differ.
+ROUNDING = {"": 1e-14, "m": 1e-8, "m/s": 1e-8, "°": 1e-12, "s": 1e-6}
+# Units of rows whose errors are not relative.
+UNITS = {
+    "height 0.1 mm from the pole": "m",
+    "the leap second at the end of 2016": "s",
+    **dict.fromkeys(("the site at either pole", "the antimeridian between site and drone"), "m"),
+    **dict.fromkeys(("the year 1970", "the year 2100"), "m"),
 }
 
 
-def cases() -> list[tuple[str, list[Case]]]:
-    """All rows, by the headings that they stand under; raises if a row's test is not there."""
-    groups = [(title, [row() for row in rows]) for title, rows in GROUPS]
-    for _, rows in groups:
-        for case in rows:
-            if not test_is_there(case.test):
-                raise SystemExit(f"docs/stability: there is no test {case.test}")
-    return groups
+def in_words(error: float | str, unit: str = "") -> str:
+    """An error to one digit; what is rounding alone, as that."""
+    if isinstance(error, str):
+        return error
+    if math.isnan(error):
+        return "no number"
+    after = unit if unit == "°" else f" {unit}".rstrip()
+    if 0 < error < ROUNDING.get(unit, 0.0) or (error == 0 and not unit):
+        return f"under {in_words(ROUNDING[unit])}{after}"
+    if error == 0 or 0.01 <= error < 1000:
+        return f"{float(f'{error:.1g}'):g}{after}"
+    digit, exponent = f"{error:.0e}".split("e")
+    power = f"10{str(int(exponent)).translate(SUPERSCRIPT)}"
+    return f"{'' if digit == '1' else f'{digit}·'}{power}{after}"
 
 
-def test_is_there(name: str) -> bool:
-    """Whether tests/ has that file and that function."""
-    path, _, function = name.partition("::")
-    file = TESTS / path
-    return file.exists() and bool(re.search(rf"^def {function}\(", file.read_text(), re.MULTILINE))
-
-
-def row(case: Case) -> tuple[str, ...]:
-    """Cells of a table."""
-    path, _, function = case.test.partition("::")
-    plain, ours = in_words(case.plain, case.unit), in_words(case.ours, case.unit)
-    test = f"[{function}](../tests/{path})"
-    return case.where, case.plain_form, plain, case.cure, ours, test
+def filled(line: str) -> str:
+    """A line of the page with the figures of its row anew, if it has any."""
+    cells = [cell.strip() for cell in line.split("|")]
+    name = cells[1] if len(cells) > 1 else ""
+    unit = UNITS.get(name, "")
+    if name in FORMS:
+        cells[3], cells[5] = (in_words(error, unit) for error in FORMS[name]())
+    elif name in EXTREMES:
+        cells[3] = in_words(EXTREMES[name](), unit)
+    else:
+        return line
+    return " | ".join(cells).strip()
 
 
 def page() -> str:
-    """The whole page."""
-    lines = [INTRODUCTION]
-    for title, rows in cases():
-        lines += [f"## {title}", "", *table(HEAD, map(row, rows)), PICTURES.get(title, "")]
-    return "\n".join(lines).rstrip() + "\n"
+    """The whole page; raises `KeyError` for a row that it has not."""
+    lines = PAGE.read_text().splitlines()
+    first = {line.split("|")[1].strip() for line in lines if line.count("|") > 1}
+    if missing := (FORMS.keys() | EXTREMES.keys()) - first:
+        raise KeyError(f"{PAGE.name} has no row {sorted(missing)}")
+    return "\n".join(map(filled, lines)) + "\n"
 
 
 if __name__ == "__main__":
