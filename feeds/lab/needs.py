@@ -17,9 +17,11 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from operator import attrgetter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,16 +31,25 @@ from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import say
 from plotfeed.feeds.console.process import keep_freed, refuse_if_there
 from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.formats.sensor_tracks import PlainTracks
 from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings, tell
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, place_labels, save_picture
 from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells
 from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.messages.message import HELD_NS
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene, parsed
 from plotfeed.feeds.scene.sensors import Sensor
+from plotfeed.feeds.scene.world_keys import (
+    BirdsKeys,
+    ClutterKeys,
+    RoadKeys,
+    TerrainKeys,
+    TurbineKeys,
+)
 from plotfeed.models.frames import enu_to_aer, wrap_180
 from plotfeed.models.sensors.sensor_model import NO_PLOTS
 from plotfeed.models.state import Floats, Ints, Plots
@@ -51,21 +62,33 @@ FIRST_RUNS = 4  # Looked at after so many runs, after twice as many, and so on
 RISK = 0.05  # Share of experiments in which an interval of a variant does not hold what it should
 CUTOFF_M = 100.0
 FEWEST_PLOTS = 10  # Fewer plots give no errors that can be compared
-STRETCH_NS = NS
+STRETCH_NS = 5 * NS  # What is worked out at once
 
-# What is told of each sensor, the unit in which it is compared, and what that is a share of: of
-# itself in the scene as it is, of all chances, of the plots of a scan, or of the scan's period.
-METRICS: Mapping[str, str] = {
-    "pd": "chances",
-    "alarms": "plots",
-    "range_m": "itself",
-    "azimuth_deg": "itself",
-    "elevation_deg": "itself",
-    "gospa_m": "itself",
-    "completeness": "chances",
-    "delay_s": "period",
-    "lost": "chances",
+
+class Metric(NamedTuple):
+    """What is told of each sensor, and what a change of it is a share of.
+
+    That is itself in the scene as it is, all chances, the plots of a scan, or the scan's period.
+    """
+
+    share_of: str
+    head: str  # Of a column
+    words: str
+    unit: str = ""
+
+
+METRICS: Mapping[str, Metric] = {
+    "pd": Metric("chances", "Pd", "share of scans in which a drone in range is plotted"),
+    "alarms": Metric("plots", "false plots", "false plots a scan"),
+    "range_m": Metric("itself", "range", "range error, rms", " m"),
+    "azimuth_deg": Metric("itself", "azimuth", "azimuth error, rms", "°"),
+    "elevation_deg": Metric("itself", "elevation", "elevation error, rms", "°"),
+    "gospa_m": Metric("itself", "GOSPA", "GOSPA of a plain tracker", " m"),
+    "completeness": Metric("chances", "followed", "share of drones that a plain tracker follows"),
+    "delay_s": Metric("period", "delay", "delay", " s"),
+    "lost": Metric("chances", "lost", "share of messages lost"),
 }
+OF_TRACKS = ("gospa_m", "completeness")
 
 
 class Effect(NamedTuple):
@@ -77,6 +100,8 @@ class Effect(NamedTuple):
 
 
 # Of sensors. What a kind of sensor has not is no effect of it; what refuses a value has none there.
+# No value is ordinary of pulses and microphones, which are a design, nor of jammers, faults, events
+# and classes, which no figure is of.
 SENSOR_EFFECTS = (
     Effect("multipath", on={"antenna_height_m": 3.0}),
     Effect("antenna", on={"receive": {"elevation": {"kind": "gaussian"}}}),
@@ -103,6 +128,80 @@ SCENE_EFFECTS: Mapping[str, Any] = {
     "terrain": None,
     **dict.fromkeys(("weather", "jammer", "birds", "road", "turbine", "clutter", "target"), ()),
 }
+# Those of the world that are usual somewhere, and the keys of a table of each.
+WORLD_KEYS = {
+    "terrain": TerrainKeys,
+    "birds": BirdsKeys,
+    "road": RoadKeys,
+    "turbine": TurbineKeys,
+    "clutter": ClutterKeys,
+}
+TREES = "trees.geojson"  # The file of an ordinary terrain
+
+
+def ordinary_world(scene: Scene) -> dict[str, dict[str, Any]]:
+    """Ordinary birds, road, turbine, clutter and terrain, by keys of scenes: a table of each.
+
+    They are about the place on the ground above which drones are on average in the first minute.
+    The terrain is that of `trees_about`. Raises `PlotfeedError`.
+    """
+    east_m, north_m = _middle_of_drones(scene)
+
+    def place(east: float, north: float, up: float = 0.0) -> dict[str, float]:
+        metres = {"east_m": east_m + east, "north_m": north_m + north, "above_site_m": up}
+        return {name: round(value) for name, value in metres.items()}
+
+    return {
+        "terrain": {"buildings": [TREES]},
+        "birds": {
+            "id": "gulls",
+            "count": 10,
+            "path": [place(-300, -200, 50), place(300, -200, 50), place(0, 300, 50)],
+        },
+        "road": {
+            "id": "road",
+            "path": [place(-1000, -300), place(1000, 300)],
+            "cars_per_h": 600.0,
+            "speed_m_s": 20.0,
+        },
+        "turbine": {"id": "turbine", **place(400, 400, 100), "radius_m": 50.0},
+        "clutter": {
+            "id": "scrub",
+            "area": [place(*each) for each in ((-500, -500), (500, -500), (500, 500), (-500, 500))],
+            "plots_per_km2": 2.0,
+        },
+    }
+
+
+def trees_about(scene: Scene) -> str:
+    """GeoJSON of a wood before each sensor, 10 m high and 200 m wide, 300 m towards the drones."""
+    site, drones_m = site_frame(scene.scene.site), _middle_of_drones(scene)
+    features = []
+    for sensor in scene.sensor:
+        here_m = np.array(sensor.position_enu_m[:2])
+        way = drones_m - here_m
+        ahead = way / np.hypot(*way) if np.hypot(*way) else np.array([0.0, 1.0])
+        right = np.array([ahead[1], -ahead[0]])
+        corners = ((300, -100), (300, 100), (320, 100), (320, -100), (300, -100))
+        ring_m = [here_m + along * ahead + across * right for along, across in corners]
+        degrees = np.array(site.to_geodetic(np.column_stack([ring_m, np.zeros(5)])))
+        ring = degrees[1::-1].T.round(7).tolist()
+        shape = {"type": "Polygon", "coordinates": [ring]}
+        features.append({"type": "Feature", "properties": {"height": 10}, "geometry": shape})
+    return json.dumps({"type": "FeatureCollection", "features": features})
+
+
+def _middle_of_drones(scene: Scene) -> Floats:
+    """East and north of the site, metres (2,), of where drones are on average at first."""
+    trajectories = trajectories_of(scene)
+    launch(scene, trajectories, START_UTC_NS)
+    t_utc_ns = START_UTC_NS + 5 * NS * np.arange(13)
+    places_m = site_frame(scene.scene.site).from_ecef(trajectories.positions_at(t_utc_ns))
+    names = frozenset(scene.fleet.names)
+    own = [i for i, name in enumerate(trajectories.names) if name in names]
+    there_m = places_m[:, own, :2].reshape(-1, 2)
+    there_m = there_m[np.isfinite(there_m).all(axis=1)]
+    return there_m.mean(axis=0) if len(there_m) else np.zeros(2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,6 +215,9 @@ class Variant:
     effects: tuple[str, ...] = ()
     # Formats of plots that are read back, by which errors are told; without, those of sensors.
     read_back: str = ""
+    # Whether Pd is that of looks, in closed form, in place of the share of chances with a plot; it
+    # tells of nothing else.
+    closed_form: bool = False
 
 
 class Change(NamedTuple):
@@ -127,14 +229,19 @@ class Change(NamedTuple):
     value: float
     low: float
     high: float
+    error: float  # Standard error of the value
     # The same as shares of what the metric is compared with.
     share: float
     share_low: float
     share_high: float
+    share_error: float
 
 
-def variants_of(scene: Scene) -> list[Variant]:
-    """Each effect that the scene names off, all of those off, and each that it could name on."""
+def variants_of(scene: Scene, folder: Path | None = None) -> list[Variant]:
+    """Each effect that the scene names off, all of those off, and each that it could name on.
+
+    A terrain is among the latter where there is a folder for its file; raises `PlotfeedError`.
+    """
     every = range(len(scene.sensor))
     found: list[Variant] = []
     for effect in SENSOR_EFFECTS:
@@ -149,8 +256,26 @@ def variants_of(scene: Scene) -> list[Variant]:
         if getattr(scene, key) != value:
             name = f"[{key}]"
             found.append(_variant(scene, f"without {name}", {}, {key: value}, effects=(name,)))
+    found += _with_world(scene, folder)
     off = [each for each in found if not each.adds]
     return [*found, together(scene, off, "without all of these")] if len(off) > 1 else found
+
+
+def _with_world(scene: Scene, folder: Path | None) -> Iterator[Variant]:
+    """The scene with each of an ordinary world that it does not name."""
+    if not scene.fleet.names:
+        return
+    for key, table in ordinary_world(scene).items():
+        if getattr(scene, key) or (key == "terrain" and folder is None):
+            continue
+        kind: Any = WORLD_KEYS[key]
+        keys = kind.model_validate(table)
+        if key == "terrain" and folder is not None:
+            trees = folder / TREES
+            trees.write_text(trees_about(scene), encoding="utf-8")
+            keys = keys.model_copy(update={"buildings": (str(trees),)})
+        told = {key: keys if key == "terrain" else (keys,)}
+        yield _variant(scene, f"with [{key}]", {}, told, adds=True, effects=(f"[{key}]",))
 
 
 def _variant(
@@ -231,13 +356,18 @@ def choices_of(scene: Scene) -> list[Variant]:
         for i, s in sensors.items()
         if "tracks" in s.formats and "tracks" not in s.report
     }
+    every = frozenset(sensors)
     return [
-        _variant(scene, name, others, read_back=read_back.get(name, ""))
-        for name, others in choices.items()
-        if others
+        Variant(name=CLOSED_FORM, scene=scene, sensors=every, closed_form=True),
+        *(
+            _variant(scene, name, others, read_back=read_back.get(name, ""))
+            for name, others in choices.items()
+            if others
+        ),
     ]
 
 
+CLOSED_FORM = "Pd of looks, in closed form"
 COVER_NS = 5 * NS
 NOTHING_READ = MeasuredPlots.of(())
 
@@ -254,20 +384,33 @@ class Run:
         spent_s, end_ns = 0.0, start_utc_ns + round(duration_s * NS)
         for t_ns in (*range(start_utc_ns + STRETCH_NS, end_ns, STRETCH_NS), end_ns):
             began_s = time.process_time()
-            batches += engine.until(t_ns)
+            batches += engine.until(t_ns, messages=not variant.closed_form)
             spent_s += time.process_time() - began_s
         self.cost_s = spent_s / duration_s  # Processor seconds a second
         names = frozenset(scene.fleet.names)
         rows = np.array([i for i, name in enumerate(engine.trajectories.names) if name in names])
+        # Octets of all messages
+        self.octets = sum(
+            len(m.handed.payload) for b in batches for some in b.messages for m in some
+        )
         figures = []
-        # Of each sensor the (drone, stretch of 5 s) in which it plotted, and all that there were.
+        # Of each sensor the (drone, stretch of 5 s) in which it plotted, those in which its plain
+        # tracker followed, and all that there were.
         self.seen: list[frozenset[tuple[int, int]]] = []
+        self.followed: list[frozenset[tuple[int, int]]] = []
+        self.chances_of: list[int] = []  # Of each sensor, to plot a drone within its range
         for i in range(len(scene.sensor)):
             own = _Sensed(engine, batches, i, rows)
-            figures.append(own.figures(variant.read_back if i in variant.sensors else ""))
+            of_variant = i in variant.sensors
+            if variant.closed_form:
+                figures.append(own.figures_in_closed_form())
+                continue
+            figures.append(own.figures(variant.read_back if of_variant else ""))
             stretch = ((own.of_drones.t_utc_ns - start_utc_ns) // COVER_NS).tolist()
             plotted = zip(own.of_drones.drone.tolist(), stretch, strict=True)
             self.seen.append(frozenset(plotted))
+            self.followed.append(frozenset(own.followed))
+            self.chances_of.append(own.chances)
         self.figures = np.array(figures)  # By sensor, (sensors, metrics)
         # At the middles of stretches, where drones are: by them it is known what was to be seen.
         stretches = np.arange(-(-(end_ns - start_utc_ns) // COVER_NS))
@@ -294,6 +437,31 @@ class _Sensed:
         parts = [b.plots.between(b.plots_by[row], b.plots_by[row + 1]) for b, row in self.sectors]
         self.plots = Plots.joined(parts or [NO_PLOTS])
         self.of_drones = self.plots.rows(np.isin(self.plots.drone, drones))
+        # Drones that its plain tracker followed, with the stretches of 5 s.
+        self.followed: set[tuple[int, int]] = set()
+        # How often a drone was within its range at the middle of a scan.
+        self.scans = len({int(b.sectors.scan[row]) for b, row in self.sectors})
+        period_ns = self.sensor.scan.period_ns
+        t_ns = engine.start_utc_ns + period_ns // 2 + period_ns * np.arange(max(self.scans, 1))
+        there = engine.trajectories.positions_at(t_ns)[: self.scans, drones]
+        range_m = np.linalg.norm(self.here.from_ecef(there.reshape(-1, 3)), axis=-1)
+        within = range_m <= getattr(self.sensor, "range_max_m", np.inf)
+        self.chances = int(np.count_nonzero(within))
+
+    def figures_in_closed_form(self) -> list[float]:
+        """Pd by its looks' own; NaN for all else."""
+        found = dict.fromkeys(METRICS, np.nan)
+        looks = [b.looks.between(b.looks_by[row], b.looks_by[row + 1]) for b, row in self.sectors]
+        scans = [int(b.sectors.scan[row]) for b, row in self.sectors]
+        missed: dict[tuple[int, int], float] = {}
+        for scan, some in zip(scans, looks, strict=True):
+            for drone, pd in zip(some.drone.tolist(), some.pd.tolist(), strict=True):
+                missed[drone, scan] = missed.get((drone, scan), 1.0) * (1.0 - pd)
+        own = frozenset(self.drones.tolist())
+        if self.chances:
+            of_own = (1.0 - q for (drone, _), q in missed.items() if drone in own)
+            found["pd"] = sum(of_own) / self.chances
+        return list(found.values())
 
     def figures(self, read_back: str) -> list[float]:
         """What is compared, in the order of `METRICS`; NaN for what the sensor has not."""
@@ -301,36 +469,26 @@ class _Sensed:
         if not self.sectors:
             return list(found.values())
         period_ns = self.sensor.scan.period_ns
-        scans = len({int(b.sectors.scan[row]) for b, row in self.sectors})
-        chances = self._chances(scans)
         of_drones = self.of_drones
         scan = (of_drones.t_utc_ns - self.engine.start_utc_ns) // period_ns
         hits = len(set(zip(of_drones.drone.tolist(), scan.tolist(), strict=True)))
-        if chances:
-            found["pd"] = hits / chances
-        found["alarms"] = (len(self.plots) - len(of_drones)) / scans
+        if self.chances:
+            found["pd"] = hits / self.chances
+        found["alarms"] = (len(self.plots) - len(of_drones)) / self.scans
         read = self._read_back(read_back, of_drones) if read_back else of_drones
         found |= self._errors(of_drones, read)
         outgoing = [
-            (one.fate, one.due_utc_ns - int(b.sectors.end_ns[row]))
+            (one.fate or one.leaves_utc_ns == HELD_NS, one.leaves_utc_ns - one.due_utc_ns)
             for b, row in self.sectors
             for one in b.messages[row]
         ]
-        delays_ns = [delay_ns for fate, delay_ns in outgoing if not fate]
+        delays_ns = [delay_ns for is_lost, delay_ns in outgoing if not is_lost]
         if outgoing:
             found["lost"] = 1 - len(delays_ns) / len(outgoing)
         if delays_ns:
             found["delay_s"] = float(np.mean(delays_ns)) / NS
         found |= self._tracks(period_ns)
         return list(found.values())
-
-    def _chances(self, scans: int) -> int:
-        """How often a drone was within the sensor's range at the middle of a scan."""
-        period_ns = self.sensor.scan.period_ns
-        t_ns = self.engine.start_utc_ns + period_ns // 2 + period_ns * np.arange(scans)
-        there = self.engine.trajectories.positions_at(t_ns)[:, self.drones]
-        range_m = np.linalg.norm(self.here.from_ecef(there.reshape(-1, 3)), axis=-1)
-        return int(np.count_nonzero(range_m <= getattr(self.sensor, "range_max_m", np.inf)))
 
     def _read_back(self, name: str, plots: Plots) -> Any:
         """Plots of drones as whoever decodes the messages of a format has them."""
@@ -397,6 +555,8 @@ class _Sensed:
             score = set_score(np.linalg.norm(apart, axis=-1), CUTOFF_M)
             gospa.append(score.gospa_m())
             followed, drones = followed + len(score.rows), drones + len(true_m)
+            stretch = (end_ns - 1 - start_ns) // COVER_NS
+            self.followed |= {(drone, stretch) for drone in self.drones[near][score.rows].tolist()}
         found = {"gospa_m": float(np.mean(gospa))} if gospa else {}
         return found | ({"completeness": followed / drones} if drones else {})
 
@@ -450,23 +610,21 @@ class Needs:
         # Seconds of processor a second of the scene.
         self.cost_s = float(np.median([run.cost_s for run in as_it_is]))
         self.findings = [findings[each.name] for each in variants]
-        covered = []
-        for run in as_it_is:  # What all sensors saw, and what all but each of them did
-            seen = (run.seen, *(run.seen[:i] + run.seen[i + 1 :] for i in range(len(run.seen))))
-            unions = (frozenset[tuple[int, int]]().union(*each) for each in seen)
-            covered.append([len(run.chances & union) for union in unions])
-        of_all = sum(len(run.chances) for run in as_it_is) or 1
-        with_all, *without = (np.sum(covered, axis=0) / of_all).tolist()
         ids = [sensor.id for sensor in scene.sensor]
-        # What is lost without a sensor: cover of drones by any sensor with it and without.
-        self.covers = {name: (with_all, left) for name, left in zip(ids, without, strict=True)}
-        needed = []  # By each, until its widest interval is as narrow as the share that matters
-        for name, found in findings.items():
-            widest = max(((c.share_high - c.share_low) / 2 for c in found.changes), default=0.0)
-            needed.append(max(FIRST_RUNS, math.ceil(len(others[name]) * (widest / matters) ** 2)))
+        # What is lost without each sensor, by its id.
+        self.losses = {
+            name: [Taken.of(as_it_is, kind, i) for kind in KINDS] for i, name in enumerate(ids)
+        }
         # Runs of that duration after which all would probably be decided.
-        self.runs_needed = max(needed, default=2)
-        figures = np.mean([run.figures for run in as_it_is], axis=0).tolist()
+        self.runs_needed = max((each.runs_needed for each in self.findings), default=FIRST_RUNS)
+        of_runs = np.array([run.figures for run in as_it_is])
+        counted = of_runs[:, :, 0].std(axis=0, ddof=1)
+        # Standard error of a Pd that is counted in one run, of the sensor where it is largest.
+        self.counted_error = float(np.nan_to_num(counted).max())
+        undecided = sum(each.cost[0] for each in self.findings if each.verdict == "undecided")
+        # Minutes of processor in which that many runs would be done.
+        self.minutes_needed = self.runs_needed * duration_s * self.cost_s * (1 + undecided) / 60
+        figures = of_runs.mean(axis=0).tolist()
         self.as_it_is = {
             name: dict(zip(METRICS, of, strict=True)) for name, of in zip(ids, figures, strict=True)
         }
@@ -485,6 +643,40 @@ class Needs:
             f"{self.scene}: {self.runs} runs of {self.duration_s:g} s, each variant with the seeds "
             f"of the scene as it is; a change of {self.matters:.3g} matters"
         )
+
+
+class Taken(NamedTuple):
+    """A share of all (drone, stretch of 5 s): with all sensors, without one, the error of the loss.
+
+    `error` is the standard error of the difference.
+    """
+
+    before: float
+    after: float
+    error: float
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], kind: str, i: int) -> Taken:
+        """What is lost without sensor i of what any sensor has `seen` or `followed`."""
+        shares = []
+        for run in runs:
+            sets: list[frozenset[tuple[int, int]]] = getattr(run, kind)
+            for some in (sets, sets[:i] + sets[i + 1 :]):
+                union = frozenset[tuple[int, int]]().union(*some)
+                shares.append(len(run.chances & union) / (len(run.chances) or 1))
+        before, after = np.array(shares).reshape(-1, 2).T
+        error = float((after - before).std(ddof=1)) / math.sqrt(len(runs))
+        return cls(float(before.mean()), float(after.mean()), error)
+
+    @property
+    def texts(self) -> tuple[str, str, str]:
+        """The shares, and the change with its standard error."""
+        change = self.after - self.before
+        told = f"{change:+.1%} ±{self.error:.1%}" if change else "0"
+        return f"{self.before:.1%}", f"{self.after:.1%}", told
+
+
+KINDS = ("seen", "followed")  # Of losses: by any sensor's plots, and by the tracker of any
 
 
 class Finding:
@@ -514,9 +706,16 @@ class Finding:
                 "plots": float(np.nansum(before[:, i, :2].mean(axis=0))),
                 "period": sensor.scan.period_s,
             }
-            interval = _interval(after[:, i, k] - one, risk / len(told))
-            shares = np.array(interval) / (wholes.get(METRICS[name], 1.0) or 1.0)
-            change = Change(sensor.id, name, float(one.mean()), *interval, *shares.tolist())
+            differences = after[:, i, k] - one
+            error = float(differences.std(ddof=1)) / math.sqrt(len(pairs))
+            of = METRICS[name].share_of
+            # A share that changes alike in all runs may do so by chance, unless it does not change:
+            # then the same numbers were drawn, and nothing came of the effect.
+            chances = sum(run.chances_of[i] for run, _ in pairs) if of == "chances" else 0
+            least = -math.log(risk / len(told)) / chances if chances and differences.any() else 0.0
+            figures = (*_interval(differences, risk / len(told), least), error)
+            shares = np.array(figures) / (wholes.get(of, 1.0) or 1.0)
+            change = Change(sensor.id, name, float(one.mean()), *figures, *shares.tolist())
             self.changes.append(change)
         furthest = [max(-c.share_low, c.share_high) for c in self.changes]
         words = ("missing", "no need") if variant.adds else ("needed", "can go")
@@ -527,13 +726,28 @@ class Finding:
             self.verdict = words[1]
         # Processor time beside that of the scene as it is, with its interval; 1 is the same.
         self.cost = _interval(np.array([other.cost_s / run.cost_s for run, other in pairs]), RISK)
+        # Octets of all messages, likewise; they cost what sends and reads them.
+        octets = [other.octets / run.octets if run.octets else 1.0 for run, other in pairs]
+        self.octets = _interval(np.array(octets), RISK)
+        self.runs = len(pairs)
+        widest = max(((c.share_high - c.share_low) / 2 for c in self.changes), default=0.0)
+        # Runs after which it is decided, or where it is not, would be by all likelihood: when the
+        # widest interval is as narrow as the share that matters.
+        self.runs_needed = len(pairs)
+        if self.verdict == "undecided":
+            self.runs_needed = max(len(pairs) + 1, math.ceil(len(pairs) * (widest / matters) ** 2))
 
     @property
     def largest(self) -> Change | None:
         """The change that a tracker would notice most, or where it is not known, might."""
         if self.verdict == "undecided":
             return max(self.changes, key=lambda c: max(-c.share_low, c.share_high), default=None)
-        return max(self.changes, key=lambda c: abs(c.share), default=None)
+        return self.most(*METRICS)
+
+    def most(self, *metrics: str) -> Change | None:
+        """The largest change of those figures, of all sensors; None where none has them."""
+        of_these = (change for change in self.changes if change.metric in metrics)
+        return max(of_these, key=lambda c: abs(c.share), default=None)
 
     @property
     def size(self) -> float:
@@ -541,12 +755,14 @@ class Finding:
         return abs(self.largest.share) if self.largest else 0.0
 
 
-def _interval(values: Floats, risk: float) -> tuple[float, float, float]:
-    """The mean of independent values, and the interval that holds it but for that risk."""
+def _interval(values: Floats, risk: float, least: float = 0.0) -> tuple[float, float, float]:
+    """The mean of independent values, and the interval that holds it but for that risk.
+
+    It reaches that far to either side at least.
+    """
     n, mean = len(values), float(values.mean())
-    if not np.ptp(values):
-        return mean, mean, mean
-    half = float(stdtrit(n - 1, 1 - risk / 2) * values.std(ddof=1) / np.sqrt(n))
+    spread = float(values.std(ddof=1)) if np.ptp(values) else 0.0
+    half = max(float(stdtrit(n - 1, 1 - risk / 2)) * spread / math.sqrt(n), least)
     return mean, mean - half, mean + half
 
 
@@ -564,18 +780,6 @@ GROUPS = {
     "no need": "No need: with it, a tracker would notice nothing",
     "undecided": "Undecided: more runs, or longer ones, would tell",
 }
-# Figures by what they are called in words, and their units.
-WORDS = {
-    "pd": ("share of scans in which a drone in range is plotted", ""),
-    "range_m": ("range error, rms", " m"),
-    "azimuth_deg": ("azimuth error, rms", "°"),
-    "elevation_deg": ("elevation error, rms", "°"),
-    "alarms": ("false plots a scan", ""),
-    "gospa_m": ("GOSPA of a plain tracker", " m"),
-    "completeness": ("share of drones that a plain tracker follows", ""),
-    "delay_s": ("delay", " s"),
-    "lost": ("share of messages lost", ""),
-}
 SEED = 1
 START_UTC_NS = 1_767_268_800 * NS  # Where the scene does not say when it begins
 
@@ -583,14 +787,20 @@ START_UTC_NS = 1_767_268_800 * NS  # Where the scene does not say when it begins
 def print_needs(scene: Scene, settings: NeedsSettings) -> None:
     """Say what a scene needs and what it can leave out; raises `PlotfeedError`."""
     matters = _share(settings.matters)
-    _check_files(settings, settings.lean, settings.full)
-    found = _found(scene, variants_of(scene), settings, matters)
+    trees = None if settings.full is None else settings.full.with_name(TREES)
+    _check_files(settings, settings.lean, settings.full, trees)
+    with TemporaryDirectory() as folder:
+        found = _found(scene, variants_of(scene, Path(folder)), settings, matters)
     written = []
     for path, verdict in ((settings.lean, "can go"), (settings.full, "missing")):
         if path is not None:
             path.write_text(rewritten(scene, found, verdict), encoding="utf-8")
             written.append(path)
-    _tell(found, settings, _lines(found), written)
+    missing = [each.variant.name for each in found.findings if each.verdict == "missing"]
+    if trees is not None and "with [terrain]" in missing:
+        trees.write_text(trees_about(scene), encoding="utf-8")
+        written.append(trees)
+    _tell(found, settings, _lines(found), written, on_tracks=True)
 
 
 def print_chart(scene: Scene, settings: ChartSettings) -> None:
@@ -598,12 +808,19 @@ def print_chart(scene: Scene, settings: ChartSettings) -> None:
     _check_files(settings)
     variants = [*choices_of(scene), *(each for each in variants_of(scene) if not each.adds)]
     found = _found(scene, variants, settings, 0.02)
-    _tell(found, settings, _choice_lines(found), [])
+    _tell(found, settings, _choice_lines(found), [], on_tracks=False)
 
 
-def _tell(found: Needs, settings: ChartSettings, lines: Iterator[str], written: list[Path]) -> None:
+def _tell(
+    found: Needs,
+    settings: ChartSettings,
+    lines: Iterator[str],
+    written: list[Path],
+    *,
+    on_tracks: bool,
+) -> None:
     if settings.chart is not None:
-        draw(found, settings.chart)
+        draw(found, settings.chart, on_tracks=on_tracks)
         written.append(settings.chart)
     tell(as_values(found), lines, written, as_json=settings.as_json)
 
@@ -672,12 +889,16 @@ def as_values(found: Needs) -> dict[str, Any]:
                 "effects": list(each.variant.effects),
                 "verdict": each.verdict,
                 "processor": dict(zip(("ratio", "low", "high"), each.cost, strict=True)),
+                "octets": dict(zip(("ratio", "low", "high"), each.octets, strict=True)),
+                "runs": each.runs,
+                "runs_needed": each.runs_needed,
                 "changes": [change._asdict() for change in each.changes],
             }
             for each in found.findings
         ],
-        "cover": {
-            name: {"with": one, "without": other} for name, (one, other) in found.covers.items()
+        "without_sensor": {
+            name: {kind: loss._asdict() for kind, loss in zip(KINDS, of, strict=True)}
+            for name, of in found.losses.items()
         },
     }
 
@@ -696,7 +917,7 @@ def change_text(change: Change | None) -> str:
         return "nothing that could be compared"
     if not change.value and change.low == change.high:
         return "nothing at all"
-    what, unit = WORDS.get(change.metric, (change.metric, ""))
+    _, _, what, unit = METRICS[change.metric]
     after = change.before + change.value
     return (
         f"{change.sensor}: {what} {change.before:.3g}{unit} becomes {after:.3g}{unit}, "
@@ -704,15 +925,32 @@ def change_text(change: Change | None) -> str:
     )
 
 
-def cost_text(found: Finding) -> str:
-    """How much more processor time a variant takes, with its interval."""
-    value, low, high = found.cost
+def more_text(ratio: tuple[float, float, float]) -> str:
+    """How much more than in the scene as it is, with its interval."""
+    value, low, high = ratio
+    if value == low == high:
+        return f"{value - 1:+.0%}" if value != 1 else "the same"
     return f"{value - 1:+.0%} ({low - 1:+.0%} to {high - 1:+.0%})"
+
+
+def _error_of(metric: str, found: Finding) -> str:
+    """The largest change of a figure in per cent, with its standard error; a dash for none."""
+    change = found.most(metric)
+    if change is None:
+        return "-"
+    if not change.value and not change.error:
+        return "0"
+    return f"{100 * change.share:+.3g} ±{100 * change.share_error:.2g}"
 
 
 VARIANT = TextColumn("", "variant.name")
 CHANGE = TextColumn("what changes most (interval of 95 %)", lambda f: change_text(f.largest))
-COST = TextColumn("processor time", cost_text)
+COST = TextColumn("processor time", lambda f: more_text(f.cost))
+OCTETS = TextColumn("octets", lambda f: more_text(f.octets))
+RUNS = TextColumn(
+    "runs",
+    lambda f: f"{f.runs}" if f.runs == f.runs_needed else f"{f.runs} of some {f.runs_needed:,}",
+)
 
 
 def _lines(found: Needs) -> Iterator[str]:
@@ -722,18 +960,25 @@ def _lines(found: Needs) -> Iterator[str]:
         of = [each for each in found.findings if each.verdict == verdict]
         if of:
             rows = sorted(of, key=attrgetter("size"), reverse=True)
-            yield from Table(title, (VARIANT, CHANGE, COST), rows).lines()
-    covers = [
-        (name, f"{one:.1%}", f"{other:.1%}", f"{other - one:+.1%}")
-        for name, (one, other) in found.covers.items()
+            yield from Table(title, (VARIANT, CHANGE, COST, RUNS), rows).lines()
+    title = "All changes, per cent and standard error, of the sensor that changes most"
+    columns = [
+        TextColumn(each.head, partial(_error_of, name), "s") for name, each in METRICS.items()
     ]
-    heads = ("without the sensor", "seen by any sensor before", "after", "change")
-    title = "Sensors: the share of stretches of 5 s in which a drone is plotted"
-    yield from Table(title, of_cells(heads, "<>>>"), covers).lines()
+    yield from Table(title, (VARIANT, *columns), found.findings).lines()
+    losses = [
+        (name, *(text for loss in of for text in loss.texts)) for name, of in found.losses.items()
+    ]
+    heads = ("without the sensor", "plotted", "after", "change", "tracked", "after", "change")
+    title = "Sensors: the share of stretches of 5 s in which any plots a drone, or tracks it"
+    yield from Table(title, of_cells(heads, "<>>>>>>"), losses).lines()
     yield ""
+    runs = found.runs_needed
     yield (
         f"A second of the scene takes {1e3 * found.cost_s:.3g} ms of processor. All of this would "
-        f"be decided by some {found.runs_needed:,} runs of {found.duration_s:g} s."
+        f"be decided by some {runs:,} runs of {found.duration_s:g} s, "
+        f"{runs * found.duration_s / 60:,.0f} minutes of the scene: {found.minutes_needed:,.3g} "
+        "minutes of processor."
     )
 
 
@@ -744,6 +989,7 @@ def _choice_lines(found: Needs) -> Iterator[str]:
         TextColumn("", lambda each: "*" if each.variant.name in front else ""),
         VARIANT._replace(head="the scene"),
         COST,
+        OCTETS,
         CHANGE,
     )
     yield found.head
@@ -752,16 +998,28 @@ def _choice_lines(found: Needs) -> Iterator[str]:
     yield from Table(title, columns, rows).lines()
     yield ""
     yield f"As it is, a second of the scene takes {1e3 * found.cost_s:.3g} ms of processor."
+    counted = found.counted_error
+    yield (
+        f"Pd by counting plots has a standard error of {counted:.2%} after one run, and of "
+        f"{counted / math.sqrt(found.runs):.2%} after {found.runs}."
+    )
 
 
-def draw(found: Needs, path: Path) -> None:
-    """Draw what each variant changes against what it costs, with intervals, and the front."""
+def draw(found: Needs, path: Path, *, on_tracks: bool) -> None:
+    """Draw what each variant changes against what it costs, with intervals, and the front.
+
+    Of what a plain tracker makes, if asked for, or of what changes most. Beside choices stands how
+    the error of a Pd that is counted falls with runs: they cost so many times one.
+    """
     colours = {"needed": "#c2410c", "missing": "#1d4ed8", "undecided": QUIET}
     title = f"What it changes against what it costs: scene {found.scene}"
     with figure_of((9.0, 6.0), title) as figure:
         axes, labels = figure.subplots(), []
         for each in found.findings:
-            change, (x, low, high) = each.largest, each.cost
+            change, (x, low, high) = (
+                (each.most(*OF_TRACKS) if on_tracks else each.largest),
+                each.cost,
+            )
             if change is None:
                 continue
             y = max(abs(change.share), 1e-4)
@@ -771,13 +1029,25 @@ def draw(found: Needs, path: Path) -> None:
             axes.errorbar([x], [y], xerr=x_span, yerr=y_span, color=QUIET, lw=0.8, zorder=1)
             axes.scatter([x], [y], s=36, color=colours.get(each.verdict, "#15803d"), zorder=3)
             labels.append((x, y, each.variant.name))
-        front = [each for each in found.front if each.largest is not None]
-        costs, sizes = [each.cost[0] for each in front], [max(each.size, 1e-4) for each in front]
-        axes.step(costs, sizes, where="post", color="#1d4ed8", lw=1, alpha=0.6)
+        if not on_tracks:
+            front = [each for each in found.front if each.largest is not None]
+            costs, sizes = (
+                [each.cost[0] for each in front],
+                [max(each.size, 1e-4) for each in front],
+            )
+            axes.step(costs, sizes, where="post", color="#1d4ed8", lw=1, alpha=0.6)
+            times = np.arange(1, found.runs + 1)
+            counted = np.maximum(found.counted_error / np.sqrt(times), 1e-4)
+            axes.plot(
+                times, counted, "o:", color=INK, ms=3, lw=1, label="Pd counted in so many runs"
+            )
+            axes.set_xscale("log")
+            axes.legend(loc="upper right")
         axes.axhline(found.matters, color="#15803d", ls="--", lw=1)
         axes.set_yscale("log")
         axes.set_xlabel("processor time, times that of the scene as it is")
-        axes.set_ylabel("largest change of what a tracker sees, as a share")
+        what = "of tracks (GOSPA, drones followed)" if on_tracks else "of what a tracker sees"
+        axes.set_ylabel(f"largest change {what}, as a share")
         axes.grid(visible=True, alpha=0.3)
         axes.margins(x=0.15)
         place_labels(figure, axes, labels, INK)
@@ -787,7 +1057,8 @@ def draw(found: Needs, path: Path) -> None:
 def rewritten(scene: Scene, found: Needs, verdict: str) -> str:
     """The scene's text without what can go, or with what is missing; raises `PlotfeedError`.
 
-    What goes stays as a comment, below one that says what that changes.
+    What goes stays as a comment, below one that says what that changes; of what has no lines of its
+    own, the comment says that.
     """
     if not scene.text:
         raise PlotfeedError("the scene has no text of its own, which could be written otherwise")
@@ -799,9 +1070,11 @@ def rewritten(scene: Scene, found: Needs, verdict: str) -> str:
         why = f"# {each.variant.name}: {change_text(each.largest)}"
         if verdict == "missing":
             lines = _added(lines, each.variant, effect, why)
-        else:
-            owners = None if effect.startswith("[") else each.variant.sensors
-            lines = _commented_out(lines, effect.strip("[]"), owners, why)
+            continue
+        owners = None if effect.startswith("[") else each.variant.sensors
+        left = _commented_out(lines, effect.strip("[]"), owners, why)
+        stays = f"{why}; it stays, in a preset or in a line with other keys"
+        lines = left if left != lines else [*lines, stays]
     text = "\n".join(lines) + "\n"
     parsed(text.encode(), scene.folder / "scene.toml")  # what does not load is not written
     return text
@@ -836,7 +1109,11 @@ def _commented_out(
 
 
 def _added(text: Sequence[str], variant: Variant, effect: str, why: str) -> list[str]:
-    """The lines with a key of sensors that they did not name."""
+    """The lines with a key of sensors, or a table of the world, that they did not name."""
+    if effect.startswith("["):
+        table = ordinary_world(variant.scene)[effect[1:-1]]
+        head = effect if effect == "[terrain]" else f"[{effect}]"
+        return [*text, "", why, head, *(f"{name} = {_toml(told)}" for name, told in table.items())]
     lines, number = [], -1
     for line in text:
         lines.append(line)
