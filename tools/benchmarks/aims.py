@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import statistics
 import subprocess
 import time
@@ -72,6 +73,13 @@ class Other:
         assert self._process.stdin
         self._process.stdin.close()
         self._process.wait(10)
+
+
+def cpu_s(pid: int) -> float:
+    """Processor time of a process so far."""
+    # Fields 14 and 15, counted from after the name, which may hold blanks; see proc(5).
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 YARDSTICK = """A yardstick is a fixed piece of work, half of it Python's and half NumPy's, measured

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import sys
 import tempfile
-import time
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -21,17 +20,13 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "feeds" / "engine"))
 
 from aims import ratios, spread
-from section_4_crowd import START_NS, scene_of
+from section_4_crowd import at_work, ns_per_drone, scene_of
 from support.hills import write_ridge
 from support.instructions import text_of
 from support.station import Station
 from test_off_costs_nothing import QUESTIONS, SENSORS, executed
 
 from plotfeed.feeds.console.process import keep_freed
-from plotfeed.feeds.engine.scene_drones import launch
-from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.truth import Trajectories
-from plotfeed.proto.utc import NS
 
 SIZES = (1, 10, 100, 1000, 10_000)
 REPEATS = 5
@@ -142,7 +137,7 @@ OF_SCENE = frozenset({"terrain", "target", "birds", "clutter", "road", "turbine"
 
 
 def station_of(n: int, named: dict[str, Any]) -> Station:
-    """A station of n drones, as `_at_work` has it."""
+    """A station of n drones, as `at_work` has it."""
     of_scene = {key: table for key, table in named.items() if key in OF_SCENE}
     if "birds" in of_scene:
         of_scene["birds"] = [FLOCK | {"count": max(n // 10, 1)}]
@@ -150,30 +145,7 @@ def station_of(n: int, named: dict[str, Any]) -> Station:
     with tempfile.TemporaryDirectory() as folder:
         write_ridge(Path(folder), height_m=700)
         scene = scene_of(n, Path(folder), of_scene, report=["asterix-015"], **of_radar)
-        return _at_work(scene)
-
-
-def _at_work(scene: Scene) -> Station:
-    """At work for two scans already."""
-    trajectories = Trajectories(stale_after_s=3.0)
-    launch(scene, trajectories, START_NS)
-    station = Station(scene, scene.sensor[0], trajectories)
-    sector = station.sector_at(START_NS)
-    for _ in range(2):
-        sector = station.next_sector(sector)
-        station.report(sector)
-    return station
-
-
-def ns_per_drone(station: Station, n: int) -> float:
-    """Mean of as many sectors as go into the time."""
-    sector = station.sector_at(START_NS + 5 * NS)
-    sectors, start_s = 0, time.perf_counter()
-    while (spent_s := time.perf_counter() - start_s) < SECONDS_A_REPEAT:
-        station.report(sector)
-        sector = station.next_sector(sector)
-        sectors += 1
-    return spent_s / sectors / n * 1e9
+        return at_work(scene)
 
 
 def main() -> None:
@@ -184,7 +156,7 @@ def main() -> None:
         stations = {name: station_of(n, named) for name, named in EFFECTS.items()}
         for _ in range(REPEATS):
             for name, station in stations.items():
-                found[name, n].append(ns_per_drone(station, n))
+                found[name, n].append(ns_per_drone(station, n, SECONDS_A_REPEAT))
     plain = "nothing named"
     print(
         f"Median (least to most) of {REPEATS} repeats, in turns: times what it takes with nothing"

@@ -30,7 +30,7 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1] / "tests"))
 
-from aims import YARDSTICK, aim, ratios, spread, yardstick_us  # noqa: E402
+from aims import YARDSTICK, aim, cpu_s, ratios, spread, yardstick_us  # noqa: E402
 from demo_process import COMMAND  # noqa: E402
 from support.arrivals import Arrivals  # noqa: E402
 from support.brokers import free_port, mosquitto, own_broker  # noqa: E402
@@ -198,13 +198,6 @@ def by_load(seconds: float, other: Path | None) -> None:
             print(
                 f"| {radar_count:,} | {each[0].broker} | {name} | {' | '.join(cells)} |", flush=True
             )
-
-
-def cpu_s(pid: int) -> float:
-    """Processor time of a process so far."""
-    # Fields 14 and 15, counted from after the name, which may hold blanks; see proc(5).
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def under_load(seconds: float) -> None:

@@ -24,7 +24,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1] / "tests"))
 
-from aims import aim, ratios, spread  # noqa: E402
+from aims import aim, cpu_s, ratios, spread  # noqa: E402
 from support.brokers import free_port, mosquitto  # noqa: E402
 from support.fleet_process import Fleet, fleet  # noqa: E402
 from support.scene_files import DRONE, scene_file, scene_text  # noqa: E402
@@ -159,12 +159,6 @@ def fault_s(at_work: Fleet, what: str) -> float:
     return took_s
 
 
-def cores_of(pid: int) -> float:
-    """Processor time of a process so far, seconds."""
-    told = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
-
-
 def telemetry_cost(folder: Path, drones: int) -> float:
     """Cores of the part of one sensor of two that are far apart; most drones are elsewhere."""
     port = free_port()
@@ -181,9 +175,9 @@ def telemetry_cost(folder: Path, drones: int) -> float:
             time.sleep(4.0)
             parts = {told["sensors"][0]: k for k, told in at_work.statuses().items()}
             pid = at_work.pid(parts["there"])  # all of them fly about the other
-            before, since = cores_of(pid), time.monotonic()
+            before, since = cpu_s(pid), time.monotonic()
             time.sleep(WINDOW_S)
-            return (cores_of(pid) - before) / (time.monotonic() - since)
+            return (cpu_s(pid) - before) / (time.monotonic() - since)
         finally:
             flying.kill()
             flying.wait()

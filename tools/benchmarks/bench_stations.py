@@ -10,7 +10,6 @@ grows with more than the number of drones: ghosts do.
 from __future__ import annotations
 
 import sys
-import time
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -18,13 +17,12 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 from aims import ratios, spread
+from section_4_crowd import at_work, ns_per_drone
+from support.every_kind import EMITTER, RF
 from support.station import Station
 
 from plotfeed.feeds.console.process import keep_freed
-from plotfeed.feeds.engine.scene_drones import launch
-from plotfeed.models.truth import Trajectories
-from plotfeed.proto.utc import NS
-from plotfeed.testing import START_NS, held, radar, scene, staring
+from plotfeed.testing import held, radar, scene, staring
 
 SIZES = (1, 4, 10)
 REPEATS = 3
@@ -54,12 +52,6 @@ STEERED = {"kind": "electronic", "period_s": 0.1, "dwell_s": 0.001, "revisit_s":
 MATRIX = {"claims": ["drone", "bird"], "confusion": {"drone": [0.9, 0.1]}}
 SEVERAL: Keys = {"type": "multistatic_passive"}
 SECOND: Keys = {"receivers": [{"id": "b"} | place(2500.0, 800.0)]}
-EMITTER: Keys = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
-RF: Keys = {
-    "id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
-    "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
-    "range_max_m": 9000.0, "baseline_m": 0.2,
-}  # fmt: skip
 CAMERA: Keys = {
     "id": "radar", "type": "camera", "scan": staring(), "range_max_m": 9000.0,
     "horizontal_fov_deg": 60.0, "vertical_fov_deg": 40.0, "pixels_across": 40_000,
@@ -105,20 +97,7 @@ def station_of(keys: Keys, n: int) -> Station:
         for i in range(n)
     ]
     made = scene([keys | {"report": ["plots"]}], drones, seed=1)
-    trajectories = Trajectories(stale_after_s=3.0)
-    launch(made, trajectories, START_NS)
-    return Station(made, made.sensor[0], trajectories)
-
-
-def ns_per_drone(station: Station, n: int) -> float:
-    """Mean of as many scans as go into the time."""
-    sector = station.sector_at(START_NS + 10 * NS)
-    scans, start_s = 0, time.perf_counter()
-    while (spent_s := time.perf_counter() - start_s) < SECONDS_A_REPEAT:
-        station.report(sector)
-        sector = station.next_sector(sector)
-        scans += 1
-    return spent_s / scans / n * 1e9
+    return at_work(made, scans=0)
 
 
 def main() -> None:
@@ -133,7 +112,7 @@ def main() -> None:
         }
         for _ in range(REPEATS):
             for (name, side), station in stations.items():
-                found[name, side, n].append(ns_per_drone(station, n))
+                found[name, side, n].append(ns_per_drone(station, n, SECONDS_A_REPEAT, after_s=10))
     print(f"Times that of the plain sensor, median (least to most) of {REPEATS} runs in turns.\n")
     sizes = " | ".join(f"{n} drones" for n in SIZES)
     print(f"| sensor | {sizes} | us per drone, of the last |")

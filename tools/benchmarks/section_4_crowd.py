@@ -1,7 +1,8 @@
-"""The active radar of section-4, staring at many drones: what benchmarks of models look at."""
+"""The active radar of section-4, staring at many drones, and what a sector of a sensor costs."""
 
 from __future__ import annotations
 
+import time
 import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
@@ -9,8 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from support.station import Station
 
+from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.feeds.scene.scene import Scene, from_tree
+from plotfeed.models.truth import Trajectories
 from plotfeed.proto.utc import NS
 
 START_NS = 1_767_268_800 * NS
@@ -35,6 +39,29 @@ def scene_of(
         for i, (r, a) in enumerate(zip(ranges, azimuths, strict=True))
     ]
     return from_tree(tree | dict(tables or {}), folder / "bench.toml")
+
+
+def at_work(scene: Scene, scans: int = 2) -> Station:
+    """The scene's first sensor, which has been at work for so many sectors."""
+    trajectories = Trajectories(stale_after_s=3.0)
+    launch(scene, trajectories, START_NS)
+    station = Station(scene, scene.sensor[0], trajectories)
+    sector = station.sector_at(START_NS)
+    for _ in range(scans):
+        sector = station.next_sector(sector)
+        station.report(sector)
+    return station
+
+
+def ns_per_drone(station: Station, n: int, seconds: float, after_s: int = 5) -> float:
+    """Nanoseconds of n drones and a sector each: mean of as many sectors as go into the time."""
+    sector = station.sector_at(START_NS + after_s * NS)
+    sectors, start_s = 0, time.perf_counter()
+    while (spent_s := time.perf_counter() - start_s) < seconds:
+        station.report(sector)
+        sector = station.next_sector(sector)
+        sectors += 1
+    return spent_s / sectors / n * 1e9
 
 
 def _path(range_m: float, azimuth: float) -> list[dict[str, float]]:

@@ -39,7 +39,6 @@ BENCHMARKS = {
     "bench_simulated.py": "Simulated time",
     "bench_sweep.py": "Sweeps",
     "bench_fleet.py": "A fleet",
-    "bench_drift.py": "Drift",
     "bench_mqtt.py": "MQTT clients",
     "bench_page.py": "The live page",
     "bench_log.py": "Recordings",

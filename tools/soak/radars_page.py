@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -11,16 +10,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import stats
+from soak_figures import (
+    NS,
+    Array,
+    draw_cores,
+    draw_memory,
+    dress,
+    filled,
+    rate,
+    slope_mb_h,
+    spanned,
+)
 
-NS = 1_000_000_000
 WARM_S = 300.0  # By then all that is kept up to a bound has grown to it; a third of a shorter run
-BLOCK_S = 60.0
 C_HZ = 100
 C_EVERY_S = 10.0
 LATE = {quantile: f"plotfeed_lateness_seconds{quantile}" for quantile in ("0.5", "0.99", "0.999")}
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +72,7 @@ def radars_text(run: RadarsRun) -> str:
     """In Markdown."""
     s, said = run.samples, run.said
     faults = f"The broker was taken away {len(said['faults'])} times."
-    about = _filled(
+    about = filled(
         ABOUT,
         sensors=said["sensors"],
         drones=said["drones"],
@@ -77,7 +82,7 @@ def radars_text(run: RadarsRun) -> str:
         faults=faults if said["faults"] else "",
     )
     begun = datetime.fromtimestamp(said["began"]["utc_ns"] // NS, UTC)
-    others = _rate(s, "machine_cpu_s") - _rate(s, "cpu_s")
+    others = rate(s, "machine_cpu_s") - rate(s, "cpu_s")
     load = (
         f"on a machine of two cores, of which others, broker and subscriber too, took {others:.2f}"
     )
@@ -85,7 +90,7 @@ def radars_text(run: RadarsRun) -> str:
         about,
         "![Memory, lateness and processor over the run](soak-radars.png)",
         "\n".join(["|  |  |", "|---|--:|", *(f"| {a} | {b} |" for a, b in _rows(run))]),
-        _filled(MACHINE, began=f"{begun:%Y-%m-%d %H:%M}", load=load),
+        filled(MACHINE, began=f"{begun:%Y-%m-%d %H:%M}", load=load),
     ]
     return "\n\n".join(parts)
 
@@ -93,10 +98,10 @@ def radars_text(run: RadarsRun) -> str:
 def _rows(run: RadarsRun) -> Iterator[tuple[str, str]]:
     s, said, totals = run.samples, run.said, run.totals
     settled = s["t_s"] >= run.warm_s
-    slope, error = slope_mb_h(run)
-    yield "its own memory (RssAnon) after the warm-up, MB", _range(s["own_mb"][settled])
+    slope, error = slope_mb_h(s, run.warm_s)
+    yield "its own memory (RssAnon) after the warm-up, MB", spanned(s["own_mb"][settled], ".1f")
     yield "its slope, MB an hour", f"{slope:+.1f} ± {error:.1f} (standard error)"
-    yield "resident (RSS), MB", _range(s["rss_mb"][settled])
+    yield "resident (RSS), MB", spanned(s["rss_mb"][settled], ".1f")
     for quantile, name in (("0.5", "p50"), ("0.99", "p99"), ("0.999", "p99.9")):
         late_ms = s[LATE[quantile]][1:] * 1e3
         yield (
@@ -117,39 +122,14 @@ def _rows(run: RadarsRun) -> Iterator[tuple[str, str]]:
         (f"{said['published']:,}; {totals['telemetry']:,}; {totals['refused']:,}"),
     )
     yield "telemetry to be taken in, most seen at once", f"{np.nanmax(s['plotfeed_inbox']):,.0f}"
-    yield "processor, cores", f"{_rate(s, 'cpu_s'):.2f}"
+    yield "processor, cores", f"{rate(s, 'cpu_s'):.2f}"
     yield "threads, most", f"{s['threads'].max():.0f}"
     yield "from SIGTERM to the exit, s; exit code", f"{said['exit_s']:.2f}; {said['exit_code']}"
-
-
-def slope_mb_h(run: RadarsRun) -> tuple[float, float]:
-    """Slope of its own memory, MB an hour, and its standard error, of means of a minute."""
-    t_s, own_mb = run.samples["t_s"], run.samples["own_mb"]
-    minute = (t_s // BLOCK_S).astype(int)
-    whole = [b for b in np.unique(minute)[:-1] if b * BLOCK_S >= run.warm_s]
-    if len(whole) < 3:
-        return float("nan"), float("nan")
-    means = [float(own_mb[minute == b].mean()) for b in whole]
-    fit = stats.linregress([b * BLOCK_S / 3600 for b in whole], means)
-    return float(fit.slope), float(fit.stderr)
 
 
 def _windows(late_us: Array) -> list[Array]:
     """By `C_EVERY_S`."""
     return np.array_split(late_us, max(1, round(len(late_us) / C_HZ / C_EVERY_S)))
-
-
-def _rate(samples: dict[str, Array], name: str) -> float:
-    return float(np.ptp(samples[name]) / np.ptp(samples["t_s"]))
-
-
-def _filled(text: str, **words: Any) -> str:
-    return textwrap.fill(" ".join(text.format(**words).split()), 104, break_long_words=False)
-
-
-def _range(values: Array) -> str:
-    low, high = f"{values.min():.1f}", f"{values.max():.1f}"
-    return low if low == high else f"{low} to {high}"
 
 
 def draw_radars(run: RadarsRun, to: Path) -> None:
@@ -162,10 +142,7 @@ def draw_radars(run: RadarsRun, to: Path) -> None:
     s, minutes = run.samples, run.samples["t_s"] / 60
     figure, axes = plt.subplots(3, 1, figsize=(11, 8.5), dpi=100, sharex=True, layout="constrained")
     memory, late, cpu = axes
-    memory.plot(minutes, s["rss_mb"], color="#3b5bb5", label="resident (RSS)")
-    memory.plot(minutes, s["own_mb"], color="#0a7d6c", label="its own (RssAnon)")
-    memory.set_ylim(0, s["rss_mb"].max() * 1.3)
-    memory.set_title("Memory of the session, MB")
+    draw_memory(memory, s)
     for quantile, name, color in (("0.5", "p50", "#0a7d6c"), ("0.99", "p99", "#c8651b")):
         late.plot(minutes, np.maximum(s[LATE[quantile]] * 1e3, 1e-3), label=name, color=color)
     if run.nanosleep_us is not None:
@@ -175,18 +152,9 @@ def draw_radars(run: RadarsRun, to: Path) -> None:
         late.plot(at, p99_ms, label="p99 of clock_nanosleep in C", color="#9aa5ab", lw=1)
     late.set_yscale("log")
     late.set_title("Lateness, ms")
-    step_s = np.diff(s["t_s"])
-    ours = np.diff(s["cpu_s"]) / step_s
-    cpu.plot(minutes[1:], ours, label="the session", color="#0a7d6c")
-    others = np.diff(s["machine_cpu_s"]) / step_s - ours
-    cpu.plot(minutes[1:], others, label="everybody else", color="#9aa5ab")
-    cpu.set_ylim(0, 2.1)
-    cpu.set_title("Processor, cores of two")
+    draw_cores(cpu, s)
     cpu.set_xlabel("minutes")
     for each in axes:
-        each.grid(color="#dde3e6")
-        each.set_axisbelow(True)
-        each.spines[["top", "right"]].set_visible(False)
-        each.legend(frameon=False, ncols=3, loc="upper right")
+        dress(each)
     figure.savefig(to)
     plt.close(figure)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from plotfeed.replay.recorded import Stage
 
 NS = 1_000_000_000
 BLOCK_S = 60.0
+COLUMNS = 104
 AGAIN_S = 10.0  # After a broker is back: links connect again within 4 s, and send what has waited
 Array = NDArray[Any]
 
@@ -87,6 +89,51 @@ def read(folder: Path) -> Run:
     )
 
 
+def rate(samples: dict[str, Array], name: str) -> float:
+    """How much of that came in a second."""
+    return float(np.ptp(samples[name]) / np.ptp(samples["t_s"]))
+
+
+def filled(text: str, **words: Any) -> str:
+    """A paragraph with those words, in lines as long as the page has them."""
+    return textwrap.fill(" ".join(text.format(**words).split()), COLUMNS, break_long_words=False)
+
+
+def spanned(values: Array, form: str = ".0f") -> str:
+    """The least to the most."""
+    low, high = format(values.min(), form), format(values.max(), form)
+    return low if low == high else f"{low} to {high}"
+
+
+def draw_memory(axes: Any, samples: dict[str, Array]) -> None:
+    """Memory of the session over minutes."""
+    minutes = samples["t_s"] / 60
+    axes.plot(minutes, samples["rss_mb"], color="#3b5bb5", label="resident (RSS)")
+    axes.plot(minutes, samples["own_mb"], color="#0a7d6c", label="its own (RssAnon)")
+    axes.set_ylim(0, samples["rss_mb"].max() * 1.3)
+    axes.set_title("Memory of the session, MB")
+
+
+def draw_cores(axes: Any, samples: dict[str, Array]) -> None:
+    """Processor time of the session and of everybody else over minutes."""
+    minutes, step_s = samples["t_s"][1:] / 60, np.diff(samples["t_s"])
+    ours = np.diff(samples["cpu_s"]) / step_s
+    axes.plot(minutes, ours, label="the session", color="#0a7d6c")
+    others = np.diff(samples["machine_cpu_s"]) / step_s - ours
+    axes.plot(minutes, others, label="everybody else", color="#9aa5ab")
+    axes.set_title("Processor, cores of two")
+    axes.set_ylim(0, 2.1)
+
+
+def dress(axes: Any) -> None:
+    """A grid, and a legend where anything has a name."""
+    axes.grid(color="#dde3e6")
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False, ncols=3, loc="upper right")
+
+
 def summary_octets(record: Path) -> int:
     """From where the footer says that it begins to the end of the file."""
     size = record.stat().st_size
@@ -119,14 +166,14 @@ def _rows(payload: bytes, zero_ns: int) -> Iterator[tuple[str, float, float, int
     yield from zip(sensor, due_s, late_ms, sent.fate, sent.copy == 0, strict=True)
 
 
-def memory(run: Run) -> tuple[float, float]:
+def slope_mb_h(samples: dict[str, Array], warm_s: float) -> tuple[float, float]:
     """Slope of the session's own memory after the warm-up, MB an hour, and its standard error.
 
     Of means of a minute, since neighbouring samples are not independent.
     """
-    t_s, own_mb = run.samples["t_s"], run.samples["own_mb"]
+    t_s, own_mb = samples["t_s"], samples["own_mb"]
     blocks = (t_s // BLOCK_S).astype(int)
-    whole = range(math.ceil(run.warm_s / BLOCK_S), math.floor(t_s[-1] / BLOCK_S))
+    whole = range(math.ceil(warm_s / BLOCK_S), math.floor(t_s[-1] / BLOCK_S))
     means = [float(own_mb[blocks == b].mean()) for b in whole]
     if len(whole) < 3:
         return float("nan"), float("nan")

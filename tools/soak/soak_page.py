@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import textwrap
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,12 +14,25 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "commands"))
 
 from pages import between
 from radars_page import draw_radars, radars_text, read_radars
-from soak_figures import NS, Array, Run, fault_rows, late_ms, memory, outside_faults, read
+from soak_figures import (
+    NS,
+    Run,
+    draw_cores,
+    draw_memory,
+    dress,
+    fault_rows,
+    filled,
+    late_ms,
+    outside_faults,
+    rate,
+    read,
+    slope_mb_h,
+    spanned,
+)
 
 from plotfeed.feeds.link.counters import LATENESS_KEPT
 
 LATE_EVERY_S = 10.0
-COLUMNS = 104
 
 
 def page(run: Run) -> str:
@@ -29,13 +41,13 @@ def page(run: Run) -> str:
     minutes = f"{run.samples['t_s'][-1] / 60:.0f}"
     fate = ", in turns killed, stopped and paused" if faults else ""
     parts = [
-        _filled(ABOUT, minutes=minutes, broker=f"{run.said['broker']} as the broker{fate}"),
+        filled(ABOUT, minutes=minutes, broker=f"{run.said['broker']} as the broker{fate}"),
         "![Memory, lateness, queues and processor over the run](soak.png)",
         _table(("", ""), list(_rows(run))),
-        _filled(MACHINE, **_of_machine(run)),
+        filled(MACHINE, **_of_machine(run)),
     ]
     if faults:
-        away = _filled(AWAY, kept=run.said["queue_messages"])
+        away = filled(AWAY, kept=run.said["queue_messages"])
         parts += ["### The broker away", away, _table(FAULTS, faults)]
     return "\n\n".join(parts)
 
@@ -66,11 +78,11 @@ FAULTS = ("broker", "away, s", "due meanwhile", "sent afterwards", "given up", "
 
 def _rows(run: Run) -> Iterator[tuple[str, str]]:
     s, said, totals, ledger = run.samples, run.said, run.totals, run.ledger
-    slope, error = memory(run)
+    slope, error = slope_mb_h(s, run.warm_s)
     settled = s["t_s"] >= run.warm_s
     first, last = late_ms(run, 0, 1 / 3), late_ms(run, 2 / 3, 1)
-    yield "memory (RSS), last part, MB", _range(s["rss_mb"][settled], ".1f")
-    yield "of these its own (RssAnon), MB", _range(s["own_mb"][settled], ".1f")
+    yield "memory (RSS), last part, MB", spanned(s["rss_mb"][settled], ".1f")
+    yield "of these its own (RssAnon), MB", spanned(s["own_mb"][settled], ".1f")
     yield "slope of its own, MB an hour", f"{slope:+.1f} ± {error:.1f} (standard error)"
     yield (
         "the recording's index, in a file until the end, MB an hour",
@@ -78,12 +90,12 @@ def _rows(run: Run) -> Iterator[tuple[str, str]]:
     )
     yield "lateness p50, first and last third, ms", f"{first[0]:.2f}, {last[0]:.2f}"
     yield "lateness p99, first and last third, ms", f"{first[1]:.1f}, {last[1]:.1f}"
-    yield "processor, cores", f"{_rate(s, 'cpu_s'):.2f}"
+    yield "processor, cores", f"{rate(s, 'cpu_s'):.2f}"
     yield (
         "file descriptors, broker there",
-        _range(s["descriptors"][settled & run.is_quiet(s["t_s"])]),
+        spanned(s["descriptors"][settled & run.is_quiet(s["t_s"])]),
     )
-    yield "threads", _range(s["threads"][settled])
+    yield "threads", spanned(s["threads"][settled])
     for name, what in WAITING.items():
         yield f"{what}, most seen at once", f"{np.nanmax(s[name]):,.0f}"
     yield "scans missed", f"{totals['missed_scans']:,} of {_scans(run):,.0f}"
@@ -109,12 +121,12 @@ WAITING = {
 
 def _of_machine(run: Run) -> dict[str, Any]:
     s, said = run.samples, run.said
-    ours = _rate(s, "cpu_s")
+    ours = rate(s, "cpu_s")
     return {
         "began": f"{datetime.fromtimestamp(said['began']['utc_ns'] // NS, UTC):%Y-%m-%d %H:%M}",
-        "others": f"{_rate(s, 'machine_cpu_s') - ours:.2f}",
+        "others": f"{rate(s, 'machine_cpu_s') - ours:.2f}",
         "load": f"{np.median(s['load']):.1f}",
-        "loads": _range(s["load"], ".1f"),
+        "loads": spanned(s["load"], ".1f"),
         "nice": NICE.format(nice=said["nice"]) if said.get("nice") else "",
         "warm": f"{run.warm_s / 60:.0f}",
         "kept": LATENESS_KEPT,
@@ -126,21 +138,8 @@ def _scans(run: Run) -> float:
     return float(run.samples["t_s"][-1] * np.nanmax(run.samples["plotfeed_sensor_enabled"]))
 
 
-def _rate(samples: dict[str, Array], name: str) -> float:
-    return float(np.ptp(samples[name]) / np.ptp(samples["t_s"]))
-
-
 def _fault(what: str, away_s: float, *counts: int) -> tuple[str, ...]:
     return what, f"{away_s:.1f}", *(f"{count:,}" for count in counts)
-
-
-def _filled(text: str, **words: Any) -> str:
-    return textwrap.fill(" ".join(text.format(**words).split()), COLUMNS, break_long_words=False)
-
-
-def _range(values: Array, form: str = ".0f") -> str:
-    low, high = format(values.min(), form), format(values.max(), form)
-    return low if low == high else f"{low} to {high}"
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
@@ -158,10 +157,7 @@ def draw(run: Run, to: Path) -> None:
     s, minutes = run.samples, run.samples["t_s"] / 60
     figure, axes = plt.subplots(4, 1, figsize=(11, 11), dpi=100, sharex=True, layout="constrained")
     memory_axes, late_axes, queue_axes, cpu_axes = axes
-    memory_axes.plot(minutes, s["rss_mb"], color="#3b5bb5", label="resident (RSS)")
-    memory_axes.plot(minutes, s["own_mb"], color="#0a7d6c", label="its own (RssAnon)")
-    memory_axes.set_ylim(0, s["rss_mb"].max() * 1.3)
-    memory_axes.set_title("Memory of the session, MB")
+    draw_memory(memory_axes, s)
     _draw_lateness(late_axes, run)
     for name, label, colour in (
         ("plotfeed_sensor_waiting", "for the broker", "#c8651b"),
@@ -171,16 +167,12 @@ def draw(run: Run, to: Path) -> None:
         queue_axes.plot(minutes, s[name], label=label, color=colour)
     queue_axes.set_yscale("symlog", linthresh=10)
     queue_axes.set_title("Messages that wait, all sensors")
-    step_s = np.diff(s["t_s"])
-    ours = np.diff(s["cpu_s"]) / step_s
-    cpu_axes.plot(minutes[1:], ours, label="the session", color="#0a7d6c")
-    others = np.diff(s["machine_cpu_s"]) / step_s - ours
-    cpu_axes.plot(minutes[1:], others, label="everybody else", color="#9aa5ab")
-    cpu_axes.set_title("Processor, cores of two")
-    cpu_axes.set_ylim(0, 2.1)
+    draw_cores(cpu_axes, s)
     cpu_axes.set_xlabel("minutes; shaded, the broker was away")
     for each in axes:
-        _dress(each, run)
+        for _, from_s, to_s in run.faults_s:
+            each.axvspan(from_s / 60, to_s / 60, color="#dde3e6", zorder=0)
+        dress(each)
     figure.savefig(to)
     plt.close(figure)
 
@@ -199,16 +191,6 @@ def _draw_lateness(axes: Any, run: Run) -> None:
         axes.plot(at, values, label=f"p{percentile}", color=colour)
     axes.set_yscale("log")
     axes.set_title(f"Lateness after the link's own delay, of {LATE_EVERY_S:g} s each, ms")
-
-
-def _dress(axes: Any, run: Run) -> None:
-    for _, from_s, to_s in run.faults_s:
-        axes.axvspan(from_s / 60, to_s / 60, color="#dde3e6", zorder=0)
-    axes.grid(color="#dde3e6")
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(frameon=False, ncols=3, loc="upper right")
 
 
 def write_page(folder: Path, docs: Path) -> None:

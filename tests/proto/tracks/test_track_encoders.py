@@ -35,7 +35,7 @@ from plotfeed.proto.tracks.encode_tracks import (
 from plotfeed.proto.tracks.remote_id_answers import DisplayArea, KnownFlights
 from plotfeed.proto.utc import utc_ns
 
-# Flight Blender as a judge, by https://github.com/openutm/flight-blender at 5d9b953b (27 July 2026);
+# Flight Blender as a judge: https://github.com/openutm/flight-blender at 5d9b953b (27 July 2026);
 # the bounds of a place are those of its edition 0a180613, which refuses others at the door.
 MOST_INT64, MOST_INT32 = 2**63 - 1, 2**31 - 1
 # Timestamps above are in these units, others in seconds: repositories/flight_feed_repo.py.
