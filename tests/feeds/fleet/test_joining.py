@@ -1,22 +1,27 @@
-"""Whoever takes sensors over goes on at the right scan, with the bytes that were due."""
+"""Parts of a scene: who needs whom, the same bytes, and whoever takes over goes on with them."""
 
 from __future__ import annotations
 
 import asyncio
+import random
+from collections import Counter
 
+import numpy as np
 import pytest
 from support.fleet_oracle import judged, reference
-from support.fleet_scenes import by_topic, mixed
+from support.fleet_scenes import by_topic, drones, mixed, wanderers
 from support.sessions import AtWork, StallingClock
 
-from plotfeed.feeds.fleet.partition import partition
+from plotfeed.feeds.fleet.partition import load_of, partition, together
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.session.observer import Tap
+from plotfeed.feeds.scene.scene import Scene, example
+from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.part import SessionPart
 from plotfeed.feeds.session.session import run_over
-from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.feeds.timing.clock import Clock, InstantClock
+from plotfeed.models.beam import CULLED_FROM
 from plotfeed.proto.utc import NS
-from plotfeed.testing import START_NS, fly
+from plotfeed.testing import START_NS, fly, radar, rotating, scene, staring
 
 DURATION_S = 5.0
 EVERY = tuple(sensor.id for sensor in mixed().sensor)
@@ -28,24 +33,21 @@ def whole() -> list[Message]:
     return fly(mixed(), DURATION_S).messages
 
 
-def part_flown(sensors: tuple[str, ...], joins_ns: int, ends_ns: int | None) -> list[Message]:
-    """What a session sends that begins anew at one time, and ends at another."""
+def part_flown(
+    made: Scene, part: SessionPart, for_s: float, clock: Clock | None = None, *more: Observer
+) -> list[Message]:
+    """What a session of some sensors sends, which joins when its clock says so."""
     messages: list[Message] = []
-
-    tap = Tap(lambda message, _: messages.append(message))
-    part = SessionPart(sensors=sensors, began_utc_ns=START_NS)
-    clock = InstantClock(joins_ns)
+    observers = [Tap(lambda message, _: messages.append(message)), *more]
+    clock = clock or InstantClock(START_NS)
     asyncio.run(
-        run_over(
-            ([], {}),
-            mixed(),
-            clock=clock,
-            duration_s=DURATION_S if ends_ns is None else (ends_ns - START_NS) / NS,
-            observers=[tap],
-            part=part,
-        )
+        run_over(([], {}), made, clock=clock, duration_s=for_s, observers=observers, part=part)
     )
     return messages
+
+
+def part_of(sensors: tuple[str, ...], number: int = 1, parts: int = 1) -> SessionPart:
+    return SessionPart(number=number, parts=parts, sensors=sensors, began_utc_ns=START_NS)
 
 
 @pytest.mark.parametrize("at_s", [2.0, 3.37])
@@ -53,15 +55,24 @@ def test_what_follows_is_what_one_session_would_have_sent(
     at_s: float, whole: list[Message]
 ) -> None:
     at_ns = START_NS + round(at_s * NS)
-    assert by_topic(part_flown(EVERY, at_ns, None), at_ns) == by_topic(whole, at_ns)
+    assert by_topic(
+        part_flown(mixed(), part_of(EVERY), DURATION_S, InstantClock(at_ns)), at_ns
+    ) == by_topic(whole, at_ns)
 
 
 def test_what_ends_and_what_joins_then_send_together_all_and_nothing_twice(
     whole: list[Message],
 ) -> None:
     at_ns = START_NS + 5 * NS // 2
-    before = [by_topic(part_flown(sensors, START_NS, at_ns)) for sensors in partition(mixed(), 2)]
-    after = [by_topic(part_flown(sensors, at_ns, None)) for sensors in partition(mixed(), 3)]
+    made = mixed()
+    before = [
+        by_topic(part_flown(made, part_of(sensors), (at_ns - START_NS) / NS))
+        for sensors in partition(made, 2)
+    ]
+    after = [
+        by_topic(part_flown(made, part_of(sensors), DURATION_S, InstantClock(at_ns)))
+        for sensors in partition(made, 3)
+    ]
     found: dict[str, list[bytes]] = {}
     for part in [*before, *after]:
         for topic, payloads in part.items():
@@ -76,12 +87,7 @@ def test_what_a_late_machine_leaves_out_is_told_and_changes_nothing_that_follows
     """Of what keeps a state, too: trackers, a steered beam, a camera that is cued."""
     clock = StallingClock(START_NS, 2.0, stall_s)
     at_work = AtWork(clock)
-    part = SessionPart(sensors=EVERY, began_utc_ns=START_NS)
-    asyncio.run(
-        run_over(
-            ([], {}), mixed(), clock=clock, duration_s=DURATION_S, observers=[at_work], part=part
-        )
-    )
+    part_flown(mixed(), part_of(EVERY), DURATION_S, clock, at_work)
     told = at_work.session.take_not_sent()
     gaps = [
         {"sensors": [name], "from_utc_ns": first_ns - 1, "to_utc_ns": last_ns}
@@ -96,3 +102,80 @@ def test_what_a_late_machine_leaves_out_is_told_and_changes_nothing_that_follows
         assert set(told) == set(EVERY)
         assert verdict.in_gaps > len(EVERY)
     assert at_work.session.take_not_sent() == {}
+
+
+def test_any_partition_sends_the_bytes_of_one_process() -> None:
+    """A tracker, a steered beam, a cued camera, drifts, events and jitter among them.
+
+    Of the drones, so many are out of reach of some sensors or of all that they are looked for.
+    """
+    made = mixed(cooperative={"period_s": 0.5}, drone=[*drones(), *wanderers()])
+    assert len(made.drone) >= CULLED_FROM
+    whole = by_topic(fly(made, 4.0).messages)
+    assert len(whole) > 15
+    for n in (2, 7):
+        parts = partition(made, n)
+        assert len(parts) == n
+        together: dict[str, list[bytes]] = {}
+        for i, sensors in enumerate(parts):
+            found = by_topic(part_flown(made, part_of(sensors, i + 1, n), 4.0))
+            assert not together.keys() & found.keys(), n
+            together |= found
+        assert together == whole, n
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_every_sensor_is_in_one_part_and_parts_cost_about_the_same(seed: int) -> None:
+    by_chance = random.Random(seed)  # noqa: S311
+    sensors = [
+        radar(
+            id=f"s{i}",
+            scan=rotating(by_chance.choice([0.5, 1.0, 4.0]), by_chance.choice([8, 32])),
+            position_enu_m=[by_chance.uniform(-9e3, 9e3), by_chance.uniform(-9e3, 9e3), 0.0],
+        )
+        for i in range(200)
+    ]
+    made = scene(sensors, seed=seed)
+    parts = partition(made, 7)
+    assert parts == partition(made, 7)
+    assert Counter(name for part in parts for name in part) == Counter(
+        sensor.id for sensor in made.sensor
+    )
+    load = {sensor.id: load_of(made, sensor) for sensor in made.sensor}
+    of_parts = [sum(load[name] for name in part) for part in parts]
+    assert max(of_parts) < 1.2 * np.mean(of_parts)
+
+
+def test_those_that_need_each_other_stay_together_and_leave_fewer_parts() -> None:
+    made = mixed()
+    number = dict(zip([sensor.id for sensor in made.sensor], together(made).tolist(), strict=True))
+    assert number["camera"] == number["cues"]
+    assert len(set(number.values())) == len(number) - 1
+    assert len(partition(made, 100)) == 8
+    assert partition(made, 1) == [tuple(sensor.id for sensor in made.sensor)]
+
+
+def test_the_sensors_of_a_system_stay_together() -> None:
+    base = {"id": "s", "preset": "xpeller"}
+    made = scene([radar(id="alone", scan=staring())], seed=1, system=[base])
+    members = {sensor.id for sensor in made.sensor} - {"alone"}
+    assert len(members) > 1
+    assert sorted(map(len, partition(made, 9))) == [1, len(members)]
+
+
+def test_neighbours_stay_together() -> None:
+    """Two towns, far from each other, are two parts."""
+    sensors = [
+        radar(id=f"{town}{i}", position_enu_m=[x + 100.0 * i, 50.0 * i, 0.0])
+        for i in range(5)
+        for town, x in (("east", 40e3), ("west", -40e3))
+    ]
+    parts = partition(scene(sensors, seed=1), 2)
+    assert [{name[:4] for name in part} for part in parts] == [{"west"}, {"east"}]
+
+
+def test_shipped_scenes_can_be_shared_out() -> None:
+    for name in ("section-4", "city"):
+        made = example(name)
+        parts = partition(made, 2)
+        assert sorted(sum(parts, ())) == sorted(sensor.id for sensor in made.sensor)

@@ -152,21 +152,17 @@ def test_four_states_by_hand(loss: dict[str, float], mean_loss: float, mean_burs
 
 
 def test_nothing_lost_and_everything_lost_have_no_bursts_to_speak_of() -> None:
-    never = LinkExpectation(link(loss={"kind": "random", "probability": 0.0}))
-    always = LinkExpectation(link(loss={"kind": "random", "probability": 1.0}))
-    assert math.isnan(never.loss.mean_burst)
-    assert np.isnan(never.loss.burst_survival(3)).all()
-    assert always.loss.mean_burst == math.inf
-    assert (always.loss.burst_survival(3) == 1).all()
-    assert math.isnan(never.loss.lag_1_correlation)
-    assert math.isnan(always.loss.lag_1_correlation)
-    assert (never.loss.mean_loss, always.loss.mean_loss) == (0, 1)
-    assert (
-        LinkExpectation(link()).loss.mean_loss
-        == LinkExpectation(link()).loss.spread_of_loss(10)
-        == 0
-    )
-    assert math.isnan(LinkExpectation(link()).loss.mean_burst)
+    asked = (None, {"kind": "random", "probability": 0.0}, {"kind": "random", "probability": 1.0})
+    clear, never, always = (LinkExpectation(link(loss=loss)).loss for loss in asked)
+    assert math.isnan(clear.mean_burst)
+    assert math.isnan(never.mean_burst)
+    assert np.isnan(never.burst_survival(3)).all()
+    assert always.mean_burst == math.inf
+    assert (always.burst_survival(3) == 1).all()
+    assert math.isnan(never.lag_1_correlation)
+    assert math.isnan(always.lag_1_correlation)
+    assert (clear.mean_loss, never.mean_loss, always.mean_loss) == (0, 0, 1)
+    assert clear.spread_of_loss(10) == 0
 
 
 def test_states_that_last_beyond_all_numbers_have_a_spread_and_a_burst() -> None:
