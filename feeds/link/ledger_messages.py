@@ -27,15 +27,8 @@ Kept = tuple[Batch, int]
 def ledger_messages(prefix: str, kept: Sequence[Kept]) -> list[Message]:
     """Messages for {prefix}/truth of the sectors, in that order, as few as brokers take."""
     # Where drones have been forgotten meanwhile, the others have other places in another list.
-    if len({(id(batch.names), id(batch.sensors)) for batch in _batches_of(kept)}) == 1:
-        return _messages(prefix, kept)
     same = groupby(kept, key=lambda each: (id(each[0].names), id(each[0].sensors)))
     return [message for _, some in same for message in _messages(prefix, [*some])]
-
-
-def _batches_of(kept: Sequence[Kept]) -> Iterable[Batch]:
-    """The batches of those sectors, each once."""
-    return {id(batch): batch for batch, _ in kept}.values()
 
 
 def _messages(prefix: str, kept: Sequence[Kept]) -> list[Message]:
@@ -68,10 +61,10 @@ def _messages(prefix: str, kept: Sequence[Kept]) -> list[Message]:
 def _octets(kept: Sequence[Kept]) -> tuple[bytes, int]:
     """A message of sectors whose batches have the same names, and when the last one ended, UTC."""
     number, rows = _ints([id(batch) for batch, _ in kept]), _ints([row for _, row in kept])
-    batches = [*_batches_of(kept)]
-    places = [np.flatnonzero(number == id(batch)) for batch in batches]
+    batches = {id(batch): batch for batch, _ in kept}
+    places = [np.flatnonzero(number == key) for key in batches]
     told = Batch.joined(
-        [batch.rows(rows[own]) for batch, own in zip(batches, places, strict=True)],
+        [batch.rows(rows[own]) for batch, own in zip(batches.values(), places, strict=True)],
         np.argsort(np.concatenate(places)),  # batches may have taken turns
     )
     of = told.sectors
