@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.every_kind import EMITTER, GATE, MIMO, PASSIVE, RF
+from support.every_kind import EMITTER, GATE, MICROPHONES, MIMO, PASSIVE, RF
 from support.hills import write_ridge
 from support.instructions import Place, instructions_of, text_of
 from support.station import Station
 
 from plotfeed.feeds.engine.scene_drones import launch
 from plotfeed.models.truth import Trajectories
-from plotfeed.testing import START_NS, held, radar, rotating, scene, staring
+from plotfeed.testing import START_NS, held, radar, rotating, scene
 
 QUESTIONS = re.compile(
     r"is_in_free_space|self\.jammers|surroundings is|\bmultipath is|\bdoppler is|\bmerging is"
@@ -40,8 +40,7 @@ SENSORS: dict[str, dict[str, Any]] = {
         "transmitters": [{"power_w": 2e3, "east_m": 9.0, "north_m": 0.0, "above_site_m": 0.0}],
     },
     "passive": PASSIVE,
-    "acoustic": {
-        "id": "radar", "type": "acoustic", "scan": staring(), "noise_db": 0.0,
+    "acoustic": MICROPHONES | {
         "sensitivity_db": -60.0, "range_max_m": 9000.0, "azimuth_beamwidth_deg": 40.0,
         "microphones": 8, "frequency_hz": 200.0,
     },

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
+from support.every_kind import EMITTER, RF
 from support.significance import assert_law, assert_standard_normal, assert_sum
 
 from plotfeed.feeds.engine.engine import Engine
@@ -15,7 +16,7 @@ from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import wrap_180
 from plotfeed.proto.utc import NS
-from plotfeed.testing import START_NS, flown, held, radar, rotating, scene, staring, waypoint
+from plotfeed.testing import START_NS, held, radar, rotating, scene, staring
 
 MOUNT = {"cued_by": "radar", "fov_min_deg": 4.0, "fov_max_deg": 40.0, "zoom_s": 1.0}
 QUIET = {"pfa": 1e-15, "power_w": 5e4}
@@ -94,30 +95,17 @@ def test_all_that_are_there_get_their_turn() -> None:
     assert set(found.looks.drone[found.looks.detected]) == set(range(5))
 
 
-def test_a_drone_that_flies_is_followed() -> None:
-    path = [waypoint(100.0, 6.0, 1500.0), waypoint(150.0, 6.0, 1500.0)]
-    keys = camera(mount=MOUNT | {"dwell_s": 30.0, "fov_sigmas": 8.0})
-    drone = flown("fast", *path, speed_m_s=40.0)
-    found = seen([keys, radar(scan=staring(0.2), **QUIET)], [drone], 25.0)["camera"]
-    late = seconds(found) > 5.0
-    assert late.sum() > 190
-    assert np.ptp(found.looks.azimuth_deg[late]) > 15.0
-
-
 @pytest.mark.parametrize(
     "cuer",
     [
         radar(scan=rotating(1.0, 16), **QUIET),
         radar(measures_elevation=False, **QUIET),
-        {"id": "radar", "type": "rf", "scan": staring(), "frequency_min_hz": 2.4e9,
-         "frequency_max_hz": 2.5e9, "channel_bandwidth_hz": 1e6, "integration_s": 1e-3,
-         "range_max_m": 9e3, "baseline_m": 0.2, "position_enu_m": [300.0, -200.0, 5.0]},
+        RF | {"position_enu_m": [300.0, -200.0, 5.0]},
     ],
     ids=["turning", "without elevations", "bearings"],
 )  # fmt: skip
 def test_sensors_of_other_kinds_cue_as_well(cuer: dict[str, Any]) -> None:
-    emitter = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 30.0}
-    drone = held("one", 130.0, 8.0, 1200.0, emitters=[emitter])
+    drone = held("one", 130.0, 8.0, 1200.0, emitters=[EMITTER])
     found = seen([camera(tilt_deg=8.0), cuer], [drone], 12.0)["camera"]
     assert found.looks.detected.sum() > 30
 

@@ -180,9 +180,9 @@ def test_a_recording_brings_horizons_along_and_is_run_again_without_the_files(
         plotfeed_here("show", file, "--list", "--topic", "plotfeed/truth").stdout.splitlines()
         for file in (record, again)
     ]
-    looks = [line for line in lists[0] if "look" in line]
-    assert looks
-    assert looks == [line for line in lists[1] if "look" in line]
+    first, second = ([line for line in lines if "look" in line] for lines in lists)
+    assert first
+    assert first == second
 
 
 def test_horizons_are_the_same_after_a_recording_and_damage_is_told(tmp_path: Path) -> None:

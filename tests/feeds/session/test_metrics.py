@@ -17,13 +17,12 @@ from prometheus_client.parser import text_string_to_metric_families
 from support.brokers import free_port, is_listening
 from support.command import plotfeed_here
 from support.scene_files import radar, scene_file, scene_text
+from support.sessions import at_work
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.metrics import COUNTERS, TOKEN_VARIABLE, MetricsAddress, MetricsError, served
 from plotfeed.feeds.scene.scene import load
-from plotfeed.feeds.session.observer import Observer
-from plotfeed.feeds.session.session import Session, run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.proto import plotfeed_pb2 as pb
 
@@ -52,13 +51,6 @@ def values(families: dict[str, Metric]) -> Read:
     }
 
 
-class Begun(Observer):
-    session: Session
-
-    def begun(self, session: Session) -> None:
-        self.session = session
-
-
 @dataclass(frozen=True)
 class Held:
     """A session whose clock stands, so that nothing changes while it is asked."""
@@ -77,43 +69,30 @@ def sockets() -> list[list[str]]:
 
 async def held(folder: Path) -> Held:
     text = scene_text(start_utc="2026-01-01T12:00:00Z", sensors=SENSORS, port=1883)
-    scene = load(scene_file(folder, text))
+    scene, port = load(scene_file(folder, text)), free_port()
     clock = WallClock(scene.scene.start_utc_ns, speed=10.0)
-    port, stop, begun, known = free_port(), asyncio.Event(), Begun(), list[SessionCounters]()
-
-    async def work() -> None:
-        with served(MetricsAddress(port=port)) as collector:
-            await run(
-                scene,
-                clock=clock,
-                broker="none",
-                stop=stop,
-                observers=[begun, collector],
-                on_ready=lambda _, totals: known.append(totals),
+    with served(MetricsAddress(port=port)) as collector:
+        async with at_work(scene, None, collector, clock=clock) as session:
+            totals = session.totals
+            await until(lambda: totals.lost > 5 and totals.duplicated > 5)
+            garbage = ("plotfeed/telemetry/x", b"garbage", None)
+            session.session.receive([garbage], clock.now_ns())
+            clock.pause()
+            before, families = counted(totals), await asyncio.to_thread(scrape, port)
+            while totals.messages != before["messages"]:  # until what was being done is done
+                before, families = counted(totals), await asyncio.to_thread(scrape, port)
+            sensors = session.session.sensors.items()
+            return Held(
+                families=families,
+                totals=before,
+                statuses={name: deepcopy(task.status) for name, task in sensors},
+                port=port,
+                listeners=sockets(),
             )
 
-    working = asyncio.create_task(work())
-    await until(lambda: working.done() or (known and known[0].lost > 5 and known[0].duplicated > 5))
-    assert not working.done()
-    begun.session.receive([("plotfeed/telemetry/x", b"garbage", None)], clock.now_ns())
-    clock.pause()
 
-    def counted() -> dict[str, Any]:
-        return {f.name: deepcopy(getattr(known[0], f.name)) for f in fields(SessionCounters)}
-
-    before, families = counted(), await asyncio.to_thread(scrape, port)
-    while known[0].messages != before["messages"]:  # until what was being done is done
-        before, families = counted(), await asyncio.to_thread(scrape, port)
-    found = Held(
-        families=families,
-        totals=before,
-        statuses={name: deepcopy(task.status) for name, task in begun.session.sensors.items()},
-        port=port,
-        listeners=sockets(),
-    )
-    stop.set()
-    await working
-    return found
+def counted(totals: SessionCounters) -> dict[str, Any]:
+    return {f.name: deepcopy(getattr(totals, f.name)) for f in fields(SessionCounters)}
 
 
 def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
+from support.every_kind import GATE, MICROPHONES, PASSIVE
 from support.sapient_rules import assert_declared, checked
 
 from plotfeed.feeds.scene.presets.preset import names
@@ -35,11 +36,8 @@ ZOOMED_OUT = {
 OF_EACH_KIND: dict[str, dict[str, Any]] = {
     "turning": radar(scan=rotating(1.0, 32), pfa=1e-5),
     "rates": radar(measures_elevation=False, doppler={}),
-    "gate": {"type": "range_gate", "scan": staring(), "range_max_m": 5e3, "sigma_m": 5.0},
-    "microphone": {
-        "type": "acoustic", "scan": staring(), "range_max_m": 500.0, "noise_db": 20.0,
-        "sensitivity_db": 10.0, "azimuth_beamwidth_deg": 20.0, "kind": "multirotor",
-    },
+    "gate": GATE,
+    "microphone": MICROPHONES | {"noise_db": 20.0, "kind": "multirotor"},
     "camera": {
         "type": "camera", "scan": staring(), "horizontal_fov_deg": 90.0, "pixels_across": 8000,
         "pixels_down": 4000, "range_max_m": 5000.0, "pan_deg": 30.0,
@@ -48,15 +46,7 @@ OF_EACH_KIND: dict[str, dict[str, Any]] = {
     "names all": FINDER | {"classifies": True},
     "reads one": FINDER | {"decodes": ["remote-id"]},
     "names all and reads two": FINDER | {"classifies": True, "decodes": ["remote-id", "wifi"]},
-    "passive": {
-        "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0, "doppler": {},
-        "transmitters": [
-            {"id": "tv", "erp_w": 1e5, "frequency_hz": 600e6, "bandwidth_hz": 7.61e6,
-             "place": {"east_m": -14e3, "north_m": 14e3, "above_site_m": 100.0}},
-        ],
-        "azimuth_beamwidth_deg": 2.0, "integration_s": 0.3, "external_noise_db": -4.45,
-        "range_max_m": 10_000.0,
-    },
+    "passive": PASSIVE | {"doppler": {}},
 }  # fmt: skip
 PRESETS = {name: {"preset": name} | ZOOMED_OUT.get(name, {}) for name in names()}
 # The nearest have all emissions.

@@ -12,6 +12,7 @@ import pytest
 from sapient_msg.bsi_flex_335_v2_0.registration_pb2 import Registration
 from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
+from support.every_kind import GATE
 from support.sapient_rules import checked, checked_together
 
 from plotfeed.feeds.formats import Batch
@@ -22,39 +23,23 @@ from plotfeed.models.state import Plots
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.testing import START_NS, Feed, fly, held, radar, rotating, scene, staring
 
-PLACES = {
-    "range_gate": {"type": "range_gate", "scan": staring(), "range_max_m": 5e3, "sigma_m": 5.0},
-    "rf": {
-        "type": "rf",
-        "scan": staring(),
-        "frequency_min_hz": 2.40e9,
-        "frequency_max_hz": 2.48e9,
-        "channel_bandwidth_hz": 1e6,
-        "integration_s": 1e-3,
-        "range_max_m": 20e3,
-        "baseline_m": 0.06,
-        "decodes": ["remote-id"],
-    },
-}
 EMITTER = {
-    "frequency_hz": 2.437e9,
-    "bandwidth_hz": 1e6,
-    "eirp_dbm": 20.0,
-    "kind": "remote-id",
+    "frequency_hz": 2.437e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0, "kind": "remote-id",
     "identity": "1596F3",
-}
+}  # fmt: skip
+FINDER = {
+    "type": "rf", "scan": staring(), "frequency_min_hz": 2.40e9, "frequency_max_hz": 2.48e9,
+    "channel_bandwidth_hz": 1e6, "integration_s": 1e-3, "range_max_m": 20e3,
+    "decodes": ["remote-id"],
+}  # fmt: skip
 SENSORS = [
     radar(id="turning", scan=rotating(1.0, 32), pfa=1e-5),
     radar(id="staring", measures_elevation=True),
     radar(id="flat", measures_elevation=False),
     radar(id="hasty", scan=staring(0.025), integration_s=0.01),
-    {"id": "gate", **PLACES["range_gate"]},
-    {"id": "finder", **PLACES["rf"]},
-    {
-        "id": "omni",
-        **{k: v for k, v in PLACES["rf"].items() if k != "baseline_m"},
-        "measures_azimuth": False,
-    },
+    GATE | {"id": "gate", "range_max_m": 5e3, "sigma_m": 5.0},
+    FINDER | {"id": "finder", "baseline_m": 0.06},
+    FINDER | {"id": "omni", "measures_azimuth": False},
 ]
 DRONES = [
     held("near", 45.0, 20.0, 800.0, rcs_m2=0.1, sound_power_db=95.0, emitters=[EMITTER]),
@@ -224,12 +209,8 @@ def test_nodes_register_as_what_they_are() -> None:
 
 def test_statuses_come_at_their_interval_and_end_with_goodbye() -> None:
     statuses = [m for m in messages_of(plain, "staring") if m.HasField("status_report")]
-    assert [round((m.timestamp.ToNanoseconds() - START_NS) / 1e9) for m in statuses] == [
-        0,
-        5,
-        10,
-        12,
-    ]
+    times_s = [round((m.timestamp.ToNanoseconds() - START_NS) / 1e9) for m in statuses]
+    assert times_s == [0, 5, 10, 12]
     assert [(m.status_report.system, m.status_report.info) for m in statuses] == [
         (StatusReport.SYSTEM_OK, StatusReport.INFO_NEW),
         (StatusReport.SYSTEM_OK, StatusReport.INFO_UNCHANGED),
