@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.link import ledger_messages as writing
@@ -26,117 +26,100 @@ from plotfeed.proto.units import decibels
 NAMES = ["d", "drone-1", "x" * 64, "ünïcödé", "visitor", "bird/gulls-1"]
 SENSORS = ["near", "far", "ünïcödé"]
 LINKS = ["", '{"latency_ms":50.0}']
-times = st.one_of(st.integers(1_700_000_000 * 10**9, 1_900_000_000 * 10**9), st.integers(-5, 2**62))
-numbers = st.one_of(st.floats(width=64), st.sampled_from([0.0, -0.0, math.nan, 1.5]))
-positive = st.floats(0.0, 1e12)
-drones = st.integers(0, len(NAMES) - 1)
-looks = st.tuples(
-    drones, st.integers(-1, 300), times, numbers, numbers, numbers,
-    positive, numbers, st.booleans(), st.one_of(st.just(0), times),
-)  # fmt: skip
-plots = st.tuples(
-    st.integers(FALSE_ALARM, len(NAMES) - 1), times, numbers, numbers, numbers, numbers,
-    st.lists(drones, max_size=3),
-)  # fmt: skip
-messages = st.tuples(
-    st.sampled_from(["plotfeed/r/plots", "plotfeed/r/asterix/048", "é" * 100]),
-    times,
-    st.one_of(st.just(None), st.just(HELD_NS), times),
-    times,
-    st.binary(max_size=9),
-    st.sampled_from([pb.SENT, pb.LOST, pb.UNDELIVERED, pb.ENDED]),
-    st.integers(0, 5),
-    st.integers(0, 1),
-    st.one_of(st.just(None), st.integers(0, 2**20)),
-    st.lists(st.sampled_from(["MQTT", "udp[0] 192.0.2.1:8600"]), max_size=2),
-)
-claims = st.lists(st.builds(pb.Claim, drone=st.sampled_from(NAMES), time_utc_ns=times), max_size=2)
-sectors = st.tuples(
-    st.tuples(st.sampled_from(range(3)), st.integers(0, 2**62), st.integers(0, 1000), times),
-    st.sampled_from(LINKS),
-    st.lists(looks, max_size=4),
-    st.lists(plots, max_size=4),
-    st.lists(messages, max_size=4),
-)
-batches = st.lists(
-    st.tuples(
-        st.lists(sectors, min_size=1, max_size=4),
-        st.booleans(),
-        st.booleans(),
-        st.booleans(),
-        st.one_of(st.just(None), claims),
-    ),
-    min_size=1,
-    max_size=3,
-)
-EMPTY = ((0, 0, 0, 0), "", [], [(-1, 0, 0.0, 0.0, 0.0, 0.0, [])], [])
+FATES = [pb.SENT, pb.LOST, pb.UNDELIVERED, pb.ENDED]
+TOPICS = ["plotfeed/r/plots", "plotfeed/r/asterix/048", "é" * 100]
+seeds = st.integers(0, 2**32)
 
 
-def looks_of(rows: list[Any]) -> Looks:
-    if not rows:
-        return Looks.none()
-    drone, channel, t, *floats, detected, emitted = zip(*rows, strict=True)
-    names = ("range_m", "azimuth_deg", "elevation_deg", "snr", "pd")
-    return Looks(
-        drone=np.array(drone),
-        channel=np.array(channel),
-        t_utc_ns=np.array(t),
-        detected=np.array(detected),
-        emitted_utc_ns=np.array(emitted) if any(emitted) else None,
-        **{name: np.array(column) for name, column in zip(names, floats, strict=True)},
-    )
+class Made:
+    """Columns at random, odd values among them, of what batches hold."""
 
+    def __init__(self, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
 
-def plots_of(rows: list[Any], with_rates: bool, with_merged: bool) -> Plots:
-    more: dict[str, Any] = {}
-    if with_rates:
-        # Of a false alarm there is none.
-        rates = [math.nan if row[0] == FALSE_ALARM else row[5] for row in rows]
-        more["true_range_rate_m_s"] = np.array(rates, np.float64)
-    if with_merged:
-        merged = np.empty(len(rows), object)
-        merged[:] = [() if row[0] == FALSE_ALARM else tuple(row[6]) for row in rows]
-        more["merged_drones"] = merged
-    return Plots.of(
-        drone=np.array([row[0] for row in rows], np.int64),
-        t_utc_ns=np.array([row[1] for row in rows], np.int64),
-        true_range_m=np.array([row[2] for row in rows], np.float64),
-        true_azimuth_deg=np.array([row[3] for row in rows], np.float64),
-        true_elevation_deg=np.array([row[4] for row in rows], np.float64),
-        **more,
-    )
+    def happens(self) -> bool:
+        return bool(self.rng.integers(2))
 
+    def one_of(self, some: Sequence[Any]) -> Any:
+        return some[self.rng.integers(len(some))]
 
-def outgoing_of(row: Any) -> Message:
-    topic, due, link_due, sent, payload, fate, number, copy, bit, not_to = row
-    one = Message(topic, payload, "", due)
-    one.number, one.copy = number, copy
-    one.leaves_utc_ns = due if link_due is None else link_due
-    one.sent_utc_ns, one.fate, one.flipped_bit, one.not_to = sent, fate, bit, tuple(not_to)
-    return one
+    def times(self, n: int) -> Any:
+        usual = self.rng.integers(1_700_000_000 * 10**9, 1_900_000_000 * 10**9, n)
+        return np.where(self.rng.random(n) < 0.3, self.rng.choice([-5, 0, 1, 2**62], n), usual)
 
+    def numbers(self, n: int) -> Any:
+        usual = self.rng.standard_normal(n) * 10.0 ** self.rng.integers(-300, 300, n)
+        odd = self.rng.choice([0.0, -0.0, math.nan, math.inf, 1.5], n)
+        return np.where(self.rng.random(n) < 0.3, odd, usual)
 
-def batch_of(made: Any, names: Sequence[str] = NAMES) -> Batch:
-    rows, with_rates, with_merged, is_late, said = made
-    return Batch(
-        sectors=Sectors.joined(
-            [Sectors.of([Sector(scan, i, 0, end, 0.0, 1.0)], s) for (s, scan, i, end), *_ in rows]
-        ),
-        looks=looks_of([look for _, _, seen, *_ in rows for look in seen]),
-        looks_by=edges(np.array([len(seen) for _, _, seen, *_ in rows])),
-        plots=plots_of([p for *_, told, _ in rows for p in told], with_rates, with_merged),
-        plots_by=edges(np.array([len(told) for *_, told, _ in rows])),
-        sensors=SENSORS,
-        names=names,
-        messages=[[*map(outgoing_of, sent)] for *_, sent in rows],
-        links=[link for _, link, *_ in rows],
-        claims=said if len(rows) == 1 and is_late else None,
-    )
+    def drones(self, n: int, least: int = 0, most: int = len(NAMES)) -> Any:
+        return self.rng.integers(least, most, n)
 
+    def looks(self, n: int, names: int) -> Looks:
+        names_of = ("range_m", "azimuth_deg", "elevation_deg", "pd")
+        return Looks(
+            drone=self.drones(n, most=names),
+            channel=self.rng.integers(-1, 300, n),
+            t_utc_ns=self.times(n),
+            snr=np.abs(np.nan_to_num(self.numbers(n), posinf=1e12)),
+            detected=self.rng.random(n) < 0.5,
+            emitted_utc_ns=self.times(n) if self.happens() else None,
+            **{name: self.numbers(n) for name in names_of},
+        )
 
-def kept_of(made: list[Any]) -> list[Kept]:
-    held = [batch_of(each) for each in made]
-    return [(batch, row) for batch in held for row in range(len(batch))]
+    def plots(self, n: int, names: int) -> Plots:
+        drone, more = self.drones(n, FALSE_ALARM, names), dict[str, Any]()
+        if self.happens():  # of a false alarm there is none
+            rates = np.where(drone == FALSE_ALARM, math.nan, self.numbers(n))
+            more["true_range_rate_m_s"] = rates
+        if self.happens():
+            merged = np.empty(n, object)
+            merged[:] = [
+                () if of == FALSE_ALARM else tuple(self.drones(self.rng.integers(4), most=names))
+                for of in drone
+            ]
+            more["merged_drones"] = merged
+        of = ("true_range_m", "true_azimuth_deg", "true_elevation_deg")
+        columns = {name: self.numbers(n) for name in of}
+        return Plots.of(drone=drone, t_utc_ns=self.times(n), **columns, **more)
+
+    def message(self) -> Message:
+        payload, due_ns = self.rng.bytes(self.rng.integers(9)), int(self.times(1)[0])
+        one = Message(self.one_of(TOPICS), payload, "", due_ns)
+        one.number, one.copy = (int(n) for n in self.rng.integers([6, 2]))
+        if self.happens():
+            one.leaves_utc_ns = self.one_of([HELD_NS, int(self.times(1)[0])])
+        one.sent_utc_ns, one.fate = int(self.times(1)[0]), self.one_of(FATES)
+        one.flipped_bit = int(self.rng.integers(2**20)) if self.happens() else None
+        one.not_to = tuple(["MQTT", "udp[0] 192.0.2.1:8600"][: self.rng.integers(3)])
+        return one
+
+    def batch(self, names: Sequence[str] = NAMES) -> Batch:
+        m = int(self.rng.integers(1, 5))
+        looks_by, plots_by = (edges(self.rng.integers(0, 5, m)) for _ in "ab")
+        of = zip(self.rng.integers(0, 2**62, m), self.times(m), strict=True)
+        sectors = [
+            Sectors.of([Sector(int(scan), i, 0, int(end), 0.0, 1.0)], self.one_of(range(3)))
+            for i, (scan, end) in enumerate(of)
+        ]
+        said = [pb.Claim(drone=self.one_of(NAMES), time_utc_ns=t) for t in range(2)]
+        return Batch(
+            sectors=Sectors.joined(sectors),
+            looks=self.looks(int(looks_by[-1]), len(names)),
+            looks_by=looks_by,
+            plots=self.plots(int(plots_by[-1]), len(names)),
+            plots_by=plots_by,
+            sensors=SENSORS,
+            names=names,
+            messages=[[self.message() for _ in range(self.rng.integers(5))] for _ in range(m)],
+            links=[self.one_of(LINKS) for _ in range(m)],
+            claims=said[: self.rng.integers(3)] if m == 1 and self.happens() else None,
+        )
+
+    def kept(self, names: Sequence[str] = NAMES) -> list[Kept]:
+        """Sectors of some batches."""
+        held = [self.batch(names) for _ in range(self.rng.integers(1, 4))]
+        return [(batch, row) for batch in held for row in range(len(batch))]
 
 
 def named(name: str) -> dict[str, Any]:
@@ -194,34 +177,28 @@ def read(kept: Sequence[Kept]) -> list[bytes]:
     return [entry.SerializeToString(deterministic=True) for entry in entries]
 
 
-@example(made=[([EMPTY], False, False, False, None)], most=900_000, order=0)
-@given(batches, st.sampled_from([1, 900, 900_000]), st.integers(0, 2**32))
-def test_what_is_read_of_sectors_is_what_protobuf_makes_of_them(
-    made: list[Any], most: int, order: int
-) -> None:
+@given(seeds, st.sampled_from([1, 900, 900_000]))
+def test_what_is_read_of_sectors_is_what_protobuf_makes_of_them(seed: int, most: int) -> None:
     """Of several batches in any order, in one message or in as many as there are sectors."""
-    kept = kept_of(made)
-    kept = [kept[i] for i in np.random.default_rng(order).permutation(len(kept))]
+    made = Made(seed)
+    kept = made.kept()
+    kept = [kept[i] for i in made.rng.permutation(len(kept))]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(writing, "MOST_OCTETS", most)
         assert read(kept) == [by_protobuf(*each) for each in kept]
 
 
-@given(st.lists(st.lists(st.text(max_size=6), min_size=1, max_size=5), min_size=1, max_size=4))
-def test_rows_may_be_other_drones_of_another_list(lists: list[list[str]]) -> None:
-    kept = []
-    for names in lists:
-        seen = [(i, 0, 5, 1.0, 2.0, 3.0, 4.0, 0.5, True, 0) for i in range(len(names))]
-        told = [(i, 5, 1.0, 2.0, 3.0, 4.0, []) for i in range(len(names))]
-        one = ((0, 1, 2, 3), "", seen, told, [])
-        kept.append((batch_of(([one], False, False, False, None), names), 0))
+@given(seeds, st.lists(st.lists(st.text(max_size=6), min_size=1, max_size=5), min_size=1))
+def test_rows_may_be_other_drones_of_another_list(seed: int, lists: list[list[str]]) -> None:
+    made = Made(seed)
+    kept = [each for names in lists[:4] for each in made.kept(names)]
     assert read(kept) == [by_protobuf(*each) for each in kept]
 
 
-@given(batches)
-def test_old_messages_give_the_tables_that_columns_give(made: list[Any]) -> None:
+@given(seeds)
+def test_old_messages_give_the_tables_that_columns_give(seed: int) -> None:
     """So does a file in which both are."""
-    kept = kept_of(made)
+    kept = Made(seed).kept()
     new = [message.payload for message in ledger_messages("p", kept)]
     old = [entry.SerializeToString() for payload in new for entry in entries_in(payload)]
     told = tables_of([*old, b"\xff", *new])
@@ -246,14 +223,14 @@ OF_AN_OCTET = ("fate", "detected")
 
 
 @given(
-    batches,
+    seeds,
     st.lists(st.tuples(st.sampled_from(COLUMNS), st.integers(-(2**31), 2**31 - 1)), min_size=1),
     st.booleans(),
 )
 def test_columns_that_contradict_each_other_are_no_ledger_and_stop_nobody(
-    made: list[Any], wrong: list[Any], is_longer: bool
+    seed: int, wrong: list[Any], is_longer: bool
 ) -> None:
-    kept = kept_of(made)
+    kept = Made(seed).kept()
     batch = LedgerBatch.FromString(ledger_messages("p", kept)[0].payload)
     for (part, name), value in wrong:
         column = getattr(getattr(batch, part), name)
