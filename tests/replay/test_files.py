@@ -1,24 +1,43 @@
 from __future__ import annotations
 
+import base64
+import gzip
 import io
+import json
 import struct
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.given_recordings import CAPTURES, FRAMES
-from support.recordings import block, block_048, is_read_whatever_it_is, message, plots, written
+from support.recordings import (
+    MESSAGES,
+    START_NS,
+    block,
+    block_048,
+    is_read_whatever_it_is,
+    message,
+    plots,
+    read,
+    written,
+)
 
 from plotfeed.feeds.recording.foreign_recordings import RecordingFile, open_recording
 from plotfeed.proto.errors import PlotfeedError
+from plotfeed.replay import files
 from plotfeed.replay.asterix_files import FinalReader, RawReader
 from plotfeed.replay.files import (
     FORMATS,
+    MOST_UNPACKED,
+    SPARE_OCTETS,
     SUFFIXES,
     FileFormat,
     JsonLinesReader,
+    JsonLinesWriter,
+    UnpackedFile,
     format_of,
     format_of_content,
     format_of_suffix,
@@ -179,3 +198,179 @@ def test_what_mcap_cannot_hold_is_told() -> None:
     reason = writer.write(message(b"", -1))
     assert reason is not None
     assert "1970" in reason
+
+
+@settings(max_examples=50)
+@given(st.lists(MESSAGES, max_size=3))
+def test_everything_that_a_message_has_comes_back(messages: list[Recorded]) -> None:
+    data = written(JsonLinesWriter, messages)
+    assert len(data.splitlines()) == len(messages)
+    got, reader = read(JsonLinesReader, data)
+    assert got == messages
+    assert reader.damage == []
+    assert reader.at == len(data)
+
+
+def test_a_line_is_an_object_with_the_fields_by_name() -> None:
+    (one,) = plots(1)
+    (line,) = written(JsonLinesWriter, [one]).splitlines()
+    fields = json.loads(line)
+    assert base64.b64decode(fields.pop("payload_base64")) == one.payload
+    assert fields == {
+        "topic": "plotfeed/radar/asterix/048",
+        "log_time_ns": START_NS,
+        "publish_time_ns": START_NS,
+        "stage": "received",
+        "content_type": "application/x-asterix; cat=48",
+        "properties": [],
+        "retain": False,
+        "qos": 0,
+    }
+
+
+def test_topic_payload_and_log_time_are_enough() -> None:
+    (one,), reader = read(
+        JsonLinesReader, b'\n{"topic": "t", "payload_base64": "", "log_time_ns": 7}'
+    )
+    assert one == message(b"", 7, topic="t", content_type="")
+    assert reader.damage == []
+
+
+GOOD = {"topic": "t", "payload_base64": "AAAA", "log_time_ns": 7}
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        (b"[]", "a line that is no JSON object"),
+        (b"{", "a line that is no JSON"),
+        (b"\xff\xfe{}", "a line that is no JSON"),
+        (b"[" * 100_000, "a line that is no JSON"),
+        (b"9" * 10_000, "a line that is no JSON"),
+        ({"topic": 7}, "topic: expected a text"),
+        ({"topic": "\ud800"}, "topic: half of a surrogate pair is no character"),
+        ({"payload_base64": "A"}, "payload_base64: expected base64"),
+        ({"payload_base64": "é==="}, "payload_base64: expected base64"),
+        ({"payload_base64": None}, "payload_base64: expected a text"),
+        ({"log_time_ns": -1}, "log_time_ns: expected nanoseconds since 1970, up to 2554"),
+        ({"log_time_ns": 1.5}, "log_time_ns: expected nanoseconds since 1970, up to 2554"),
+        ({"log_time_ns": True}, "log_time_ns: expected nanoseconds since 1970, up to 2554"),
+        ({"publish_time_ns": None}, "publish_time_ns: expected nanoseconds since 1970, up to 2554"),
+        ({"log_time_ns": 1 << 64}, "log_time_ns: expected nanoseconds since 1970, up to 2554"),
+        ({"qos": 3}, "qos: expected one of 0, 1, 2"),
+        ({"qos": True}, "qos: expected one of 0, 1, 2"),
+        ({"retain": 1}, "retain: expected one of False, True"),
+        ({"stage": "x"}, "stage: expected one of telemetry, before, after, received"),
+        ({"stage": ["x"]}, "stage: expected one of telemetry, before, after, received"),
+        ({"properties": {}}, "properties: expected a list of pairs"),
+        ({"properties": [["a"]]}, "properties: expected a list of pairs"),
+        ({"properties": [["a", 1]]}, "properties: expected a text"),
+        ({"content_type": None}, "content_type: expected a text"),
+    ],
+)
+def test_a_line_that_is_no_message_is_damage_and_the_next_is_read(
+    line: bytes | dict[str, object], what: str
+) -> None:
+    if isinstance(line, dict):
+        line = json.dumps(GOOD | line).encode()
+    good = json.dumps(GOOD).encode() + b"\n"
+    messages, reader = read(JsonLinesReader, good + line + b"\n" + good)
+    assert len(messages) == 2
+    assert [(each.offset, each.what) for each in reader.damage] == [(len(good), what)]
+
+
+def test_a_line_without_end_is_damage_and_the_next_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "MAX_LINE_OCTETS", 100)
+    good = json.dumps(GOOD).encode() + b"\n"
+    long = json.dumps(GOOD | {"topic": "t" * 250}).encode() + b"\n"
+    messages, reader = read(JsonLinesReader, good + long + good)
+    assert len(messages) == 2
+    assert [each.offset for each in reader.damage] == [len(good)]
+    assert reader.at == len(good) * 2 + len(long)
+
+
+def many_of(form: FileFormat, count: int = 50) -> bytes:
+    return written(lambda file: writer_to(file, form), plots(count))
+
+
+def read_file(path: Path) -> tuple[list[Recorded], list[str]]:
+    with open_recording(path) as recording:
+        return list(recording.reader.messages()), [each.what for each in recording.reader.damage]
+
+
+def unpacked(packed: bytes) -> tuple[bytes, list[str]]:
+    raw = UnpackedFile(io.BytesIO(packed))
+    told: list[str] = []
+    raw.on_damage = lambda _, what: told.append(what)
+    with io.BufferedReader(raw) as file:
+        return file.read(), told
+
+
+@pytest.mark.parametrize(
+    "form", [FileFormat.PCAP, FileFormat.FINAL, FileFormat.RAW, FileFormat.JSON]
+)
+def test_a_packed_file_is_read_as_if_it_were_not(form: FileFormat, tmp_path: Path) -> None:
+    plain, packed = tmp_path / "plain", tmp_path / "packed.gz"
+    plain.write_bytes(many_of(form))
+    packed.write_bytes(gzip.compress(many_of(form)))
+    assert format_of(packed) is form
+    assert read_file(packed) == read_file(plain)
+    source = RecordingFile(packed)
+    assert list(source.messages(None, None)) == list(source.messages(None, None)) != []
+
+
+def test_the_suffix_before_gz_tells_what_content_does_not(tmp_path: Path) -> None:
+    path = tmp_path / "empty.pcap.gz"
+    path.write_bytes(gzip.compress(b""))
+    assert format_of(path) is FileFormat.PCAP
+
+
+@given(st.lists(st.binary(max_size=300), max_size=4), st.integers(0, 20))
+def test_members_and_zeros_behind_them(parts: list[bytes], zeros: int) -> None:
+    packed = b"".join(map(gzip.compress, parts))
+    if parts:
+        assert unpacked(packed + bytes(zeros)) == (b"".join(parts), [])
+
+
+@given(st.binary(max_size=200))
+def test_whatever_follows_the_magic_is_octets_or_damage(rest: bytes) -> None:
+    unpacked(b"\x1f\x8b\x08\0" + rest)
+
+
+def test_what_is_cut_off_or_broken_is_told_behind_what_is_whole(tmp_path: Path) -> None:
+    packed = gzip.compress(many_of(FileFormat.RAW, 2000))
+    path = tmp_path / "cut.ast.gz"
+    path.write_bytes(packed[: len(packed) // 2])
+    messages, damage = read_file(path)
+    assert 100 < len(messages) < 2000
+    assert "what gzip packed is cut off" in damage
+    path.write_bytes(packed[:-6] + b"\0\0" + packed[-4:])
+    messages, damage = read_file(path)
+    (told,) = damage
+    assert told.startswith("what gzip packed is broken: CRC check failed")
+
+
+def test_a_small_file_does_not_become_a_machine_s_memory() -> None:
+    bomb = gzip.compress(bytes(1 << 26))
+    raw = UnpackedFile(io.BytesIO(bomb))
+    told: list[str] = []
+    raw.on_damage = lambda _, what: told.append(what)
+    tracemalloc.start()
+    octets = 0
+    with io.BufferedReader(raw, 1 << 18) as file:
+        while piece := file.read(1 << 18):
+            octets += len(piece)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert octets <= MOST_UNPACKED * len(bomb) + SPARE_OCTETS
+    assert told == [f"it would grow to more than {MOST_UNPACKED} times its octets"]
+    assert peak < 4 << 20
+
+
+def test_a_packed_mcap_says_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap.gz"
+    path.write_bytes(gzip.compress(many_of(FileFormat.MCAP)))
+    with pytest.raises(PlotfeedError, match="gunzip it first"), open_recording(path):
+        pass
+    with pytest.raises(PlotfeedError, match="gunzip it first"):
+        RecordingFile(path)

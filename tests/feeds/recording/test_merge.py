@@ -93,31 +93,8 @@ def test_workers_recordings_become_that_of_one_process(single: Path, tmp_path: P
     assert times == sorted(times)
 
 
-@pytest.mark.parametrize("command", ["show", "report"])
-def test_a_merged_recording_is_read_as_that_of_one_process(
-    single: Path, tmp_path: Path, command: str
-) -> None:
-    workers = parts(single, tmp_path, [is_of("south", "west"), is_of("north")])
-    target = tmp_path / single.name
-    assert plotfeed_here("merge", *workers, target).returncode == 0
-    one, merged = (plotfeed_here(command, path, "--json") for path in (single, target))
-    assert one.returncode == merged.returncode == 0
-
-    def of(text: str, path: Path) -> object:
-        told = json.loads(text.replace(str(path), "file"))
-        told.pop("octets_of_file", None)
-        return told
-
-    assert of(merged.stdout, target) == of(one.stdout, single)
 
 
-def test_a_merged_recording_is_run_again(single: Path, tmp_path: Path) -> None:
-    target = tmp_path / "all.mcap"
-    workers = parts(single, tmp_path, [is_of("south"), is_of("north", "west")])
-    plotfeed_here("merge", *workers, target)
-    how = ("--broker", "none", "--speed", "max", "--json")
-    counts = [json.loads(plotfeed_here("run", path, *how).stdout) for path in (single, target)]
-    assert counts[0]["plots"] == counts[1]["plots"] > 0
 
 
 def test_a_message_that_both_hold_comes_once_and_one_that_came_twice_comes_twice(

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from support.asterix_input import every_path, numeric_slots, text_constants
 from support.asterix_rule import of_quantity
 
-from plotfeed.proto.asterix.cat048 import CAT048, ServiceEncoder034
+from plotfeed.proto.asterix.cat048 import CAT048
 from plotfeed.proto.asterix.cat062 import CAT062
 from plotfeed.proto.asterix.cat205 import CAT205
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -316,22 +316,3 @@ def test_blocks_of_parts_are_those_of_each_by_itself(
         for i, source in enumerate(sources.tolist())
     ]
     assert together == [blocks if n else [] for blocks, n in zip(alone, lengths, strict=True)]
-
-
-def test_service_messages_of_several_radars_are_those_of_each() -> None:
-    places = [(40.45, -3.73, 650.0), (-34.5, -58.25, -12.0)]
-    encoder = ServiceEncoder034([25, 26], [3, 4], antenna_period_s=[1.0, 4.0], place=places)
-    alone = [
-        ServiceEncoder034(25, 3, antenna_period_s=1, place=places[0]),
-        ServiceEncoder034(26, 4, antenna_period_s=4, place=places[1]),
-    ]
-    times, azimuths, which = [5 * 10**9, 6 * 10**9, 7 * 10**9], [0.0, 90.0, 11.25], [1, 0, 1]
-    first = np.array([0])
-    assert encoder.north_markers([], first[:0]) == []
-    assert encoder.north_markers(times, np.array(which)) == [
-        alone[i].north_markers([t], first)[0] for i, t in zip(which, times, strict=True)
-    ]
-    assert encoder.sector_crossings(times, azimuths, np.array(which)) == [
-        alone[i].sector_crossings([t], [azimuth], first)[0]
-        for i, t, azimuth in zip(which, times, azimuths, strict=True)
-    ]
