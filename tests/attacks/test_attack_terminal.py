@@ -46,10 +46,7 @@ def recorded(path: Path) -> Path:
     batch = pb.PlotBatch(sensor=EVIL, scan=1)
     batch.plots.add(time_utc_ns=10**18, range_m=1000.0, azimuth_deg=10.0, identity=f"={EVIL}")
     payloads = {
-        "a/plots": (
-            batch.SerializeToString(),
-            "application/x-protobuf; messageType=plotfeed.v1.PlotBatch",
-        ),
+        "a/plots": (batch.SerializeToString(), BATCH),
         f"b{EVIL}": (EVIL.encode(), "text/plain"),
         "c": (f'{{"{EVIL!r}": "\x1b[2J"}}'.encode(), "application/json"),
         "d": (b"\x30\x00\x05\x80\x1b", f"application/x-{EVIL}"),
@@ -57,17 +54,11 @@ def recorded(path: Path) -> Path:
     attached = [Attachment(name=EVIL, media_type=EVIL, data=b"", log_time_ns=0)]
     with Recorder(path, attachments=attached, waits=True) as recorder:
         for n, (topic, (payload, content_type)) in enumerate(payloads.items()):
-            recorder.write(
-                Recorded(
-                    topic=topic,
-                    payload=payload,
-                    log_time_ns=10**18 + n,
-                    publish_time_ns=10**18,
-                    content_type=content_type,
-                    properties=((EVIL, EVIL),),
-                    stage=Stage.AFTER,
-                )
+            told = ((EVIL, EVIL),)
+            one = Recorded(
+                topic, payload, 10**18 + n, 10**18, content_type, told, stage=Stage.AFTER
             )
+            recorder.write(one)
     return path
 
 
@@ -101,26 +92,22 @@ def test_a_scene_with_such_names_is_told_of_in_plain_text(tmp_path: Path) -> Non
     assert is_harmless(done.stdout + done.stderr)
 
 
-@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
-def test_no_cell_is_a_formula(tmp_path: Path, start: str) -> None:
-    name = f'{start}HYPERLINK("x")'
-    batch = pb.PlotBatch(sensor=name, scan=1)
-    batch.plots.add(time_utc_ns=10**18, range_m=1000.0, azimuth_deg=10.0, identity=name)
-    table = tmp_path / "x.csv"
-    with Recorder(tmp_path / "x.mcap", waits=True) as recorder:
-        recorder.write(
-            Recorded(
-                topic=f"{name}/plots",
-                payload=batch.SerializeToString(),
-                log_time_ns=10**18,
-                publish_time_ns=10**18,
-                content_type=BATCH,
-                stage=Stage.AFTER,
-            )
+def test_no_cell_is_a_formula(tmp_path: Path) -> None:
+    for n, start in enumerate("=+-@\t\r"):
+        name, record, table = (
+            f'{start}HYPERLINK("x")',
+            tmp_path / f"{n}.mcap",
+            tmp_path / f"{n}.csv",
         )
-    assert plotfeed_here("convert", tmp_path / "x.mcap", table).returncode == 0
-    heads, *rows = csv.reader(io.StringIO(table.read_bytes().decode(), newline=""))
-    assert len(rows) == 1
-    row = dict(zip(heads, rows[0], strict=True))
-    assert row["sensor"] == row["identity"] == f"'{name}"
-    assert not any(cell.startswith(("=", "+", "@", "\t", "\r")) for cell in rows[0])
+        batch = pb.PlotBatch(sensor=name, scan=1)
+        batch.plots.add(time_utc_ns=10**18, range_m=1000.0, azimuth_deg=10.0, identity=name)
+        with Recorder(record, waits=True) as recorder:
+            recorder.write(
+                Recorded(f"{name}/plots", batch.SerializeToString(), 10**18, 10**18, BATCH)
+            )
+        assert plotfeed_here("convert", record, table).returncode == 0
+        heads, *rows = csv.reader(io.StringIO(table.read_bytes().decode(), newline=""))
+        assert len(rows) == 1
+        row = dict(zip(heads, rows[0], strict=True))
+        assert row["sensor"] == row["identity"] == f"'{name}"
+        assert not any(cell.startswith(("=", "+", "@", "\t", "\r")) for cell in rows[0])

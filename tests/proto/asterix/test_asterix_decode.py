@@ -213,10 +213,10 @@ def test_compiled_readers_read_what_the_rule_reads(layout: Category, data: st.Da
 
 
 @EVERY_CATEGORY
-@given(st.randoms(use_true_random=False))
-def test_what_comes_often_is_read_as_what_comes_once(layout: Category, rng: Random) -> None:
+@given(st.integers(0, 1 << 32))
+def test_what_comes_often_is_read_as_what_comes_once(layout: Category, seed: int) -> None:
     """By a reader that is compiled for its flags; what is cut off is no record for it either."""
-    body = slots_octets(layout.uap, rng)
+    body = slots_octets(layout.uap, Random(seed))  # noqa: S311
     items, end = record_by_rule(layout, body)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(readers, "OFTEN", 2)
