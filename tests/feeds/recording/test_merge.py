@@ -93,10 +93,6 @@ def test_workers_recordings_become_that_of_one_process(single: Path, tmp_path: P
     assert times == sorted(times)
 
 
-
-
-
-
 def test_a_message_that_both_hold_comes_once_and_one_that_came_twice_comes_twice(
     tmp_path: Path,
 ) -> None:
