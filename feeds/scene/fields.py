@@ -35,6 +35,8 @@ class SceneTable(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )
+    # What keys of a table cannot be together its `_refusals` yields, as "key: why", if it has that
+    # method: the first is told. Those of the classes that it derives from come before its own.
     _all_refusals: ClassVar[tuple[Callable[[Any], Iterator[str]], ...]] = ()
 
     def made(self, kind: type[M], /, **others: Any) -> M:
@@ -53,13 +55,6 @@ class SceneTable(BaseModel):
         found |= {name: table.model() for name, table in tables.items()}
         return kind(**found | others)
 
-    def _refusals(self) -> Iterator[str]:
-        """What its keys cannot be together, as "key: why", one after the other; the first is told.
-
-        Those of the classes that it derives from come before its own.
-        """
-        yield from ()
-
     @model_validator(mode="after")
     def _can_be(self) -> Self:
         for refusals in self._all_refusals:
@@ -70,9 +65,7 @@ class SceneTable(BaseModel):
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         super().__pydantic_init_subclass__(**kwargs)
-        own = (
-            vars(kind).get("_refusals") for kind in reversed(cls.__mro__) if kind is not SceneTable
-        )
+        own = (vars(kind).get("_refusals") for kind in reversed(cls.__mro__))
         cls._all_refusals = tuple(filter(None, own))
 
     @classmethod
