@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "feeds" / "engine"))
 
 from aims import ratios, spread
-from section_4_crowd import at_work, ns_per_drone, scene_of
+from section_4_crowd import at_work, ns_per_drone, place, scene_of
 from support.hills import write_ridge
 from support.instructions import text_of
 from support.station import Station
@@ -31,6 +31,7 @@ from plotfeed.feeds.console.process import keep_freed
 SIZES = (1, 10, 100, 1000, 10_000)
 REPEATS = 5
 SECONDS_A_REPEAT = 0.1
+AREA = [place(2000.0, 0.0, 0.0), place(4000.0, 0.0, 0.0), place(3000.0, 2000.0, 0.0)]
 # Keys of the radar, or tables of the scene. The last names nothing either: its drones are too far
 # away.
 EFFECTS: dict[str, dict[str, Any]] = {
@@ -67,14 +68,8 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "rain": {"weather": {"rain_mm_h": 25.0}},
     "a jammer": {
         "jamming": {
-            "noisy": {
-                "east_m": 3000.0,
-                "north_m": 0.0,
-                "above_site_m": 50.0,
-                "eirp_w": 1.0,
-                "frequency_hz": 10e9,
-                "bandwidth_hz": 1e8,
-            }
+            "noisy": {"eirp_w": 1.0, "frequency_hz": 10e9, "bandwidth_hz": 1e8}
+            | place(3000.0, 0.0, 50.0)
         }
     },
     "a bird for each ten drones": {"birds": "a tenth"},
@@ -84,55 +79,19 @@ EFFECTS: dict[str, dict[str, Any]] = {
                 "id": "a6",
                 "cars_per_h": 300.0,
                 "speed_m_s": 25.0,
-                "path": [
-                    {"east_m": 2000.0, "north_m": -500.0, "above_site_m": 1.0},
-                    {"east_m": 3000.0, "north_m": 500.0, "above_site_m": 1.0},
-                ],
+                "path": [place(2000.0, -500.0, 1.0), place(3000.0, 500.0, 1.0)],
             }
         ]
     },
-    "a wind turbine": {
-        "turbine": [
-            {"id": "wt", "east_m": 3000.0, "north_m": 0.0, "above_site_m": 90.0, "radius_m": 50.0}
-        ]
-    },
-    "clutter, ten plots a scan": {
-        "clutter": [
-            {
-                "id": "woods",
-                "plots_per_km2": 5.0,
-                "area": [
-                    {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 0.0},
-                    {"east_m": 4000.0, "north_m": 0.0, "above_site_m": 0.0},
-                    {"east_m": 3000.0, "north_m": 2000.0, "above_site_m": 0.0},
-                ],
-            }
-        ]
-    },
+    "a wind turbine": {"turbine": [{"id": "wt", "radius_m": 50.0} | place(3000.0, 0.0, 90.0)]},
+    "clutter, ten plots a scan": {"clutter": [{"id": "woods", "plots_per_km2": 5.0, "area": AREA}]},
     "spiky clutter": {
-        "clutter": [
-            {
-                "id": "sea",
-                "threshold_db": 13.0,
-                "texture_stays": False,
-                "area": [
-                    {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 0.0},
-                    {"east_m": 4000.0, "north_m": 0.0, "above_site_m": 0.0},
-                    {"east_m": 3000.0, "north_m": 2000.0, "above_site_m": 0.0},
-                ],
-            }
-        ]
+        "clutter": [{"id": "sea", "threshold_db": 13.0, "texture_stays": False, "area": AREA}]
     },
     "a ridge": {"terrain": {"elevation": ["N40W004.hgt"], "diffraction": True}},
     "out of reach": {"range_max_m": 1000.0},
 }
-FLOCK = {
-    "id": "gulls",
-    "path": [
-        {"east_m": 2000.0, "north_m": 0.0, "above_site_m": 80.0},
-        {"east_m": 4000.0, "north_m": 100.0, "above_site_m": 80.0},
-    ],
-}
+FLOCK = {"id": "gulls", "path": [place(2000.0, 0.0, 80.0), place(4000.0, 100.0, 80.0)]}
 OF_SCENE = frozenset({"terrain", "target", "birds", "clutter", "road", "turbine"})
 
 

@@ -17,7 +17,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 from aims import ratios, spread
-from section_4_crowd import at_work, ns_per_drone
+from section_4_crowd import at_work, ns_per_drone, place
 from support.every_kind import EMITTER, RF
 from support.station import Station
 
@@ -28,10 +28,6 @@ SIZES = (1, 4, 10)
 REPEATS = 3
 SECONDS_A_REPEAT = 0.05
 Keys = dict[str, Any]
-
-
-def place(east_m: float, north_m: float, above_site_m: float = 5.0) -> Keys:
-    return {"east_m": east_m, "north_m": north_m, "above_site_m": above_site_m}
 
 
 MICROPHONES: Keys = {

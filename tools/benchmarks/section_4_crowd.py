@@ -66,7 +66,9 @@ def ns_per_drone(station: Station, n: int, seconds: float, after_s: int = 5) -> 
 
 def _path(range_m: float, azimuth: float) -> list[dict[str, float]]:
     east_m, north_m = float(range_m * np.sin(azimuth)), float(range_m * np.cos(azimuth))
-    return [
-        {"east_m": east_m, "north_m": north_m, "above_site_m": 100.0},
-        {"east_m": east_m + 10.0, "north_m": north_m, "above_site_m": 100.0},
-    ]
+    return [place(east_m, north_m, 100.0), place(east_m + 10.0, north_m, 100.0)]
+
+
+def place(east_m: float, north_m: float, above_site_m: float = 5.0) -> dict[str, float]:
+    """Keys of a place, from the site."""
+    return {"east_m": east_m, "north_m": north_m, "above_site_m": above_site_m}
