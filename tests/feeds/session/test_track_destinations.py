@@ -11,14 +11,13 @@ from typing import Any
 import pytest
 from support.brokers import free_port
 from support.http_receiver import http_receiver
-from support.sessions import AtWork
+from support.sessions import at_work
 from support.udp_receiver import heard, place, receiver
 from support.waiting import until
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
 from plotfeed.feeds.scene.scene import Scene, SceneError
-from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.testing import START_NS, flown, radar, scene, waypoint
@@ -32,16 +31,13 @@ def made(**destinations: Any) -> Scene:
     return scene([sensor], drones, seed=501, **destinations)
 
 
-async def session(what: Scene, stop: asyncio.Event) -> AtWork:
-    watch = AtWork(WallClock(START_NS, speed=4.0))
-    observers = [watch]
-    watch.totals = await run(what, clock=watch.clock, broker="none", stop=stop, observers=observers)
-    return watch
+def clock() -> WallClock:
+    return WallClock(START_NS, speed=4.0)
 
 
 @pytest.mark.asyncio
 async def test_each_destination_gets_its_format_and_what_failed_is_in_the_ledger() -> None:
-    port, stop = free_port(), asyncio.Event()
+    port = free_port()
     with receiver() as ears:
         async with http_receiver([401]) as utm:
             what = made(
@@ -49,21 +45,10 @@ async def test_each_destination_gets_its_format_and_what_failed_is_in_the_ledger
                 udp=[{"destination": place(ears), "carries": "cot"}],
                 websocket=[{"port": port}],
             )
-            running = asyncio.create_task(session(what, stop))
-            told: list[str] = []
-
-            async def listen() -> None:
-                while not told:
-                    try:
-                        async with connect(f"ws://127.0.0.1:{port}") as client:
-                            told.extend([str(await client.recv()) for _ in range(3)])
-                    except OSError:
-                        await asyncio.sleep(0.01)
-
-            await listen()
-            await until(lambda: len(utm.posts) > 5)
-            stop.set()
-            ran = await running
+            async with at_work(what, None, clock=clock()) as ran:
+                async with connect(f"ws://127.0.0.1:{port}") as client:
+                    told = [str(await client.recv()) for _ in range(3)]
+                await until(lambda: len(utm.posts) > 5)
         events = heard(ears)
     assert utm.bodies == ran.on("radar/air-traffic")
     assert events == ran.on("radar/cot")
@@ -77,58 +62,29 @@ async def test_each_destination_gets_its_format_and_what_failed_is_in_the_ledger
 
 
 @pytest.mark.asyncio
-async def test_events_reach_a_group_as_taks_mesh_has_them() -> None:
-    stop, events = asyncio.Event(), list[bytes]()
-    with receiver("127.0.0.1", "239.2.3.77") as ears:
-        to = {"destination": place(ears), "carries": "cot", "interface": "127.0.0.1", "ttl": 0}
-        running = asyncio.create_task(session(made(udp=[to]), stop))
-
-        def have_come() -> bool:
-            events.extend(heard(ears))
-            return len(events) > 2
-
-        await until(have_come)
-        stop.set()
-        ran = await running
-        events.extend(heard(ears))
-    assert events == ran.on("radar/cot")
-
-
-@pytest.mark.asyncio
 async def test_a_websocket_lets_in_pages_that_are_named_and_those_who_ask_for_this_host() -> None:
-    port, stop = free_port(), asyncio.Event()
-    good, bad = "http://localhost:5173", "http://evil.example"
+    port, good, bad = free_port(), "http://localhost:5173", "http://evil.example"
     what = made(websocket=[{"port": port, "origins": [good], "max_clients": 5}])
-    running = asyncio.create_task(session(what, stop))
     url, refused = f"ws://127.0.0.1:{port}", []
-
-    async def is_up() -> None:
-        while True:
-            try:
-                async with connect(url, origin=good):
-                    return
-            except (OSError, InvalidStatus):
-                await asyncio.sleep(0.01)
-
-    await is_up()
-    for how in ({"origin": bad}, {"additional_headers": {"Host": "evil.example"}}):
-        with pytest.raises(InvalidStatus) as error:
-            async with connect(url, **how):  # type: ignore[arg-type]
-                pass
-        refused.append(error.value.response.status_code)
+    async with at_work(what, None, clock=clock()):
+        async with connect(url, origin=good):  # type: ignore[arg-type]
+            pass
+        for how in ({"origin": bad}, {"additional_headers": {"Host": "evil.example"}}):
+            with pytest.raises(InvalidStatus) as error:
+                async with connect(url, **how):  # type: ignore[arg-type]
+                    pass
+            refused.append(error.value.response.status_code)
     assert refused == [403, 403]
-    stop.set()
-    await running
 
 
 @pytest.mark.asyncio
 async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
-    with receiver():
-        server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
-        port = server.sockets[0].getsockname()[1]
-        with pytest.raises(TransportError, match=r"websocket\[0\].port"):
-            await session(made(websocket=[{"port": port}]), asyncio.Event())
-        server.close()
+    server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
+    port = server.sockets[0].getsockname()[1]
+    with pytest.raises(TransportError, match=r"websocket\[0\].port"):
+        async with at_work(made(websocket=[{"port": port}]), None, clock=clock()):
+            pass
+    server.close()
 
 
 @pytest.mark.parametrize(
