@@ -182,6 +182,12 @@ def test_order_holds_against_what_left_before_it_was_asked_for() -> None:
     assert impairment.pass_on(START_NS + 2, OCTETS).copies == (Copy(START_NS + 2, None),)
 
 
+def test_a_link_in_order_never_overtakes_though_it_duplicates() -> None:
+    asked = link(**ALL | {"in_order": True, "reorder": None})
+    left = [c.due_utc_ns for o in passed(asked, due_times(3000, 700)) for c in o.copies]
+    assert left == sorted(left)
+
+
 def test_the_state_of_loss_outlives_a_change() -> None:
     forever = {"kind": "gilbert-elliott", "p": 1.0, "r": 0.0}
     never_begins = {"kind": "gilbert-elliott", "p": 0.0, "r": 1e-12}
@@ -221,8 +227,8 @@ def test_a_full_queue_drops_exactly_what_does_not_fit() -> None:
     impairment = Impairment(link(rate_kbit_s=80.0, queue_messages=5), 1, "radar")
     fates = [impairment.pass_on(START_NS, 100).fate for _ in range(9)]
     assert fates == [pb.SENT] * 5 + [pb.QUEUE_FULL] * 4
-    # After 25 ms two are through, and the third is being sent.
-    fates = [impairment.pass_on(START_NS + 25 * MS, 100).fate for _ in range(9)]
+    # After 20 ms two are through, and the third begins to be sent.
+    fates = [impairment.pass_on(START_NS + 20 * MS, 100).fate for _ in range(9)]
     assert fates == [pb.SENT] * 2 + [pb.QUEUE_FULL] * 7
 
 
