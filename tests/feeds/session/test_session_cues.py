@@ -86,10 +86,11 @@ WRONG = {
     (CUE, b'{"latitude_deg": 4.0}'): "a place has latitude_deg, longitude_deg and height_m",
     (CUE, b"\xff" * 70_000): "70000 octets: at most",
     ("plotfeed/nobody/cue", b"{}"): "no sensor that a mount turns; expected one of camera",
+    ("plotfeed/control", b'{"clock": {"speed": 10}}'): "real time cannot be held or hurried",
 }
 
 
-def test_bad_cues_are_refused_in_a_line_and_counted() -> None:
+def test_what_cannot_be_asked_is_refused_in_a_line_and_counted() -> None:
     asked = [(0.1 * (i + 1), topic, payload) for i, (topic, payload) in enumerate(WRONG)]
     ran = flown(*asked, for_s=2.0)
     details = [error["detail"] for error in ran.told("errors")]
