@@ -275,6 +275,20 @@ def test_a_session_lasts_as_its_scene_says_and_tells_of_every_sector_at_its_end(
     assert all(m.retain for m, _ in ran.said if m.topic.endswith("/status"))
 
 
+def test_what_a_link_holds_leaves_at_once_when_a_command_lets_it(tmp_path: Path) -> None:
+    what = scene(tmp_path, f'{TURN}[sensor.link]\non_loss = "stall"\n')
+    asked = [
+        (at_s, "plotfeed/control", f'{{"sensor": "radar", "set": {{"link": {{{link}}}}}}}'.encode())
+        for at_s, link in ((1.0, '"down": true'), (2.02, '"down": false'))
+    ]
+    ran = simulated(what, 4.0, asked)
+    from_ns, until_ns = (ran.start_ns + round(at_s * NS) for at_s in (1.02, 2.02))
+    held = [one for one in ran.sent if from_ns < one.due_utc_ns <= until_ns]
+    assert len(held) > 30
+    assert all(0 <= one.sent_utc_ns - until_ns < NS // 16 for one in held)
+    assert {one.fate for one in ran.sent} == {pb.SENT}
+
+
 class Pauses(Observer):
     """Lets the session's time stand still after a while, and then asks the session to stop."""
 
