@@ -108,6 +108,9 @@ def test_metrics_are_what_the_session_counts(tmp_path: Path) -> None:
     late_us = lateness_us(found.totals["lateness_ns"], 50, 99, 99.9)
     for quantile, late in zip(("0.5", "0.99", "0.999"), late_us, strict=True):
         assert read["plotfeed_lateness_seconds", quantile] == pytest.approx(late / 1e6)
+    for count in ("lost", "duplicated", "plots", "undelivered"):
+        told = [getattr(status, count) for status in found.statuses.values()]
+        assert sum(told) == found.totals[count], count
     for sensor, status in found.statuses.items():
         for name in ("scan", "plots", "lost", "on_the_way", "waiting", "enabled"):
             assert read[f"plotfeed_sensor_{name}", sensor] == getattr(status, name), name
