@@ -21,6 +21,7 @@ from plotfeed.feeds.telemetry.position_report import (
     decode,
     fast_decode,
 )
+from plotfeed.feeds.telemetry.position_report import OTHERS as OTHER_NUMBERS
 from plotfeed.models.state import AltitudeReference, Emitter
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat129 import TargetEncoder129
@@ -236,10 +237,14 @@ def test_camel_case_names_whole_numbers_and_the_limits_themselves_are_taken() ->
         assert decode(payload).longitude_deg == longitude_deg
 
 
-def test_a_velocity_of_which_nothing_is_known_is_left_out() -> None:
-    report = USUAL._replace(velocity_enu_m_s=(math.nan,) * 3)
-    assert b"velocity" not in report.to_json()
-    assert repr(decode(report.to_protobuf())) == repr(report)
+def test_what_is_not_known_is_left_out_and_each_number_may_be_all_that_is_said() -> None:
+    place = (40.45, -3.73, 700.5, AltitudeReference.ELLIPSOID)
+    bare = PositionReport(1_600_000_000_000_000_000, *place)
+    assert b"velocity" not in bare.to_json()
+    for name in OTHER_NUMBERS:
+        report = bare._replace(**{name: 1.5})
+        for payload in (report.to_protobuf(), report.to_json()):
+            assert repr(fast_decode(payload, None)) == repr(decode(payload)) == repr(report)
 
 
 BAD: dict[Reason, list[dict[str, Any]]] = {

@@ -30,6 +30,7 @@ from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import publish
 from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.transport.mqtt import connection
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import WATCH_EVERY_S, MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import (
@@ -140,7 +141,7 @@ async def test_without_settings_plots_of_qos_0_do_not_wait_for_a_broker() -> Non
 
 @in_own_time
 async def test_what_waits_too_long_for_a_broker_is_dropped() -> None:
-    async with scripted(policy="wait", max_age_s=7.0, acknowledges=True) as (
+    async with scripted(policy="wait", messages=5, max_age_s=7.0, acknowledges=True) as (
         link,
         broker,
         deliveries,
@@ -148,9 +149,9 @@ async def test_what_waits_too_long_for_a_broker_is_dropped() -> None:
         await end_connection(broker, link, code=BUSY)
         deliveries.publish(link, 5)
         await asyncio.sleep(6.0)
-        assert link.waiting == 5
+        assert (link.waiting, link.is_full) == (5, True)
         await asyncio.wait_for(link.room(), PATIENCE_S)
-        await until(lambda: deliveries.given_up == list(range(5)))
+        assert deliveries.given_up == list(range(5))
         assert (link.waiting, link.counts.dropped) == (0, 5)
 
 
@@ -219,7 +220,7 @@ async def test_many_connections_leave_nothing_behind() -> None:
     async with linked(broker) as link:
         before = None
         deliveries.publish(link, 3)
-        while link.connections < 60:
+        while link.connections < 30:
             await until(lambda: link.is_up and len(broker.unacknowledged) > 0)
             before = before or left()
             broker.hang_up() if ends % 2 else broker.send(0xE0, b"\x8b\x00")
@@ -259,6 +260,21 @@ async def test_no_more_is_on_its_way_than_the_broker_takes_and_the_rest_waits(wi
         await draining
         assert deliveries.delivered == list(range(50))
         assert numbers(broker.heard[0]) == list(range(50))
+
+
+@in_own_time
+async def test_no_more_octets_are_on_their_way_than_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection, "MAX_UNACKNOWLEDGED_OCTETS", 50_000)
+    async with scripted() as (link, broker, deliveries):
+        for _ in range(3):
+            deliveries.publish(link, 9, octets=10_001)
+            await until(lambda: len(broker.unacknowledged) == 5)
+            assert (link.unacknowledged, link.waiting) == (5, 4)
+            broker.acknowledge(5)
+            await until(lambda: len(broker.unacknowledged) == 4)
+            broker.acknowledge(4)
+            await link.drain(PATIENCE_S)
+    assert deliveries.delivered == list(range(27))
 
 
 @in_own_time
