@@ -17,7 +17,7 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess, BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
-CONNECT, PUBLISH, SUBSCRIBE = 0x10, 0x30, 0x80
+CONNECT, PUBLISH, SUBSCRIBE, PINGREQ = 0x10, 0x30, 0x80, 0xC0
 BUSY = 0x89  # A refusal that is not for ever
 
 
@@ -70,6 +70,8 @@ class ScriptedBroker:
             self.unacknowledged.clear()
             self.heard.append([])
             self.send(0x20, bytes([0, self.code, len(self.properties)]) + self.properties)
+        elif kind & 0xF0 == PINGREQ:  # else whoever waits for long would come anew, and go on
+            self.send(0xD0, b"")
         elif kind & 0xF0 == SUBSCRIBE:
             self.send(0x90, body[:2] + bytes([0, self.granted]))
         elif kind & 0xF0 == PUBLISH:
