@@ -136,6 +136,15 @@ def test_columns_are_found_by_their_names_or_named_by_the_user(tmp_path: Path) -
     assert places(flown(".csv", text, altitude_reference=SEA)) == [(50.0, -30.0, 5.0)]
 
 
+def test_velocities_and_accuracies_come_in_the_units_of_their_columns() -> None:
+    factors = {"m/s": 1.0, "km/h": 1 / 3.6, "kt": 1852 / 3600, "ft/s": 0.3048, "mph": 0.44704}
+    for unit, m_s in factors.items():
+        head = f"time,lat,lon,altitude_msl (ft),velocity_east ({unit}),hacc (ft)"
+        (report,) = flown(".csv", f"{head}\n1575888575,50,-30,100,36,10\n").reports
+        assert report.velocity_enu_m_s[0] == pytest.approx(36 * m_s)
+        assert (report.altitude_m, report.horizontal_accuracy_m) == pytest.approx((30.48, 3.048))
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
