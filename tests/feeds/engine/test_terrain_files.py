@@ -77,25 +77,6 @@ def test_without_rasterio_the_extra_is_named(
         ground_of(named(tmp_path, elevation=["some.tif"]))
 
 
-@pytest.mark.parametrize(
-    ("name", "octets", "says"),
-    [
-        ("hill.hgt", b"", "expected a name such as N40W004.hgt"),
-        ("N40W004.hgt", b"\0" * 10, "expected a square of 16-bit heights, not 5"),
-        ("N40W004.hgt", None, "No such file"),
-        ("N40W004.asc", b"", r"expected a name that ends in \.hgt or \.tif"),
-    ],
-)
-def test_a_raster_without_use_is_refused_in_a_line(
-    tmp_path: Path, name: str, octets: bytes | None, says: str
-) -> None:
-    if octets is not None:
-        (tmp_path / name).write_bytes(octets)
-    with pytest.raises(PlotfeedError, match=says) as told:
-        ground_of(named(tmp_path, elevation=[name]))
-    assert "\n" not in str(told.value)
-
-
 def polygon(coordinates: Any, height: Any = 10) -> str:
     feature = {"properties": {"height": height},
                "geometry": {"type": "Polygon", "coordinates": coordinates}}  # fmt: skip
@@ -106,23 +87,35 @@ SQUARE = [[-3.7, 40.4], [-3.6, 40.4], [-3.6, 40.5]]
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("name", "octets", "says"),
     [
-        ("{", "not JSON"),
-        ("[]", "expected GeoJSON, an object with features"),
-        (polygon([SQUARE], None), "feature 0: expected its height in metres as 'height', not None"),
-        (polygon([SQUARE], "tall"), "feature 0: expected its height in metres as 'height'"),
-        (polygon([SQUARE], float("nan")), "feature 0: expected its height in metres"),
-        (polygon([SQUARE[:2]]), "feature 0: expected rings of longitude and latitude"),
-        (polygon([[[400, 1], [2, 3], [4, 5]]]), "feature 0: expected rings of longitude"),
-        (polygon([["a", "b", "c"]]), "feature 0: expected rings of longitude"),
-        (polygon(7), "feature 0: expected rings of longitude"),
+        ("hill.hgt", "", "expected a name such as N40W004.hgt"),
+        ("N40W004.hgt", "\0" * 10, "expected a square of 16-bit heights, not 5"),
+        ("N40W004.hgt", None, "No such file"),
+        ("N40W004.asc", "", r"expected a name that ends in \.hgt or \.tif"),
+        ("c.geojson", "{", "not JSON"),
+        ("c.geojson", "[]", "expected GeoJSON, an object with features"),
+        (
+            "c.geojson",
+            polygon([SQUARE], None),
+            "feature 0: expected its height .* 'height', not None",
+        ),
+        ("c.geojson", polygon([SQUARE], "tall"), "feature 0: expected its height in metres as"),
+        ("c.geojson", polygon([SQUARE], float("nan")), "feature 0: expected its height in metres"),
+        ("c.geojson", polygon([SQUARE[:2]]), "feature 0: expected rings of longitude and latitude"),
+        ("c.geojson", polygon([[[400, 1], [2, 3], [4, 5]]]), "feature 0: expected rings of"),
+        ("c.geojson", polygon([["a", "b", "c"]]), "feature 0: expected rings of longitude"),
+        ("c.geojson", polygon(7), "feature 0: expected rings of longitude"),
     ],
 )
-def test_buildings_without_use_are_refused_in_a_line(tmp_path: Path, text: str, says: str) -> None:
-    (tmp_path / "city.geojson").write_text(text)
+def test_a_file_without_use_is_refused_in_a_line(
+    tmp_path: Path, name: str, octets: str | None, says: str
+) -> None:
+    if octets is not None:
+        (tmp_path / name).write_text(octets)
+    made = named(tmp_path, **{"buildings" if "geojson" in name else "elevation": [name]})
     with pytest.raises(PlotfeedError, match=says) as told:
-        walls_of(named(tmp_path, buildings=["city.geojson"]), None)
+        walls_of(made, ground_of(made))
     assert "\n" not in str(told.value)
 
 
