@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator
 from enum import IntEnum
 from itertools import count
-from typing import Protocol
 
 from plotfeed.proto.utc import NS
 
@@ -81,38 +80,6 @@ class Schedule:
 AS_LONG_AS_IT_TAKES_NS = 1 << 62  # What is left where time stands still: nothing comes too late
 # A clock faster than real time waits while due work is so late, by its own time or real time.
 MOST_BEHIND_NS, MOST_BEHIND_REAL_NS = 100_000_000, 10_000_000
-
-
-class Clock(Protocol):
-    """Tells the session's time, and waits for it. One waiter at a time."""
-
-    @property
-    def can_wait(self) -> bool:
-        """Whether time waits for what is slow, where the world's time would go on."""
-
-    def start(self) -> int:
-        """The session begins: the time at which it does so."""
-
-    def now_ns(self) -> int:
-        """The session's UTC."""
-
-    def stands_before(self, t_utc_ns: int) -> bool:
-        """Whether it stands still before that time comes, until somebody lets it go on."""
-
-    def left_ns(self, t_utc_ns: int) -> int:
-        """Real nanoseconds until then, below zero if it is past: what else there is time for."""
-
-    async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
-        """Return when it is that time, at once if it is past, or when somebody wakes it.
-
-        `exactly` is for what is to be sent then; what else is to be done can be a little late.
-        """
-
-    def wake(self) -> None:
-        """Let whoever sleeps return: there may be something to do sooner."""
-
-    def close(self) -> None:
-        """Give back what the clock holds."""
 
 
 class WallClock:
@@ -208,7 +175,7 @@ class WallClock:
         return self._stands_from_ns is not None and t_utc_ns > self._stands_from_ns
 
     def left_ns(self, t_utc_ns: int) -> int:
-        """Real nanoseconds until then."""
+        """Real nanoseconds until then, below zero if it is past: what else there is time for."""
         if self.stands_before(t_utc_ns):
             return AS_LONG_AS_IT_TAKES_NS
         if self._speed > 1:  # it may be held back
@@ -216,7 +183,11 @@ class WallClock:
         return self._monotonic_ns(t_utc_ns) - time.monotonic_ns()
 
     async def sleep_until(self, t_utc_ns: int, *, exactly: bool = True) -> None:
-        """Return when it is that time, to some microseconds on Linux; or when woken."""
+        """Return when it is that time, at once if it is past, or when somebody wakes it.
+
+        To some microseconds on Linux, where it is `exactly`: for what is to be sent then. What else
+        is to be done can be a little late.
+        """
         if not self._begun:
             self.start()
         if self._timer is None:
@@ -228,7 +199,7 @@ class WallClock:
         await self._timer.wait_until(self._monotonic_ns(t_utc_ns), exactly=exactly)
 
     def wake(self) -> None:
-        """Let whoever sleeps return."""
+        """Let whoever sleeps return: there may be something to do sooner."""
         if self._timer is not None:
             self._timer.wake()
 
@@ -309,6 +280,9 @@ class InstantClock:
     def close(self) -> None:
         """Nothing is held."""
 
+
+# Tells the session's time, and waits for it. One waiter at a time.
+Clock = WallClock | InstantClock
 
 # A process is not awake sooner than this before a deadline, however late it wakes.
 MAX_EARLY_NS = 300_000
