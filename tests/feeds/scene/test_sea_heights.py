@@ -13,7 +13,7 @@ import pytest
 from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.cli.check import report
-from plotfeed.feeds.scene.fields import frame_at, geodetic
+from plotfeed.feeds.scene.fields import Location, frame_at, geodetic, site_frame
 from plotfeed.feeds.scene.scene import Scene, SceneError, load
 from plotfeed.models.frames import geodetic_to_ecef, geoid_undulation_m
 from plotfeed.proto.errors import PlotfeedError
@@ -68,6 +68,19 @@ def test_a_sensor_and_a_waypoint_stand_above_the_sea_where_they_are(
     stands = frame_at(scene.scene.site, scene.sensor[0].position_enu_m)
     assert stands.latitude_deg == pytest.approx(latitude_deg, abs=0.001)
     assert stands.height_m == pytest.approx(612.0 + undulation_m, abs=ROUNDED_M + 0.02)
+
+
+@pytest.mark.parametrize("moved", [(0.0, 0.0, 0.0), (300.0, -400.0, 5.0)])
+def test_a_place_off_its_site_is_east_and_north_of_it_by_so_much(
+    moved: tuple[float, float, float], tmp_path: Path
+) -> None:
+    """At its height above the ellipsoid, and not above the horizontal of the site."""
+    site = written(tmp_path).scene.site
+    place = Location(east_m=2000.0, north_m=700.0, above_site_m=30.0)
+    found = geodetic(site, place, moved)
+    off_m = site_frame(site).from_ecef(geodetic_to_ecef(*found))
+    assert off_m[:2] == pytest.approx([2000.0 + moved[0], 700.0 + moved[1]], abs=0.05)
+    assert found[2] == pytest.approx(680.0 + moved[2])
 
 
 def test_sea_level_is_where_the_scene_states_it(tmp_path: Path) -> None:

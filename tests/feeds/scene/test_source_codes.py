@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.scene.changes import changed
-from plotfeed.feeds.scene.scene import SceneError, numbered
+from plotfeed.feeds.scene.scene import SceneError, numbered, with_track_numbers
+from plotfeed.models.tracks import MAX_TRACKS
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.testing import fly, held, radar, rotating, scene
 
@@ -92,6 +93,16 @@ def test_equal_codes_are_refused_where_asterix_is_reported() -> None:
 def test_a_sensor_keeps_its_number_when_it_is_changed() -> None:
     second = scene(sensors({}, {}), seed=1).sensor[1]
     assert changed(second, {"pfa": 1e-5}).sic == second.sic == 2
+
+
+def test_who_reports_tracks_in_a_format_of_no_source_has_a_share_of_their_numbers() -> None:
+    both = sensors({"report": ["tracks"]}, {"report": ["plots"]}, {"report": ["tracks"]})
+    half = MAX_TRACKS // 2
+    found = [table.get("tracks") for table in with_track_numbers(both)]
+    assert found == [{"numbers": (1, half)}, None, {"numbers": (half + 1, 2 * half)}]
+    stated = with_track_numbers([both[0] | {"tracks": {"numbers": (5, 6)}}, both[2]])
+    assert [table["tracks"]["numbers"] for table in stated] == [(5, 6), (half + 1, 2 * half)]
+    assert with_track_numbers(both[:2]) == both[:2]
 
 
 def test_their_records_bear_their_numbers() -> None:
