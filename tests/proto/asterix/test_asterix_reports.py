@@ -266,6 +266,7 @@ def status_at(latitude_deg: float, longitude_deg: float, **more: Any) -> StatusE
         (lambda: SystemEncoder016([SYSTEM, replace(SYSTEM, pairs=[])], period_s=10), "different"),
         (lambda: TargetEncoder129(country="ESP"), "I129/050"),
         (lambda: TargetEncoder129(country="ES", model="M400"), "I129/030"),
+        (lambda: one("015", sigma_elevation_deg=1.0), "I015/628/SDEL: a standard deviation of"),
         (lambda: one("062", latitude_deg=91.0), "I062/105"),
         (lambda: one("062", track=65_536), "I062/040"),
         (lambda: one("062", sigma_east_m=1.0), "I062/500/APC/Y: a column is missing"),

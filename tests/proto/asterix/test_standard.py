@@ -140,3 +140,14 @@ def test_of_a_category_of_nobody_a_block_says_that_nothing_is_known() -> None:
     data = block(99, "f4", "190d")
     (line,) = message_lines("r/asterix", data, None, categories=categories_of(()))
     assert line.endswith("a block of 3 octets, of which no layout is known: f4190d")
+
+
+@pytest.mark.usefixtures("nothing_installed")
+def test_without_libasterix_a_tree_has_units() -> None:
+    for number, octets, units in (
+        (48, ("f0", "190d", "0c8000", "20", "80004000"), ("    RHO: 128 NM", "  I048/140: 6400 s")),
+        (62, ("8110", "190d", "08", "0040"), ("    TAS: 64 kt",)),
+    ):
+        data = block(number, *octets)
+        (tree,) = message_lines("r/asterix", data, None, Style.TREE, categories_of(()))
+        assert set(units) <= set(tree.splitlines())
