@@ -61,6 +61,10 @@ async def test_what_was_made_ready_is_taken_back_by_a_pause() -> None:
     ears, _ = await steered({4: pause, 20: pause}, crowded)
     assert ears.times() == [i * MS for i in range(40)]
     assert ears.payloads() == [r.payload for r in crowded]
+    slower, _ = await steered({4: lambda c: c.set_speed(Fraction(1, 8))}, crowded)
+    assert slower.payloads() == ears.payloads()
+    wanted = [min(i, 3) * MS + max(i - 3, 0) * 8 * MS for i in range(40)]
+    assert all(0 <= b - a <= 8 for a, b in zip(wanted, slower.times(), strict=True))
 
 
 @pytest.mark.asyncio
