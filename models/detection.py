@@ -3,7 +3,7 @@
 `snr` is the mean signal-to-noise ratio of one look, linear; `pfa` the probability of false alarm of
 one resolution cell, in (0, 1]. Powers are in units of the mean noise power of one look. Targets
 fluctuate as Swerling 1 (one look) or 2 (independently from look to look). NaN where an argument
-lies outside its domain. A `miss_...` is one less the Pd, accurate where the Pd rounds to one.
+lies outside its domain.
 
 The energy detector compares the sum of the powers of as many as 1e9 samples with a known noise
 power. Signal and noise are Gaussian: the sum of `n_samples` is a gamma variable times 1+S, and its
@@ -308,13 +308,8 @@ def _multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
 @nan_without_warnings
 def pd_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     """Probability of detection, one look, cell-averaging CFAR (eq 7); holds the CFAR loss."""
-    return as_floats(np.exp(-_cfar_exponent(snr, pfa, n_reference)))
-
-
-@nan_without_warnings
-def miss_cfar_swerling1(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
-    """Complement of `pd_cfar_swerling1`."""
-    return as_floats(-np.expm1(-_cfar_exponent(snr, pfa, n_reference)))
+    n = as_floats(n_reference)
+    return as_floats(np.exp(-n * np.log1p(cfar_multiplier(pfa, n_reference) / (1 + _power(snr)))))
 
 
 @nan_without_warnings
@@ -331,13 +326,6 @@ def pd_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike)
 
 
 @nan_without_warnings
-def miss_noncoherent_swerling2(snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike) -> Floats:
-    """Complement of `pd_noncoherent_swerling2`."""
-    threshold = threshold_noncoherent(pfa, n_looks)
-    return as_floats(special.gammainc(n_looks, threshold / (1 + _power(snr))))
-
-
-@nan_without_warnings
 def threshold_noncoherent_cfar(
     pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
 ) -> Floats:
@@ -348,56 +336,6 @@ def threshold_noncoherent_cfar(
     test_share = special.betainccinv(n_looks, n_reference, probability)
     reference_share = special.betaincinv(n_reference, n_looks, probability)
     return as_floats(test_share / reference_share)
-
-
-@nan_without_warnings
-def pd_noncoherent_cfar(
-    snr: ArrayLike, pfa: ArrayLike, n_looks: ArrayLike, n_reference: ArrayLike
-) -> Floats:
-    """Probability of detection of the sum of looks against the sum of reference samples.
-
-    Exact, CFAR loss included, for looks of equal SNR; `n_reference` counts the samples of all the
-    looks together.
-    """
-    ratio = threshold_noncoherent_cfar(pfa, n_looks, n_reference) / (1 + _power(snr))
-    # What each sum has of both at the threshold, over its own mean: the smaller has its digits.
-    test, reference = 1 / (1 + 1 / ratio), 1 / (1 + ratio)
-    by_test = special.betaincc(n_looks, n_reference, test)
-    by_reference = special.betainc(n_reference, n_looks, reference)
-    return as_floats(np.where(test < reference, by_test, by_reference))
-
-
-@nan_without_warnings
-def pd_noncoherent_unequal(snrs: ArrayLike, pfa: ArrayLike) -> Floats:
-    """Probability of detection, sum of looks of any SNRs, noise known; (..., K) in, (...) out.
-
-    The tail of the hypoexponential distribution, in place of eq 18's mean; `pfa` broadcasts
-    against the leading axes.
-
-    By uniformisation of the phase-type distribution, at the rate of the noise: exponential power
-    of mean 1+S is a chain of unit exponentials that ends after each one with probability 1/(1+S),
-    so the sum crosses y when the chain through all looks outlasts a Poisson number of mean y of
-    them. Every term is positive: ties and extreme ratios cost no digits.
-    """
-    power = _power(snrs)
-    ends, goes_on = 1 / (1 + power), 1 / (1 + 1 / power)
-    threshold = threshold_noncoherent(pfa, power.shape[-1])
-    phase = np.zeros_like(power)  # the probability of being at each look after n steps
-    phase[..., 0] = 1.0
-    finished = np.zeros(power.shape[:-1])
-    pd = np.zeros(np.broadcast_shapes(finished.shape, threshold.shape))
-    miss = np.zeros_like(pd)
-    largest = float(np.max(threshold, initial=0.0, where=np.isfinite(threshold)))
-    # Terms that leave less than 1e-20 of any of these Poisson distributions.
-    for n in range(int(largest + 9.0 * largest**0.5 + 30.0)):
-        weight = np.exp(special.xlogy(n, threshold) - threshold - special.gammaln(n + 1))
-        pd = pd + weight * phase.sum(axis=-1)
-        miss = miss + weight * finished
-        leaving = phase * ends
-        phase = phase * goes_on
-        phase[..., 1:] += leaving[..., :-1]
-        finished = finished + leaving[..., -1]
-    return np.where(miss < pd, 1 - miss, pd)  # the smaller one has all its digits
 
 
 @nan_without_warnings
@@ -530,13 +468,6 @@ def _unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_total: int) -> tu
     return power, ratio
 
 
-def _cfar_exponent(snr: ArrayLike, pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
-    """Minus the logarithm of eq 7."""
-    alpha = cfar_multiplier(pfa, n_reference)
-    n = as_floats(n_reference)
-    return as_floats(n * np.log1p(alpha / (1 + _power(snr))))
-
-
 def _power(snr: ArrayLike) -> Floats:
     """A linear ratio; NaN below zero."""
     ratio = as_floats(snr)
@@ -570,12 +501,6 @@ def whole_cells(cells: float, pfa: float) -> tuple[int, float]:
     """Whole cells, and their Pfa, that alarm as often on average as those: the next number up."""
     whole = ceil(cells * (1 - _ROUNDING))
     return (whole, pfa * min(cells / whole, 1.0)) if whole else (0, pfa)
-
-
-@nan_without_warnings
-def probability_at_least_one(cells: ArrayLike, pfa: ArrayLike) -> Floats:
-    """Probability that some cell alarms; accurate where it is tiny."""
-    return as_floats(-np.expm1(as_floats(cells) * np.log1p(-as_floats(pfa))))
 
 
 def draw_count(cells: int, pfa: float, rng: np.random.Generator) -> int:

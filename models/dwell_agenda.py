@@ -57,11 +57,6 @@ def revisit_interval_s(
     return np.asarray(0.4 * scale * error_ratio**2.4 / (1 + error_ratio**2 / 2))
 
 
-def frame_s(beams: int, dwell_s: float, load: float) -> float:
-    """How long it takes to search every beam, while tracks take that share of the time."""
-    return beams * dwell_s / (1 - load) if load < 1 else float("inf")
-
-
 @dataclass(frozen=True, kw_only=True)
 class BeamTracks(Columns):
     """Tracks of the radar's own: places and velocities (n, 3), east, north and up of it.

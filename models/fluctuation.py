@@ -5,7 +5,7 @@ gamma variables of orders n + k, by weights w_k that are negative binomial: orde
 2 and 2 n are cases 0 to 4 (infinity: Poisson's weights). No term is taken from another, so that
 nothing is lost for weak echoes and many looks, where the closed forms of DiFranco and Rubin lose
 all digits. Other orders are as good. Detection compares the sum of the looks' powers with that of
-`n_reference` samples of noise, as in `detection`, or with a threshold where the noise is known.
+`n_reference` samples of noise, as in `detection`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from plotfeed.models.detection import (
     draw_detected_snr_swerling1,
     inverse_detected_snr,
     pd_cfar_swerling1,
-    threshold_noncoherent,
     threshold_noncoherent_cfar,
 )
 from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
@@ -42,15 +41,11 @@ def order_of(case: int, n_looks: int) -> float:
 
 
 class _Terms(NamedTuple):
-    """Chances that sums of orders n + k cross the threshold, k = 0, 1, ..., and that they do not.
-
-    Beyond the last they all do.
-    """
+    """Chances that sums of orders n + k cross the threshold, k = 0, 1, ...: beyond the last, 1."""
 
     hit: Floats
-    miss: Floats
     share: float
-    """Of the reference samples in all power, at the threshold; NaN for a known noise."""
+    """Of the reference samples in all power, at the threshold."""
 
 
 @lru_cache(maxsize=256)
@@ -59,18 +54,7 @@ def _terms_of_cfar(pfa: float, n_looks: int, n_reference: int) -> _Terms:
     share = float(special.betaincinv(n_reference, n_looks, pfa))
     most = ratio * (n_reference + SURE * n_reference**0.5 + LONG_TAIL) + LONG_TAIL
     orders = n_looks + np.arange(int(most) + 1)
-    return _Terms(
-        special.betainc(n_reference, orders, share),
-        special.betaincc(n_reference, orders, share),
-        share,
-    )
-
-
-@lru_cache(maxsize=256)
-def _terms_of_known_noise(pfa: float, n_looks: int) -> _Terms:
-    y = float(threshold_noncoherent(pfa, n_looks))
-    orders = n_looks + np.arange(int(y + SURE * y**0.5 + LONG_TAIL) + 1)
-    return _Terms(special.gammaincc(orders, y), special.gammainc(orders, y), np.nan)
+    return _Terms(special.betainc(n_reference, orders, share), share)
 
 
 def _log_weights(total: Floats, order: float, k: Floats) -> Floats:
@@ -102,42 +86,21 @@ def _is_beyond(total: Floats, order: float, terms: _Terms) -> NDArray[np.bool_]:
 
 
 def _pd(total: Floats, order: float, terms: _Terms) -> Floats:
-    """Pd alone, (n,): 1 of those that are beyond the terms."""
+    """Probability of detection, (n,): 1 of those that are beyond the terms."""
+    k = np.arange(len(terms.hit), dtype=np.float64)
     pd = np.ones(len(total))
     within = np.flatnonzero(~_is_beyond(total, order, terms))
-    pd[within] = _chances(total[within], order, terms)[0]
-    return pd
-
-
-def _chances(total: Floats, order: float, terms: _Terms) -> tuple[Floats, Floats]:
-    """Pd and its complement, (n,); each is accurate by itself."""
-    k = np.arange(len(terms.hit), dtype=np.float64)
-    pd, miss = np.empty(len(total)), np.empty(len(total))
     step = max(AT_ONCE // len(k), 1)
-    for a in range(0, len(total), step):
-        weights = np.exp(_log_weights(total[a : a + step], order, k))
-        pd[a : a + step], miss[a : a + step] = weights @ terms.hit, weights @ terms.miss
-    return np.minimum(pd + _beyond(total, order, len(k) - 1), 1.0), miss
+    for a in range(0, len(within), step):
+        rows = within[a : a + step]
+        pd[rows] = np.exp(_log_weights(total[rows], order, k)) @ terms.hit
+    pd[within] += _beyond(total[within], order, len(k) - 1)
+    return np.minimum(pd, 1.0)
 
 
 def _total(snr: ArrayLike, n_looks: int) -> Floats:
     ratio = as_floats(snr) * n_looks
     return np.where(ratio >= 0, ratio, np.nan)
-
-
-@nan_without_warnings
-def pd_fluctuating(snr: ArrayLike, pfa: float, n_looks: int, order: float) -> Floats:
-    """Probability of detection of a sum of looks of that mean ratio each, noise known; (...)."""
-    total = _total(snr, n_looks)
-    return _pd(total.ravel(), order, _terms_of_known_noise(pfa, n_looks)).reshape(total.shape)
-
-
-@nan_without_warnings
-def miss_fluctuating(snr: ArrayLike, pfa: float, n_looks: int, order: float) -> Floats:
-    """Complement of `pd_fluctuating`."""
-    total = _total(snr, n_looks)
-    _, miss = _chances(total.ravel(), order, _terms_of_known_noise(pfa, n_looks))
-    return miss.reshape(total.shape)
 
 
 @nan_without_warnings
@@ -234,7 +197,7 @@ def inverse_detected_fluctuating(
     for a in range(0, len(total), step):
         part = total[a : a + step]
         found[a : a + step] = np.exp(_log_weights(part, order, k)) @ inverse
-    pd, _ = _chances(total, order, terms)
+    pd = _pd(total, order, terms)
     far = np.flatnonzero(_beyond(total, order, len(k) - 1) > 0)
     if len(far):
         found[far] += _inverse_beyond(total[far], order, n_looks, len(k) - 0.5)

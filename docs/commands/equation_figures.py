@@ -159,7 +159,10 @@ def cfar_loss_db(pfa: float, n_reference: int) -> float:
         return float(brentq(lambda snr: pd(snr) - 0.8, 0.1, 1e4))
 
     known = needed(lambda snr: float(detection.pd_noncoherent_swerling2(snr, pfa, 3)))
-    unknown = needed(lambda snr: float(detection.pd_noncoherent_cfar(snr, pfa, 3, n_reference)))
+    looks = np.ones(3)
+    unknown = needed(
+        lambda snr: float(detection.pd_noncoherent_unequal_cfar(snr * looks, pfa, n_reference))
+    )
     return float(10 * np.log10(unknown / known))
 
 

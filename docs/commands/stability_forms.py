@@ -96,18 +96,18 @@ def multiplier_errors(n: float) -> Errors:
 
 
 def near_ties_errors(apart_db: float) -> Errors:
-    """Of the Pd of three looks that are so far apart, by partial fractions."""
+    """Of the Pd of three looks that are so far apart, against 48 samples, by partial fractions."""
     snrs = 10 ** ((10.0 + apart_db * np.array([-1.0, 0.0, 1.0])) / 10)
-    threshold = float(detection.threshold_noncoherent(1e-6, 3))
+    over = float(detection.threshold_noncoherent_cfar(1e-6, 3, 48))
 
     def form(m: Any, *looks: Any) -> Any:
         means, total = [1 + snr for snr in looks], m.number(0)
         for i, mean in enumerate(means):
             shares = (mean / (mean - other) for other in means[:i] + means[i + 1 :])
-            total = total + math.prod(shares) * m.exp(-threshold / mean)
+            total = total + math.prod(shares) * (1 + over / mean) ** -48
         return total
 
-    return errors(form, snrs.tolist(), detection.pd_noncoherent_unequal(snrs, 1e-6))
+    return errors(form, snrs.tolist(), detection.pd_noncoherent_unequal_cfar(snrs, 1e-6, 48))
 
 
 DOPPLER = Doppler(
@@ -123,7 +123,7 @@ FORMS: dict[str, Callable[[], Errors]] = {
         lambda _, x: (x + 180) % 360 - 180, (1e-10,), frames.wrap_180(1e-10)
     ),
     "CFAR over 10¹² reference cells": lambda: multiplier_errors(1e12),
-    "10⁻⁷ dB apart": lambda: near_ties_errors(1e-7),
+    "10⁻⁶ dB apart, against a CFAR": lambda: near_ties_errors(1e-6),
     "a rate of a millionth of the clutter notch": lambda: errors(
         lambda m, x: 1 - m.exp(-(x**2)), (1e-6,), DOPPLER.share_passed(np.array([1e-6]), ONE)[0]
     ),
@@ -133,10 +133,6 @@ FORMS: dict[str, Callable[[], Errors]] = {
     "variance of a bird's way in 10⁻⁷ time constants": lambda: errors(
         lambda m, s, t, after: 2 * s * s * t * t * (after / t + m.expm1(-after / t)),
         *((3.0, 10.0, 1e-6), wander_variance_m2(3.0, 10.0, 1e-6)),
-    ),
-    "chance of an alarm among 10⁶ cells, Pfa 10⁻¹⁵": lambda: errors(
-        lambda _, pfa, cells: 1 - (1 - pfa) ** cells,
-        *((1e-15, 1e6), detection.probability_at_least_one(10**6, 1e-15)),
     ),
     "tail of K-distributed clutter of the order 180, three times its mean": lambda: errors(
         lambda m, v, t: 2 / m.gamma(v) * (v * t) ** (v / 2) * m.besselk(v, 2 * m.sqrt(v * t)),

@@ -121,15 +121,6 @@ class LossChain:
         return survival
 
     @property
-    def lag_1_correlation(self) -> float:
-        """Correlation of successive messages' losses; NaN where none is lost, or all are."""
-        loss = self.mean_loss
-        if not 0 < loss < 1:
-            return math.nan
-        both = (self.stationary * self._e) @ self.steps @ self._e
-        return float((both - loss**2) / (loss * (1 - loss)))
-
-    @property
     @nan_without_warnings
     def variance_per_message(self) -> float:
         """Variance of the number of losses among many messages, per message; may be infinite.

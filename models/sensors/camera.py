@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from plotfeed.models import accuracy, optics
 from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import enu_to_aer, wrap_180
+from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import (
     NO_PLOTS,
     CellSensor,
@@ -146,6 +147,7 @@ class Camera(CellSensor):
         above_deg = np.abs(elevation_deg - self.tilt_deg)
         return self.azimuth_cover.holds(azimuth_deg) & (above_deg <= self.vertical_fov_deg / 2)
 
+    @nan_without_warnings
     def task_probabilities(self, size_m: Floats, range_m: Floats, lens: Lens) -> Floats:
         """Probabilities of detection, recognition and identification, rows; (3, n).
 

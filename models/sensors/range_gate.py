@@ -15,6 +15,7 @@ from plotfeed.models import detection
 from plotfeed.models.beam import Sector
 from plotfeed.models.chance import of_rows
 from plotfeed.models.frames import enu_to_aer, wrap_360
+from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Prediction, SensorModel, Targets
 from plotfeed.models.state import Floats, Ints, Looks, Plots
 
@@ -82,6 +83,7 @@ class RangeGate(SensorModel):
             **targets.true_geometry(hits, rows),
         )
 
+    @nan_without_warnings
     def mean_place(
         self, azimuth_deg: Floats, elevation_deg: Floats, range_m: Floats
     ) -> tuple[Floats, Floats, Floats]:
@@ -108,7 +110,8 @@ class RangeGate(SensorModel):
         """Certain within the gate, with the same noise everywhere."""
         _, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         sigmas = [s * self.error_factor for s in self._sigmas(elevation_deg, range_m)]
-        seen = (range_m <= self.range_max_m) & self.has_sight_of(targets.true_position_enu_m)
+        within = (range_m > 0) & (range_m <= self.range_max_m)
+        seen = within & self.has_sight_of(targets.true_position_enu_m)
         return Prediction(
             snr=np.full(len(range_m), np.nan),
             pd=np.where(seen, 1.0, 0.0) * self.pd_factor,
@@ -117,8 +120,13 @@ class RangeGate(SensorModel):
             sigma_elevation_deg=sigmas[2],
         )
 
+    @nan_without_warnings
     def _sigmas(self, elevation_deg: Floats, range_m: Floats) -> tuple[Floats, Floats, Floats]:
-        """Sigmas of range, azimuth and elevation, to first order in noise over range."""
+        """Sigmas of range, azimuth and elevation, to first order in noise over range.
+
+        So near that noise over range is beyond all numbers there is no direction: NaN.
+        """
         across_deg = np.degrees(self.sigma_m / range_m)
+        across_deg = np.where(np.isinf(across_deg), np.nan, across_deg)
         along_m = np.zeros(len(range_m)) + self.sigma_m
         return along_m, across_deg / np.cos(np.radians(elevation_deg)), across_deg

@@ -29,11 +29,6 @@ def beyond(looks: int, y: Any) -> Any:
     return mp.exp(-y) * mp.fsum(y**k / mp.factorial(k) for k in range(looks))
 
 
-def before(looks: int, y: Any) -> Any:
-    """That it is not, with all digits however rare."""
-    return mp.exp(-y) * mp.nsum(lambda k: y**k / mp.factorial(k), [looks, mp.inf])
-
-
 def outlasting(looks: int, samples: int, ratio: Any) -> Any:
     """The chance that a sum of looks is beyond that many times a sum of samples."""
     end = ratio / (1 + ratio)
@@ -75,8 +70,7 @@ def _look(pfa: str, n: int, snr_db: int) -> Row:
     mean = 1 + linear(snr_db)
     # Over the law of that sum: the mean of exp(-alpha z / mean), z of shape n.
     pd = (mean / (mean + alpha)) ** n
-    row = {"pfa": pfa, "n_ref": n, "snr_db": snr_db, "alpha": alpha, "pd": pd}
-    return row | {"one_minus_pd": 1 - pd}
+    return {"pfa": pfa, "n_ref": n, "snr_db": snr_db, "alpha": alpha, "pd": pd}
 
 
 def thresholds() -> Iterator[Row]:
@@ -91,18 +85,11 @@ def thresholds() -> Iterator[Row]:
 
 
 def energies() -> Iterator[Row]:
-    """Sums of equal looks in known noise, and with half of the ratio, as the paper prints it."""
+    """Sums of equal looks in known noise."""
     cases = list(itertools.product((1, 3, 8), ("1e-4", "1e-9"), (-15, 0, 6, 12, 18, 45)))
     for n, pfa, snr_db in cases:
         y, snr = threshold(n, pfa), linear(snr_db)
-        yield {
-            "n_integrated": n,
-            "pfa": pfa,
-            "snr_db": snr_db,
-            "pd": beyond(n, y / (1 + snr)),
-            "one_minus_pd": before(n, y / (1 + snr)),
-            "pd_as_printed_eq23_half_snr": beyond(n, y / (1 + snr / 2)),
-        }
+        yield {"n_integrated": n, "pfa": pfa, "snr_db": snr_db, "pd": beyond(n, y / (1 + snr))}
 
 
 def sums() -> Iterator[Row]:
@@ -118,7 +105,6 @@ def sums() -> Iterator[Row]:
             "snr_db": snr_db,
             "threshold_ratio": t,
             "pd": pd,
-            "one_minus_pd": 1 - pd,
         }
 
 

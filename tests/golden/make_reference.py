@@ -27,40 +27,12 @@ Row = dict[str, Any]
 F = mp.mpf
 
 
-def alarms() -> Iterator[Row]:
-    """Numbers of false alarms among cells, which are binomial."""
-    for cells, pfa in (
-        (40, "1e-2"),
-        (40, "1e-15"),
-        (9600, "1e-4"),
-        (50_000, "1e-9"),
-        (10**6, "1e-6"),
-    ):
-        p = F(pfa)
-        none = (1 - p) ** cells
-        yield {
-            "cells": cells,
-            "pfa": pfa,
-            "mean": cells * p,
-            "variance": cells * p * (1 - p),
-            "p_zero": none,
-            "p_at_least_one": 1 - none,
-        }
-
-
 def logistic() -> Iterator[Row]:
     """The logistic law by how far a level lies over the sensitivity."""
     for margin in ("-700", "-40", "-3", "-1e-6", "0", "0.5", "12", "600"):
         odds = mp.exp(F(margin))
         pd = odds / (1 + odds)
         yield {"snr_minus_sens_db": margin, "pd": pd, "one_minus_pd": 1 - pd}
-
-
-def known_noise() -> Iterator[Row]:
-    """One look, whose threshold is -ln Pfa times the noise."""
-    for pfa, snr_db in itertools.product(("1e-3", "1e-6", "1e-12"), (-20, -5, 0, 13, 40)):
-        pd = mp.exp(mp.log(F(pfa)) / (1 + F(10) ** (F(snr_db) / 10)))
-        yield {"pfa": pfa, "snr_db": snr_db, "pd": pd, "one_minus_pd": 1 - pd}
 
 
 def radar() -> Iterator[Row]:
@@ -188,7 +160,6 @@ def levels() -> Iterator[Row]:
 TABLES: dict[str, Callable[[], Iterator[Row]]] = {
     "bistatic": bistatic,
     "effects": effects,
-    "false_alarm_binomial": alarms,
     "fluctuating_rms_given_detection": fluctuations,
     "geodesy_inverse": inverse,
     "geodesy_local": local,
@@ -201,7 +172,6 @@ TABLES: dict[str, Callable[[], Iterator[Row]]] = {
     "nci_threshold": thresholds,
     "passive_snr": passive,
     "pd_cacfar_sw1": looks,
-    "pd_known_noise_sw1": known_noise,
     "radar_equation": radar,
 }
 

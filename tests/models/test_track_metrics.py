@@ -102,16 +102,6 @@ def test_no_pairing_is_better(
     assert score.ospa_m == pytest.approx(ospa_m, rel=1e-9, abs=1e-6)
 
 
-@given(places, places, st.randoms())
-def test_the_order_of_either_does_not_matter(truth: list, tracks: list, chance: object) -> None:
-    apart = distances(truth, tracks)
-    rows, columns = list(range(len(truth))), list(range(len(tracks)))
-    chance.shuffle(rows)  # type: ignore[attr-defined]
-    chance.shuffle(columns)  # type: ignore[attr-defined]
-    one, other = set_score(apart, 40.0), set_score(apart[rows][:, columns], 40.0)
-    assert other[:4] == pytest.approx(one[:4], rel=1e-9, abs=1e-6)
-
-
 NS = 1_000_000_000
 T_NS = 1_767_268_800 * NS
 GRID = Grid(start_utc_ns=T_NS, step_ns=NS, steps=10)
@@ -141,17 +131,6 @@ def grid_places(rows: GridRows) -> dict[tuple[int, int], float]:
 def test_a_track_is_moved_on_until_it_is_stale() -> None:
     found = grid_places(on_grid(reports((0.5, 0.5, 0), (2.5, 2.5, 0)), GRID, 3.0, as_known=False))
     assert found == {(k, 0): pytest.approx(2.0 * k) for k in (1, 2, 3, 4, 5)}
-
-
-def test_a_report_at_a_step_counts_there() -> None:
-    rows = on_grid(reports((0.0, 0.0, 0), (1.0, 1.0, 0)), GRID, 1.0, as_known=False)
-    assert rows.step.tolist() == [0, 1, 2]
-    assert rows.age_s.tolist() == [0.0, 0.0, 1.0]
-
-
-def test_one_that_ended_is_not_there() -> None:
-    given = reports((0.0, 0.0, 0), (2.0, 2.0, 0), ended=(1,))
-    assert on_grid(given, GRID, 5.0, as_known=False).step.tolist() == [0, 1]
 
 
 def test_as_known_reports_count_from_when_they_came_and_age_since_they_hold() -> None:
@@ -186,11 +165,6 @@ def test_rows_are_by_step_and_track_and_none_is_there_twice() -> None:
             assert report == of_track[at_ns <= T_NS + k * NS][-1]
 
 
-def test_of_none_there_are_no_rows() -> None:
-    none = reports((0.0, 0.0, 0)).rows(np.zeros(1, np.bool_))
-    assert [len(on_grid(none, GRID, 5.0, as_known=each)) for each in (True, False)] == [0, 0]
-
-
 def test_a_velocity_that_is_not_told_is_that_between_the_last_two_reports() -> None:
     given = reports((0.0, 0.0, 0), (1.0, 1.0, 0), (2.0, 2.0, 1), (20.0, 20.0, 1))
     rate = np.full((4, 4), np.nan)
@@ -221,10 +195,6 @@ def test_a_hand_over_half_way_costs_a_switch() -> None:
 
 def test_a_track_that_ends_half_way_costs_what_is_missed() -> None:
     assert worked([[1], [1], [0], [0]]) == pytest.approx(12.0)
-
-
-def test_one_track_throughout_costs_its_error_alone() -> None:
-    assert worked([[1], [1], [1], [1]]) == pytest.approx(4.0)
 
 
 def drawn(seed: int, steps: int, drones: int, tracks: int) -> tuple[np.ndarray, ...]:
@@ -314,11 +284,6 @@ def test_ospa2_of_one_flight_and_two_tracks() -> None:
     assert found_m == pytest.approx(((5.5**2 + 100) / 2) ** 0.5)
 
 
-def test_ospa2_of_nothing_is_nothing() -> None:
-    none = np.zeros((4, 0), np.bool_)
-    assert ospa2_m(np.zeros((4, 0, 0)), none, none, CUTOFF_M) == 0.0
-
-
 FRAME = LocalFrame(40.45, -3.73, 650.0)
 
 
@@ -343,17 +308,6 @@ def test_between_looks_of_a_second_a_turn_is_known_to_centimetres() -> None:
     assert np.abs(speed_m_s - 15.0).max() < 0.35
 
 
-def test_looks_of_several_sensors_in_any_order_are_one_flight() -> None:
-    rng = np.random.default_rng(1)
-    t_s = np.sort(np.concatenate([np.arange(0.0, 30.0, 1.0), rng.uniform(0, 29, 40)]))
-    rng.shuffle(t_s)
-    path = path_of(t_s)
-    assert (np.diff(path.t_utc_ns) > 0).all()
-    at_s = np.linspace(2.0, 27.0, 301)
-    place_m, _ = path.states_at(T_NS + np.round(at_s * NS).astype(np.int64))
-    assert np.linalg.norm(FRAME.from_ecef(place_m) - turning(at_s), axis=1).max() < 0.06
-
-
 def test_beyond_the_ends_and_in_gaps_it_is_not_there() -> None:
     path = path_of(np.array([0.0, 1.0, 2.0, 10.0, 11.0]))
     t_s = np.array([-0.1, 0.0, 1.5, 2.0, 5.0, 10.5, 11.0, 11.1])
@@ -361,14 +315,6 @@ def test_beyond_the_ends_and_in_gaps_it_is_not_there() -> None:
     there = np.isfinite(place_m[:, 0]).tolist()
     assert there[:3] == [False, True, True]
     assert there[4:] == [False, True, True, False]
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_of_one_look_no_flight_follows(count: int) -> None:
-    path = path_of(np.arange(float(count)))
-    place_m, velocity_m_s = path.states_at(np.array([T_NS]))
-    assert np.isnan(place_m).all()
-    assert np.isnan(velocity_m_s).all()
 
 
 def test_cover_is_between_looks_that_are_near_each_other() -> None:
@@ -457,10 +403,6 @@ def test_a_track_that_is_near_another_drone_for_two_steps_stays_whose_it_was() -
     assert {(k, drone) for k, drone, _ in held(apart) if k >= 5} == {(k, 1) for k in range(7, 12)}
 
 
-def test_two_tracks_may_be_of_one_drone() -> None:
-    assert held(np.full((3, 1, 2), 1.0)) == {(k, 0, j) for k in range(3) for j in range(2)}
-
-
 def segments(*rows: tuple[int, int, int]) -> Segments:
     track, first, last = (np.array(column) for column in zip(*rows, strict=True))
     return Segments(track=track, drone=np.zeros(len(rows), np.int64), first=first, last=last)
@@ -492,12 +434,6 @@ def test_while_a_drone_is_not_there_no_track_of_it_is_broken() -> None:
     there = np.concatenate([np.arange(8), np.arange(15, 20)])
     assert followed(segments((1, 0, 7), (2, 15, 19)), there).breaks == 0
     assert followed(segments((1, 0, 6), (2, 15, 19)), there).breaks == 1
-
-
-def test_a_drone_without_tracks_has_none() -> None:
-    found = followed(Segments(**{n: np.zeros(0, np.int64) for n in
-                                 ("track", "drone", "first", "last")}), THERE)  # fmt: skip
-    assert (found.tracks, found.first_step, found.longest_steps) == (0, -1, 0)
 
 
 N = 4000

@@ -1,18 +1,36 @@
+"""Paths of drones: samples, plans of flight, who is forgotten, and structures of arrays."""
+
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.held_sizes import held
 from support.one_sample import add_sample
 
-from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
-from plotfeed.models.state import Floats, Signature, Signatures, TruthState
-from plotfeed.models.truth import KnownTrack, Trajectories, fit_velocity
-from plotfeed.proto.utc import NS
+from plotfeed.models.beam import Borders
+from plotfeed.models.chance import Chance, Purpose, ScanDraws
+from plotfeed.models.flight_plan import FlightKnots, FlightLimits, FlightPlan, to_ecef
+from plotfeed.models.frames import LocalFrame, ecef_to_geodetic, geodetic_to_ecef
+from plotfeed.models.state import (
+    FALSE_ALARM,
+    NS,
+    Emitter,
+    Floats,
+    Plots,
+    Signature,
+    Signatures,
+    TruthState,
+    renamed,
+)
+from plotfeed.models.tracks import TrackLives, TrackRule
+from plotfeed.models.truth import EmitterTable, KnownTrack, TrackChain, Trajectories, fit_velocity
 
 T0 = 1_700_000_000 * NS
 HOME = LocalFrame(40.45, -3.73, 650.0)
@@ -85,15 +103,6 @@ def test_the_path_goes_through_every_sample_with_its_velocity(k: int) -> None:
     )
 
 
-def test_position_and_velocity_do_not_jump_at_a_sample() -> None:
-    paths = trajectories()
-    for t_s, position, velocity in CURVE:
-        sample(paths, t_s, position, velocity)
-    before, after = at(paths, 1.0 - 1e-9), at(paths, 1.0)
-    np.testing.assert_allclose(before.position_ecef_m, after.position_ecef_m, atol=1e-7)
-    np.testing.assert_allclose(before.velocity_ecef_m_s, after.velocity_ecef_m_s, atol=1e-7)
-
-
 def test_the_velocity_is_the_derivative_of_the_position() -> None:
     paths = trajectories()
     for t_s, position, velocity in CURVE:
@@ -137,14 +146,6 @@ def test_a_drone_flies_on_until_it_is_stale_and_is_then_gone() -> None:
     assert not there(paths, 1e6)
 
 
-def test_a_drone_is_not_there_before_its_first_sample() -> None:
-    paths = trajectories()
-    sample(paths, 0.0, (0.0, 0.0, 50.0))
-    assert not there(paths, -1e-9)
-    assert not there(paths, -1e6)
-    assert there(paths, 0.0)
-
-
 def test_spans_are_from_the_first_sample_to_the_last() -> None:
     paths = trajectories()
     assert paths.spans_ns.shape == (0, 2)
@@ -163,32 +164,6 @@ def test_a_gap_longer_than_stale_is_not_bridged() -> None:
         True, False, False, False, True, True, False,
     ]  # fmt: skip
     np.testing.assert_allclose(enu(at(paths, 2.9))[1], 0.0, atol=1e-6)  # not drawn to what follows
-
-
-def test_a_gap_as_long_as_stale_is_bridged() -> None:
-    paths = trajectories(stale_after_s=3.0)
-    sample(paths, 0.0, (0.0, 0.0, 50.0), (10.0, 0.0, 0.0))
-    sample(paths, 3.0, (30.0, 0.0, 50.0), (10.0, 0.0, 0.0))
-    assert there(paths, 3.0 - 1e-9)
-    np.testing.assert_allclose(enu(at(paths, 1.5))[0], 15.0, atol=1e-5)
-
-
-def test_news_of_a_drone_that_was_gone_brings_it_back() -> None:
-    paths = trajectories(stale_after_s=3.0)
-    sample(paths, 0.0, (0.0, 0.0, 50.0))
-    assert not there(paths, 9.0)
-    sample(paths, 9.0, (5.0, 0.0, 50.0))
-    assert there(paths, 9.0)
-    assert paths.names == ["a"]
-
-
-def test_every_sample_changes_the_version() -> None:
-    paths = trajectories()
-    versions = {paths.version}
-    for t_s in range(5):
-        sample(paths, t_s, (0.0, 0.0, 50.0))
-        versions.add(paths.version)
-    assert len(versions) == 6
 
 
 def scripted(*, repeat: bool) -> Trajectories:
@@ -213,11 +188,6 @@ def test_a_scripted_path_has_constant_velocity_between_its_knots() -> None:
     )
 
 
-def test_a_scripted_drone_is_gone_at_its_last_knot() -> None:
-    paths = scripted(repeat=False)
-    assert [there(paths, t) for t in (-1e-9, 0.0, 16.0 - 1e-9, 16.0)] == [False, True, True, False]
-
-
 @given(st.integers(0, 16 * NS - 1), st.integers(0, 10**8))
 def test_a_repeated_path_is_the_same_in_every_turn(into_ns: int, turn: int) -> None:
     paths = scripted(repeat=True)
@@ -225,10 +195,6 @@ def test_a_repeated_path_is_the_same_in_every_turn(into_ns: int, turn: int) -> N
     later = paths.state_at(T0 + into_ns + turn * 16 * NS)
     np.testing.assert_array_equal(first.position_ecef_m, later.position_ecef_m)
     np.testing.assert_array_equal(first.velocity_ecef_m_s, later.velocity_ecef_m_s)
-
-
-def test_a_repeated_path_is_not_there_before_it_begins() -> None:
-    assert not there(scripted(repeat=True), -1e-9)
 
 
 @given(st.lists(st.integers(-NS, 14 * NS), min_size=1, max_size=30))
@@ -246,40 +212,6 @@ def test_states_do_not_depend_on_what_was_asked_before(asked_ns: list[int]) -> N
         assert len(one) == len(fresh)
         np.testing.assert_array_equal(one.position_ecef_m, fresh.position_ecef_m)
         np.testing.assert_array_equal(one.velocity_ecef_m_s, fresh.velocity_ecef_m_s)
-
-
-def test_each_drone_can_be_asked_for_at_its_own_time() -> None:
-    paths = trajectories()
-    for drone, east_m in (("a", 0.0), ("b", 1000.0), ("c", 2000.0)):
-        for t_s in (0.0, 1.0, 2.0):
-            sample(paths, t_s, (east_m + 10 * t_s, 0.0, 50.0), (10.0, 0.0, 0.0), drone=drone)
-    times = T0 + np.array([1_300_000_000, 200_000_000])
-    together = paths.state_at(times, np.array([2, 0]))
-    assert together.drone.tolist() == [2, 0]
-    assert together.t_utc_ns.tolist() == times.tolist()
-    for i, row in enumerate((2, 0)):
-        alone = paths.state_at(int(times[i]))
-        np.testing.assert_array_equal(together.position_ecef_m[i], alone.position_ecef_m[row])
-
-
-def test_a_drone_that_is_gone_at_its_time_is_left_out() -> None:
-    paths = trajectories(stale_after_s=1.0)
-    sample(paths, 0.0, (0.0, 0.0, 50.0), drone="a")
-    sample(paths, 0.0, (0.0, 0.0, 50.0), drone="b")
-    state = paths.state_at(T0 + np.array([2 * NS, 0]), np.array([0, 1]))
-    assert state.drone.tolist() == [1]
-
-
-def test_there_may_be_many_drones_and_none() -> None:
-    paths = trajectories()
-    assert len(at(paths, 0.0)) == 0
-    for i in range(100):
-        sample(paths, 0.0, (float(i), 0.0, 50.0), drone=f"d{i}")
-    state = at(paths, 0.5)
-    assert state.drone.tolist() == list(range(100))
-    np.testing.assert_allclose(
-        HOME.from_ecef(state.position_ecef_m)[:, 0], np.arange(100), atol=1e-6
-    )
 
 
 @st.composite
@@ -340,10 +272,6 @@ def test_the_fitted_velocity_of_straight_noise_free_flight_is_exact(
     positions = t_ms[:, None] / 1e3 * np.array(velocity)
     fitted = fit_velocity((T0 + t_ms * 1_000_000).tolist(), list(positions), sigma_m)
     np.testing.assert_allclose(fitted, velocity, atol=1e-8)
-
-
-def test_a_single_position_stands_still() -> None:
-    assert fit_velocity([T0], [np.ones(3)], 0.5).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_steps_of_coarse_positions_are_not_taken_for_speed() -> None:
@@ -426,12 +354,6 @@ def test_the_last_year_that_nanoseconds_hold_is_like_any_other() -> None:
     assert not there(paths, shift_s + 4)
 
 
-def test_the_latest_signature_counts() -> None:
-    paths = scripted(repeat=False)
-    paths.add_track("a", KnownTrack.straight([T0, T0 + NS], np.eye(2, 3)), Signature(rcs_m2=0.5))
-    assert paths.signatures.rcs_m2[0] == 0.5
-
-
 Sample = tuple[str, int, tuple[float, float, float], tuple[float, float, float], float]
 
 
@@ -501,21 +423,6 @@ def test_samples_added_together_are_those_added_one_after_the_other(
         np.testing.assert_array_equal(single.signatures.rcs_m2, batched.signatures.rcs_m2)
 
 
-def test_what_is_forgotten_makes_room() -> None:
-    paths = trajectories(history_s=1.0)
-    for t_s in range(2_000):
-        add_together(
-            paths,
-            [
-                (str(d), T0 + t_s * NS // 10, (0.0, 0.0, 50.0), (1.0, 0.0, 0.0), 1.0)
-                for d in range(9)
-            ],
-        )
-    assert len(paths._live) < 1_000
-    assert paths.spans_ns[:, 1].tolist() == [T0 + 1_999 * NS // 10] * 9
-    assert (paths.spans_ns[:, 1] - paths.spans_ns[:, 0] >= NS).all()
-
-
 def test_a_flight_is_as_if_it_had_been_told_live() -> None:
     rng = np.random.default_rng(7)
     t_ns = T0 + np.cumsum(rng.integers(20, 3_500, 200)) * 1_000_000
@@ -552,3 +459,407 @@ def test_a_flight_is_as_if_it_had_been_told_live() -> None:
         np.testing.assert_array_equal(one.position_ecef_m, other.position_ecef_m)
         np.testing.assert_array_equal(one.velocity_ecef_m_s, other.velocity_ecef_m_s)
     assert live.spans_ns.tolist() == flight.spans_ns.tolist()
+
+
+# Drones that are forgotten: those that stay are as they were; nothing of the others is held.
+
+
+RADIO = (Emitter(frequency_hz=2.4e9, eirp_dbm=20.0),)
+
+
+def say(into: Trajectories, drone: str, t_s: float, place: int) -> None:
+    add_sample(
+        into,
+        drone,
+        T0 + round(t_s * NS),
+        latitude_deg=40.0 + 1e-3 * place,
+        longitude_deg=-3.0 + 1e-6 * t_s,
+        height_m=700.0,
+        velocity_enu_m_s=None,
+        sigma_m=1.0,
+        signature=Signature(rcs_m2=1.0 + place, emitters=RADIO * (place % 3)),
+    )
+
+
+steps = st.lists(st.tuples(st.sampled_from("abcdefgh"), st.booleans()), max_size=60)
+
+
+@given(steps)
+def test_drones_that_stay_keep_their_rows_and_their_states(steps: list[tuple[str, bool]]) -> None:
+    """To the last bit what each would be alone; a name that comes again begins anew."""
+    together = Trajectories(stale_after_s=3.0)
+    alone: dict[str, Trajectories] = {}
+    rows: dict[str, int] = {}
+    for k, (drone, goes) in enumerate(steps):
+        if goes and drone in alone:
+            before = together.names
+            together.forget([drone])
+            others, row = set(renamed(before, together.names).tolist()), rows.pop(drone)
+            assert row in others
+            assert others.isdisjoint(rows.values())
+            del alone[drone]
+        else:
+            own = alone.setdefault(drone, Trajectories(stale_after_s=3.0))
+            for into in (together, own):
+                say(into, drone, 0.2 * k, ord(drone))
+            row = together.names.index(drone)
+            free = [i for i in range(len(together.names)) if i not in rows.values()]
+            assert row == rows.setdefault(drone, min(free, default=row))
+        for asked_s in (0.2 * k - 1.0, 0.2 * k, 0.2 * k + 1.0):
+            t_utc_ns = T0 + round(asked_s * NS)
+            there = together.state_at(t_utc_ns)
+            found = {together.names[row]: i for i, row in enumerate(there.drone.tolist())}
+            assert found.keys() <= alone.keys()
+            for name, own in alone.items():
+                state = own.state_at(t_utc_ns)
+                assert (name in found) == bool(len(state))
+                if len(state):
+                    i = found[name]
+                    assert (there.position_ecef_m[i] == state.position_ecef_m[0]).all()
+                    assert (there.velocity_ecef_m_s[i] == state.velocity_ecef_m_s[0]).all()
+                    emitters = together.signatures.emitters[rows[name]]
+                    assert emitters == own.signatures.emitters[0]
+        assert len(together) == len(alone)
+
+
+def test_a_week_of_a_thousand_names_an_hour_holds_no_more_than_an_hour_of_them() -> None:
+    trajectories, sizes = Trajectories(stale_after_s=3.0), []
+    say(trajectories, "stays", 0.0, 1)
+    for hour in range(168):
+        names = [f"{hour}-{i}" for i in range(1000)]
+        n = len(names) + 1
+        t_utc_ns = np.full(n, T0 + hour * 3600 * NS + NS)
+        trajectories.add_samples(
+            [*names, "stays"],
+            t_utc_ns,
+            latitude_deg=np.full(n, 40.0),
+            longitude_deg=np.full(n, -3.0),
+            height_m=np.full(n, 700.0),
+            velocity_enu_m_s=np.zeros((n, 3)),
+            sigma_m=np.full(n, 1.0),
+            signatures=trajectories.signatures.__class__(
+                rcs_m2=np.ones(n), sound_power_db=np.ones(n), emitters=[RADIO] * n
+            ),
+        )
+        assert len(trajectories.state_at(int(t_utc_ns[0]))) == n
+        trajectories.forget(names)
+        sizes.append(held(trajectories))
+    assert trajectories.names == ["stays"]
+    assert max(sizes) == sizes[0] < 20_000
+
+
+def test_draws_of_drones_that_stay_are_the_same_however_many_there_were() -> None:
+    draws = ScanDraws([Chance(1, "radar")], Purpose.DETECTION)
+    zeros = np.zeros(1, np.int64)
+
+    def drawn(row: int) -> tuple[float, float]:
+        of = draws.of(zeros, zeros + 7, zeros + row)
+        return float(of.standard_gamma(0.3, (1,))[0]), float(of.standard_normal((1,))[0])
+
+    before, small = drawn(5), held(draws)
+    drawn(20_000)
+    assert held(draws) > 50 * small
+    draws.trim(6)
+    assert drawn(5) == before
+    assert held(draws) == small
+
+
+def test_borders_and_lives_of_tracks_hold_no_more_than_the_drones_that_are_known() -> None:
+    borders = Borders(3)
+    borders.make_room(10_000)
+    borders.azimuth_deg[:] = 1.0
+    borders.forget(np.arange(5, 10_000), 5)
+    assert borders.azimuth_deg.shape[1] < 100
+    assert (borders.azimuth_deg[:, :5] == 1.0).all()
+    assert np.isnan(borders.azimuth_deg[:, 5:]).all()
+    rule = TrackRule(confirm_hits=1, confirm_window=2, drop_misses=2, period_ns=NS)
+    lives, drones = TrackLives(rule), np.arange(5000)
+    hit = np.ones(len(drones), np.bool_)
+    begun = lives.take(drones, np.full(len(drones), NS), hit, start_ns=0, end_ns=NS)
+    lives.forget(drones[3:], 3)
+    assert held(lives) < 2000
+    assert lives.drones.tolist() == [0, 1, 2]
+    later = lives.take(drones[:4], np.full(4, 2 * NS), hit[:4], start_ns=NS, end_ns=2 * NS)
+    assert later.track[:3].tolist() == begun.track[:3].tolist()
+    assert later.first.tolist() == [False, False, False, True], "who has the row is another"
+
+
+# Plans of flight keep their limits, end where they should, and follow the curved Earth.
+
+
+LIMITS = FlightLimits(speed_m_s=18.0, climb_m_s=5.0, sink_m_s=3.0, acceleration_m_s2=2.5)
+MANOEUVRES: dict[str, Callable[[FlightPlan], object]] = {
+    "long way": lambda plan: plan.fly_to([5000.0, 900.0, 40.0]),
+    "short way": lambda plan: plan.fly_to([1.0, 2.0, 0.5]),
+    "climb": lambda plan: plan.fly_to([0.0, 0.0, 120.0]),
+    "sink": lambda plan: plan.fly_to([30.0, 0.0, -120.0]),
+    "orbit": lambda plan: plan.orbit([400.0, 0.0, 50.0], 60.0, turns=2.25),
+    "other way round": lambda plan: plan.orbit([90.0, 0.0, 0.0], 900.0, is_clockwise=False),
+    "tight orbit": lambda plan: plan.orbit([0.0, 0.0, 0.0], 2.0, turns=3.0, speed_m_s=1.0),
+    "hover": lambda plan: plan.hover(12.0),
+}
+
+
+def sampled(knots: FlightKnots, step_s: float = 0.02) -> tuple[Floats, Floats, Floats]:
+    """Positions, velocities and accelerations by differences along the cubics."""
+    track = KnownTrack.smooth(
+        [round(t * NS) for t in knots.t_s.tolist()], knots.position_m, knots.velocity_m_s
+    )
+    times = np.arange(0, track.t_utc_ns[-1] - 1, round(step_s * NS))
+    places = np.array([track.segment_at(t).position_m(t) for t in times.tolist()])
+    velocity = np.diff(places, axis=0) / step_s
+    return places, velocity, np.diff(velocity, axis=0) / step_s
+
+
+@pytest.mark.parametrize("name", MANOEUVRES)
+def test_limits_are_kept_and_it_ends_at_rest(name: str) -> None:
+    plan = FlightPlan(LIMITS, [0.0, 0.0, 0.0], [6.0, -3.0, 1.0])
+    MANOEUVRES[name](plan)
+    knots = plan.knots()
+    assert (np.diff(knots.t_s) > 0).all()
+    assert not knots.velocity_m_s[-1].any()
+    _, velocity, acceleration = sampled(knots)
+    assert np.linalg.norm(velocity, axis=1).max() <= LIMITS.speed_m_s * 1.001
+    assert -LIMITS.sink_m_s * 1.001 <= velocity[:, 2].min()
+    assert velocity[:, 2].max() <= LIMITS.climb_m_s * 1.001
+    # A difference sees a change of acceleration between two cubics from both sides.
+    assert np.linalg.norm(acceleration, axis=1).max() <= LIMITS.acceleration_m_s2 * 1.02
+
+
+def test_a_way_takes_as_long_as_speeding_up_flying_and_braking_do() -> None:
+    plan = FlightPlan(LIMITS, [0.0, 0.0, 10.0])
+    plan.fly_to([1000.0, 0.0, 10.0], 10.0)
+    assert plan.end_s == pytest.approx(1000.0 / 10.0 + 10.0 / 2.5, rel=1e-9)
+    assert plan.place_m.tolist() == [1000.0, 0.0, 10.0]
+    before_s = plan.end_s
+    plan.fly_to([1001.0, 0.0, 10.0])  # too short to be fast
+    assert plan.end_s - before_s == pytest.approx(2 * (1.0 / 2.5) ** 0.5, rel=1e-9)
+
+
+def test_an_orbit_stays_on_its_circle_as_often_as_asked() -> None:
+    plan = FlightPlan(LIMITS, [500.0, 0.0, 80.0])
+    plan.orbit([0.0, 0.0, 80.0], 200.0, turns=1.5)
+    places, velocity, _ = sampled(plan.knots(), 0.05)
+    away_m = np.hypot(places[:, 0], places[:, 1])
+    on_circle = np.flatnonzero(away_m < 200.001)[0]
+    assert np.abs(away_m[on_circle:] - 200.0).max() < 200.0 / 20_000
+    turned = np.unwrap(np.arctan2(places[on_circle:, 0], places[on_circle:, 1]))
+    assert turned[-1] - turned[0] == pytest.approx(3 * np.pi, abs=1e-3)  # clockwise
+    speed = np.linalg.norm(velocity, axis=1).max()
+    assert speed == pytest.approx(LIMITS.orbit_speed_m_s(200.0), rel=1e-3)
+    assert plan.place_m == pytest.approx([-200.0, 0.0, 80.0])
+
+
+def test_a_drift_keeps_its_velocity_once_it_has_it() -> None:
+    plan = FlightPlan(LIMITS, [0.0, 0.0, 0.0], [10.0, 0.0, 0.0])
+    plan.drift([0.0, 30.0, 1.0], 600.0)
+    knots = plan.knots()
+    assert (knots.velocity_m_s[1:] == [0.0, 30.0, 1.0]).all()
+    way_m = knots.position_m[-1] - knots.position_m[1]
+    assert way_m == pytest.approx([0.0, 18_000.0, 600.0])
+
+
+def test_flight_at_one_height_follows_the_curved_earth() -> None:
+    plan = FlightPlan(LIMITS, [-20_000.0, 3000.0, 100.0])
+    plan.fly_to([20_000.0, 3000.0, 100.0])
+    knots = to_ecef(HOME, plan.knots())
+    times = [round(t * NS) for t in knots.t_s.tolist()]
+    track = KnownTrack.smooth(times, knots.position_m, knots.velocity_m_s)
+    asked = np.linspace(0, times[-1] - 1, 500).astype(np.int64).tolist()
+    places = np.array([track.segment_at(t).position_m(t) for t in asked])
+    assert np.abs(ecef_to_geodetic(places)[2] - 750.0).max() < 1e-3
+
+
+def test_a_chain_follows_one_track_after_another_without_a_step() -> None:
+    first = KnownTrack.smooth(
+        [0, 10 * NS],
+        np.array([[0.0] * 3, [40.0, 8.0, 0.0]]),
+        np.array([[1.0] * 3, [9.0, 0.0, 0.0]]),
+    )
+    at_ns = 4 * NS
+    left = first.segment_at(at_ns).between(at_ns, 10 * NS).coefficients
+    second = KnownTrack.smooth(
+        [at_ns, 6 * NS], np.array([left[0], [0.0, 0.0, 7.0]]), np.array([left[1], [0.0] * 3])
+    )
+    chain = TrackChain(first)
+    chain.then(at_ns, second)
+    before, after = (chain.segment_at(at_ns + d) for d in (-1, 0))
+    assert (before.end_ns, after.start_ns) == (at_ns, at_ns)
+    assert before.position_m(at_ns) == pytest.approx(after.position_m(at_ns), abs=1e-9)
+    same = first.segment_at(0).position_m(2 * NS)
+    assert chain.segment_at(2 * NS).position_m(2 * NS) == pytest.approx(same)
+    assert not chain.segment_at(6 * NS).alive
+    assert chain.span_ns(0) == (0, 6 * NS)
+    chain.then(5 * NS, first.later(5 * NS))
+    chain.then(at_ns, second)  # what was to come later does not
+    assert not chain.segment_at(7 * NS).alive
+
+
+# Structures of arrays: rows and joins keep every column, those that are not there included.
+
+
+OPTIONAL = (
+    "kind_probability",
+    "range_rate_m_s",
+    "sigma_range_rate_m_s",
+    "true_range_rate_m_s",
+    "merged_drones",
+    "sensor",
+)
+
+
+def plots(t_utc_ns: list[int], with_columns: frozenset[str]) -> Plots:
+    n = len(t_utc_ns)
+    columns: dict[str, Any] = {"t_utc_ns": np.array(t_utc_ns, np.int64)}
+    if "range_m" in with_columns:
+        columns["range_m"] = np.arange(n) + 1.5
+    if "range_rate_m_s" in with_columns:
+        columns["range_rate_m_s"] = np.arange(n) - 0.5
+    if "merged_drones" in with_columns:
+        columns["merged_drones"] = np.empty(n, np.object_)
+        columns["merged_drones"][:] = [(i, i + 1) for i in range(n)]
+    return Plots.of(**columns)
+
+
+def listed(found: Plots) -> dict[str, list[str]]:
+    """Every column as text, so that NaN equals NaN; absent ones as what they say row by row."""
+    told = {}
+    for field in fields(found):
+        column = getattr(found, field.name)
+        nothing = () if field.name == "merged_drones" else np.nan
+        told[field.name] = [str(x) for x in ([nothing] * len(found) if column is None else column)]
+    return told
+
+
+some_columns = st.frozensets(st.sampled_from(["range_m", "range_rate_m_s", "merged_drones"]))
+some_plots = st.builds(plots, st.lists(st.integers(0, 9), max_size=6), some_columns)
+
+
+@given(st.lists(some_plots, min_size=1, max_size=4))
+def test_joined_plots_are_the_rows_of_each_in_their_order(parts: list[Plots]) -> None:
+    each = [listed(part) for part in parts]
+    whole = listed(Plots.joined(parts))
+    assert whole == {name: [x for told in each for x in told[name]] for name in whole}
+
+
+@given(some_plots, st.data())
+def test_rows_are_those_rows_of_every_column(found: Plots, data: st.DataObject) -> None:
+    mask = np.array(
+        data.draw(st.lists(st.booleans(), min_size=len(found), max_size=len(found))), bool
+    )
+    all_rows = listed(found)
+    expected = {
+        name: [value for value, chosen in zip(column, mask, strict=True) if chosen]
+        for name, column in all_rows.items()
+    }
+    assert listed(found.rows(mask)) == expected
+    assert listed(found.rows(np.flatnonzero(mask))) == expected
+
+
+@given(some_plots)
+def test_plots_in_the_order_of_time_keep_ties_as_they_were(found: Plots) -> None:
+    order = sorted(range(len(found)), key=lambda i: found.t_utc_ns[i])
+    told = listed(found)
+    expected = {name: [column[i] for i in order] for name, column in told.items()}
+    assert listed(found.in_order_of_time()) == expected
+
+
+def test_what_is_not_measured_takes_no_memory_and_says_so() -> None:
+    found = Plots.of(t_utc_ns=np.zeros(1_000_000, np.int64))
+    assert (found.drone == FALSE_ALARM).all()
+    assert (found.channel == 0).all()
+    assert np.isnan(found.range_m).all()
+    assert found.kind[0] == found.identity[-1] == ""
+    for field in fields(found):
+        column = getattr(found, field.name)
+        if field.name in OPTIONAL:
+            assert column is None
+        elif field.name != "t_utc_ns":
+            assert column.strides == (0,)
+            assert not column.flags.writeable
+    both = Plots.joined([found, found])
+    assert both.range_m.strides == (0,)
+    assert len(both) == len(both.range_m) == 2_000_000
+
+
+def test_what_is_no_column_is_refused() -> None:
+    with pytest.raises(TypeError, match="azimut_deg"):
+        Plots.of(t_utc_ns=np.zeros(1, np.int64), azimut_deg=np.zeros(1))
+    with pytest.raises(AttributeError, match="azimut_deg"):
+        _ = Plots.of(t_utc_ns=np.zeros(1, np.int64)).azimut_deg  # type: ignore[attr-defined]
+
+
+def test_a_column_is_measured_if_it_was_given() -> None:
+    one = Plots.of(t_utc_ns=np.zeros(1, np.int64), range_m=np.ones(1))
+    other = Plots.of(t_utc_ns=np.ones(1, np.int64))
+    assert one.measures("range_m")
+    assert not other.measures("range_m")
+    assert Plots.joined([other, one]).measures("range_m")
+    assert one.but(height_m=np.ones(1)).measures("height_m")
+    assert not one.measures("height_m")
+
+
+# Emitters by columns are those of the drones, whatever was set anew in what order.
+
+
+emitters = st.builds(
+    Emitter,
+    frequency_hz=st.floats(1e6, 1e10),
+    bandwidth_hz=st.floats(0, 1e8),
+    eirp_dbm=st.floats(-50, 50),
+    kind=st.sampled_from(["", "control", "video"]),
+    identity=st.text(max_size=3),
+)
+of_a_drone = st.lists(emitters, max_size=3).map(tuple)
+
+
+def told(table: EmitterTable, drones: list[int]) -> list[tuple[int, int, Emitter]]:
+    found = table.emissions(np.array(drones, np.int64))
+    rows = zip(
+        found.target, found.channel, found.frequency_hz, found.bandwidth_hz, found.eirp_dbm,
+        table.kinds(found), table.identities(found), strict=True,
+    )  # fmt: skip
+    return [
+        (
+            int(target),
+            int(channel),
+            Emitter(frequency_hz=f, bandwidth_hz=b, eirp_dbm=e, kind=k, identity=i),
+        )
+        for target, channel, f, b, e, k, i in rows
+    ]
+
+
+@given(st.lists(of_a_drone, min_size=1, max_size=6), st.data())
+def test_columns_are_those_of_the_drones(
+    first: list[tuple[Emitter, ...]], data: st.DataObject
+) -> None:
+    table, expected = EmitterTable(first), list(first)
+    for _ in range(data.draw(st.integers(0, 12))):
+        if data.draw(st.booleans()):
+            new = data.draw(of_a_drone)
+            drone = data.draw(st.integers(0, len(expected)))
+            if drone == len(expected):
+                table.append(new)
+                expected.append(new)
+            else:
+                table[drone] = new
+                expected[drone] = new
+        drones = data.draw(st.lists(st.integers(0, len(expected) - 1), max_size=6))
+        assert told(table, drones) == [
+            (row, channel, emitter)
+            for row, drone in enumerate(drones)
+            for channel, emitter in enumerate(expected[drone])
+        ]
+    assert list(table) == expected
+    assert len(table) == len(expected)
+    assert EmitterTable.of(table) is table
+
+
+def test_a_drone_that_changes_for_ever_takes_no_more_room() -> None:
+    table = EmitterTable([(), ()])
+    for i in range(5000):
+        table[1] = (Emitter(frequency_hz=float(i + 1)),) * 3
+        assert told(table, [1])[0][2].frequency_hz == i + 1
+    numbers = table._numbers
+    assert numbers is not None
+    assert numbers.shape[1] < 50

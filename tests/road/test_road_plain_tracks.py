@@ -11,7 +11,6 @@ import pytest
 from support.seen_sectors import scene_of, seen
 
 from plotfeed.feeds.formats import SceneFormats
-from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.feeds.scene.sensors.sensor_keys import TracksKeys
 from plotfeed.models.sensors.sensor_model import NO_LOOKS
 from plotfeed.proto.asterix.codec.decode import Record
@@ -112,17 +111,3 @@ def test_it_is_deceived_by_false_alarms_misses_what_is_faint_and_loses_it() -> N
     lost = fly(scene([faint], drones(), seed=304), DURATION_S).records("staring", 62)
     assert any(record.get("I062/080/CST") for record in lost)
     assert any(record.get("I062/080/TSE") for record in lost)
-
-
-@pytest.mark.parametrize(
-    ("tracks", "words"),
-    [
-        ({"kind": "best"}, "smoothed-truth"),
-        ({"gate_probability": 1.0}, "gate_probability"),
-        ({"numbers": [9, 3]}, "must not exceed the last"),
-        ({"numbers": [0, 3]}, "numbers"),
-    ],
-)
-def test_trackers_that_there_are_not_are_refused(tracks: dict[str, Any], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        scene([sensor("staring", tracks=tracks)], seed=1)

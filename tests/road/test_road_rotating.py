@@ -95,13 +95,6 @@ def test_the_beam_meets_each_drone_once_between_passing_it_and_passing_it_again(
 
 
 @EVERY_SCAN
-def test_a_drone_that_stays_is_looked_at_once_a_turn(name: str) -> None:
-    border = by_drone(crossing(name).looks())["border"]
-    np.testing.assert_array_equal(np.diff(border.scan), 1)
-    assert len(border) == TURNS
-
-
-@EVERY_SCAN
 def test_plots_bear_the_time_of_their_look_and_come_in_the_order_of_azimuth(name: str) -> None:
     looks, plots = crossing(name).looks(), crossing(name).plots()
     theirs = plots.rows(plots.drone != "")

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from support.asterix_readers import items_of, read_blocks, values_of
 
-from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import geodetic_to_ecef
 from plotfeed.models.tracks import AlphaBeta
 from plotfeed.proto.asterix.codec.decode import Record
@@ -198,13 +197,6 @@ def test_asterix_decoder_reads_the_same() -> None:
                 np.testing.assert_allclose(values_of(other[item]), plain, rtol=0, atol=1e-6)
 
 
-def test_it_brings_no_tracks_for_false_alarms() -> None:
-    noisy = radar(report=["asterix-062", "plots"], pfa=1e-3, doppler_cells=1, range_max_m=5000.0)
-    quiet = fly(scene([noisy], seed=212), 30.0)
-    assert len(quiet.plots("radar")) > 500
-    assert not quiet.records("radar", 62)
-
-
 def test_every_sensor_that_may_track_reports_tracks() -> None:
     passive = {
         "id": "passive",
@@ -243,17 +235,3 @@ def test_every_sensor_that_may_track_reports_tracks() -> None:
         records = seen.records(sensor, 62)
         assert len(records) > 20
         assert (set(records[0].items) >= WITH_HEIGHT) == (sensor == "mimo")
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"tracks": {"confirm_hits": 4, "confirm_window": 3}}, "must not exceed confirm_window"),
-        ({"tracks": {"drop_misses": 0}}, "drop_misses"),
-        ({"tracks": {"smoothing_scans": 0.0}}, "smoothing_scans"),
-        ({"tracks": {"hits": 3}}, "no such key"),
-    ],
-)
-def test_rules_that_make_no_tracks_are_refused(changes: dict[str, Any], words: str) -> None:
-    with pytest.raises(SceneError, match=words):
-        scene([radar(report=["asterix-062"], **changes)], seed=1)

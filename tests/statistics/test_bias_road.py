@@ -127,10 +127,3 @@ def test_tracks_are_where_the_sensor_believes_the_drones_to_be() -> None:
     seen = SITE.from_ecef(ecef_m)
     assert np.abs(seen[:, :2] - believed[:2]).max() < 2.0
     assert np.linalg.norm(aer_to_enu(60.0, 0.5, 4000.0)[:2] - believed[:2]) > 50.0
-
-
-def test_a_sensor_in_order_has_neither() -> None:
-    plots, truths = measured(road("active"))
-    assert [p.time_utc_ns for p in plots] == [t.time_utc_ns for t in truths]
-    off = wrap_180(column(plots, "azimuth_deg") - column(truths, "azimuth_deg"))
-    assert_standard_normal(off / column(plots, "sigma_azimuth_deg"))

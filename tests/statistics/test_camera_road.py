@@ -93,21 +93,6 @@ def test_what_the_camera_does_not_know_stays_an_object() -> None:
     assert set(kinds(road)[0]) == {"object"}
 
 
-def test_nothing_is_looked_at_beside_the_picture_or_too_far() -> None:
-    around = [held(f"a{i}", 3.0 * i, 1.0, 300.0) for i in range(120)]
-    over = [held(f"e{i}", 0.0, i - 20.0, 300.0) for i in range(45)]
-    far = [held("near", 0.0, 10.0, 4999.0), held("far", 0.0, 10.0, 5001.0)]
-    everyone = scene([camera(tilt_deg=10.0)], [*around, *over, *far], seed=83)
-    looks = fly(everyone, 1.0).looks("camera")
-    assert np.abs(wrap_180(looks.azimuth_deg)).max() < 31.5
-    assert {"near"} <= set(looks.drone)
-    assert "far" not in set(looks.drone)
-    heights = looks.elevation_deg[np.char.startswith(looks.drone, "e")]
-    half_deg = np.degrees(np.arctan(np.tan(np.radians(30)) / 4))
-    assert abs(heights.min() - (10 - half_deg)) < 1
-    assert abs(heights.max() - (10 + half_deg)) < 1
-
-
 def test_an_event_makes_it_night() -> None:
     event = {"from_s": 5.0, "set": {"night": True}}
     keys = camera(day_contrast=0.5, night_contrast=0.04, event=[event])

@@ -15,7 +15,6 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import simulate
-from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.testing import START_NS, Feed, fly, held, radar, scene, staring
 
@@ -114,32 +113,6 @@ def test_an_rf_classifier_errs_but_not_of_what_is_read() -> None:
     assert (read.kind_probability == 1.0).all()
 
 
-@pytest.mark.parametrize(
-    ("classifier", "message"),
-    [
-        (
-            {"confusion": {"drone": [0.9, 0.2]}},
-            "confusion.drone of 'mic': must add up to 1, not 1.1",
-        ),
-        ({"confusion": {"drone": [1.0]}}, "confusion.drone of 'mic': 1 numbers for 2 claims"),
-        ({"otherwise": [0.5, 0.4]}, "otherwise of 'mic': must add up to 1, not 0.9"),
-        ({"claims": ["drone", "drone"]}, "claims of 'mic': one is there twice"),
-        ({"codes": {"drone": 1}}, "codes of 'mic': one for each claim"),
-    ],
-)
-def test_a_matrix_that_is_none_is_refused(classifier: dict[str, Any], message: str) -> None:
-    with pytest.raises(SceneError) as caught:
-        scene([MICROPHONES | {"classifier": CLASSIFIER | classifier}], seed=1)
-    assert message in str(caught.value)
-
-
-def test_a_classifier_stands_in_place_of_other_names() -> None:
-    with pytest.raises(SceneError, match="leave out kind"):
-        scene([MICROPHONES | {"kind": "drone"}], seed=1)
-    with pytest.raises(SceneError, match="leave out classifies"):
-        scene([RF | {"classifier": CLASSIFIER, "classifies": True}], seed=1)
-
-
 def classes(held_s: float) -> dict[str, Any]:
     return radar(
         classifier=CLASSIFIER | {"held_s": held_s}, report=["asterix-015", "plots", "sapient"]
@@ -171,26 +144,3 @@ def test_classes_of_a_radar_err_as_often_as_stated_and_for_as_long(held_s: float
     by_chance = float((2 * wrong * (1 - wrong)).mean())
     expected = by_chance / max(held_s, 1.0)
     assert_sum(float(changed.sum()), same.sum() * expected, 3 * same.sum() * expected, "changes")
-
-
-def test_what_a_radar_calls_its_plots_is_told_in_all_its_formats() -> None:
-    drones = [held("bird0", 40.0, 4.0, 900.0, rcs_m2=1.0, target_class="bird")]
-    road = fly(scene([classes(0.0)], drones, seed=96), 12)
-    codes = {int(record.get("I015/300/0/CLS")) for record in road.records("radar", 15)}
-    assert codes - {0} == {7, 9}  # what is called nothing, a false alarm, has 0
-    messages = [SapientMessage.FromString(p) for p in road.payloads("radar/sapient")]
-    reports = [m.detection_report for m in messages if m.HasField("detection_report")]
-    assert {c.type for r in reports for c in r.classification} == {"drone", "bird"}
-
-
-def test_radars_of_several_receivers_have_no_classes() -> None:
-    net = {
-        "id": "net", "type": "multistatic_mimo", "scan": staring(), "frequency_hz": 15e9,
-        "gain_tx_dbi": 30.0, "integration_s": 0.06, "range_resolution_m": 20.0,
-        "range_max_m": 9000.0, "azimuth_beamwidth_deg": 3.0, "elevation_beamwidth_deg": 10.0,
-        "elevation_min_deg": -5.0, "elevation_max_deg": 60.0, "classifier": CLASSIFIER,
-        "transmitters": [{"power_w": 2000.0, "east_m": 900.0 * k, "north_m": 0.0,
-                          "above_site_m": 3.0} for k in range(3)],
-    }  # fmt: skip
-    with pytest.raises(SceneError, match="classifier of 'net': not modelled of several"):
-        scene([net], seed=1)

@@ -85,14 +85,6 @@ def test_errors_of_range_rates_are_normal_and_as_stated() -> None:
     assert_uncorrelated(error / stated, range_error, "with the error of range")
 
 
-def test_a_floor_adds_in_quadrature() -> None:
-    plots = detections(road(9000.0, floor_m_s=0.3).plots())
-    power = 10 ** (plots.snr_db / 10)
-    stated = np.hypot(CELL_M_S / (np.pi / np.sqrt(3) * np.sqrt(2 * power)), 0.3)
-    np.testing.assert_allclose(plots.sigma_range_rate_m_s, stated, rtol=1e-12)
-    assert_standard_normal((plots.range_rate_m_s - plots.true_range_rate_m_s) / stated)
-
-
 def test_rates_fold_at_half_the_wavelength_times_the_pulse_frequency() -> None:
     """By 1 kHz and 3 cm, 15 m/s: drones of 20 m/s fold."""
     plots = detections(road(6000.0, prf_hz=1000.0).plots())
@@ -132,9 +124,3 @@ def test_category_015_has_the_rate_in_centimetres_a_second_and_its_error() -> No
     ):
         told = np.array([record.get(path) for record in records], dtype=float)
         assert np.abs(told - column).max() <= half * (1 + 1e-9)
-
-
-def test_without_it_nothing_is_said_of_rates() -> None:
-    plots = fly(scene([RADAR], drones(6000.0)[:5], seed=64), 5).plots()
-    for name in ("range_rate_m_s", "sigma_range_rate_m_s", "true_range_rate_m_s", "doppler_m_s"):
-        assert np.isnan(getattr(plots, name)).all()

@@ -131,19 +131,6 @@ def test_looks_of_merged_drones_share_their_odds_and_their_fate() -> None:
     assert (road.plots().drone != "").sum() == first.sum()
 
 
-def test_three_in_one_place_are_one_plot_of_three() -> None:
-    drones = [held(f"d{k}", 33.0, 10.0, RANGE_M, rcs_m2=1.0) for k in range(3)]
-    found = merged_in(fly(scene([RADAR], drones, seed=75), 50))
-    assert set(found) == {("d0", "d1", "d2")}
-
-
-def test_a_chain_links_those_that_are_apart() -> None:
-    """Steps of a third of a cell: five drones over more than a cell, nearly always one plot."""
-    drones = [held(f"d{k}", 33.0, 10.0, RANGE_M + 3.0 * k, rcs_m2=1.0) for k in range(5)]
-    found = merged_in(fly(scene([RADAR], drones, seed=76), 200))
-    assert found.most_common(1)[0][0] == tuple(f"d{k}" for k in range(5))
-
-
 def test_a_mimo_radar_sums_the_ratios_transmitter_by_transmitter() -> None:
     transmitters = [
         {"power_w": power_w, "east_m": 100.0 * k, "north_m": 0.0, "above_site_m": 0.0}
@@ -166,11 +153,6 @@ def test_a_mimo_radar_sums_the_ratios_transmitter_by_transmitter() -> None:
     hits = both.detected[::2]
     p = both.pd[::2]
     assert_sum(hits.sum(), p.sum(), (p * (1 - p)).sum())
-
-
-def test_without_it_nobody_merges() -> None:
-    found = merged_in(fly(scene([radar(elevation_max_deg=60.0)], pairs(), seed=78), 20))
-    assert {len(drones) for drones in found} == {1}
 
 
 def test_a_ledger_says_who_merged_and_tells_the_tracker_nothing() -> None:

@@ -55,14 +55,6 @@ def test_a_flock_keeps_to_its_leader_at_its_speed() -> None:
     assert 10 < spread_m.min() < spread_m.max() < 45
 
 
-def test_a_repeated_flight_goes_on_for_ever_and_one_that_does_not_ends() -> None:
-    short = FLOCK | {"count": 3, "path": [place(30, 3000), place(31, 3000)]}
-    for repeat in (True, False):
-        looks = flown(radar(), 60, birds=[short | {"repeat": repeat}])["radar"].looks
-        late = (looks.drone > 0) & (looks.t_utc_ns > START_NS + 40_000_000_000)
-        assert late.any() == repeat
-
-
 def test_cars_are_a_poisson_number_on_the_road_and_pass_at_their_speed() -> None:
     """1000 an hour at 25 m/s: 11 a kilometre and way, by many seeds."""
     road = {"id": "a6", "path": [place(20, 2000, 0.0), place(20, 5000, 0.0)], "cars_per_h": 1000.0,
@@ -150,18 +142,6 @@ def test_the_map_of_clutter_is_that_of_the_seed_and_can_be_learnt() -> None:
     edges = np.arange(0, 4001, 100)
     another = np.histogram2d(enu[:, 0], enu[:, 1], bins=(edges, edges))[0].ravel()
     assert np.corrcoef(first[there], another[there])[0, 1] < 0.5
-
-
-def test_scans_of_clutter_are_poisson_in_number_and_independent() -> None:
-    made = scene([radar(pfa=1e-12)], seed=7, clutter=[WOODS])
-    plots = simulate(made, 400, start_utc_ns=START_NS)["radar"].plots
-    counts = np.bincount(plots.scan - plots.scan.min(), minlength=400)[:400]
-    mean = counts.mean()
-    area_km2 = (4**2 - 2**2) / 2 * np.sin(np.radians(40))
-    assert 0.7 < mean / (20 * area_km2) < 1.4  # of this seed's map
-    dispersion = float(np.var(counts, ddof=1)) / mean * (len(counts) - 1)
-    law = stats.chi2(len(counts) - 1)
-    assert_chance(2 * min(float(law.cdf(dispersion)), float(law.sf(dispersion))))
 
 
 SEA = {key: value for key, value in WOODS.items() if key != "plots_per_km2"} | {

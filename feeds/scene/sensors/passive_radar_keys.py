@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from plotfeed.feeds.scene.fields import (
     Beamwidth,
     Elevation,
+    Loss,
     NotNegative,
     Positive,
     Probability,
@@ -71,17 +72,17 @@ class PassiveRadarKeys(EchoRadarKeys):
     """For the gain alone: elevation is not measured."""
     integration_s: Positive
     """Coherent."""
-    loss_db: NotNegative = 4.0
+    loss_db: Loss = 4.0
     """Of the correlator's window and clutter filter, without the CFAR loss."""
     sidelobe_db: NotPositive = -22.0
     """By which the receive antenna hears the transmitters themselves; below its gain, negative."""
     cancellation_db: NotPositive = -60.0
     """What the canceller leaves of the direct signal; negative."""
-    line_loss_db: NotNegative = 0.5
+    line_loss_db: Loss = 0.5
     """From antenna to receiver."""
-    antenna_loss_db: NotNegative = 0.5
+    antenna_loss_db: Loss = 0.5
     """By the antenna's resistance."""
-    receiver_noise_figure_db: NotNegative = 4.0
+    receiver_noise_figure_db: Loss = 4.0
     """Of the receiver alone."""
     external_noise_db: float | None = None
     """What the antenna collects, F_a over k T0 B: man-made, galactic and atmospheric noise."""

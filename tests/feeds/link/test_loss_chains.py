@@ -45,11 +45,10 @@ def chains(draw: st.DrawFn) -> LossChain:
 
 
 @given(st.floats(0.001, 0.999), st.floats(-0.999, 0.999))
-def test_random_loss_has_exactly_its_correlation(p: float, c: float) -> None:
+def test_random_loss_has_exactly_its_mean_and_bursts(p: float, c: float) -> None:
     c = max(c, -min(p, 1 - p) / max(p, 1 - p))
     chain = chain_of(RandomLoss(kind="random", probability=p, correlation=c))
     assert chain.mean_loss == pytest.approx(p, rel=1e-9)
-    assert chain.lag_1_correlation == pytest.approx(c, abs=1e-9)
     assert chain.mean_burst == pytest.approx(1 / ((1 - p) * (1 - c)), rel=1e-6)
 
 
@@ -159,8 +158,6 @@ def test_nothing_lost_and_everything_lost_have_no_bursts_to_speak_of() -> None:
     assert np.isnan(never.burst_survival(3)).all()
     assert always.mean_burst == math.inf
     assert (always.burst_survival(3) == 1).all()
-    assert math.isnan(never.lag_1_correlation)
-    assert math.isnan(always.lag_1_correlation)
     assert (clear.mean_loss, never.mean_loss, always.mean_loss) == (0, 0, 1)
     assert clear.spread_of_loss(10) == 0
 

@@ -40,10 +40,6 @@ def test_the_rate_of_a_bistatic_range_is_its_derivative(place, velocity, transmi
     assert rate == pytest.approx((ahead - behind) / (2 * step_s), abs=1e-4)
 
 
-def test_at_the_sensor_itself_there_is_no_rate():
-    assert np.isnan(range_rate_m_s(np.zeros(3), np.ones(3)))
-
-
 @given(st.floats(-1e4, 1e4))
 def test_a_folded_rate_is_the_nearest_to_zero_of_those_that_look_alike(rate):
     seen = doppler().folded(np.array([rate]), CHANNEL)[0]

@@ -69,12 +69,6 @@ def test_groups_are_those_that_all_pairs_link(rows):
     assert len(pairs) == len(set(seen)) == len(set(partition))
 
 
-def test_a_thicket_of_a_hundred_makes_one_echo():
-    rng = np.random.default_rng(3)
-    found = merged(rng.uniform(0, 3, 100), rng.uniform(0, 0.5, 100), uniforms=np.full(100, 0.1))
-    assert found.group.tolist() == [0] * 100
-
-
 def test_a_hundred_thousand_in_one_place_make_one_echo_and_little_work():
     found = merged(np.zeros(100_000), np.zeros(100_000))
     assert found.group.tolist() == [0] * 100_000
@@ -131,8 +125,3 @@ def test_channels_scans_and_range_rates_keep_apart():
     assert merged(*together, **rates, merging=by_rate) is None
     folding = replace(by_rate, range_rate_period=10.0 / 0.25)
     assert merged(*together, **rates, merging=folding) is not None
-
-
-def test_one_look_and_none_do_not_merge():
-    assert merged([], []) is None
-    assert merged([5.0], [3.0]) is None

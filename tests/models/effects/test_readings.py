@@ -68,13 +68,6 @@ azimuths = st.floats(0.0, 360.0)
 elevations = st.floats(-80.0, 80.0)
 
 
-@given(offsets, tilts, azimuths)
-def test_it_is_a_rotation(offset_deg, tilt_deg, towards_deg):
-    axes = own_axes(offset_deg, tilt_deg, towards_deg)
-    np.testing.assert_allclose(axes @ axes.T, np.eye(3), rtol=0, atol=3e-15)
-    assert np.linalg.det(axes) == pytest.approx(1.0, abs=1e-14)
-
-
 @given(tilts, azimuths, azimuths, elevations)
 def test_a_tilt_raises_what_is_where_it_leans_to(tilt_deg, towards_deg, azimuth_deg, elevation_deg):
     """Spherical trigonometry: sine of the elevation over the leaning horizon."""

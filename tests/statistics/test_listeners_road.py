@@ -1,0 +1,506 @@
+"""What hears, on the road: where sound and radio come from, who is read, what hides whom."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.every_kind import FAR_SENSORS
+from support.significance import assert_counts, assert_law, assert_standard_normal, assert_sum
+
+from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
+from plotfeed.feeds.scene.scene import SceneError
+from plotfeed.models.effects.surroundings import CITIES
+from plotfeed.models.frames import aer_to_enu, wrap_180
+from plotfeed.models.state import FALSE_ALARM
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.utc import NS
+from plotfeed.testing import SITE, START_NS, Feed, flown, fly, held, scene, staring, waypoint
+
+ELEVATION_DEG = 5.0
+BEAMWIDTH_DEG = 40.0
+
+
+def microphones(**changes: Any) -> dict[str, Any]:
+    """Section 4's, on the ground of the site."""
+    paper = {
+        "id": "mic",
+        "type": "acoustic",
+        "scan": staring(),
+        "noise_db": 0.0,
+        "sensitivity_db": 32.0,
+        "microphones": 8,
+        "absorption_db_per_km": 5.0,
+        "range_max_m": 1000.0,
+        "azimuth_beamwidth_deg": BEAMWIDTH_DEG,
+        "azimuth_floor_deg": 0.0,
+        "height_above_ground_m": 1.5,
+    }
+    return paper | changes
+
+
+def started(road: Feed) -> tuple[Any, Any]:
+    """Looks and plots once the first sounds have arrived from everywhere."""
+    late = START_NS + 3_000_000_000
+    looks, plots = road.looks("mic"), road.plots("mic")
+    return looks.rows(looks.time_utc_ns > late), plots.rows(plots.time_utc_ns > late)
+
+
+def crossing(name: str, north_m: float, speed_m_s: float) -> dict[str, Any]:
+    """Eastward past the array, 5 m up."""
+    ends = (SITE.to_geodetic(np.array([east_m, north_m, 5.0])) for east_m in (-150.0, 150.0))
+    keys = ("latitude_deg", "longitude_deg", "height_m")
+    path = [dict(zip(keys, map(float, end), strict=True)) for end in ends]
+    return flown(name, *path, speed_m_s=speed_m_s, repeat=False, sound_power_db=150.0)
+
+
+@pytest.mark.parametrize(("temperature_c", "sound_m_s"), [(20.0, 343.2), (0.0, 331.3)])
+@pytest.mark.parametrize("speed_m_s", [20.0, 40.0])
+def test_bearings_of_a_crossing_drone_lag_by_its_speed_over_that_of_sound(
+    temperature_c: float, sound_m_s: float, speed_m_s: float
+) -> None:
+    """3.3 degrees at 20 m/s, near and far; where the drone passes closest."""
+    sensor = microphones(scan=staring(0.1), temperature_c=temperature_c)
+    distances_m = {"near": 100.0, "far": 500.0, "farthest": 900.0}
+    drones = [crossing(name, north_m, speed_m_s) for name, north_m in distances_m.items()]
+    road = fly(scene([sensor], drones, seed=64), 300 / speed_m_s)
+    everything = road.plots("mic")
+    for name, north_m in distances_m.items():
+        plots = everything.rows(everything.drone == name)
+        off_deg = wrap_180(plots.true_azimuth_deg)  # from the closest point, now
+        lag_deg = wrap_180(plots.true_azimuth_deg - plots.azimuth_deg)
+        exactly_deg = np.degrees(np.arcsin(speed_m_s / sound_m_s * np.cos(np.radians(off_deg))))
+        np.testing.assert_allclose(lag_deg, exactly_deg, atol=0.02)
+        passing = np.abs(off_deg) < min(10.0, np.degrees(30 / north_m))
+        assert passing.sum() >= 8
+        expected_deg = np.degrees(np.arctan(speed_m_s / sound_m_s))
+        assert lag_deg[passing].mean() == pytest.approx(expected_deg, rel=0.01)
+
+
+def test_looks_of_a_crossing_drone_are_where_it_is_heard() -> None:
+    road = fly(scene([microphones(scan=staring(0.1))], [crossing("d", 500.0, 20.0)], seed=65), 14)
+    looks, plots = road.looks("mic"), road.plots("mic")
+    np.testing.assert_allclose(wrap_180(plots.azimuth_deg - looks.azimuth_deg), 0, atol=0.01)
+    heard_east_m = looks.range_m * np.sin(np.radians(looks.azimuth_deg))
+    seconds_ago = looks.range_m / 343.2
+    now_east_m = -150 + 20 * (looks.time_utc_ns - START_NS) / 1e9
+    np.testing.assert_allclose(heard_east_m, now_east_m - 20 * seconds_ago, atol=0.05)
+    left_ns = looks.time_utc_ns - np.rint(seconds_ago * 1e9).astype(np.int64)
+    np.testing.assert_allclose(looks.emitted_utc_ns - left_ns, 0, atol=20_000)
+    then_east_m = -150 + 20 * (looks.emitted_utc_ns - START_NS) / 1e9
+    np.testing.assert_allclose(heard_east_m, then_east_m, atol=0.02)
+    true_east_m = plots.true_range_m * np.sin(np.radians(plots.true_azimuth_deg))
+    np.testing.assert_allclose(true_east_m, now_east_m, atol=0.05)
+
+
+def test_a_drone_is_not_heard_before_its_first_sound_arrives() -> None:
+    place = held("d", 10.0, ELEVATION_DEG, 900.0, sound_power_db=150.0)
+    looks = fly(scene([microphones(scan=staring(0.1))], [place], seed=66), 5).looks("mic")
+    first_s = (looks.time_utc_ns.min() - START_NS) / 1e9
+    assert 900 / 343.2 <= first_s <= 900 / 343.2 + 0.11
+
+
+def test_a_quiet_drone_is_not_heard_and_a_far_one_is_gated() -> None:
+    drones = [
+        held("quiet", 10.0, ELEVATION_DEG, 50.0, sound_power_db=-300.0),
+        held("gone", 20.0, ELEVATION_DEG, 1000.5, sound_power_db=300.0),
+        held("just", 30.0, ELEVATION_DEG, 999.5, sound_power_db=300.0),
+    ]
+    looks, plots = started(fly(scene([microphones()], drones, seed=67), 30))
+    assert set(looks.drone) == {"quiet", "just"}
+    assert set(plots.drone) == {"just"}
+
+
+def test_detections_do_not_change_with_the_false_alarms() -> None:
+    there = [held("d", 10.0, ELEVATION_DEG, 120.0)]
+    few, many = (
+        fly(scene([microphones(pfa=pfa)], there, seed=69), 200).plots("mic") for pfa in (1e-9, 0.1)
+    )
+    assert len(many) > 2 * len(few)
+    same = many.rows(many.drone == "d")
+    np.testing.assert_array_equal(same.azimuth_deg, few.azimuth_deg[few.drone == "d"])
+
+
+def test_absorption_follows_from_the_air_unless_it_is_given() -> None:
+    """4.98 dB/km at 1 kHz, 20 degrees, 70 % and one atmosphere (ISO 9613-1, table 1)."""
+    without = microphones()
+    del without["absorption_db_per_km"]
+    parts = scene([without, microphones(id="b")], seed=1)
+    computed, given = (sensor.model(parts.scene.site) for sensor in parts.sensor)
+    assert computed.absorption_db_per_m == pytest.approx(4.98e-3, abs=5e-6)
+    assert given.absorption_db_per_m == 0.005
+    assert given.array_gain_db == pytest.approx(9.03, abs=0.001)
+
+
+def test_warnings_are_of_hurried_scans_and_of_gains_given_twice() -> None:
+    parts = scene(
+        [
+            microphones(azimuth_floor_deg=2.0),
+            microphones(id="b", azimuth_floor_deg=1.0, scan=staring(0.05), array_gain_db=9.03),
+        ],
+        seed=1,
+    )
+    good, bad = (list(sensor.warnings(parts.scene.site)) for sensor in parts.sensor)
+    assert not good
+    assert [text.split()[0] for text in bad] == ["scan.period_s", "microphones"]
+
+
+# Two microphone arrays through the whole road: places and covariances of what both hear.
+
+
+APART_M = 150.0
+
+
+def pair(**changes: Any) -> dict[str, Any]:
+    usual = {
+        "id": "pair", "type": "acoustic_pair", "scan": staring(), "noise_db": 0.0,
+        "sensitivity_db": 32.0, "microphones": 8, "absorption_db_per_km": 5.0,
+        "range_max_m": 800.0, "azimuth_beamwidth_deg": 40.0, "azimuth_floor_deg": 0.3,
+        "second_array": {"east_m": APART_M, "north_m": 0.0, "above_site_m": 0.0},
+    }  # fmt: skip
+    return usual | changes
+
+
+@cache
+def one_at_a_time(azimuth_deg: float, range_m: float, power_db: float) -> SimulatedSensor:
+    drone = held("d", azimuth_deg, 0.1, range_m, sound_power_db=power_db)
+    return simulate(scene([pair()], [drone], seed=81), 300, start_utc_ns=START_NS)["pair"]
+
+
+@pytest.mark.parametrize(("azimuth_deg", "range_m"), [(30.0, 140.0), (-40.0, 100.0)])
+def test_places_scatter_by_the_stated_covariance(azimuth_deg: float, range_m: float) -> None:
+    """The normalised square of errors is chi-square of two degrees of freedom, to first order."""
+    plots = one_at_a_time(azimuth_deg, range_m, 115.0).plots
+    assert len(plots) > 250
+    found = aer_to_enu(plots.azimuth_deg, 0.0, plots.range_m)[:, :2]
+    true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)[:, :2]
+    east, north = (found - true).T
+    across = plots.covariance_east_north_m2
+    determinant = plots.covariance_east_m2 * plots.covariance_north_m2 - across**2
+    square = plots.covariance_north_m2 * east**2 + plots.covariance_east_m2 * north**2
+    assert_law((square - 2 * across * east * north) / determinant, lambda x: 1 - np.exp(-x / 2))
+
+
+def test_two_drones_make_ghosts_where_their_bearings_cross() -> None:
+    drones = [
+        held(f"d{i}", a, 0.1, 220.0, sound_power_db=125.0) for i, a in enumerate((10.0, 55.0))
+    ]
+    plots = simulate(scene([pair()], drones, seed=82), 60, start_utc_ns=START_NS)["pair"].plots
+    ghosts = plots.rows(plots.drone == FALSE_ALARM)
+    assert len(ghosts) == pytest.approx(len(plots) / 3, rel=0.1)
+    first = aer_to_enu(np.array([10.0, 55.0]), 0.1, 220.0)[:, :2]
+    toward = first - [APART_M, 0.0]
+    ghost_m = APART_M * toward[0, 1] / (toward[0, 1] * np.tan(np.radians(55)) - toward[0, 0])
+    expected_m = ghost_m / np.cos(np.radians(55))
+    if expected_m > 0:
+        of_second = ghosts.rows(np.abs(ghosts.azimuth_deg - 55) < 20)
+        assert np.median(of_second.range_m) == pytest.approx(expected_m, rel=0.05)
+
+
+def test_a_drone_that_moves_is_placed_where_bearings_of_two_times_cross() -> None:
+    """At 20 m/s past arrays 300 and 450 m away, up to 26 m behind where it is."""
+    path = (waypoint(0.0, 2.0, 300.0), waypoint(80.0, 2.0, 1200.0))
+    drone = flown("d", *path, speed_m_s=20.0, sound_power_db=125.0)
+    sharp = pair(azimuth_floor_deg=0.0, azimuth_beamwidth_deg=1.0)
+    plots = simulate(scene([sharp], [drone], seed=83), 12, start_utc_ns=START_NS)["pair"].plots
+    assert len(plots) > 5
+    found = aer_to_enu(plots.azimuth_deg, 0.0, plots.range_m)[:, :2]
+    true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)[:, :2]
+    lag_m = np.linalg.norm(found - true, axis=1)
+    assert (lag_m > 8).all()
+    assert (lag_m < 45).all()
+
+
+def test_beams_in_elevation_give_a_height() -> None:
+    drone = held("d", 30.0, 25.0, 200.0, sound_power_db=125.0)
+    tall = pair(elevation_beamwidth_deg=20.0, elevation_floor_deg=0.3, report=["plots", "sapient"])
+    plots = fly(scene([tall], [drone], seed=84), 40).plots("pair")
+    late = plots.rows(plots.time_utc_ns > START_NS + 2_000_000_000)
+    assert len(late) > 30
+    assert late.range_m.mean() == pytest.approx(200.0, abs=4)
+    assert late.elevation_deg.mean() == pytest.approx(25.0, abs=1)
+    error = (late.elevation_deg - late.true_elevation_deg) / late.sigma_elevation_deg
+    assert np.std(error) < 1.6
+
+
+def test_category_015_has_its_ranges() -> None:
+    drone = held("d", 30.0, 0.1, 140.0, sound_power_db=115.0)
+    road = fly(scene([pair()], [drone], seed=85), 5)
+    records = road.records("pair", 15)
+    plots = road.plots("pair")
+    ranges_m = [float(record.get("I015/625/R")) for record in records]
+    np.testing.assert_allclose(ranges_m, plots.range_m, atol=0.06)
+    assert {record.get("I015/020/MOMU") for record in records} == {0}
+
+
+def test_a_second_array_that_stands_too_near_or_too_far_is_warned_of() -> None:
+    for east_m, words in ((10.0, "less than a twentieth"), (2000.0, "little in common")):
+        place = {"east_m": east_m, "north_m": 0.0, "above_site_m": 0.0}
+        made = scene([pair(second_array=place)], seed=1)
+        assert words in " ".join(made.sensor[0].warnings(made.scene.site))
+    with pytest.raises(SceneError, match="second_array"):
+        scene([{k: v for k, v in pair().items() if k != "second_array"}], seed=1)
+
+
+# Microphone layouts through the whole road: errors in the plots are those that the geometry gives.
+
+
+AZIMUTHS_DEG = np.arange(7.0, 360.0, 15.0)
+SPACING_M, MICROPHONES, FREQUENCY_HZ = 0.5, 8, 200.0
+
+
+def laid_out(shape: str, **changes: Any) -> dict[str, Any]:
+    usual = {
+        "id": "mic", "type": "acoustic", "scan": staring(), "noise_db": 0.0,
+        "sensitivity_db": 0.0, "microphones": MICROPHONES, "absorption_db_per_km": 1.0,
+        "range_max_m": 1000.0, "azimuth_beamwidth_deg": 40.0, "azimuth_floor_deg": 0.0,
+        "elevation_floor_deg": 0.0, "frequency_hz": FREQUENCY_HZ,
+        "layout": {"shape": shape, "spacing_m": SPACING_M},
+    }  # fmt: skip
+    return usual | changes
+
+
+def heard(sensor: dict[str, Any], elevation_deg: float, scans: int = 60) -> SimulatedSensor:
+    drones = [
+        held(f"d{i}", azimuth_deg, elevation_deg, 150.0, sound_power_db=90.0)
+        for i, azimuth_deg in enumerate(AZIMUTHS_DEG)
+    ]
+    return simulate(scene([sensor], drones, seed=71), scans, start_utc_ns=START_NS)["mic"]
+
+
+def test_a_circle_errs_alike_all_round_by_the_bound() -> None:
+    """sigma is wavelength / (2 pi r cos(elevation) sqrt(S)) for a radius r."""
+    plots = heard(laid_out("circle", elevation_beamwidth_deg=30.0), 35.0).plots
+    assert len(plots) > 1000
+    radius_m = SPACING_M / (2 * np.sin(np.pi / MICROPHONES))
+    speed_m_s = 331.3 * np.sqrt(1 + 20 / 273.15)
+    w = speed_m_s / FREQUENCY_HZ / (2 * np.pi * radius_m * np.sqrt(plots.snr))
+    sigma_deg = np.degrees(w) / np.cos(np.radians(35.0))
+    errors_deg = wrap_180(plots.azimuth_deg - plots.true_azimuth_deg)
+    assert_standard_normal(errors_deg / sigma_deg, "azimuths")
+    np.testing.assert_allclose(plots.sigma_azimuth_deg, sigma_deg, rtol=0.06)
+    lifted = (plots.elevation_deg - plots.true_elevation_deg) / np.degrees(w)
+    assert np.std(lifted) * np.sin(np.radians(35.0)) == pytest.approx(1.0, abs=0.08)
+
+
+def test_half_of_a_lines_plots_are_on_the_wrong_side() -> None:
+    plots = heard(laid_out("line"), 0.5).plots
+    from_axis_deg = wrap_180(plots.true_azimuth_deg)
+    off_ends = np.abs(np.abs(from_axis_deg) - 90) < 60
+    plots = plots.rows(off_ends)
+    right = np.sign(wrap_180(plots.azimuth_deg)) == np.sign(wrap_180(plots.true_azimuth_deg))
+    assert_sum(float(right.sum()), len(right) / 2, len(right) / 4, "right sides")
+    mirrored_deg = np.where(right, plots.azimuth_deg, -plots.azimuth_deg)
+    errors = wrap_180(mirrored_deg - plots.true_azimuth_deg) / plots.sigma_azimuth_deg
+    assert np.std(errors) == pytest.approx(1.0, abs=0.06)
+
+
+def test_a_line_that_covers_one_side_is_right() -> None:
+    one_side = {"azimuth_min_deg": 5.0, "azimuth_max_deg": 175.0}
+    plots = heard(laid_out("line", **one_side), 0.5).plots
+    plots = plots.rows(np.abs(plots.true_azimuth_deg - 90) < 60)
+    errors_deg = wrap_180(plots.azimuth_deg - plots.true_azimuth_deg)
+    assert np.abs(errors_deg / plots.sigma_azimuth_deg).max() < 6
+
+
+def test_check_warns_of_sides_and_of_short_waves() -> None:
+    made = scene([laid_out("line", frequency_hz=1000.0)], seed=1)
+    found = " ".join(made.sensor[0].warnings(made.scene.site))
+    assert "cannot tell its sides apart" in found
+    assert "more than half a wavelength at 1000 Hz" in found
+    covered = laid_out("line", azimuth_min_deg=0.0, azimuth_max_deg=180.0)
+    made = scene([covered], seed=1)
+    assert "sides" not in " ".join(made.sensor[0].warnings(made.scene.site))
+
+
+# The RF sensor's messages against closed forms, worked out here from the scene's numbers.
+
+
+PFA = 1e-6
+CONTROL = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0, "kind": "control"}
+VIDEO = {"frequency_hz": 2.46e9, "bandwidth_hz": 2e6, "eirp_dbm": 23.0, "kind": "video"}
+REMOTE_ID = {
+    "frequency_hz": 2.437e9,
+    "bandwidth_hz": 1e6,
+    "eirp_dbm": 15.0,
+    "kind": "remote-id",
+    "identity": "1596F3",
+}
+
+
+def finder(**changes: Any) -> dict[str, Any]:
+    """A direction finder of 1 MHz channels over a town."""
+    keys = {
+        "id": "rf",
+        "type": "rf",
+        "scan": staring(),
+        "frequency_min_hz": 2.40e9,
+        "frequency_max_hz": 2.48e9,
+        "channel_bandwidth_hz": 1e6,
+        "integration_s": 1e-3,
+        "gain_rx_dbi": 3.0,
+        "loss_db": 1.0,
+        "path_loss": {"kind": "log-distance", "exponent": 3.0, "reference_m": 100.0},
+        "pfa": PFA,
+        "range_max_m": 20_000.0,
+        "baseline_m": 0.06,
+        "azimuth_floor_deg": 0.0,
+    }
+    return keys | changes
+
+
+def detector(**changes: Any) -> dict[str, Any]:
+    """The same without directions."""
+    keys = finder(id="omni", measures_azimuth=False)
+    for of_directions in ("baseline_m", "azimuth_floor_deg"):
+        del keys[of_directions]
+    return keys | changes
+
+
+def reported(road: Feed, sensor: str = "rf") -> list[pb.Plot]:
+    batches = [pb.PlotBatch.FromString(p) for p in road.payloads(f"{sensor}/plots")]
+    return [plot for batch in batches for plot in batch.plots]
+
+
+@cache
+def two_and_two() -> Feed:
+    """Two drones of two and three emitters, a direction finder and a detector that reads."""
+    drones = [
+        held("a", 40.0, ELEVATION_DEG, 400.0, emitters=[CONTROL, REMOTE_ID]),
+        held("b", 220.0, ELEVATION_DEG, 500.0, emitters=[VIDEO, CONTROL | {"frequency_hz": 9e8}]),
+        held("silent", 100.0, ELEVATION_DEG, 100.0),
+    ]
+    reading = detector(decodes=["remote-id"], position_enu_m=(50.0, -20.0, 3.0))
+    return fly(scene([finder(classifies=True), reading], drones, seed=75), 50)
+
+
+def test_every_emitter_in_the_band_is_reported_on_its_channel() -> None:
+    looks = two_and_two().looks("rf")
+    assert {*zip(looks.drone, looks.channel, strict=True)} == {("a", 0), ("a", 1), ("b", 0)}
+    for plot in reported(two_and_two()):
+        near = abs(wrap_180(plot.azimuth_deg - 40.0)) < 30
+        expected = {0: "control", 1: "remote-id"}[plot.channel] if near else "video"
+        assert plot.kind == expected
+        assert not plot.identity
+    assert len(reported(two_and_two())) == len(looks) == 150
+
+
+def test_a_detector_that_reads_has_no_direction_but_the_identity() -> None:
+    plots = reported(two_and_two(), "omni")
+    assert len(plots) == 150
+    for plot in plots:
+        for absent in ("azimuth_deg", "sigma_azimuth_deg", "elevation_deg", "range_m"):
+            assert not plot.HasField(absent)
+    read = [plot for plot in plots if plot.identity]
+    assert len(read) == 50
+    assert {(plot.kind, plot.identity, plot.channel) for plot in read} == {
+        ("remote-id", "1596F3", 1)
+    }
+    assert {plot.kind for plot in plots if not plot.identity} == {""}
+
+
+def test_a_drone_on_its_way_is_heard_where_it_is() -> None:
+    """Radio takes no time: measured against the drone of that instant."""
+    path = (waypoint(10.0, ELEVATION_DEG, 600.0), waypoint(50.0, ELEVATION_DEG, 600.0))
+    drone = flown("d", *path, speed_m_s=20.0, repeat=False, emitters=[CONTROL])
+    road = fly(scene([finder(baseline_m=10.0)], [drone], seed=76), 20)
+    looks, plots = road.looks("rf"), road.plots("rf")
+    assert len(plots) == len(looks) == 20
+    np.testing.assert_allclose(plots.true_azimuth_deg, looks.azimuth_deg, rtol=1e-12)
+    np.testing.assert_allclose(plots.azimuth_deg, looks.azimuth_deg, atol=0.05)
+    np.testing.assert_allclose(np.diff(plots.time_utc_ns), NS)
+    assert plots.time_utc_ns.min() > START_NS
+
+
+def test_false_alarms_of_a_detector_have_no_direction() -> None:
+    road = fly(scene([detector(pfa=0.05)], [], seed=78), 500)
+    counts = np.array(
+        [len(pb.PlotBatch.FromString(payload).plots) for payload in road.payloads("omni/plots")]
+    )
+    assert_counts(counts, stats.binom(80, 0.05))
+    assert not any(plot.HasField("azimuth_deg") for plot in reported(road, "omni"))
+
+
+def test_friis_is_the_default() -> None:
+    without = finder()
+    del without["path_loss"]
+    parts = scene([without, finder(id="b", path_loss={"kind": "friis"})], seed=1)
+    models = [sensor.model(parts.scene.site) for sensor in parts.sensor]
+    assert models[0] == models[1]
+    assert models[0].path_loss_exponent == 2.0
+
+
+def test_warnings_are_of_long_integration_and_of_unused_keys() -> None:
+    sensors = [
+        finder(azimuth_floor_deg=2.0),
+        detector(integration_s=1.5),
+        detector(id="c", baseline_m=0.3),
+    ]
+    parts = scene(sensors, seed=1)
+    good, slow, unused = (list(sensor.warnings(parts.scene.site)) for sensor in parts.sensor)
+    assert not good
+    assert slow[0].startswith("integration_s is 1.5, longer than a scan")
+    assert unused[0].startswith("baseline_m: not used")
+
+
+# RF sensors among houses: who is in sight is drawn once for each pair, by its elevation.
+
+
+EMITTER = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
+LAWS = {"suburban": (4.88, 0.43, 0.1, 21), "urban": (9.61, 0.16, 1, 20),
+        "dense-urban": (12.08, 0.11, 1.6, 23), "high-rise": (27.23, 0.08, 2.3, 34)}  # fmt: skip
+
+
+def in_town(*ids: str, n: int = 200, names: str = "d", **path_loss: Any) -> Simulation:
+    loss = {"path_loss": path_loss} if path_loss else {}
+    sensors = [FAR_SENSORS["rf"] | loss | {"id": name} for name in ids]
+    drones = [
+        held(f"{names}{i}", 1.2 * i, 4.0 + 0.3 * i, 2000.0, emitters=[EMITTER]) for i in range(n)
+    ]
+    return simulate(scene(sensors, drones, seed=12), 2, start_utc_ns=START_NS)
+
+
+def lost_db(named: Simulation, free: Simulation, sensor: str = "rf") -> tuple[Any, Any]:
+    """Beyond free space, (scans, drones), and elevations."""
+    looks, before = named[sensor].looks, free["rf"].looks
+    lost = -10 * np.log10(looks.snr / before.snr).reshape(2, -1)
+    return lost, looks.elevation_deg.reshape(2, -1)
+
+
+@pytest.mark.parametrize("environment", LAWS)
+def test_as_many_are_in_sight_as_the_law_of_their_elevation_says(environment: str) -> None:
+    a, b, in_sight_db, hidden_db = LAWS[environment]
+    named = in_town("rf", kind="city", environment=environment)
+    lost, elevation_deg = lost_db(named, in_town("rf"))
+    assert np.ptp(lost, axis=0).max() < 1e-6  # once for all scans
+    sight = np.abs(lost[0] - in_sight_db) < 1e-6
+    np.testing.assert_allclose(lost[0][~sight], hidden_db, atol=1e-6)
+    p = 1 / (1 + a * np.exp(-b * (elevation_deg[0] - a)))
+    assert_sum(float(sight.sum()), float(p.sum()), float((p * (1 - p)).sum()))
+    model = CITIES[environment]
+    np.testing.assert_allclose(model.sight_probability(elevation_deg[0]), p, rtol=1e-12)
+
+
+def test_shadowing_is_normal_and_each_pair_has_its_own() -> None:
+    city = {"kind": "city", "environment": "suburban", "shadowing_db": 6.0}
+    named, free = in_town("rf", "other", **city), in_town("rf")
+    found = {}
+    for sensor in ("rf", "other"):
+        lost, elevation_deg = lost_db(named, free, sensor)
+        high = elevation_deg[0] > 25  # all in sight
+        found[sensor] = (lost[0][high] - 0.1) / 6.0
+        assert len(found[sensor]) > 100
+        assert_sum(float((found[sensor] ** 2).sum()), len(found[sensor]), 2 * len(found[sensor]))
+    assert abs(np.corrcoef(found["rf"], found["other"])[0, 1]) < 0.4
+
+
+def test_a_pair_keeps_its_draw_whoever_else_is_there() -> None:
+    city = {"kind": "city", "environment": "high-rise", "shadowing_db": 4.0}
+    many, few = in_town("rf", n=60, **city), in_town("rf", n=20, **city)
+    snr = [found["rf"].looks.rows(found["rf"].looks.drone < 20).snr for found in (many, few)]
+    np.testing.assert_array_equal(*snr)
+    others = in_town("rf", n=20, names="e", **city)
+    assert (others["rf"].looks.snr != few["rf"].looks.snr).any()
