@@ -97,14 +97,11 @@ class RecordedView:
             tell_settings(self._view, sensor, t_ns, new_model=True)
 
     def _tell(self, batch: Batch, sent: Sequence[pb.Sent], *, leap: bool) -> None:
-        if leap:
-            self._view.recall(batch, sent)
-            return
-        if self._recording.ledger is not None and batch.sensor in self._sensors:
-            self._tell_link(self._sensors[batch.sensor], batch, sent)
-        self._view.report(batch)
-        self._view.settled(batch, sent)
-        self._count(batch, sent)
+        if not leap:
+            if self._recording.ledger is not None and batch.sensor in self._sensors:
+                self._tell_link(self._sensors[batch.sensor], batch, sent)
+            self._count(batch, sent)
+        self._view.settled(batch, sent, is_counted=not leap)
 
     def _tell_changes(self, t_ns: int) -> None:
         """Show keys of sensors that changed, but for links: of those the ledger tells."""

@@ -86,10 +86,6 @@ class PageObserver(Observer):
         self._now_ns = self.now_utc_ns()
         self._session = None
 
-    def report(self, batch: Batch) -> None:
-        """A batch of one sector leaves now."""
-        self._view.report(batch)
-
     def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
         """A sector's messages have their fates."""
         self._view.settled(batch, sent)

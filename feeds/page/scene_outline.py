@@ -242,24 +242,26 @@ def _geometries(tree: Any, depth: int = 0) -> Iterator[tuple[dict[str, Any], str
         yield tree, ""
 
 
+# Of each geometry what its parts are, and how many lists deep they lie in its coordinates.
+GEOMETRIES = {
+    "Point": ("points", 0),
+    "MultiPoint": ("points", 1),
+    "LineString": ("lines", 0),
+    "MultiLineString": ("lines", 1),
+    "Polygon": ("areas", 1),
+    "MultiPolygon": ("areas", 2),
+}
+
+
 def _parts(geometry: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     """Lines, rings of areas and points of a geometry; each a list of positions."""
-    kind, found = geometry.get("type"), _list(geometry, "coordinates")
-    match kind:
-        case "Point":
-            yield "points", [found]
-        case "MultiPoint":
-            yield from (("points", [point]) for point in found)
-        case "LineString":
-            yield "lines", found
-        case "MultiLineString":
-            yield from (("lines", line) for line in found)
-        case "Polygon":
-            yield from (("areas", ring) for ring in found)
-        case "MultiPolygon":
-            yield from (("areas", ring) for polygon in found for ring in polygon)
-        case _:
-            raise ValueError(f"expected a GeoJSON geometry, not a type {str(kind)[:40]!r}")
+    kind, parts = str(geometry.get("type")), [_list(geometry, "coordinates")]
+    if kind not in GEOMETRIES:
+        raise ValueError(f"expected a GeoJSON geometry, not a type {kind[:40]!r}")
+    shape, deep = GEOMETRIES[kind]
+    for _ in range(deep):
+        parts = [inner for part in parts for inner in part]
+    yield from ((shape, [part] if shape == "points" else part) for part in parts)
 
 
 def _placed(positions: Sequence[Any], frame: LocalFrame) -> Floats:

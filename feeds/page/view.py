@@ -85,51 +85,39 @@ class View:
         """Begin at another time of the scene, as after a leap within a recording."""
         self._begin(self._placements, list(self._sensors))
 
-    def report(self, report: Batch) -> None:
-        """A sector was worked out: what its sensor looked at."""
-        if (number := self._sensors.get(report.sensor)) is not None:
-            looks = report.looks
-            if len(looks) > 1 and self._merges[number]:  # what merged has one outcome, and odds
-                both = np.stack([looks.pd, looks.channel.astype(np.float64)])
-                looks = looks.rows(np.unique(both, axis=1, return_index=True)[1])
-            self._looks[number].add(looks.range_m, looks.pd, looks.detected)
-
-    def recall(self, report: Batch, sent: Sequence[pb.Sent]) -> None:
-        """Plots of before a leap, which fade; nothing of them is counted."""
-        if (number := self._sensors.get(report.sensor)) is not None:
-            carried = (m.sent_utc_ns for m in sent if m.delivered and carries_plots(m.topic))
-            self._plots.take(number, report.plots, min(carried, default=None))
-
     def delivered(self, sensor: str, plots: Plots, at_utc_ns: int) -> None:
         """Plots that a broker delivered then; what their link did is not known."""
         if (number := self._sensors.get(sensor)) is not None:
             self._plots.take(number, plots, at_utc_ns)
             self._rates.plots(number, len(plots))
 
-    def settled(self, report: Batch, sent: Sequence[pb.Sent]) -> None:
-        """Take what became of a sector's messages: if one that brings plots left, so did they."""
+    def settled(self, report: Batch, sent: Sequence[pb.Sent], *, is_counted: bool = True) -> None:
+        """Take a sector and what became of its messages: plots leave with the first that has them.
+
+        Of one from before a leap, which is not counted, the plots are there and fade.
+        """
         if (number := self._sensors.get(report.sensor)) is None:
             return
-        link, first_utc_ns = self._links[number], None
-        for message in sent:
-            if not message.delivered:
-                loss = Loss(
-                    message.due_utc_ns + link.usual_delay_ns,
-                    number,
-                    message.number,
-                    message.due_utc_ns,
-                    message.fate == pb.LOST,
-                )
-                heappush(self._losses, loss)
-                continue
-            at_utc_ns = message.sent_utc_ns
-            self._rates.sent(at_utc_ns - (message.link_due_utc_ns or message.due_utc_ns))
-            link.sent(message.due_utc_ns, at_utc_ns, duplicate=message.copy > 0)
-            if carries_plots(message.topic):
-                first_utc_ns = min(at_utc_ns, first_utc_ns or at_utc_ns)
+        carried_ns = (m.sent_utc_ns for m in sent if m.delivered and carries_plots(m.topic))
+        first_utc_ns = min(carried_ns, default=None)
         self._plots.take(number, report.plots, first_utc_ns)
+        if not is_counted:
+            return
+        looks, link = report.looks, self._links[number]
+        if len(looks) > 1 and self._merges[number]:  # what merged has one outcome, and odds
+            both = np.stack([looks.pd, looks.channel.astype(np.float64)])
+            looks = looks.rows(np.unique(both, axis=1, return_index=True)[1])
+        self._looks[number].add(looks.range_m, looks.pd, looks.detected)
         if first_utc_ns is not None:
             self._rates.plots(number, len(report.plots))
+        for message in sent:
+            due_ns, at_ns = message.due_utc_ns, message.sent_utc_ns
+            if message.delivered:
+                self._rates.sent(at_ns - (message.link_due_utc_ns or due_ns))
+                link.sent(due_ns, at_ns, duplicate=message.copy > 0)
+            else:
+                told_ns, by_chain = due_ns + link.usual_delay_ns, message.fate == pb.LOST
+                heappush(self._losses, Loss(told_ns, number, message.number, due_ns, by_chain))
 
     def truth(
         self,

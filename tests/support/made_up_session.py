@@ -300,5 +300,4 @@ class MadeUpSession:
                 one.fate, one.sent_utc_ns = pb.SENT, one.leaves_utc_ns + late_ns
             self.totals.settle(one.fate, one.copy, 0, 0)
         if self._observer is not None:
-            self._observer.report(report)
             self._observer.settled(report, records(messages))

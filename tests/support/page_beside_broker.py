@@ -37,8 +37,13 @@ LISTEN = """() => {
     said.pointing.push([frame.nowMs, pans]);
   };
 }"""
-SAMPLE = """() => {
-  const { picture, display } = plotfeed, now = picture.nowMs(performance.now());
+# In a frame of the screen that has just been drawn: words that stand there since before the last
+# update tell of what was known then.
+SAMPLE = """async () => {
+  const { picture, display } = plotfeed;
+  display.redraw();
+  await new Promise(requestAnimationFrame);
+  const now = picture.nowMs(performance.now());
   const text = (id) => document.getElementById(id).innerText;
   const rows = [...document.querySelectorAll("#sensors tr")];
   return {

@@ -1,15 +1,12 @@
 // What is known of the mark that is selected, and what the marks mean.
 
 import { colours } from "./colours.js";
-import { byId, element, fixed, line } from "./common.js";
+import { byId, clock, drawCross, element, fixed, line } from "./common.js";
 import { inKilometres } from "./ground.js";
-import { dronePlace, trackPlace } from "./marks.js";
+import { droneNow, trackNow } from "./marks.js";
 import { drawBolt } from "./looks.js";
-import { shapeOf, swatch } from "./shapes.js";
-import { droneState, stateOf } from "./track_states.js";
-import { azimuthOf } from "./viewport.js";
+import { arrowOf, shapeOf, swatch, traceVertices } from "./shapes.js";
 
-const clock = (ms) => new Date(ms).toISOString().slice(11, 23);
 
 /** Show what is selected; false if it is no longer there. */
 export function showCard(picture, selected, { truth, nowMs }) {
@@ -45,7 +42,7 @@ function describePlot({ plots, news, droneNames }, { row, at }, truth) {
     ["Height", fixed(plots.height_m[at], 0, " m")],
     ["SNR", fixed(plots.snr_db[at], 1, " dB")],
     ["Latency", fixed(plots.latency_ms[at], 1, " ms")],
-    ["Measured", clock(plots.t_utc_ms[at])],
+    ["Measured", clock(plots.t_utc_ms[at], 3)],
   ];
   const others = plots.merged[at] ? ` + ${plots.merged[at]}` : "";
   if (tells) rows.push(["Of", has ? (droneNames[plots.drone[at]] ?? "a drone") + others : "false alarm", has && !plots.isBearing(at) ? `off ${fixed(error, 1, " m")}` : ""]);
@@ -54,35 +51,19 @@ function describePlot({ plots, news, droneNames }, { row, at }, truth) {
 
 function describeTrack(track, nowMs) {
   if (!track) return null;
-  const [east, north] = trackPlace(track, nowMs), speed = Math.hypot(track.velocity_east_m_s, track.velocity_north_m_s);
-  return {
-    title: `Track ${track.name}`,
-    rows: [
-      ["From site", `${azimuthOf(east, north).toFixed(1)}°`, inKilometres(Math.hypot(east, north))],
-      ["Speed", fixed(speed, 1, " m/s")],
-      ["Course", fixed(azimuthOf(track.velocity_east_m_s, track.velocity_north_m_s), 0, "°")],
-      ["Updated", fixed((nowMs - track.t_utc_ms) / 1000, 1, " s ago")],
-      ["State", stateOf(track, nowMs)],
-    ],
-  };
+  const now = trackNow(track, nowMs);
+  return { title: `Track ${track.name}`, rows: [...flightRows(now), ["Updated", fixed(now.age, 1, " s ago")], ["State", now.state]] };
 }
 
-function describeDrone({ drones, droneNames, droneClasses, unseen }, drone, nowMs) {
-  const i = drones ? Array.prototype.indexOf.call(drones.drone, drone) : -1;
+function describeDrone(picture, drone, nowMs) {
+  const i = picture.drones ? Array.prototype.indexOf.call(picture.drones.drone, drone) : -1;
   if (i < 0) return null;
-  const [east, north] = dronePlace(drones, i, nowMs), gone = drones.gone_ms[i];
-  const speed = Math.hypot(drones.velocity_east_m_s[i], drones.velocity_north_m_s[i]);
-  const kind = droneClasses[drone] ?? "drone";
-  return {
-    title: `${kind[0].toUpperCase()}${kind.slice(1)} ${droneNames[drone] ?? drone}`,
-    rows: [
-      ["From site", `${azimuthOf(east, north).toFixed(1)}°`, inKilometres(Math.hypot(east, north))],
-      ["Above site", fixed(drones.up_m[i], 0, " m")],
-      ["Speed", fixed(speed, 1, " m/s")],
-      ["Course", fixed(azimuthOf(drones.velocity_east_m_s[i], drones.velocity_north_m_s[i]), 0, "°")],
-      ["State", droneState(unseen, droneNames[drone], gone)],
-    ],
-  };
+  const now = droneNow(picture, i, nowMs), kind = picture.droneClasses[drone] ?? "drone";
+  return { title: `${kind[0].toUpperCase()}${kind.slice(1)} ${now.name}`, rows: [...flightRows(now), ["Above site", fixed(now.up, 0, " m")], ["State", now.state]] };
+}
+
+function flightRows({ azimuth, distance, speed, course }) {
+  return [["From site", `${azimuth.toFixed(1)}°`, inKilometres(distance)], ["Speed", fixed(speed, 1, " m/s")], ["Course", fixed(course, 0, "°")]];
 }
 
 const MARKS = {
@@ -93,7 +74,7 @@ const MARKS = {
   jammer: (c) => drawBolt(c, 9, 9, 7),
   drone: (c) => { c.strokeStyle = colours.truth; arrowhead(c); },
   "drone gone": (c) => { c.strokeStyle = colours.gone; c.setLineDash([2, 2]); arrowhead(c); },
-  "false alarm": (c) => { c.strokeStyle = colours.ink; line(c, 5, 5, 13, 13); line(c, 5, 13, 13, 5); },
+  "false alarm": (c) => { c.strokeStyle = colours.ink; drawCross(c, 9, 9, 4); },
   "lost by the link": (c) => { c.strokeStyle = colours.ink; c.beginPath(); c.arc(9, 9, 4.5, 0, 7); c.stroke(); },
   "several drones": (c) => { c.fillStyle = c.strokeStyle = colours.ink; c.fillRect(7, 7, 4, 4); c.strokeRect(4, 4, 10, 10); },
 };
@@ -101,8 +82,7 @@ const ALWAYS = ["bearing", "track", "track, coasted", "track, not updated", "jam
 
 function arrowhead(context) {
   context.beginPath();
-  for (const [x, y] of [[9, 1.5], [14, 15], [9, 12], [4, 15]]) context.lineTo(x, y);
-  context.closePath();
+  traceVertices(context, arrowOf(0, 1), 9, 9, 6.5);
   context.stroke();
 }
 

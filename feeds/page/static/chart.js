@@ -6,6 +6,25 @@ import { nice } from "./ground.js";
 
 const LEAST_LEFT = 38, GAP = 5, RIGHT = 8, TOP = 6, BOTTOM = 17;
 
+/** Empty a canvas that is as large as its place, and give its width and height in pixels of the page. */
+export function fitted(context) {
+  const { canvas } = context, { clientWidth, clientHeight } = canvas, dpr = devicePixelRatio || 1;
+  const width = Math.round(clientWidth * dpr), height = Math.round(clientHeight * dpr);
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  context.setTransform(dpr, 0, 0, dpr, 0, 0);
+  context.clearRect(0, 0, clientWidth, clientHeight);
+  return { width: clientWidth, height: clientHeight };
+}
+
+/** An upright line with a flag at its top. */
+export function drawFlag(context, x, top, bottom, colour) {
+  context.fillStyle = colour;
+  context.fillRect(x - 0.5, top, 1, bottom - top);
+  context.beginPath();
+  for (const [dx, dy] of [[0, 0], [7, 3.5], [0, 7]]) context.lineTo(x + dx, top + dy);
+  context.fill();
+}
+
 export class Chart {
   #low = 0;
   #high = 1;
@@ -20,14 +39,8 @@ export class Chart {
 
   /** Begin anew with those axes; `unit` stands at the right end of the lower one. */
   begin({ low, high, bottom = 0, top, unit, xTick = String, yTick = String, xStep }) {
-    const { canvas, context } = this, dpr = devicePixelRatio || 1;
-    const width = Math.round(canvas.clientWidth * dpr), height = Math.round(canvas.clientHeight * dpr);
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    context.setTransform(dpr, 0, 0, dpr, 0, 0);
-    this.width = canvas.clientWidth;
-    this.height = canvas.clientHeight;
+    Object.assign(this, fitted(this.context));
     [this.#low, this.#high, this.#bottom, this.#top] = [low, high, bottom, top];
-    context.clearRect(0, 0, this.width, this.height);
     this.#axes(unit, xTick, yTick, xStep);
   }
 
@@ -137,12 +150,7 @@ export class Chart {
 
   /** An upright line with a flag, where something was changed. */
   flag(value, colour) {
-    const { context } = this, x = this.x(value);
-    context.fillStyle = colour;
-    context.fillRect(x - 0.5, TOP, 1, this.height - TOP - BOTTOM);
-    context.beginPath();
-    for (const [dx, dy] of [[0, 0], [7, 3.5], [0, 7]]) context.lineTo(x + dx, TOP + dy);
-    context.fill();
+    drawFlag(this.context, this.x(value), TOP, this.height - BOTTOM, colour);
   }
 
   /** Words in the upper right corner, on a ground of their own, cut to the width. */

@@ -3,7 +3,7 @@
 import { colours, faded, sensorColour } from "./colours.js";
 import { line } from "./common.js";
 import { Labels } from "./labels.js";
-import { drawJammers } from "./looks.js";
+import { drawJammers, traceSector } from "./looks.js";
 import { shapeOf, traceShape } from "./shapes.js";
 
 const SITE_HALF = 7;
@@ -91,7 +91,7 @@ function drawCover(context, view, scene, hidden) {
   scene.sensors.forEach((sensor, number) => {
     if (hidden.has(sensor.id)) return;
     const colour = sensorColour(number), looks = sensor.enabled && !sensor.turns;
-    traceCover(context, view, sensor.turns ? { ...sensor, azimuth_span_deg: 360 } : sensor);
+    traceSector(context, view, sensor, sensor.azimuth_min_deg, sensor.turns ? 360 : sensor.azimuth_span_deg, sensor.range_min_m);
     context.setLineDash(looks ? [] : [2, 6]);
     if (looks && scene.sensors.length <= COVER_LIMIT) {
       context.fillStyle = faded(colour, 0.045);
@@ -104,18 +104,6 @@ function drawCover(context, view, scene, hidden) {
   context.setLineDash([]);
 }
 
-/** The sector between blind and instrumented range. */
-function traceCover(context, view, sensor) {
-  const x = view.x(sensor.east_m), y = view.y(sensor.north_m);
-  const from = ((sensor.azimuth_min_deg - 90) * Math.PI) / 180, to = from + (sensor.azimuth_span_deg * Math.PI) / 180;
-  const whole = sensor.azimuth_span_deg >= 360, near = sensor.range_min_m / view.scale;
-  context.beginPath();
-  context.arc(x, y, sensor.range_max_m / view.scale, from, to);
-  if (whole) context.moveTo(x + near, y);
-  if (near > 0.5) context.arc(x, y, near, whole ? 2 * Math.PI : to, whole ? 0 : from, true);
-  else if (!whole) context.lineTo(x, y);
-  context.closePath();
-}
 
 /** Lines of equal east and north of the site, as far apart as rings are. */
 function drawSquares(context, view, labels) {

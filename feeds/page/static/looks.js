@@ -16,7 +16,11 @@ export function drawPointing(context, view, { scene, pointing = {} }, hidden) {
   for (const { sensor, number } of watching(scene, hidden)) {
     const at = pointing[sensor.id], colour = sensorColour(number);
     if (!at) continue;
-    const wedge = (from, span, alpha) => drawWedge(context, view, sensor, from, span, faded(colour, alpha));
+    const wedge = (from, span, alpha) => {
+      context.fillStyle = faded(colour, alpha);
+      traceSector(context, view, sensor, from, span);
+      context.fill();
+    };
     if (at.search_deg) {
       for (const azimuth of at.search_deg) wedge(azimuth - at.width_deg / 2, at.width_deg, 0.06);
       for (const azimuth of at.tracks_deg) wedge(azimuth - at.width_deg / 2, at.width_deg, 0.45);
@@ -31,17 +35,20 @@ export function drawPointing(context, view, { scene, pointing = {} }, hidden) {
   }
 }
 
-function drawWedge(context, view, sensor, from, span, fill) {
-  const x = view.x(sensor.east_m), y = view.y(sensor.north_m);
-  context.fillStyle = fill;
+/** Trace what a sensor covers clockwise from an azimuth, between its blind range and its instrumented one. */
+export function traceSector(context, view, sensor, fromDeg, spanDeg, nearM = 0) {
+  const x = view.x(sensor.east_m), y = view.y(sensor.north_m), from = radians(fromDeg), to = radians(fromDeg + spanDeg);
+  const whole = spanDeg >= 360, near = nearM / view.scale;
   context.beginPath();
-  context.moveTo(x, y);
-  context.arc(x, y, sensor.range_max_m / view.scale, radians(from), radians(from + span));
+  context.arc(x, y, sensor.range_max_m / view.scale, from, to);
+  if (whole) context.moveTo(x + near, y);
+  if (near > 0.5) context.arc(x, y, near, whole ? 2 * Math.PI : to, whole ? 0 : from, true);
+  else if (!whole) context.lineTo(x, y);
   context.closePath();
-  context.fill();
 }
 
-function drawRay(context, view, sensor, azimuth) {
+/** A straight line from a sensor as far as it sees. */
+export function drawRay(context, view, sensor, azimuth) {
   const x = view.x(sensor.east_m), y = view.y(sensor.north_m), far = sensor.range_max_m / view.scale;
   line(context, x, y, x + far * Math.cos(radians(azimuth)), y + far * Math.sin(radians(azimuth)));
 }

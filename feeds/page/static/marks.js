@@ -2,13 +2,14 @@
 // the screen, the sweeps and what is selected.
 
 import { FALSE_ALARM, TrackFlag } from "./frames.js";
-import { ageText, fadedTo, isSilent } from "./track_states.js";
+import { ageText, droneState, fadedTo, isSilent, stateOf } from "./track_states.js";
 import { colours, faded, sensorColour, SENSOR_COLOURS } from "./colours.js";
-import { line } from "./common.js";
+import { drawCross, line } from "./common.js";
 import { Labels } from "./labels.js";
-import { drawPointing, watching } from "./looks.js";
+import { drawPointing, drawRay, traceSector, watching } from "./looks.js";
 import { packed } from "./pixels.js";
-import { arrowStamp, shapeOf, stampOf, traceShape } from "./shapes.js";
+import { arrowOf, arrowStamp, shapeOf, stampOf, traceShape, traceVertices } from "./shapes.js";
+import { azimuthOf } from "./viewport.js";
 
 const LEVELS = 10; // of fading
 const SWEEP_DEG = 32;
@@ -64,23 +65,18 @@ export function beamAzimuth(nowMs, periodS) {
 function drawSweeps(context, view, picture, scene, nowMs, hidden) {
   const turning = watching(scene, hidden).filter(({ sensor }) => sensor.rotates);
   for (const { sensor, number } of turning) {
-    const x = view.x(sensor.east_m), y = view.y(sensor.north_m), radius = sensor.range_max_m / view.scale;
-    const beam = ((beamAzimuth(nowMs, sensor.period_s) - 90) * Math.PI) / 180, wedge = (SWEEP_DEG * Math.PI) / 180;
-    const colour = sensorColour(number);
+    const azimuth = beamAzimuth(nowMs, sensor.period_s), from = azimuth - SWEEP_DEG, colour = sensorColour(number);
     if (turning.length <= MOST_SWEEPS && picture.pace <= 2) {
-      const glow = context.createConicGradient(beam - wedge, x, y);
+      const glow = context.createConicGradient(((from - 90) * Math.PI) / 180, view.x(sensor.east_m), view.y(sensor.north_m));
       glow.addColorStop(0, faded(colour, 0));
       glow.addColorStop(SWEEP_DEG / 360, faded(colour, 0.2));
       context.fillStyle = glow;
-      context.beginPath();
-      context.moveTo(x, y);
-      context.arc(x, y, radius, beam - wedge, beam);
-      context.closePath();
+      traceSector(context, view, sensor, from, SWEEP_DEG);
       context.fill();
     }
     context.strokeStyle = faded(colour, 0.75);
     context.lineWidth = 1.2;
-    line(context, x, y, x + radius * Math.cos(beam), y + radius * Math.sin(beam));
+    drawRay(context, view, sensor, azimuth);
   }
 }
 
@@ -107,23 +103,14 @@ function drawOthers(context, view, plots, scene, { truth }) {
   for (let i = 0; i < others.length; i += 2) {
     const at = others[i], colour = sensorColour(plots.sensor[at]), opacity = OPACITIES[others[i + 1]];
     context.strokeStyle = faded(colour, plots.flags[at] ? 0.75 * opacity : opacity);
-    if (plots.flags[at]) drawRay(context, view, plots, scene.sensors[plots.sensor[at]], at, truth);
+    if (plots.flags[at]) drawBearing(context, view, plots, scene.sensors[plots.sensor[at]], at, truth);
     else if (plots.drone[at] === FALSE_ALARM) drawCross(context, view.x(plots.east_m[at]), view.y(plots.north_m[at]), 3.5 * size);
     else context.strokeRect(view.x(plots.east_m[at]) - 5 * size, view.y(plots.north_m[at]) - 5 * size, 10 * size, 10 * size);
   }
 }
 
-function drawCross(context, x, y, arm) {
-  context.beginPath();
-  context.moveTo(x - arm, y - arm);
-  context.lineTo(x + arm, y + arm);
-  context.moveTo(x + arm, y - arm);
-  context.lineTo(x - arm, y + arm);
-  context.stroke();
-}
-
 /** A bearing as a ray to the edge of cover, where its kind's shape is; what has no direction as a ring about its sensor. */
-function drawRay(context, view, plots, sensor, at, truth) {
+function drawBearing(context, view, plots, sensor, at, truth) {
   const x = view.x(sensor.east_m), y = view.y(sensor.north_m);
   context.setLineDash(truth && plots.isFalse(at) ? [3, 5] : []);
   context.beginPath();
@@ -183,10 +170,11 @@ function drawDrones(context, { drones, droneNames, droneClasses }, seen, { layer
   context.lineWidth = 1.3;
   context.strokeStyle = colours.truth;
   context.fillStyle = faded(colours.truth, 0.3);
-  drawBatches(context, seen.filter(([i]) => drones.gone_ms[i] === 0), ([i, x, y]) => traceDrone(context, x, y, drones, i, length), true);
+  const trace = ([i, x, y]) => traceVertices(context, arrowOf(drones.velocity_east_m_s[i], drones.velocity_north_m_s[i]), x, y, length);
+  drawBatches(context, seen.filter(([i]) => drones.gone_ms[i] === 0), trace, true);
   context.strokeStyle = colours.gone;
   context.setLineDash([2, 2]);
-  drawBatches(context, seen.filter(([i]) => drones.gone_ms[i] > 0), ([i, x, y]) => traceDrone(context, x, y, drones, i, length), false);
+  drawBatches(context, seen.filter(([i]) => drones.gone_ms[i] > 0), trace, false);
   context.setLineDash([]);
   if (!layers.labels || seen.length > MOST_LABELS) return;
   for (const [, x, y] of seen) labels.block(x, y, 0.8 * length);
@@ -205,16 +193,6 @@ function drawBatches(context, shapes, trace, filled) {
     if (filled) context.fill();
     context.stroke();
   }
-}
-
-/** An arrowhead in the direction of flight; a diamond for one that stands. */
-function traceDrone(context, x, y, drones, i, length) {
-  const east = drones.velocity_east_m_s[i], north = drones.velocity_north_m_s[i], speed = Math.hypot(east, north);
-  const [s, c] = speed > 0.2 ? [east / speed, north / speed] : [0, 1];
-  const point = (ahead, right) => [x + ahead * s + right * c, y - ahead * c + right * s];
-  const shape = speed > 0.2 ? [[1.25, 0], [-0.85, 0.8], [-0.4, 0], [-0.85, -0.8]] : [[0.9, 0], [0, 0.9], [-0.9, 0], [0, -0.9]];
-  shape.forEach(([ahead, right], k) => context[k ? "lineTo" : "moveTo"](...point(ahead * length, right * length)));
-  context.closePath();
 }
 
 /** Where a track is between two reports; where it was told last, if the next one stays out. */
@@ -255,6 +233,22 @@ function drawSelection(context, view, picture, nowMs, { selected, truth }) {
   context.beginPath();
   context.arc(x, y, 12 * size, 0, 2 * Math.PI);
   context.stroke();
+}
+
+/** Where something is and how it flies, as cards and tables tell it: from the site, and over ground. */
+export function flightOf([east, north], velocityEast, velocityNorth) {
+  return { azimuth: azimuthOf(east, north), distance: Math.hypot(east, north), speed: Math.hypot(velocityEast, velocityNorth), course: azimuthOf(velocityEast, velocityNorth) };
+}
+
+/** A track now, with its age in seconds and its state in words. */
+export function trackNow(track, nowMs) {
+  return { ...flightOf(trackPlace(track, nowMs), track.velocity_east_m_s, track.velocity_north_m_s), age: (nowMs - track.t_utc_ms) / 1000, state: stateOf(track, nowMs) };
+}
+
+/** The drone in a row of a picture's now, with its number, name and state in words. */
+export function droneNow({ drones, droneNames, unseen }, i, nowMs) {
+  const number = drones.drone[i], name = droneNames[number] ?? String(number);
+  return { ...flightOf(dronePlace(drones, i, nowMs), drones.velocity_east_m_s[i], drones.velocity_north_m_s[i]), number, name, up: drones.up_m[i], state: droneState(unseen, name, drones.gone_ms[i]) };
 }
 
 /** East and north of what is selected; null if it is no longer there. */

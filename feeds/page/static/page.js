@@ -44,7 +44,7 @@ const score = new Score(() => cards.offer("score"));
 const fleet = new FleetCard(() => cards.offer("fleet"));
 const tour = new Tour();
 const past = new Past(reader);
-const timeline = new Timeline(picture, past, display);
+const timeline = new Timeline(picture, past, display, (command) => session.send(command));
 const pointer = new Pointer(display, () => sensors.chosen);
 const tables = new Tables(display);
 const trails = new Trails(display, picture);
@@ -80,7 +80,7 @@ function takeFrame(buffer) {
   if (changed.has("missed_updates")) showBehind(picture.news.missed_updates);
   if (all || changed.has("audience") || changed.has("actions")) roles.show();
   if (all || changed.has("connect")) showConnections(picture.news, sensors.chosen);
-  if (all || changed.has("session") || changed.has("scene") || changed.has("audience")) session.show();
+  if (all || changed.has("session") || changed.has("scene") || changed.has("audience")) { session.show(); timeline.show(); }
   if (["snapshot", "stories", "undoes", "session", "audience"].some((key) => changed.has(key))) stories.show();
   if (all || changed.has("settings") || changed.has("session") || changed.has("audience")) sensors.showSettings();
   if (changed.has("pointing")) sensors.showPointing();
@@ -208,8 +208,8 @@ const KEYS = {
   u: ["takes back what was asked last", () => stories.undo()],
   " ": ["pauses, or goes on", () => session.togglePause()],
   ".": ["makes a step", () => session.step()],
-  "[": ["looks further back", () => timeline.step(1)],
-  "]": ["looks less far back", () => timeline.step(-1)],
+  "[": ["looks further back, or moves a replay back", () => timeline.step(1)],
+  "]": ["looks less far back, or moves a replay ahead", () => timeline.step(-1)],
   l: ["goes back to now", () => timeline.toNow()],
   r: ["measures between two places", () => pointer.rule()],
   b: ["opens or closes the table", () => cards.show("table", !cards.isOpen("table"))],
@@ -219,11 +219,7 @@ const KEYS = {
 }; // what the help says of each, and what it does
 
 hearKeys(KEYS);
-byId("zoom-in").addEventListener("click", () => display.zoom(1.4));
-byId("zoom-out").addEventListener("click", () => display.zoom(1 / 1.4));
-byId("home").addEventListener("click", () => display.home());
-byId("follow").addEventListener("click", follow);
-byId("truth").addEventListener("click", () => setTruth(!display.truth));
+for (const button of document.querySelectorAll("[data-key]")) button.addEventListener("click", KEYS[button.dataset.key][1]);
 byId("glow").addEventListener("change", () => { display.glowMs = 1000 * Number(byId("glow").value); });
 byId("full-screen").addEventListener("click", toggleFullScreen);
 document.addEventListener("fullscreenchange", () => byId("full-screen").setAttribute("aria-pressed", String(Boolean(document.fullscreenElement))));
@@ -231,8 +227,6 @@ byId("save-picture").addEventListener("click", () => savePicture(byId("screen"),
 byId("own-map").addEventListener("change", showOwnMap);
 byId("grid").addEventListener("change", () => { display.grid = byId("grid").value; display.redraw(); });
 byId("connect-button").addEventListener("click", () => cards.show("connect", !cards.isOpen("connect")));
-for (const name of ["table", "heights"]) byId(`${name}-button`).addEventListener("click", () => cards.show(name, !cards.isOpen(name)));
-byId("help-button").addEventListener("click", () => cards.show("help", !cards.isOpen("help")));
 byId("theme").addEventListener("click", () => {
   setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
   showTheme();

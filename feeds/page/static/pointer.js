@@ -3,27 +3,13 @@
 import { describe } from "./card.js";
 import { colours, faded } from "./colours.js";
 import { byId, element, line } from "./common.js";
+import { toGeodetic } from "./earth.js";
 import { inKilometres } from "./ground.js";
 import { placeOf } from "./marks.js";
 import { azimuthOf } from "./viewport.js";
 
 const LOOK_EVERY_MS = 60;
 const MOST_ROWS = 7; // of the card; all of them are in that of what is selected
-const AXIS_M = 6_378_137, FLATTENING = 1 / 298.257223563, E2 = FLATTENING * (2 - FLATTENING); // WGS-84
-const rad = Math.PI / 180;
-
-/** Latitude and longitude, degrees, of a place so far east and north on the horizontal plane of a site. */
-export function toGeodetic({ latitude_deg: latitude, longitude_deg: longitude, height_m: height }, east, north) {
-  const [sf, cf, sl, cl] = [Math.sin(latitude * rad), Math.cos(latitude * rad), Math.sin(longitude * rad), Math.cos(longitude * rad)];
-  const normal = AXIS_M / Math.sqrt(1 - E2 * sf * sf);
-  const x = (normal + height) * cf * cl - sl * east - sf * cl * north;
-  const y = (normal + height) * cf * sl + cl * east - sf * sl * north;
-  const z = (normal * (1 - E2) + height) * sf + cf * north;
-  const p = Math.hypot(x, y), minor = AXIS_M * (1 - FLATTENING), second = (AXIS_M * AXIS_M - minor * minor) / (minor * minor);
-  const theta = Math.atan2(z * AXIS_M, p * minor); // Bowring (1976)
-  const found = Math.atan2(z + second * minor * Math.sin(theta) ** 3, p - E2 * AXIS_M * Math.cos(theta) ** 3);
-  return [found / rad, Math.atan2(y, x) / rad];
-}
 
 function fromPlace(name, east, north) {
   return `${name} ${azimuthOf(east, north).toFixed(1).padStart(5, "0")}° ${(Math.hypot(east, north) / 1000).toFixed(2)} km`;
@@ -40,7 +26,6 @@ export class Pointer {
     display.extras.push((context, view, picture, nowMs) => this.#drawRuler(context, view, picture, nowMs));
     display.onPoint = (x, y) => this.#point(x, y);
     display.onPress = (x, y) => this.ruling && this.#measure(x, y);
-    byId("ruler").addEventListener("click", () => this.rule());
   }
 
   /** Begin to measure, or measure no more. */

@@ -1,6 +1,6 @@
 // Presenter and audience: who this page is, what it may do, what the presenter gives, and who did what.
 
-import { byId, element, keep, kept } from "./common.js";
+import { byId, clock, element, keep, kept } from "./common.js";
 
 const KEPT_NAME = "plotfeed-name";
 const NO_CONTROLS = "The presenter has not given the audience the controls.";
@@ -58,7 +58,7 @@ export class Roles {
     byId("truth").disabled = !this.maySeeTruth;
     byId("truth").title = this.maySeeTruth ? "Drones, false alarms and lost plots: not for a tracker team" : NO_TRUTH;
     byId("actions").replaceChildren(...[...actions].reverse().map(({ t_utc_ms: at, who, what }) => {
-      const item = element("li"), time = element("time", new Date(at).toISOString().slice(11, 19));
+      const item = element("li"), time = element("time", clock(at));
       item.append(time, " ", element("b", who), ` ${what}`);
       return item;
     }));

@@ -1,7 +1,7 @@
 // The table of sensors, and what can be asked of the one that is chosen.
 
 import { SENSOR_COLOURS } from "./colours.js";
-import { byId, element } from "./common.js";
+import { byId, element, sayAnswer } from "./common.js";
 import { pointingWords } from "./looks.js";
 import { refusals } from "./roles.js";
 import { shapeOf, swatch } from "./shapes.js";
@@ -186,9 +186,7 @@ export class Sensors {
   }
 
   #say(words, failed = false) {
-    const answer = byId("answer");
-    answer.textContent = words;
-    answer.toggleAttribute("data-failed", failed);
+    sayAnswer("answer", { ok: !failed, error: words }, words);
   }
 }
 

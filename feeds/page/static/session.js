@@ -1,6 +1,6 @@
 // The session as a whole: its clock, recording and replay, the choice of scenes, totals and refusals.
 
-import { byId, element } from "./common.js";
+import { byId, clock, clockText, element, sayAnswer } from "./common.js";
 import { refusals } from "./roles.js";
 
 const TOTALS = [
@@ -8,15 +8,10 @@ const TOTALS = [
   ["lost", "Lost"], ["duplicated", "Duplicated"], ["undelivered", "Undelivered"], ["missed_scans", "Missed scans"], ["telemetry", "Telemetry"], ["refused", "Refused"], ["stale", "Too late"],
   ["flooded", "Flooded"], ["late", "Late"], ["conflated", "Conflated"], ["intake_behind_s", "Behind, s"],
 ];
-const SKIP_S = 10;
 const SURE_MS = 10_000;
 const whole = new Intl.NumberFormat("en");
-const clockText = (seconds) => `${Math.floor(seconds / 60)}:${(seconds % 60).toFixed(1).padStart(4, "0")}`;
 
 export class Session {
-  #scrubbing = false;
-  #last = 0;
-
   constructor(picture, ask) {
     this.picture = picture;
     this.ask = ask;
@@ -26,12 +21,7 @@ export class Session {
     this.#hear("record", () => ({ record: this.#state.record?.on ? { stop: true } : { start: true } }));
     this.#hearEnd("load-scene", () => ({ session: { scene: byId("scene").value } }));
     this.#hearEnd("load-recording", () => ({ replay: { load: byId("recording").value } }));
-    this.#hear("replay-pause", () => ({ replay: { paused: !this.#state.replay?.paused } }));
-    this.#hear("replay-back", () => ({ replay: { skip_s: -SKIP_S } }));
-    this.#hear("replay-ahead", () => ({ replay: { skip_s: SKIP_S } }));
-    this.#hear("replay-stop", () => ({ replay: { stop: true } }));
-    byId("speed").addEventListener("change", () => this.#send({ clock: { speed: Number(byId("speed").value) } }));
-    this.#hearScrubbing();
+    byId("speed").addEventListener("change", () => this.send({ clock: { speed: Number(byId("speed").value) } }));
     byId("totals").replaceChildren(...TOTALS.flatMap(([key, words]) => [element("dt", words), element("dd", "0", { id: `total-${key}` })]));
   }
 
@@ -40,7 +30,7 @@ export class Session {
   }
 
   #hear(id, command) {
-    byId(id).addEventListener("click", () => this.#send(command()));
+    byId(id).addEventListener("click", () => this.send(command()));
   }
 
   /** What ends the session, and with it a recording that runs: said first, and done when it is pressed again. */
@@ -49,35 +39,19 @@ export class Session {
     byId(id).addEventListener("click", () => {
       if (this.#state.record?.on && performance.now() - saidAt > SURE_MS) {
         saidAt = performance.now();
-        byId("session-answer").textContent = `This ends the recording to ${this.#state.record.file}: press ${byId(id).textContent} again.`;
-        byId("session-answer").removeAttribute("data-failed");
+        sayAnswer("session-answer", { ok: true }, `This ends the recording to ${this.#state.record.file}: press ${byId(id).textContent} again.`);
         return;
       }
       saidAt = -Infinity;
-      this.#send(command());
+      this.send(command());
     });
   }
 
-  /** Moved along a recording: asked for at most ten times a second, and at the end. */
-  #hearScrubbing() {
-    const position = byId("position");
-    const seek = () => this.#send({ replay: { position_s: Number(position.value) } });
-    position.addEventListener("input", () => {
-      this.#scrubbing = true;
-      byId("position-text").textContent = clockText(Number(position.value));
-      if (performance.now() - this.#last < 100) return;
-      this.#last = performance.now();
-      seek();
-    });
-    position.addEventListener("change", () => { this.#scrubbing = false; seek(); });
-  }
-
-  async #send(command) {
-    const words = byId("session-answer");
-    if (command.replay?.load) words.textContent = "Looking through the recording";
+  /** Ask for something, and say why not if it is refused. */
+  async send(command) {
+    if (command.replay?.load) sayAnswer("session-answer", { ok: true }, "Looking through the recording");
     const answer = await this.ask(command);
-    words.textContent = answer.ok ? "" : answer.error;
-    words.toggleAttribute("data-failed", !answer.ok);
+    sayAnswer("session-answer", answer);
     if (!answer.ok) this.show();
   }
 
@@ -105,21 +79,8 @@ export class Session {
     byId("record-text").textContent = record.on ? `Stop ${clockText(record.seconds ?? 0)}` : "Record";
     fill("scene", scenes, news.scene?.name);
     fill("recording", recordings, replay.file);
-    this.#showReplay(replay, "replay" in refuses);
     const recorded = record.file && !refuses.record ? [`${record.on ? "Recording to" : "Recorded"} ${record.file}.`] : [];
     byId("not-allowed").textContent = [...new Set([...recorded, ...notes, ...Object.values(refuses)])].join(" ");
-  }
-
-  #showReplay(replay, isRefused) {
-    const position = byId("position"), on = Boolean(replay.file);
-    for (const id of ["position", "replay-pause", "replay-back", "replay-ahead", "replay-stop"]) byId(id).disabled = !on || isRefused;
-    byId("replay-pause").textContent = replay.paused ? "Play" : "Pause";
-    byId("replay-pause").setAttribute("aria-pressed", String(Boolean(replay.paused)));
-    position.max = replay.duration_s ?? 1;
-    if (this.#scrubbing) return;
-    position.value = replay.position_s ?? 0;
-    byId("position-text").textContent = on ? `${clockText(replay.position_s ?? 0)} / ${clockText(replay.duration_s ?? 0)}` : "no replay";
-    position.setAttribute("aria-valuetext", byId("position-text").textContent);
   }
 
   showTotals() {
@@ -134,7 +95,7 @@ export class Session {
   }
 
   showTime(nowMs) {
-    if (nowMs) byId("time").textContent = new Date(nowMs).toISOString().slice(11, 21);
+    if (nowMs) byId("time").textContent = clock(nowMs, 1);
   }
 }
 

@@ -31,7 +31,12 @@ export function shapeOf(kind) {
 /** Trace it about a place, as a path of its own; `half` is half its width. */
 export function traceShape(context, shape, x, y, half) {
   context.beginPath();
-  for (const [dx, dy] of SHAPES[shape]) context.lineTo(x + half * dx, y + half * dy);
+  traceVertices(context, SHAPES[shape], x, y, half);
+}
+
+/** Trace a closed line about a place, as a part of the path. */
+export function traceVertices(context, vertices, x, y, half) {
+  vertices.forEach(([dx, dy], k) => context[k ? "lineTo" : "moveTo"](x + half * dx, y + half * dy));
   context.closePath();
 }
 
@@ -60,14 +65,17 @@ const HEADINGS = 48;
 const ARROW = [[0, -1.25], [0.8, 0.85], [0, 0.4], [-0.8, 0.85]];
 const STANDING = 0.2; // metres a second, below which there is no heading
 
-/** An arrowhead of half that length in the direction of flight; a diamond for one that stands. */
+/** Vertices of an arrowhead in the direction of flight; of a diamond for one that stands. */
+export function arrowOf(east, north) {
+  const speed = Math.hypot(east, north), [s, c] = [east / speed, north / speed];
+  return speed < STANDING ? SHAPES.diamond : ARROW.map(([x, y]) => [c * x - s * y, s * x + c * y]);
+}
+
+/** The pixels of such an arrowhead of half that length, to some degrees. */
 export function arrowStamp(east, north, half) {
   const stands = Math.hypot(east, north) < STANDING, turn = TURN / HEADINGS;
   const heading = stands ? 0 : Math.round(Math.atan2(east, north) / turn), key = `${stands ? "standing" : heading} arrow ${half}`;
-  if (!stamps.has(key)) {
-    const [s, c] = [Math.sin(heading * turn), Math.cos(heading * turn)];
-    stamps.set(key, drawStamp(stands ? SHAPES.diamond : ARROW.map(([x, y]) => [c * x - s * y, s * x + c * y]), 2 * half));
-  }
+  if (!stamps.has(key)) stamps.set(key, drawStamp(stands ? SHAPES.diamond : arrowOf(Math.sin(heading * turn), Math.cos(heading * turn)), 2 * half));
   return stamps.get(key);
 }
 

@@ -1,6 +1,6 @@
 // Stories: what can happen at a word, by one click, and is taken back by another; and undo.
 
-import { byId, element } from "./common.js";
+import { byId, element, sayAnswer } from "./common.js";
 import { refusals } from "./roles.js";
 
 export const MARK_COLOURS = { story: "warn", change: "accent", script: "quiet" };
@@ -53,9 +53,7 @@ export class Stories {
   }
 
   async #send(command) {
-    const answer = await this.ask(command), words = byId("story-answer");
-    words.textContent = answer.ok ? "" : answer.error;
-    words.toggleAttribute("data-failed", !answer.ok);
+    sayAnswer("story-answer", await this.ask(command));
   }
 }
 

@@ -1,13 +1,10 @@
 // Drones, plots and tracks as a plain table: sorted by any column, filtered by words, of bounded length.
 
-import { byId, element } from "./common.js";
-import { dronePlace, trackPlace } from "./marks.js";
-import { droneState, stateOf } from "./track_states.js";
-import { azimuthOf } from "./viewport.js";
+import { byId, clock, element } from "./common.js";
+import { droneNow, trackNow } from "./marks.js";
 
 const MOST_ROWS = 200;
 const MOST_PLOTS = 5000; // the newest, of which rows are made
-const clock = (ms) => new Date(ms).toISOString().slice(11, 21);
 
 /** Heading, value to sort by, and digits if it is a number. */
 const COLUMNS = {
@@ -116,23 +113,20 @@ export class Tables {
       if (!sensor || hidden.has(sensor.id) || nowMs - plots.shown_ms[at] >= glowMs || plots.shown_ms[at] > nowMs) continue;
       const of = !truth || plots.drone[at] < -1 ? "" : plots.isFalse(at) ? "false alarm" : (droneNames[plots.drone[at]] ?? "a drone");
       const numbers = ["range_m", "azimuth_deg", "elevation_deg", "height_m", "snr_db", "latency_ms"].map((name) => plots[name][at]);
-      rows.push({ mark: { kind: "plot", row, at }, values: [clock(plots.t_utc_ms[at]), sensor.id, ...numbers, of] });
+      rows.push({ mark: { kind: "plot", row, at }, values: [clock(plots.t_utc_ms[at], 1), sensor.id, ...numbers, of] });
     }
     return rows;
   }
 }
 
 function trackRow(track, nowMs) {
-  const [east, north] = trackPlace(track, nowMs), { velocity_east_m_s: ve, velocity_north_m_s: vn } = track;
-  const values = [track.name, azimuthOf(east, north), Math.hypot(east, north), Math.hypot(ve, vn), azimuthOf(ve, vn), (nowMs - track.t_utc_ms) / 1000, stateOf(track, nowMs)];
-  return { mark: { kind: "track", id: track.id }, values };
+  const { azimuth, distance, speed, course, age, state } = trackNow(track, nowMs);
+  return { mark: { kind: "track", id: track.id }, values: [track.name, azimuth, distance, speed, course, age, state] };
 }
 
-function droneRow({ drones, droneNames, unseen }, i, nowMs) {
-  const [east, north] = dronePlace(drones, i, nowMs), ve = drones.velocity_east_m_s[i], vn = drones.velocity_north_m_s[i], gone = drones.gone_ms[i];
-  const drone = drones.drone[i], state = droneState(unseen, droneNames[drone], gone);
-  const values = [droneNames[drone] ?? String(drone), azimuthOf(east, north), Math.hypot(east, north), drones.up_m[i], Math.hypot(ve, vn), azimuthOf(ve, vn), state];
-  return { mark: { kind: "drone", drone }, values };
+function droneRow(picture, i, nowMs) {
+  const { number, name, azimuth, distance, up, speed, course, state } = droneNow(picture, i, nowMs);
+  return { mark: { kind: "drone", drone: number }, values: [name, azimuth, distance, up, speed, course, state] };
 }
 
 function textOf(value, digits) {

@@ -1,14 +1,18 @@
-// The time line of the last minutes: marks of stories, changes and losses, and looking back while it runs.
+// The time line under the picture: of a session its last minutes, in which one looks back while it runs; of a
+// recording all of it, along which the replay is moved. Marks of stories, changes and losses stand in it.
 
+import { drawFlag, fitted } from "./chart.js";
 import { colours } from "./colours.js";
-import { byId } from "./common.js";
+import { byId, clock, clockText } from "./common.js";
+import { refusals } from "./roles.js";
 import { MARK_COLOURS } from "./stories.js";
 
 const SPANS_S = [60, 120, 300, 600, 1800, 3600];
-const STEP_S = 5;
+const STEP_S = 10;
 const BEFORE_MARK_MS = 1000;
 const LEAST_BACK_MS = 50;
-const clock = (ms) => new Date(ms).toISOString().slice(11, 19);
+const SEEK_EVERY_MS = 100;
+const CONTROLS = ["back", "earlier", "later", "hold", "now"];
 
 /** 80 s as "1 min 20 s". */
 export function agoText(seconds) {
@@ -19,15 +23,20 @@ export function agoText(seconds) {
 export class Timeline {
   #backMs = 0; // how far back it is looked; 0 is now
   #heldMs = null; // the time that stands, if one does
-  #span = SPANS_S[0];
+  #isDragged = false; // the slider, along a recording
+  #soughtAt = 0;
   #marks = "";
   #context = byId("timeline-strip").getContext("2d");
 
-  constructor(live, past, display) {
-    Object.assign(this, { live, past, display });
-    byId("back").addEventListener("input", () => this.lookBack(-1000 * Number(byId("back").value)));
-    byId("now").addEventListener("click", () => this.toNow());
-    byId("hold").addEventListener("click", () => this.hold());
+  /** send(command) asks the session for what a replay is to do. */
+  constructor(live, past, display, send) {
+    Object.assign(this, { live, past, display, send });
+    byId("back").addEventListener("input", () => this.#moveTo(Number(byId("back").value), true));
+    byId("back").addEventListener("change", () => this.#moveTo(Number(byId("back").value), false));
+    byId("earlier").addEventListener("click", () => this.step(1));
+    byId("later").addEventListener("click", () => this.step(-1));
+    byId("now").addEventListener("click", () => (this.#replay ? this.send({ replay: { stop: true } }) : this.toNow()));
+    byId("hold").addEventListener("click", () => this.#hold());
     byId("marks").addEventListener("change", () => {
       const ms = Number(byId("marks").value);
       byId("marks").value = "";
@@ -38,6 +47,25 @@ export class Timeline {
 
   get isBack() {
     return this.#backMs > 0;
+  }
+
+  /** The replay that runs in place of a session, if one does. */
+  get #replay() {
+    const replay = this.live.news.session?.replay;
+    return replay?.file ? replay : null;
+  }
+
+  /** Seconds from the beginning of a recording, or behind now; while the slider is dragged, not too often. */
+  #moveTo(seconds, isDragged) {
+    if (!this.#replay) {
+      this.lookBack(-1000 * seconds);
+      return;
+    }
+    this.#isDragged = isDragged;
+    byId("back-text").textContent = clockText(seconds);
+    if (isDragged && performance.now() - this.#soughtAt < SEEK_EVERY_MS) return;
+    this.#soughtAt = performance.now();
+    this.send({ replay: { position_s: seconds } });
   }
 
   /** Look at what was so long ago, as far as it is kept; it goes on from there. */
@@ -52,7 +80,8 @@ export class Timeline {
 
   /** Some seconds further back, or with a negative number ahead. */
   step(direction) {
-    this.lookBack(this.#backMs + direction * 1000 * STEP_S);
+    if (this.#replay) this.send({ replay: { skip_s: -direction * STEP_S } });
+    else this.lookBack(this.#backMs + direction * 1000 * STEP_S);
   }
 
   toNow() {
@@ -63,7 +92,11 @@ export class Timeline {
   }
 
   /** Let the time that is looked at stand, or go on. */
-  hold() {
+  #hold() {
+    if (this.#replay) {
+      this.send({ replay: { paused: !this.#replay.paused } });
+      return;
+    }
     this.#heldMs = this.#heldMs === null ? this.#liveMs() - this.#backMs : null;
     this.tick();
     this.show();
@@ -100,18 +133,24 @@ export class Timeline {
 
   /** Words, slider and strip. */
   show() {
-    const nowMs = this.#liveMs(), keptS = (nowMs - this.past.oldestMs) / 1000 || 0, back = byId("back");
-    this.#span = SPANS_S.find((span) => span >= keptS) ?? SPANS_S.at(-1);
-    back.min = -this.#span;
-    back.value = -this.#backMs / 1000;
-    const words = this.#backMs ? `Looking back ${agoText(this.#backMs / 1000)}` : "Now";
-    back.setAttribute("aria-valuetext", words);
-    byId("back-text").textContent = this.#backMs ? `${words}: ${clock(nowMs - this.#backMs)}` : "Now";
-    byId("now").disabled = !this.#backMs;
-    byId("hold").setAttribute("aria-pressed", String(this.#heldMs !== null));
+    const nowMs = this.#liveMs(), replay = this.#replay, back = byId("back");
+    const span = SPANS_S.find((each) => each >= (nowMs - this.past.oldestMs) / 1000 || 0) ?? SPANS_S.at(-1);
+    const [low, high, at] = replay ? [0, replay.duration_s, replay.position_s] : [-span, 0, -this.#backMs / 1000];
+    const words = replay ? `${clockText(at)} / ${clockText(high)}` : this.#backMs ? `Looking back ${agoText(-at)}: ${clock(nowMs - this.#backMs)}` : "Now";
+    if (!this.#isDragged) {
+      Object.assign(back, { min: low, max: high, value: at });
+      back.setAttribute("aria-valuetext", words);
+      byId("back-text").textContent = words;
+    }
+    back.setAttribute("aria-label", replay ? "Position in the recording" : "Look back");
+    for (const id of CONTROLS) byId(id).disabled = replay ? "replay" in refusals(this.live.news) : id === "now" && !this.#backMs;
+    byId("hold").textContent = !replay ? "Hold" : replay.paused ? "Play" : "Pause";
+    byId("hold").setAttribute("aria-pressed", String(replay ? replay.paused : this.#heldMs !== null));
+    byId("now").textContent = replay ? "Back to a session" : "Back to now";
     document.documentElement.toggleAttribute("data-back", this.#backMs > 0);
     this.#showMarks();
-    this.#draw(nowMs);
+    const zeroMs = nowMs - (replay ? 1000 * at : 0);
+    this.#draw(zeroMs + 1000 * low, zeroMs + 1000 * high);
   }
 
   /** The marks to choose from, the newest first. */
@@ -124,35 +163,20 @@ export class Timeline {
     byId("marks").disabled = !marks.length;
   }
 
-  #draw(nowMs) {
-    const context = this.#context, { canvas } = context, dpr = devicePixelRatio || 1;
-    const width = canvas.clientWidth, height = canvas.clientHeight;
-    if (canvas.width !== Math.round(width * dpr) || canvas.height !== Math.round(height * dpr)) {
-      canvas.width = Math.round(width * dpr);
-      canvas.height = Math.round(height * dpr);
-    }
-    context.setTransform(dpr, 0, 0, dpr, 0, 0);
-    context.clearRect(0, 0, width, height);
-    const x = (ms) => width + ((ms - nowMs) / 1000 / this.#span) * width, base = height - 1;
+  /** What is kept and what was lost between two times, and the marks there. */
+  #draw(fromMs, toMs) {
+    const context = this.#context, { width, height } = fitted(context);
+    const x = (ms) => ((ms - fromMs) / (toMs - fromMs)) * width, base = height - 1, second = x(fromMs + 1000);
     context.fillStyle = colours.grid;
-    context.fillRect(x(this.past.oldestMs), base - 2, width - x(this.past.oldestMs), 2);
+    context.fillRect(x(this.past.oldestMs), base - 2, x(this.past.latestMs) - x(this.past.oldestMs), 2);
     context.fillStyle = colours.bad;
     for (const { ms, lost, messages } of this.past.seconds) {
       const share = lost / (lost + messages || 1);
-      if (share > 0) context.fillRect(x(ms) - width / this.#span, base - 2 - share * (height - 5), Math.max(width / this.#span, 1), share * (height - 5));
+      if (share > 0) context.fillRect(x(ms) - second, base - 2 - share * (height - 5), Math.max(second, 1), share * (height - 5));
     }
-    for (const { t_utc_ms: ms, kind } of this.live.news.marks ?? []) drawFlag(context, x(ms), base, colours[MARK_COLOURS[kind]]);
+    for (const { t_utc_ms: ms, kind } of this.live.news.marks ?? []) if (ms >= fromMs) drawFlag(context, x(ms), 1, base, colours[MARK_COLOURS[kind]]);
     if (!this.#backMs) return;
     context.fillStyle = colours.ink;
-    context.fillRect(x(nowMs - this.#backMs) - 1, 0, 2, height);
+    context.fillRect(x(this.#liveMs() - this.#backMs) - 1, 0, 2, height);
   }
-}
-
-function drawFlag(context, x, base, colour) {
-  if (x < 0) return;
-  context.fillStyle = colour;
-  context.fillRect(x - 0.75, 1, 1.5, base - 1);
-  context.beginPath();
-  for (const [dx, y] of [[0, 1], [8, 4.5], [0, 8]]) context.lineTo(x + dx, y);
-  context.fill();
 }

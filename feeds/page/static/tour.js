@@ -11,7 +11,7 @@ const STEPS = [
   ["strips-title", "What the link and the sensor were asked for, beside what came out: latency, losses, detections."],
   ["truth", "This shows the drones as they truly are, false alarms and what was lost. A tracker team had better not see it first."],
   ["pause", "The session's clock: where it is simulated, it can be held, stepped and hurried."],
-  ["cards-button", "Everything beside the picture is a card: move it by its head, close it, open it again here. Help has the keys."],
+  ["help-button", "Everything beside the picture is a card: press its head to fold it away, or to open it again. Help has the keys."],
 ];
 
 export class Tour {

@@ -4,15 +4,22 @@ import socket
 
 import pytest
 
+from plotfeed.feeds.engine.change_control import told
 from plotfeed.feeds.page.page_access import (
     AUDIENCE_VARIABLE,
     DEFAULT_PORT,
+    KEPT_ACTIONS,
+    MAX_NAME,
+    MAX_WORDS,
     TOKEN_VARIABLE,
+    Audience,
     PageAccess,
     PageAddress,
     Role,
     Tokens,
     fixed_tokens,
+    name_in,
+    words_of,
 )
 from plotfeed.proto.errors import PlotfeedError
 
@@ -131,3 +138,35 @@ def test_presenter_and_audience_do_not_have_the_same_token() -> None:
     same = dict.fromkeys((TOKEN_VARIABLE, AUDIENCE_VARIABLE), "field-day_2026-11")
     with pytest.raises(PlotfeedError, match=f"{AUDIENCE_VARIABLE}: expected another token"):
         fixed_tokens(same)
+
+
+def test_the_log_is_short_and_names_and_deeds_are_plain_words() -> None:
+    audience = Audience()
+    for number in range(KEPT_ACTIONS + 5):
+        audience.log(number * 1_000_000, "presenter 1", {"clock": {"speed": number}})
+    assert len(audience.actions) == KEPT_ACTIONS
+    assert audience.actions[-1] == {
+        "t_utc_ms": KEPT_ACTIONS + 4,
+        "who": "presenter 1",
+        "what": f"clock: speed {KEPT_ACTIONS + 4}",
+    }
+    assert [audience.called(Role.AUDIENCE) for _ in range(2)] == ["audience 1", "audience 2"]
+    assert len(name_in("x" * 100)) == MAX_NAME
+    with pytest.raises(PlotfeedError, match="name in words"):
+        name_in(5)
+    loss = {"link": {"loss": {"kind": "random", "probability": 0.02}, "latency_ms": 5}}
+    ten_times = {"pfa": 1.9999999999999998e-5}
+    for command, words in (
+        ({"sensor": "radar", "reset": True}, "radar: reset"),
+        (
+            {"sensor": "radar", "set": loss},
+            "radar: link loss kind random, link loss probability 0.02, link latency_ms 5",
+        ),
+        ({"sensor": "tower", "set": ten_times}, "tower: pfa 2e-05"),
+        ({"session": {"scene": "coast"}}, "session: scene coast"),
+        ({"story": "jamming", "reset": True}, "story jamming, reset"),
+        ({"undo": True}, "undo"),
+    ):
+        assert words_of(command) == words
+    assert told(ten_times | {"link": {"latency_ms": 250}}) == "pfa 2e-05, link.latency_ms 250"
+    assert len(words_of({"sensor": "x" * 1000, "set": {}})) <= MAX_WORDS

@@ -3,7 +3,6 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,9 @@ from support.waiting import until
 from plotfeed import testing
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.run_with_page import PageObserver, alongside, tracks_of
-from plotfeed.feeds.page.scene_outline import cover_of
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.recording.recorder import RecordedTelemetry, Recorder, SessionRecorder
+from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.session.observer import Observer, Tap
 from plotfeed.feeds.session.session import run
@@ -56,7 +54,6 @@ class Show:
         self.messages: list[tuple[Message, int]] = []
         self.frames: list[Frame] = []
         self.others: list[Observer] = []
-        self.missed_scans = 0
         self._clock = clock
         self._scene = scene
 
@@ -83,7 +80,7 @@ class Show:
                 await act(self)
             if duration_s is None:
                 stop.set()
-            self.missed_scans = (await session).missed_scans
+            await session
             self.look()
 
     def look(self) -> Frame:
@@ -168,63 +165,61 @@ async def test_marks_tell_what_was_changed_and_by_whom_and_stories_which_are_on(
 
 
 @pytest.mark.asyncio
-async def test_a_sensor_is_changed_while_it_runs_and_the_page_says_what_is_in_force() -> None:
+async def test_a_sensor_and_the_clock_are_changed_while_it_runs_and_the_page_says_so(
+    tmp_path: Path,
+) -> None:
+    """What is refused changes nothing; a record has all of it as if it had come in."""
+    asked: list[dict[str, Any]] = []
+
+    async def apply(show: Show, **command: Any) -> Any:
+        asked.append(command)
+        return await show.observer.apply(command)
+
     async def act(show: Show) -> None:
-        in_force = await show.observer.apply(
-            {"sensor": "radar", "set": {"link": {"latency_ms": 400.0, "jitter_ms": 0.0}}}
-        )
+        refused: tuple[dict[str, Any], ...] = ({"sensor": "nobody", "reset": True}, {"sensor": "x"})
+        for command in refused:
+            with pytest.raises(PlotfeedError) as error:
+                await apply(show, **command)
+            assert "\n" not in str(error.value)
+        link = {"latency_ms": 400.0, "jitter_ms": 0.0}
+        in_force = await apply(show, sensor="radar", set={"link": link})
         assert in_force["link"]["latency_ms"] == 400.0
         assert "radar" not in show.news.get("details", {})
         show.view.watch(["radar"])
         await show.until(lambda: show.link("radar").get("messages", 0) > 10)
-        await show.observer.apply({"sensor": "radar", "reset": True})
-        await show.observer.apply({"sensor": "other", "set": {"enabled": False}})
+        await apply(show, sensor="radar", reset=True)
+        await apply(show, sensor="other", set={"enabled": False})
         await show.until(lambda: show.news["settings"]["other"].get("enabled") is False)
-
-    show = Show(WallClock(testing.START_NS, speed=10.0))
-    await show.play(act=act)
-    settings = show.news["settings"]
-    assert settings["radar"]["link"]["latency_ms"] == 40.0
-    assert settings["other"]["enabled"] is False
-    mean_ms = [
-        frame.news["details"]["radar"]["link"]
-        for frame in show.frames
-        if "radar" in frame.news.get("details", {})
-    ]
-    judged = [link for link in mean_ms if link["asked_mean_ms"] == 400.0 and link["messages"]]
-    assert judged
-    assert all(link["mean_ms"] >= 399.9 for link in judged)  # later on a busy machine
-
-
-@pytest.mark.asyncio
-async def test_what_the_session_refuses_is_an_error_in_a_line() -> None:
-    async def act(show: Show) -> None:
-        commands: list[dict[str, Any]] = [{"sensor": "nobody", "reset": True}, {"sensor": "radar"}]
-        for command in commands:
-            with pytest.raises(PlotfeedError) as refused:
-                await show.observer.apply(command)
-            assert "\n" not in str(refused.value)
-
-    await Show(WallClock(testing.START_NS, speed=10.0)).play(act=act)
-
-
-@pytest.mark.asyncio
-async def test_a_simulated_clock_is_held_stepped_and_hurried() -> None:
-    async def act(show: Show) -> None:
-        await show.observer.apply({"clock": {"paused": True}})
+        await apply(show, clock={"paused": True})
         before_ns = show.observer.now_utc_ns()
         await asyncio.sleep(0.05)
         assert show.observer.now_utc_ns() == before_ns
         await show.until(lambda: show.news["session"]["clock"]["paused"])
-        await show.observer.apply({"clock": {"step_s": 0.5}})
-        await show.until(lambda: show.observer.now_utc_ns() == before_ns + 500_000_000)
-        await show.observer.apply({"clock": {"paused": False, "speed": 20.0}})
+        await apply(show, clock={"step_s": 0.5})
+        await show.until(lambda: show.observer.now_utc_ns() == before_ns + NS // 2)
+        await apply(show, clock={"paused": False, "speed": 20.0})
         assert show.look().news["session"]["clock"]["speed"] == 20.0
 
-    show = Show(WallClock(testing.START_NS, speed=5.0))
-    await show.play(act=act)
+    show = Show(WallClock(testing.START_NS, speed=10.0))
+    with Recorder(tmp_path / "changed.mcap") as recorder:
+        show.others.append(SessionRecorder(recorder, ledger_is_sent=True))
+        await show.play(act=act)
+    assert show.news["settings"]["radar"]["link"]["latency_ms"] == 40.0
+    assert show.news["settings"]["other"]["enabled"] is False
+    judged = [
+        link
+        for frame in show.frames
+        if (link := frame.news.get("details", {}).get("radar", {}).get("link"))
+        and link["asked_mean_ms"] == 400.0
+        and link["messages"]
+    ]
+    assert judged
+    assert all(link["mean_ms"] >= 399.9 for link in judged)  # later on a busy machine
     assert show.news["session"]["clock"]["kind"] == "simulated"
     assert show.news["session"]["refuses"] == {}
+    with McapReader(tmp_path / "changed.mcap") as log:
+        taken = [json.loads(m.payload) for m in log.messages(stages=[Stage.TELEMETRY])]
+    assert taken == asked
 
 
 @pytest.mark.parametrize("clock", [WallClock, InstantClock])
@@ -290,57 +285,6 @@ async def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) 
             await asyncio.to_thread(tracker.close)
 
 
-@pytest.mark.asyncio
-async def test_what_a_page_has_changed_changes_again_when_the_record_is_run_again(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "changed.mcap"
-    asked: list[dict[str, Any]] = [
-        {"sensor": "radar", "set": {"pfa": 1e-4, "link": {"latency_ms": 70.0}}},
-        {"clock": {"speed": 3.0}},
-        {"sensor": "other", "set": {"enabled": False}},
-        {"sensor": "radar", "reset": True},
-        {"sensor": "other", "reset": True},
-    ]
-
-    async def act(show: Show) -> None:
-        for command in asked:
-            enough = len(show.messages) + 30
-            await show.until(partial(has_sent, show, enough))
-            await show.observer.apply(command)
-        await show.until(lambda: show.observer.now_utc_ns() > testing.START_NS + 8 * NS)
-
-    show = Show(WallClock(testing.START_NS, speed=2.0))
-    with Recorder(path) as recorder:
-        show.others.append(SessionRecorder(recorder, ledger_is_sent=True))
-        await show.play(act=act)
-    with McapReader(path) as log:
-        taken = [json.loads(m.payload) for m in log.messages(stages=[Stage.TELEMETRY])]
-    assert taken == asked
-    again: list[Message] = []
-    observers = [Tap(lambda message, _t: again.append(message)), RecordedTelemetry(path)]
-    clock = InstantClock(testing.START_NS)
-    last_ns = max(m.due_utc_ns for m, _ in show.messages)
-    lasts_s = (last_ns - testing.START_NS) / 1e9 + 1.0
-    await run(SCENE, clock=clock, broker="none", duration_s=lasts_s, observers=observers)
-    for topic in ("radar/plots", "radar/asterix/048", "other/plots"):
-        first, second = (
-            sorted((m.due_utc_ns, m.payload) for m in messages if m.topic == f"plotfeed/{topic}")
-            for messages in ([m for m, _ in show.messages], again)
-        )
-        # On a machine that stood still for a turn, the run again has what the first one missed.
-        sent = {due_ns for due_ns, _ in first}
-        assert first == [(due_ns, payload) for due_ns, payload in second if due_ns in sent]
-        ended_ns = max(sent, default=0)
-        same = [due_ns for due_ns, _ in second if due_ns <= ended_ns]
-        assert len(first) == len(same) or show.missed_scans
-        assert len(first) > 2
-
-
-def has_sent(show: Show, count: int) -> bool:
-    return len(show.messages) >= count
-
-
 LENS = {
     "id": "camera",
     "type": "camera",
@@ -390,24 +334,3 @@ async def test_the_page_is_told_where_a_mount_points_while_it_turns_and_what_a_b
     assert beams["search_deg"]
     assert all(-60.0 <= azimuth <= 60.0 for azimuth in beams["search_deg"] + beams["tracks_deg"])
     assert beams["width_deg"] == show.news["settings"]["steered"]["azimuth_beamwidth_deg"]
-
-
-def test_the_cover_of_a_sensor_is_that_of_its_keys_as_they_are_now() -> None:
-    lens = {key: value for key, value in LENS.items() if key not in {"mount", "event"}}
-    for keys, low_deg, span_deg in (
-        (lens | {"pan_deg": 60.0}, 50.0, 20.0),
-        (
-            testing.radar(azimuth_min_deg=10.0, azimuth_max_deg=50.0, scan=testing.staring()),
-            10.0,
-            40.0,
-        ),
-        (testing.radar(), -180.0, 360.0),
-    ):
-        (sensor,) = testing.scene([keys], seed=1).sensor
-        cover = cover_of(sensor, SCENE.scene.site)
-        assert (cover["azimuth_min_deg"], cover["azimuth_span_deg"]) == (low_deg, span_deg)
-    place = {"east_m": 900.0, "north_m": -300.0, "above_site_m": 40.0}
-    how = {"eirp_w": 10.0, "frequency_hz": 9.4e9, "bandwidth_hz": 4e7}
-    (sensor,) = testing.scene([testing.radar(jamming={"east": place | how})], seed=1).sensor
-    (jammer,) = cover_of(sensor, SCENE.scene.site)["jammers"]
-    assert jammer == {"id": "east", "east_m": 900.0, "north_m": -300.0}

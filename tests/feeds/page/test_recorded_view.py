@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -14,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from google.protobuf.message import DecodeError
-from mcap.writer import Writer
 from support.command import plotfeed
 from support.page_updates import Frame, read_frame
 from support.scene_files import DRONE, radar, scene_file, scene_text
@@ -22,7 +19,6 @@ from support.scene_files import DRONE, radar, scene_file, scene_text
 from plotfeed.feeds.engine.scene_drones import SceneSpace, planned
 from plotfeed.feeds.page.page_replay import RecordedView
 from plotfeed.feeds.page.recorded_sectors import UNKNOWN_DRONE, RecordedSession
-from plotfeed.feeds.page.session_switch import MAX_LISTED, recordings_in
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.fields import site_frame
@@ -177,7 +173,7 @@ async def test_the_plots_shown_are_those_of_the_ledger_where_and_when_they_were_
     assert [names[drones[i]] if drones[i] >= 0 else "" for i in order] == [r[4] for r in by_time]
 
 
-@pytest.mark.parametrize("steps", [[5.0, 25.0], [25.0, 5.0], [12.0, 12.5, 11.0]])
+@pytest.mark.parametrize("steps", [[5.0, 25.0], [12.0, 12.5, 11.0]])
 @pytest.mark.asyncio
 async def test_a_leap_shows_what_has_not_faded_and_goes_on_from_there(
     session: Path, steps: list[float]
@@ -211,10 +207,8 @@ async def test_what_leads_somewhere_makes_no_difference_to_what_is_counted_from_
 
 @pytest.mark.asyncio
 async def test_looks_and_fates_are_counted_as_the_ledger_has_them(session: Path) -> None:
-    shown, entries = (
-        await Shown(session).at(*straight(WHOLE_S, 0.5)),
-        [e for _, e in ledger(session)],
-    )
+    shown = await Shown(session).at(*straight(WHOLE_S, 0.5))
+    entries = [entry for _, entry in ledger(session)]
     looks = [look for entry in entries if entry.sensor == "near" for look in entry.looks]
     near = shown.news["details"]["near"]["detections"]
     assert sum(near["looks"]) == len(looks) > 0
@@ -225,7 +219,7 @@ async def test_looks_and_fates_are_counted_as_the_ledger_has_them(session: Path)
     assert shown.news["totals"]["messages"] == sum(one.delivered for one in sent)
 
 
-@pytest.mark.parametrize(("second", "latency_ms"), [(5.0, 300), (25.0, 700), (16.5, 700)])
+@pytest.mark.parametrize(("second", "latency_ms"), [(5.0, 300), (16.5, 700)])
 @pytest.mark.parametrize("leap", [False, True])
 @pytest.mark.asyncio
 async def test_links_are_in_force_as_the_ledger_says_wherever_it_is(
@@ -239,22 +233,21 @@ async def test_links_are_in_force_as_the_ledger_says_wherever_it_is(
 
 @pytest.mark.asyncio
 async def test_drones_are_where_they_were(session: Path) -> None:
-    shown = await Shown(session).at(*straight(20.0, 0.2))
+    shown = await Shown(session).at(*straight(20.0, 0.5))
     scene = shown.recording.scene
-    frame = site_frame(scene.scene.site)
+    frame, space = site_frame(scene.scene.site), SceneSpace(scene.scene.site)
+    flown = {drone.id: planned(space, drone).track for drone in scene.drone}
     compared = 0
-    for step, drawn in enumerate(shown.frames[15:], 15):
-        t_s = (step + 1) * 0.2
-        for number, drone in enumerate(drawn.column(SectionKind.DRONES, "drone").tolist()):
-            (flown,) = (d for d in scene.drone if d.id == shown.drones[drone])
-            track = planned(SceneSpace(scene.scene.site), flown).track
+    for step, drawn in enumerate(shown.frames[6:], 7):
+        names = ("drone", "gone_ms", "east_m", "north_m")
+        columns = (drawn.column(SectionKind.DRONES, name) for name in names)
+        for drone, gone_ms, *place_m in zip(*columns, strict=True):
+            track = flown[shown.drones[drone]]
             path_m = frame.from_ecef(track.position_ecef_m)
-            true_m = [np.interp(t_s * NS, track.t_utc_ns, path_m[:, k]) for k in range(2)]
-            east_m = drawn.column(SectionKind.DRONES, "east_m")[number]
-            north_m = drawn.column(SectionKind.DRONES, "north_m")[number]
-            assert np.hypot(east_m - true_m[0], north_m - true_m[1]) < 0.5
-            compared += drawn.column(SectionKind.DRONES, "gone_ms")[number] == 0
-    assert compared > 100
+            true_m = [np.interp(step * 0.5 * NS, track.t_utc_ns, path_m[:, k]) for k in range(2)]
+            assert np.hypot(*np.subtract(place_m, true_m)) < 0.5
+            compared += gone_ms == 0
+    assert compared > 50
 
 
 @pytest.mark.asyncio
@@ -357,7 +350,7 @@ def test_what_cannot_be_shown_is_refused_in_a_line(
 async def test_damage_is_refused_or_told_and_never_worse(session: Path, tmp_path: Path) -> None:
     data, path = session.read_bytes(), tmp_path / "damaged.mcap"
     shown = 0
-    for at in range(0, len(data), len(data) // 12):
+    for at in range(0, len(data), len(data) // 7):
         for damaged in (data[:at], data[:at] + bytes(64) + data[at + 64 :]):
             path.write_bytes(damaged)
             try:
@@ -365,45 +358,24 @@ async def test_damage_is_refused_or_told_and_never_worse(session: Path, tmp_path
                 shown += 1
             except PlotfeedError as error:
                 assert "\n" not in str(error)
-    assert shown > 6
+    assert shown > 3
 
 
 @pytest.mark.asyncio
 async def test_entries_that_no_session_wrote_are_passed_over(session: Path, tmp_path: Path) -> None:
     nan, far = float("nan"), 1 << 62
+    good = messages(session)
+    first = next(m for m in good if m.topic == "plotfeed/truth")
+    odd = pb.Look(drone="z", time_utc_ns=first.log_time_ns, range_m=1e300, snr_db=1e9, pd=nan)
     bad = [
+        pb.Ledger(sensor="near", looks=[odd]),
         pb.Ledger(sensor="near", looks=[pb.Look(time_utc_ns=far)]),
         pb.Ledger(sensor="near", messages=[pb.Sent(due_utc_ns=-far, sent_utc_ns=far)]),
         pb.Ledger(sensor="nobody", link="{"),
         pb.Ledger(sensor="near", link="{}x", plots=[pb.PlotTruth(drone="z", range_m=nan)]),
     ]
-    good = messages(session)
-    first = next(m for m in good if m.topic == "plotfeed/truth")
     payloads = [*(entry.SerializeToString() for entry in bad), b"\xff\xff"]
     hostile = [first._replace(payload=payload) for payload in payloads]
-    looks = pb.Look(drone="z", time_utc_ns=first.log_time_ns, range_m=1e300, snr_db=1e9, pd=nan)
-    hostile.append(
-        first._replace(payload=pb.Ledger(sensor="near", looks=[looks]).SerializeToString())
-    )
     path = written(tmp_path / "hostile.mcap", [*hostile, *good], scene_of(session))
     shown = await Shown(path).at(*straight(WHOLE_S, 0.5))
     compare(shown, SectionKind.PLOTS, expected(session)["shown"])
-
-
-def test_recordings_are_plotfeed_s_own_the_newest_first_and_not_too_many(tmp_path: Path) -> None:
-    for number in range(MAX_LISTED + 5):
-        path = written(tmp_path / f"{number:03}.mcap", [SENT], None)
-        os.utime(path, ns=(0, number * NS))
-    foreign = io.BytesIO()
-    writer = Writer(foreign)
-    writer.start(library="another")
-    writer.finish()
-    (tmp_path / "foreign.mcap").write_bytes(foreign.getvalue())
-    (tmp_path / "nothing.mcap").write_bytes(b"")
-    (tmp_path / "text.mcap").write_text("not a recording at all, but long enough to look like it")
-    (tmp_path / "folder.mcap").mkdir()
-    (tmp_path / "other.txt").write_bytes((tmp_path / "000.mcap").read_bytes())
-    assert list(recordings_in(tmp_path)) == [
-        f"{number:03}.mcap" for number in range(MAX_LISTED + 4, 4, -1)
-    ]
-    assert recordings_in(tmp_path / "nowhere") == {}

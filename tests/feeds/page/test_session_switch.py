@@ -1,81 +1,75 @@
-"""What the page's viewers want of whole sessions, asked over its own WebSocket of real runs."""
+"""What viewers want of whole sessions and of recordings, asked over the page's own WebSocket.
+
+Sessions are real ones, and what is sent is measured on a broker.
+"""
 
 from __future__ import annotations
 
+import io
+import json
+import os
+from collections import Counter
+from collections.abc import Callable
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
-from support.page_replays import Begun, Viewer, with_page
-from support.scene_files import scene_file, scene_text
+from mcap.writer import Writer
+from support.page_replays import SESSION_S, TRACKS, Act, Begun, Viewer, of_lab, settled
+from support.waiting import until
 
-from plotfeed.feeds.page.session_switch import new_path, recordings_in
-from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.page import page_replay
+from plotfeed.feeds.page.page_replay import NOT_NOW, REFUSES
+from plotfeed.feeds.page.session_switch import MAX_LISTED, new_path, recordings_in
+from plotfeed.feeds.page.updates import SectionKind
+from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.recorded import Recorded
+from plotfeed.testing import MqttMessage, MqttReceiver
+
+NS = 1_000_000_000
+Play = Callable[[Act], Any]
 
 
-async def staged(scene: Scene, play: Any) -> list[str]:
-    """The names of the scenes that ran while `play(viewer, begun)` did."""
-    async with with_page(scene) as (feed, begun):
-        await play(Viewer(feed), begun)
-    return begun.names
+@pytest.fixture(scope="module")
+def sent(record: Path) -> list[Recorded]:
+    """What a replay sends of it."""
+    takes = ReplaySettings().takes
+    with McapReader(record) as log:
+        return [m for m in log.messages() if takes(m.topic, m.content_type, m.stage)]
 
 
-@pytest.fixture
-def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Scene:
-    monkeypatch.chdir(tmp_path)
-    return load(scene_file(tmp_path, scene_text()))
+class Shifts:
+    """When messages were recorded that were heard, and by how much later they say they are now."""
+
+    def __init__(self, sent: list[Recorded]) -> None:
+        self.first_ns = sent[0].log_time_ns
+        self._sent = {
+            (m.topic, dict(m.properties)["id"]): (m.log_time_ns, stamp_ns(dict(m.properties)))
+            for m in sent
+            if m.topic.endswith(("/plots", "/048", "/034"))
+        }
+
+    @property
+    def times_ns(self) -> list[int]:
+        return sorted(at_ns for at_ns, _ in self._sent.values())
+
+    def of(self, heard: list[MqttMessage]) -> list[tuple[int, int]]:
+        found = []
+        for message in heard:
+            key = message.topic, message.user_properties.get("id", "")
+            if key in self._sent:
+                at_ns, then_ns = self._sent[key]
+                found.append((at_ns, stamp_ns(message.user_properties) - then_ns))
+        return found
 
 
-@pytest.mark.asyncio
-async def test_a_session_is_restarted_and_another_scene_chosen(scene: Scene) -> None:
-    async def play(viewer: Viewer, begun: Begun) -> None:
-        for wish in ({"restart": True}, {"scene": "section-4"}):
-            begun.waiting.clear()
-            assert (await viewer.ask(session=wish))["ok"]
-            await begun.wait()
-
-    names = await staged(scene, play)
-    assert names == [scene.scene.name, scene.scene.name, "section-4"]
-
-
-@pytest.mark.asyncio
-async def test_a_recording_of_the_running_session_is_whole(scene: Scene, tmp_path: Path) -> None:
-    async def play(viewer: Viewer, _begun: Begun) -> None:
-        started = await viewer.ask(record={"start": True})
-        assert started["ok"]
-        assert not (await viewer.ask(record={"start": True}))["ok"]
-        await viewer.until(lambda: viewer.session["record"].get("seconds", 0) > 0.2)
-        assert (await viewer.ask(record={"stop": True}))["ok"]
-        path = tmp_path / started["in_force"]["file"]
-        with McapReader(path) as log:
-            assert log.summary().messages > 0
-            assert not log.damage
-            assert [entry.name for entry in log.attachments()] == ["scene.toml"]
-
-    await staged(scene, play)
-
-
-@pytest.mark.asyncio
-async def test_recordings_of_one_second_have_names_of_their_own(
-    scene: Scene, tmp_path: Path
-) -> None:
-    async def play(viewer: Viewer, _begun: Begun) -> None:
-        for _ in range(3):
-            assert (await viewer.ask(record={"start": True}))["ok"]
-            assert (await viewer.ask(record={"stop": True}))["ok"]
-
-    await staged(scene, play)
-    assert len(recordings_in(tmp_path)) == 3
-    at = datetime(2026, 1, 1, 12, tzinfo=UTC)
-    names = []
-    for _ in range(3):
-        path = new_path(tmp_path, "road", at)
-        names.append(path.name)
-        path.touch()
-    stem = "road-20260101T120000Z"
-    assert names == [f"{stem}.mcap", f"{stem}-2.mcap", f"{stem}-3.mcap"]
+def stamp_ns(properties: dict[str, str]) -> int:
+    return Moment.parse(properties["time"]).utc_ns or 0
 
 
 REFUSED: tuple[tuple[dict[str, Any], str], ...] = (
@@ -85,19 +79,317 @@ REFUSED: tuple[tuple[dict[str, Any], str], ...] = (
     ({"record": {"stop": True}}, "none runs"),
     ({"record": {}}, "expected start or stop"),
     ({"replay": {"file": "x.mcap"}}, "expected load"),
-    ({"replay": {"load": "x.mcap"}}, "there is no recording 'x.mcap'"),
-    ({"replay": {"paused": True}}, "none runs"),
+    *(({"replay": wish}, "replay: none runs") for wish in ({"paused": 1}, {"stop": 1})),
     ({"clock": {"paused": True}}, "real time cannot be held"),
     ({"sensor": "nobody", "set": {}}, "there is no 'nobody'"),
+)
+NO_RECORDINGS = (
+    *("live/beside.mcap", "../session.mcap", "./session.mcap", "text.toml", "foreign.mcap"),
+    *("nothing.mcap", "", 5, None, ["session.mcap"], "x" * 1000),
 )
 
 
 @pytest.mark.asyncio
-async def test_what_cannot_be_done_is_said_and_the_session_goes_on(scene: Scene) -> None:
-    async def play(viewer: Viewer, _begun: Begun) -> None:
+async def test_what_cannot_be_done_is_said_and_the_session_goes_on(
+    play: Play, folder: Path
+) -> None:
+    whole = (folder / "session.mcap").read_bytes()
+    (folder / "live" / "beside.mcap").write_bytes(whole)
+    (folder / "cut.mcap").write_bytes(whole[: len(whole) // 60])
+    (folder / "foreign.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    (folder / "text.toml").write_text("")
+
+    async def act(viewer: Viewer, _client: MqttReceiver, _begun: Begun) -> None:
         for command, words in REFUSED:
             answer = await viewer.ask(**command)
             assert not answer["ok"], command
             assert words in answer["error"]
+        for name in (*NO_RECORDINGS, str(folder / "session.mcap")):
+            answer = await viewer.ask(replay={"load": name})
+            assert answer["ok"] is False
+            assert "there is no recording" in answer["error"]
+            assert len(answer["error"]) < 150
+        answer = await viewer.ask(replay={"load": "cut.mcap"})
+        assert answer["error"].startswith("cut.mcap: ")
+        await viewer.until(lambda: len(viewer.frames) > 5)
+        assert not viewer.replay
 
-    assert len(await staged(scene, play)) == 1
+    assert await play(act) == ["test"]
+
+
+@pytest.mark.asyncio
+async def test_a_recording_of_the_running_session_is_whole_and_replayed_with_the_settings_of_then(
+    play: Play, folder: Path
+) -> None:
+    async def act(viewer: Viewer, client: MqttReceiver, begun: Begun) -> None:
+        for wish in ({"restart": True}, {"scene": "live"}):
+            begun.waiting.clear()
+            await viewer.done(session=wish)
+            await begun.wait()
+        await viewer.done(sensor="radar", set={"pfa": 1e-4})
+        file = (await viewer.done(record={"start": True}))["file"]
+        assert not (await viewer.ask(record={"start": True}))["ok"]
+        so_far = len(client.on("plotfeed/truth"))
+        await until(lambda: len(client.on("plotfeed/truth")) > so_far + 30)
+        await viewer.until(lambda: viewer.session["record"].get("seconds", 0) > 0)
+        assert file not in viewer.session["recordings"]
+        await viewer.done(record={"stop": True})
+        with McapReader(folder / file) as log:
+            assert not log.damage
+            assert [entry.name for entry in log.attachments()] == ["scene.toml"]
+            recorded = [m.payload for m in log.messages() if m.topic == "plotfeed/truth"]
+        heard = client.on("plotfeed/truth")
+        first = heard.index(recorded[0])
+        await until(lambda: len(client.on("plotfeed/truth")) >= first + len(recorded))
+        heard = client.on("plotfeed/truth")[first:]
+        assert recorded == heard[: len(recorded)]  # message after message, without a gap
+        await viewer.until(lambda: file in viewer.session["recordings"])
+        await viewer.load(file)
+        told: dict[str, Any] = {}
+        for frame in viewer.frames:
+            told |= frame.news
+        assert told["settings"]["radar"]["pfa"] == 1e-4
+
+    assert await play(act) == ["test", "test", "test"]
+
+
+def test_recordings_of_one_second_have_names_of_their_own(tmp_path: Path) -> None:
+    at, names = datetime(2026, 1, 1, 12, tzinfo=UTC), []
+    for _ in range(3):
+        path = new_path(tmp_path, "road", at)
+        names.append(path.name)
+        path.touch()
+    stem = "road-20260101T120000Z"
+    assert names == [f"{stem}.mcap", f"{stem}-2.mcap", f"{stem}-3.mcap"]
+
+
+def test_recordings_are_plotfeed_s_own_the_newest_first_and_not_too_many(tmp_path: Path) -> None:
+    for number in range(MAX_LISTED + 5):
+        path = tmp_path / f"{number:03}.mcap"
+        with path.open("wb") as file:
+            McapWriter(file, attachments=[], library="plotfeed test").close()
+        os.utime(path, ns=(0, number * NS))
+    foreign = io.BytesIO()
+    writer = Writer(foreign)
+    writer.start(library="another")
+    writer.finish()
+    (tmp_path / "foreign.mcap").write_bytes(foreign.getvalue())
+    (tmp_path / "nothing.mcap").write_bytes(b"")
+    (tmp_path / "text.mcap").write_text("not a recording at all, but long enough to look like it")
+    (tmp_path / "folder.mcap").mkdir()
+    (tmp_path / "other.txt").write_bytes((tmp_path / "000.mcap").read_bytes())
+    newest = [f"{number:03}.mcap" for number in range(MAX_LISTED + 4, 4, -1)]
+    assert list(recordings_in(tmp_path)) == newest
+    assert recordings_in(tmp_path / "nowhere") == {}
+
+
+@pytest.mark.asyncio
+async def test_a_recording_comes_as_of_now_at_the_speed_that_is_asked_for(
+    play: Play, sent: list[Recorded]
+) -> None:
+    """Tracks that are published meanwhile are shown in recorded time."""
+    shifts = Shifts(sent)
+
+    async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
+        before_ns = pb.SensorStatus().time_utc
+        before_ns.GetCurrentTime()
+        await viewer.until(lambda: viewer.session.get("recordings") == ["session.mcap"])
+        await viewer.load()
+        assert (viewer.scene, viewer.replay["file"]) == ("lab", "session.mcap")
+        assert viewer.replay["duration_s"] == pytest.approx(SESSION_S, abs=0.2)
+        await viewer.done(replay={"speed": 2})
+        clock = {"kind": "replay", "paused": False, "speed": 2.0}
+        await viewer.until(lambda: viewer.session["clock"] == clock)
+        since = len(client.heard)
+        await viewer.until(lambda: len(shifts.of(of_lab(client, since))) > 60)
+        for (was_a, shift_a), (was_b, shift_b) in pairwise(shifts.of(of_lab(client, since))[20:]):
+            # Half of the recorded time, the rest of it is in the shift.
+            assert abs((shift_b - shift_a) + (was_b - was_a) / 2) < 1000
+        await viewer.done(clock={"speed": 20})
+        await viewer.until(lambda: viewer.is_at_end)
+        await until(lambda: len(of_lab(client)) >= len(sent))
+        heard = of_lab(client)
+        assert Counter(m.topic for m in heard) == Counter(m.topic for m in sent)
+        for was_ns, shift_ns in shifts.of(heard):
+            assert before_ns.ToNanoseconds() <= was_ns + shift_ns
+        batches = [pb.PlotBatch.FromString(m.payload) for m in heard if m.topic.endswith("/plots")]
+        plot = next(plot for batch in batches for plot in batch.plots)
+        assert plot.time_utc_ns > before_ns.ToNanoseconds() - NS
+        await viewer.until(lambda: any(frame.of(SectionKind.PLOTS) for frame in viewer.frames))
+        await viewer.done(replay={"position_s": 9.0})
+        track = {"track": 4, "latitude_deg": 40.46, "longitude_deg": -3.72}
+        shown = lambda: [f for f in viewer.frames if f.of(SectionKind.TRACKS)]  # noqa: E731
+        while not shown():
+            client.publish(TRACKS, json.dumps(track).encode())
+            count = len(viewer.frames)
+            await viewer.until(lambda: len(viewer.frames) > count)  # noqa: B023
+        t_ms = shown()[-1].column(SectionKind.TRACKS, "t_utc_ms")[0] - shifts.first_ns / 1e6
+        assert 0 <= t_ms <= SESSION_S * 1e3
+
+    assert await play(act) == ["test"]
+
+
+@pytest.mark.asyncio
+async def test_a_pause_holds_everything_and_a_seek_goes_on_from_there(
+    play: Play, sent: list[Recorded]
+) -> None:
+    shifts = Shifts(sent)
+
+    async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
+        def recorded_ns(since: int = 0) -> list[int]:
+            return [was_ns for was_ns, _ in shifts.of(of_lab(client, since))]
+
+        await viewer.load()
+        await viewer.until(lambda: viewer.replay["position_s"] >= 2.0)
+        await viewer.done(clock={"paused": True, "speed": 1})
+        await viewer.until(lambda: viewer.session["clock"]["paused"])
+        heard, position_s = await settled(client), viewer.replay["position_s"]
+        viewer.frames.clear()
+        await viewer.until(lambda: len(viewer.frames) > 10)
+        assert len({frame.now_ms for frame in viewer.frames}) == 1
+        assert viewer.replay["position_s"] == position_s
+        # It can be moved along, and shows what there was, but sends nothing.
+        await viewer.done(replay={"position_s": 8.0})
+        await viewer.until(lambda: viewer.replay["position_s"] == 8.0)
+        await viewer.until(lambda: viewer.frames[-1].is_snapshot)
+        assert len(viewer.frames[-1].column(SectionKind.PLOTS, "sensor")) > 10
+        await viewer.until(lambda: len({frame.now_ms for frame in viewer.frames[-5:]}) == 1)
+        assert len(client.heard) == heard
+        before = set(recorded_ns())
+        assert (await viewer.done(replay={"position_s": 1.0}))["paused"]
+        await viewer.done(replay={"paused": False})
+        await viewer.until(lambda: len(recorded_ns(heard)) > 20)  # the same again
+        wanted = [at_ns for at_ns in shifts.times_ns if at_ns >= shifts.first_ns + NS]
+        assert recorded_ns(heard)[:20] == wanted[:20]
+        assert before >= set(wanted[:20])
+        heard = len(client.heard)
+        to_s = (await viewer.done(replay={"skip_s": 10.0}))["position_s"]  # to a tenth
+        to_ns = shifts.first_ns + to_s * NS
+        await viewer.until(lambda: [t for t in recorded_ns(heard) if t > to_ns])
+        assert not [t for t in recorded_ns(heard) if -9.8 < (t - to_ns) / NS < -0.2]
+
+    await play(act)
+
+
+@pytest.mark.asyncio
+async def test_at_its_end_a_replay_stands_and_can_be_moved_back_or_played_again(
+    play: Play, folder: Path, record: Path
+) -> None:
+    """It lasts as long as anything in it, though its last message is not one that is sent again."""
+    with McapReader(record) as log:
+        attachment, first = log.attachment("scene.toml"), list(log.messages())[:40]
+    assert attachment is not None
+    last = first[-1]._replace(
+        topic="lab/truth", payload=b"", log_time_ns=first[-1].log_time_ns + NS
+    )
+    with (folder / "silent.mcap").open("wb") as file:
+        log_writer = McapWriter(file, attachments=[attachment], library="plotfeed test")
+        for message in (*first, last):
+            log_writer.write(message)
+        log_writer.close()
+
+    async def act(viewer: Viewer, client: MqttReceiver, _begun: Begun) -> None:
+        await viewer.load("silent.mcap")
+        await viewer.until(lambda: viewer.is_at_end)
+        assert viewer.replay["duration_s"] > 1.0
+        await viewer.done(replay={"paused": False})
+        await viewer.until(lambda: 0 < viewer.replay["position_s"] < 0.9)
+        await viewer.load()
+        await viewer.done(replay={"position_s": 1e6})
+        await viewer.until(lambda: viewer.is_at_end)
+        await settled(client)
+        heard = len(of_lab(client))
+        await viewer.done(replay={"position_s": 2.0})
+        assert viewer.session["clock"]["paused"]
+        await viewer.done(replay={"position_s": SESSION_S - 1})
+        await viewer.until(lambda: viewer.replay["position_s"] == SESSION_S - 1)
+        await viewer.done(replay={"paused": False})
+        await viewer.until(lambda: viewer.is_at_end)
+        await until(lambda: len(of_lab(client)) > heard)
+        await viewer.done(replay={"paused": False})  # once more from the beginning
+        await viewer.until(lambda: 0 < viewer.replay["position_s"] < 5)
+
+    await play(act)
+
+
+WRONG_IN_A_REPLAY: tuple[tuple[Any, str], ...] = (
+    ({"speed": 0}, "expected 0.001 to 10000"),
+    ({"speed": "fast"}, "expected a number"),
+    ({"paused": 1}, "expected true or false"),
+    ({"position_s": None}, "expected a number"),
+    ({"position_s": float("nan")}, "expected a number"),
+    ({"skip_s": 10**400}, "expected a number"),
+    ({"skip_s": 1, "file": "x.mcap"}, "expected load"),
+    ({"paused": True, "speed": 0}, "expected 0.001 to 10000"),
+    ({}, "expected load"),
+    (5, "expected load"),
+)
+
+
+@pytest.mark.asyncio
+async def test_what_makes_no_sense_in_a_replay_is_refused_and_leaving_goes_back_to_a_session(
+    play: Play, folder: Path
+) -> None:
+    (folder / "again.mcap").write_bytes((folder / "session.mcap").read_bytes())
+
+    async def act(viewer: Viewer, client: MqttReceiver, begun: Begun) -> None:
+        await viewer.load()
+        for command in (
+            {"sensor": "lab", "set": {"pfa": 1e-5}},
+            {"sensor": "lab", "reset": True},
+            {"story": "outage"},
+            {"undo": True},
+            {"record": {"start": True}},
+            {"clock": {"step_s": 1}},
+        ):
+            assert (await viewer.ask(**command))["error"] == NOT_NOW
+        assert viewer.session["refuses"] == dict.fromkeys(REFUSES, NOT_NOW)
+        assert any("Times" in note for note in viewer.session["notes"])
+        for wish, words in WRONG_IN_A_REPLAY:
+            answer = await viewer.ask(replay=wish)
+            assert not answer["ok"]
+            assert words in answer["error"]
+        assert not viewer.replay["paused"]
+        await viewer.done(replay={"load": "again.mcap"})
+        await viewer.until(lambda: viewer.replay["file"] == "again.mcap")
+        begun.waiting.clear()
+        await viewer.done(replay={"stop": True})
+        await begun.wait()
+        await viewer.until(lambda: viewer.scene == "test" and not viewer.replay)
+        assert viewer.session["clock"]["kind"] == "wall"
+        assert viewer.session["notes"] == []
+        for _ in range(2):  # from the first of the session's messages to another
+            since = len(client.heard)
+            await until(lambda: [m for m in client.heard[since:] if is_plots(m)])  # noqa: B023
+        assert not [m for m in of_lab(client, since) if not m.retained]
+        await viewer.load()
+        begun.waiting.clear()
+        await viewer.done(session={"scene": "section-4"})
+        await begun.wait()
+        await viewer.until(lambda: viewer.scene == "section-4")
+
+    assert await play(act) == ["test", "test", "section-4"]
+
+
+def is_plots(message: MqttMessage) -> bool:
+    return message.topic == "plotfeed/radar/plots"
+
+
+@pytest.mark.asyncio
+async def test_after_a_replay_that_fails_a_session_says_so(
+    play: Play, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def torn(_path: Path) -> McapReader:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(page_replay, "McapReader", torn)
+
+    async def act(viewer: Viewer, _client: MqttReceiver, begun: Begun) -> None:
+        begun.waiting.clear()
+        await viewer.done(replay={"load": "session.mcap"})
+        await begun.wait()
+        await viewer.until(lambda: viewer.session.get("notes"))
+        assert viewer.session["notes"] == ["The replay has ended: Input/output error"]
+        assert viewer.session["replay"] == {}
+
+    assert await play(act) == ["test", "test"]

@@ -18,14 +18,19 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
 from plotfeed.proto.content_types import TRACK_BATCH, protobuf_content_type
 from plotfeed.proto.errors import DecodeError
-from plotfeed.proto.utc import DAY_NS
+from plotfeed.proto.utc import DAY_NS, NS
 
 NOW_NS = testing.START_NS
 HERE = {"track": 7, "latitude_deg": 40.46, "longitude_deg": -3.72}
 
 
+def told_in(payload: bytes, content_type: str | None = None, at_ns: int = NOW_NS) -> Any:
+    return tracks_to_show(payload, content_type, at_ns, testing.SITE)
+
+
 def decoded(message: Any) -> list[ToldTrack]:
-    return tracks_to_show(json.dumps(message).encode(), None, NOW_NS, testing.SITE)
+    found: list[ToldTrack] = told_in(json.dumps(message).encode())
+    return found
 
 
 def of_062(source: int = 1, **columns: Any) -> bytes:
@@ -33,17 +38,26 @@ def of_062(source: int = 1, **columns: Any) -> bytes:
     return block
 
 
-def shown(*payloads: bytes) -> Frame:
-    """What the page is told of messages."""
+def fresh() -> View:
     view = View()
     view.scene(testing.scene([testing.radar()], seed=1))
     view.update(NOW_NS, 0.0)
+    return view
+
+
+def shown(*payloads: bytes) -> Frame:
+    """What the page is told of messages."""
+    view = fresh()
     for payload in payloads:
-        view.tracks(tracks_to_show(payload, None, NOW_NS, testing.SITE))
+        view.tracks(told_in(payload))
     return read_frame(view.update(NOW_NS, 0.0).public)
 
 
-def test_tracks_of_category_062_are_where_they_say() -> None:
+def column(frame: Frame, name: str) -> list[Any]:
+    return list(frame.column(SectionKind.TRACKS, name).tolist())
+
+
+def test_tracks_of_category_062_are_where_and_when_they_say() -> None:
     block = of_062(
         track=np.array([3, 4]),
         t_utc_ns=np.array([NOW_NS - 10**9, NOW_NS]),
@@ -56,23 +70,16 @@ def test_tracks_of_category_062_are_where_they_say() -> None:
         last=np.array([False, True]),
     )
     frame = shown(block)
-    assert frame.column(SectionKind.TRACKS, "track").tolist() == [3, 4]
-    t_utc_ms = frame.column(SectionKind.TRACKS, "t_utc_ms")
-    assert np.abs(t_utc_ms - [NOW_NS / 1e6 - 1e3, NOW_NS / 1e6]).max() < 10
-    assert frame.column(SectionKind.TRACKS, "velocity_east_m_s").tolist() == [10.0, -20.0]
-    flags = frame.column(SectionKind.TRACKS, "flags").tolist()
-    assert flags == [TrackFlag.TENTATIVE, TrackFlag.COASTED | TrackFlag.ENDED]
-    told = tracks_to_show(block, None, NOW_NS, testing.SITE)
-    np.testing.assert_allclose([each.latitude_deg for each in told], 40.5, atol=1e-5)
-
-
-@pytest.mark.parametrize("seconds", [-30.0, 30.0])
-def test_times_of_day_are_of_the_nearest_day(seconds: float) -> None:
+    assert column(frame, "track") == [3, 4]
+    assert column(frame, "t_utc_ms") == pytest.approx([NOW_NS / 1e6 - 1e3, NOW_NS / 1e6], abs=10)
+    assert column(frame, "velocity_east_m_s") == [10.0, -20.0]
+    assert column(frame, "flags") == [TrackFlag.TENTATIVE, TrackFlag.COASTED | TrackFlag.ENDED]
+    np.testing.assert_allclose([each.latitude_deg for each in told_in(block)], 40.5, atol=1e-5)
     midnight_ns = NOW_NS // DAY_NS * DAY_NS
-    then_ns = midnight_ns - round(seconds * 1e9)
-    (block,) = TrackEncoder062(1, 2).blocks(tracks(t_utc_ns=then_ns))
-    (told,) = tracks_to_show(block, None, midnight_ns + round(seconds * 1e9), testing.SITE)
-    assert abs((told.t_utc_ns or 0) - then_ns) < 10**7
+    for later_ns in (-30 * NS, 30 * NS):  # a time of day is of the nearest day
+        then_ns = midnight_ns - later_ns
+        (told,) = told_in(of_062(t_utc_ns=then_ns), at_ns=midnight_ns + later_ns)
+        assert told.t_utc_ns == pytest.approx(then_ns, abs=10**7)
 
 
 def test_tracks_of_json_are_one_or_several() -> None:
@@ -94,20 +101,9 @@ def test_tracks_are_shown_of_every_format_that_a_score_reads() -> None:
     place = {"type": "Point", "coordinates": [-3.72, 40.46]}
     feature = {"type": "Feature", "id": "hawk", "geometry": place, "properties": {}}
     geojson = json.dumps({"type": "FeatureCollection", "features": [feature]}).encode()
-    batch = pb.TrackBatch(
-        sensor="tower",
-        tracks=[
-            pb.Track(
-                id="tower-9",
-                number=9,
-                time_utc_ns=NOW_NS,
-                latitude_deg=40.46,
-                longitude_deg=-3.72,
-                coasted=True,
-                last=True,
-            )
-        ],
-    ).SerializeToString()
+    tower = pb.Track(id="tower-9", number=9, time_utc_ns=NOW_NS, coasted=True, last=True)
+    tower.latitude_deg, tower.longitude_deg = 40.46, -3.72
+    batch = pb.TrackBatch(sensor="tower", tracks=[tower]).SerializeToString()
     message = SapientMessage(node_id="a-node")
     message.timestamp.FromNanoseconds(NOW_NS)
     report = message.detection_report
@@ -116,86 +112,67 @@ def test_tracks_are_shown_of_every_format_that_a_score_reads() -> None:
     report.location.coordinate_system = report.location.datum = 1
     sapient = message.SerializeToString()
     frame = shown(json.dumps(HERE).encode(), of_062(track=8), geojson, sapient, batch)
-    numbers = frame.column(SectionKind.TRACKS, "track").tolist()
+    numbers = column(frame, "track")
     assert numbers[:2] == [7, 8]
     names = {str(numbers[2]): "hawk", str(numbers[3]): report.object_id}
     assert frame.news["track_names"] == names, "tower-9 has ended"
-    flags = frame.column(SectionKind.TRACKS, "flags").tolist()
-    assert flags == [0, 0, 0, 0, TrackFlag.COASTED | TrackFlag.ENDED]
-    by_type = tracks_to_show(batch, protobuf_content_type(TRACK_BATCH), NOW_NS, testing.SITE)
+    assert column(frame, "flags") == [0, 0, 0, 0, TrackFlag.COASTED | TrackFlag.ENDED]
+    by_type = told_in(batch, protobuf_content_type(TRACK_BATCH))
     assert [each.name for each in by_type] == ["tower-9"]
 
 
-def test_one_number_of_two_sources_is_of_two_tracks() -> None:
+def test_a_track_has_a_number_whatever_its_name_and_source() -> None:
     frame = shown(of_062(1, track=5), of_062(3, track=5), of_062(1, track=5))
-    first, second, third = frame.column(SectionKind.TRACKS, "track").tolist()
+    first, second, third = column(frame, "track")
     assert first == third == 5
     assert frame.news["track_names"] == {str(second): "3.2.5"}
+    for name in ("7", -1, 1 << 32, 10**400, "7" * 400, "\0\n", "T\u202e7"):
+        frame = shown(json.dumps(HERE | {"track": name}).encode())
+        assert len(column(frame, "track")) == 1, name
+        assert all(len(name) <= 64 for name in frame.news.get("track_names", {}).values())
 
 
-@pytest.mark.parametrize("track", ["7", -1, 1 << 32, 10**400, "7" * 400, "\0\n", "T\u202e7"])
-def test_any_name_is_of_a_track_that_has_a_number(track: int | str) -> None:
-    frame = shown(json.dumps(HERE | {"track": track}).encode())
-    assert len(frame.column(SectionKind.TRACKS, "track")) == 1
-    assert all(len(name) <= 64 for name in frame.news.get("track_names", {}).values())
+NO_TRACKS: list[tuple[Any, str]] = [
+    *(({**HERE, "track": wrong}, "track") for wrong in (7.5, True, None)),
+    *(({**HERE, "latitude_deg": wrong}, "latitude_deg") for wrong in (91, True)),
+    ({**HERE, "longitude_deg": None}, "longitude_deg"),
+    ({**HERE, "velocity_east_m_s": float("inf")}, "velocity_east_m_s"),
+    ({**HERE, "velocity_north_m_s": 1e5}, "velocity_north_m_s"),
+    ({**HERE, "height_m": float("inf")}, "height_m"),
+    *(({**HERE, "time_utc": wrong}, "time_utc") for wrong in ("yesterday", True)),
+    ([7], "object"),
+    ("text", "JSON"),
+]
 
 
-@pytest.mark.parametrize(
-    ("message", "named"),
-    [
-        ({**HERE, "track": 7.5}, "track"),
-        ({**HERE, "track": True}, "track"),
-        ({**HERE, "track": None}, "track"),
-        ({**HERE, "latitude_deg": 91}, "latitude_deg"),
-        ({**HERE, "latitude_deg": True}, "latitude_deg"),
-        ({**HERE, "longitude_deg": None}, "longitude_deg"),
-        ({**HERE, "velocity_east_m_s": float("inf")}, "velocity_east_m_s"),
-        ({**HERE, "velocity_north_m_s": 1e5}, "velocity_north_m_s"),
-        ({**HERE, "height_m": float("inf")}, "height_m"),
-        ({**HERE, "time_utc": "yesterday"}, "time_utc"),
-        ({**HERE, "time_utc": True}, "time_utc"),
-        ([7], "object"),
-        ("text", "JSON"),
-    ],
-)
-def test_what_is_no_track_is_refused_by_its_key(message: Any, named: str) -> None:
-    with pytest.raises(DecodeError, match=named):
-        decoded(message)
-
-
-def test_what_is_too_long_is_not_read() -> None:
+def test_what_is_no_track_is_refused_by_its_key_and_what_is_too_long_not_read() -> None:
+    for message, named in NO_TRACKS:
+        with pytest.raises(DecodeError, match=named):
+            decoded(message)
     with pytest.raises(DecodeError, match="at most"):
-        tracks_to_show(b" " * (MAX_OCTETS + 1), None, NOW_NS, testing.SITE)
+        told_in(b" " * (MAX_OCTETS + 1))
     with pytest.raises(DecodeError):
-        tracks_to_show(b"[" * 100_000, None, NOW_NS, testing.SITE)
+        told_in(b"[" * 100_000)
 
 
 def test_tracks_are_placed_along_the_horizontal_of_the_site() -> None:
     enu_m = np.array([[3000.0, -4000.0, 120.0]])
-    latitude_deg, longitude_deg, height_m = testing.SITE.to_geodetic(enu_m)
-    place = {
-        "latitude_deg": latitude_deg[0],
-        "longitude_deg": longitude_deg[0],
-        "height_m": height_m[0],
-    }
-    frame = shown(json.dumps({"track": 1} | place).encode())
-    found_m = [frame.column(SectionKind.TRACKS, name)[0] for name in ("east_m", "north_m")]
+    place = zip(
+        ("latitude_deg", "longitude_deg", "height_m"), testing.SITE.to_geodetic(enu_m), strict=True
+    )
+    frame = shown(json.dumps({"track": 1, **{name: value[0] for name, value in place}}).encode())
+    found_m = [*column(frame, "east_m"), *column(frame, "north_m")]
     np.testing.assert_allclose(found_m, enu_m[0, :2], atol=1e-3)
 
 
 def test_a_track_is_shown_until_it_ends_or_is_silent_for_long() -> None:
-    view = View()
-    view.scene(testing.scene([testing.radar()], seed=1))
-    view.update(NOW_NS, 0.0)
+    view = fresh()
     view.tracks(decoded([HERE, {**HERE, "track": 8}]))
-    frame = read_frame(view.update(NOW_NS, 0.0).public)
-    assert frame.column(SectionKind.TRACKS, "track").tolist() == [7, 8]
+    assert column(read_frame(view.update(NOW_NS, 0.0).public), "track") == [7, 8]
     view.tracks(decoded({**HERE, "ended": True}))
-    frame = read_frame(view.update(NOW_NS, 0.0).public)
-    assert frame.column(SectionKind.TRACKS, "flags").tolist() == [TrackFlag.ENDED]
-    alive = read_frame(view.snapshot(NOW_NS).public).column(SectionKind.TRACKS, "track")
-    assert alive.tolist() == [8]
-    later_ns = NOW_NS + 61 * 10**9
+    assert column(read_frame(view.update(NOW_NS, 0.0).public), "flags") == [TrackFlag.ENDED]
+    assert column(read_frame(view.snapshot(NOW_NS).public), "track") == [8]
+    later_ns = NOW_NS + 61 * NS
     view.update(later_ns, 0.0)
     assert not read_frame(view.snapshot(later_ns).public).of(SectionKind.TRACKS)
 
@@ -209,6 +186,6 @@ def test_no_flood_of_tracks_takes_more_than_its_room() -> None:
             kept.news(NOW_NS)
     assert len(kept.snapshot()) < 50 * MAX_TRACKS
     assert len(kept.names()) <= MAX_TRACKS
-    kept.news(NOW_NS + 61 * 10**9)
+    kept.news(NOW_NS + 61 * NS)
     assert not kept.names()
     assert not kept.snapshot()

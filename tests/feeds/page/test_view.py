@@ -72,10 +72,15 @@ def view_of_radar(**changes: Any) -> View:
     return view
 
 
-def details(view: View, sensor: str) -> Any:
+def updated(view: View, now_ns: int = testing.START_NS) -> Frame:
+    """What who sees the truth is told next."""
+    return frames(view.update(now_ns, 0.0))[1]
+
+
+def details(view: View) -> Any:
     view.watch([])
-    view.watch([sensor])
-    return read_frame(view.update(testing.START_NS, 0.0).public).news["details"][sensor]
+    view.watch(["radar"])
+    return updated(view).news["details"]["radar"]
 
 
 def test_everybody_sees_plots_and_only_who_asks_sees_whose_they_are() -> None:
@@ -104,25 +109,38 @@ def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
     view.scene(scene)
     found = plots(50, range_m=np.linspace(100, 19_000, 50), elevation_deg=np.linspace(-5, 70, 50))
     view.settled(report(found, "far"), [sent("plotfeed/far/plots")])
-    frame = read_frame(view.update(testing.START_NS, 0.0).public)
+    frame = updated(view)
     measured = aer_to_enu(found.azimuth_deg, found.elevation_deg, found.range_m)
     there = frame_at(scene.scene.site, scene.sensor[1].position_enu_m)
     expected = testing.SITE.from_ecef(there.to_ecef(measured))
-    for name, column in (("east_m", 0), ("north_m", 1)):
-        np.testing.assert_allclose(
-            frame.column(SectionKind.PLOTS, name), expected[:, column], atol=5e-3
-        )
-    np.testing.assert_array_equal(frame.column(SectionKind.PLOTS, "sensor"), 1)
-    np.testing.assert_allclose(frame.column(SectionKind.PLOTS, "snr_db"), 20.0)
-    np.testing.assert_allclose(frame.column(SectionKind.PLOTS, "latency_ms"), 1250.0)
+    for name, values in {
+        "east_m": expected[:, 0],
+        "north_m": expected[:, 1],
+        "sensor": 1,
+        "snr_db": 20.0,
+        "latency_ms": 1250.0,
+    }.items():
+        np.testing.assert_allclose(frame.column(SectionKind.PLOTS, name), values, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "longitude_deg"), [(90.0, 0.0), (-90.0, 10.0), (0.0, 180.0), (0.0, -180.0)]
+)
+def test_the_site_may_be_anywhere(latitude_deg: float, longitude_deg: float) -> None:
+    tree = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "height_m": 0.0}
+    view, general = View(), {"name": "edge", "seed": 1, "site": tree}
+    view.scene(testing.scene([testing.radar()], seed=1, scene=general))
+    view.settled(report(plots(4)), [sent()])
+    assert np.isfinite(updated(view).column(SectionKind.PLOTS, "east_m")).all()
 
 
 def test_a_plot_without_range_is_a_bearing_and_one_without_azimuth_is_nowhere() -> None:
     view = view_of_radar()
     nothing = np.full(1, np.nan)
-    view.settled(report(plots(1, range_m=nothing, elevation_deg=nothing)), [sent()])
-    view.settled(report(plots(1, range_m=nothing, azimuth_deg=nothing)), [sent()])
-    frame = read_frame(view.update(testing.START_NS, 0.0).public)
+    for lacking in ("elevation_deg", "azimuth_deg"):
+        found = plots(1, **{"range_m": nothing, lacking: nothing})
+        view.settled(report(found), [sent()])
+    frame = updated(view)
     assert frame.column(SectionKind.PLOTS, "flags").tolist() == [PlotFlag.BEARING, PlotFlag.NOWHERE]
     east_m, north_m = (frame.column(SectionKind.PLOTS, name) for name in ("east_m", "north_m"))
     assert np.hypot(east_m[0], north_m[0]) == pytest.approx(20_000.0)  # the edge of cover
@@ -130,32 +148,23 @@ def test_a_plot_without_range_is_a_bearing_and_one_without_azimuth_is_nowhere() 
     assert np.isnan([east_m[1], north_m[1]]).all()
 
 
-def test_plots_are_delivered_by_the_first_message_that_brings_them() -> None:
+def test_plots_are_delivered_by_the_first_message_that_brings_them_or_seen_with_the_truth() -> None:
     view = view_of_radar()
     late = sent("plotfeed/radar/asterix/048", sent_utc_ns=SECTOR.end_ns + NS)
     north_message = sent("plotfeed/radar/asterix/034", sent_utc_ns=SECTOR.end_ns)
     view.settled(report(plots(3)), [late, north_message, sent()])
-    frame = read_frame(view.update(testing.START_NS, 0.0).public)
-    np.testing.assert_allclose(frame.column(SectionKind.PLOTS, "latency_ms"), 1250.0)
-
-
-def test_what_no_message_brought_is_seen_with_the_truth_alone() -> None:
-    view = view_of_radar()
+    latency_ms = updated(view).column(SectionKind.PLOTS, "latency_ms")
+    np.testing.assert_allclose(latency_ms, 1250.0)
     view.settled(report(plots(3)), [lost(), sent("plotfeed/radar/asterix/034")])
     public, everything = frames(view.update(testing.START_NS, 0.0))
     assert not public.of(SectionKind.PLOTS)
-    assert np.isnan(everything.column(SectionKind.LOST_PLOTS, "latency_ms")).all()
-    assert len(everything.column(SectionKind.LOST_PLOTS, "east_m")) == 3
-
-
-def test_merged_drones_are_counted_for_who_sees_the_truth() -> None:
-    view = view_of_radar()
+    latency_ms = everything.column(SectionKind.LOST_PLOTS, "latency_ms")
+    assert np.isnan(latency_ms).tolist() == [True] * 3
     others = np.empty(3, np.object_)
     others[:] = [(), (1,), (1, 2)]
     merged = plots(3, drone=np.zeros(3, np.int64), merged_drones=others)
     view.settled(report(merged), [sent()])
-    _, everything = frames(view.update(testing.START_NS, 0.0))
-    assert everything.column(SectionKind.PLOT_TRUTHS, "merged").tolist() == [0, 1, 2]
+    assert updated(view).column(SectionKind.PLOT_TRUTHS, "merged").tolist() == [0, 1, 2]
 
 
 def test_a_snapshot_has_what_updates_had_and_forgets_what_has_faded() -> None:
@@ -179,10 +188,8 @@ def test_a_snapshot_is_bounded_whatever_is_reported() -> None:
     for _ in range(60):
         view.settled(report(plots(1000)), [sent()])
         view.update(testing.START_NS, 0.0)
-    kept = len(
-        read_frame(view.snapshot(testing.START_NS).public).column(SectionKind.PLOTS, "sensor")
-    )
-    assert MAX_KEPT - 1000 <= kept <= MAX_KEPT
+    shown = read_frame(view.snapshot(testing.START_NS).public)
+    assert MAX_KEPT - 1000 <= len(shown.column(SectionKind.PLOTS, "sensor")) <= MAX_KEPT
 
 
 def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
@@ -197,48 +204,56 @@ def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
     assert not frame.of(SectionKind.PLOTS)
     assert [s["id"] for s in frame.news["scene"]["sensors"]] == ["other"]
     assert not view.update(testing.START_NS, 0.0).is_snapshot
-    view.settled(report(plots(4), "radar"), [sent()])  # of the scene before: nobody's
-    assert not read_frame(view.update(testing.START_NS, 0.0).public).of(SectionKind.PLOTS)
+    # What is told of the scene before, or of a sensor that nobody knows, is nothing.
+    view.settled(report(plots(4)), [sent()])
+    view.settings("radar", {})
+    view.watch(["radar"])
+    frame = updated(view)
+    assert not frame.of(SectionKind.PLOTS)
+    assert frame.news.get("details", {}) == {}
 
 
-def test_news_are_told_once_and_again_in_every_snapshot() -> None:
+def test_news_are_told_once_and_again_in_every_snapshot_and_are_json() -> None:
     view = view_of_radar()
     view.tell(refusal="it was no telemetry")
     view.session({"clock": {"paused": True}})
     view.session({"clock": {"paused": True}, "record": {"on": False}})
-    told = read_frame(view.update(testing.START_NS, 0.0).public).news
+    told = updated(view).news
     assert told["refusal"] == "it was no telemetry"
     assert told["session"] == {"clock": {"paused": True}, "record": {"on": False}}
     view.session({"clock": {"paused": True}})
-    assert read_frame(view.update(testing.START_NS, 0.0).public).news == {}
+    assert updated(view).news == {}
     again = read_frame(view.snapshot(testing.START_NS).public).news
     assert {"layouts", "scene", "settings", "session", "refusal"} <= again.keys()
+    view.settings("radar", {"pfa": float("nan"), "link": {"latency_ms": float("inf")}})
+    view.session({"replay": {"position_s": float("nan")}})
+    text = view.update(testing.START_NS, 0.0).public.decode("latin-1")
+    assert "NaN" not in text
+    assert "Infinity" not in text
 
 
 def test_detections_are_counted_by_range_beside_what_was_predicted() -> None:
     view = view_of_radar(range_max_m=2500.0)
-    range_m = np.repeat([50.0, 150.0, 2499.0], 4)
     looks = Looks(
         drone=np.zeros(12, np.int64),
         channel=np.zeros(12, np.int64),
         t_utc_ns=np.full(12, testing.START_NS),
-        range_m=range_m,
+        range_m=np.repeat([50.0, 150.0, 2499.0], 4),
         azimuth_deg=np.zeros(12),
         elevation_deg=np.zeros(12),
         snr=np.ones(12),
         pd=np.full(12, 0.75),
         detected=np.arange(12) % 4 != 0,
     )
-    view.report(report(plots(0), looks=looks))
-    found = details(view, "radar")["detections"]
+    view.settled(report(plots(0), looks=looks), [])
+    found = details(view)["detections"]
     assert found["width_m"] == 100.0
     assert [i for i, n in enumerate(found["looks"]) if n] == [0, 1, 24]
     assert found["detected"][24] == found["expected"][24] == 3
     assert found["variance"][0] == 0.75
-    view.settings("radar", {}, new_model=False)
-    assert sum(details(view, "radar")["detections"]["looks"]) == 12
-    view.settings("radar", {"pfa": 1e-5})
-    assert sum(details(view, "radar")["detections"]["looks"]) == 0
+    for new_model, kept in ((False, 12), (True, 0)):
+        view.settings("radar", {"pfa": 1e-5}, new_model=new_model)
+        assert sum(details(view)["detections"]["looks"]) == kept
 
 
 def test_links_are_judged_since_their_settings_changed() -> None:
@@ -249,16 +264,15 @@ def test_links_are_judged_since_their_settings_changed() -> None:
     view.settled(report(plots(1)), [sent(number=0, copy=1)])
     later_ns = SECTOR.end_ns + 250_000_000
     view.update(later_ns - 1, 0.0)
-    assert details(view, "radar")["link"]["messages"] == 5  # what is lost has not been missed yet
+    assert details(view)["link"]["messages"] == 5  # what is lost has not been missed yet
     view.update(later_ns, 0.0)
-    link = details(view, "radar")["link"]
+    link = details(view)["link"]
     assert (link["messages"], link["lost"], link["duplicates"]) == (8, 3, 1)
     assert link["mean_burst"] == 1.5
-    assert link["mean_ms"] == pytest.approx(250.0)
-    assert link["asked_mean_ms"] == pytest.approx(250.0)
+    assert link["mean_ms"] == link["asked_mean_ms"] == pytest.approx(250.0)
     assert sum(link["delivered"]) == pytest.approx(1.0)
     view.settings("radar", {}, asked_latency_ms=[0.0])
-    assert details(view, "radar")["link"]["messages"] == 0
+    assert details(view)["link"]["messages"] == 0
 
 
 def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None:
@@ -277,83 +291,6 @@ def test_rates_are_of_whole_seconds_and_lateness_is_that_of_the_engine() -> None
     assert "seconds" not in read_frame(view.update(SECTOR.end_ns, 1.9).public).news
     (quiet,) = read_frame(view.update(SECTOR.end_ns, 2.0).public).news["seconds"]
     assert (quiet["late_p50_us"], quiet["late_p99_us"]) == (None, None)  # nothing left
-
-
-def test_a_drone_that_went_is_shown_where_it_was_for_a_while() -> None:
-    view = view_of_radar()
-    here = testing.SITE.to_ecef(np.array([[100.0, 200.0, 50.0], [0.0, 1000.0, 60.0]]))
-    both = TruthState(
-        drone=np.arange(2),
-        t_utc_ns=np.full(2, testing.START_NS),
-        position_ecef_m=here,
-        velocity_ecef_m_s=np.zeros((2, 3)),
-    )
-    view.truth(testing.START_NS, both, ["a", "b"])
-    later_ns = testing.START_NS + 12 * NS
-    view.truth(later_ns, both.rows(np.array([1])), ["a", "b"])
-    _, frame = frames(view.update(later_ns, 0.0))
-    assert frame.column(SectionKind.DRONES, "gone_ms").tolist() == [12_000.0, 0.0]
-    np.testing.assert_allclose(frame.column(SectionKind.DRONES, "east_m"), [100.0, 0.0], atol=1e-4)
-    view.truth(later_ns + 30 * NS, both.rows(np.array([1])), ["a", "b"])
-    _, frame = frames(view.update(later_ns + 30 * NS, 0.0))
-    assert frame.column(SectionKind.DRONES, "drone").tolist() == [1]
-
-
-def true_news(update: Update) -> list[Any]:
-    sections = frames(update)[1].sections
-    return [each.news for each in sections if each.kind == SectionKind.TRUE_NEWS]
-
-
-def test_the_class_of_what_is_no_drone_is_told_beside_the_names() -> None:
-    view = view_of_radar()
-    state = TruthState(
-        drone=np.arange(2),
-        t_utc_ns=np.full(2, testing.START_NS),
-        position_ecef_m=testing.SITE.to_ecef(np.array([[100.0, 200.0, 50.0], [0.0, 1000.0, 60.0]])),
-        velocity_ecef_m_s=np.zeros((2, 3)),
-    )
-    classes = np.array(["drone", "aircraft", 0, 0], np.object_)  # with room for more
-    names = ["a", "b"]
-    view.truth(testing.START_NS, state, names, classes)
-    said = {"drones": ["a", "b"], "classes": {"1": "aircraft"}, "unseen": {}}
-    assert said in true_news(view.update(testing.START_NS, 0.0))
-    view.truth(testing.START_NS, state, names, classes)
-    assert said not in true_news(view.update(testing.START_NS, 0.0))
-    view.truth(testing.START_NS, state, names, np.array(["drone", "drone"], np.object_))
-    assert {**said, "classes": {}} in true_news(view.update(testing.START_NS, 0.0))
-    view.unseen({"b": "far away"})
-    told = view.update(testing.START_NS, 0.0)
-    assert {**said, "classes": {}, "unseen": {"b": "far away"}} in true_news(told)
-    assert b"far away" not in told.public
-
-
-def test_what_the_session_says_of_unknown_sensors_is_nothing() -> None:
-    view = view_of_radar()
-    view.report(report(plots(2), "nobody"))
-    view.settled(report(plots(2), "nobody"), [sent()])
-    view.settings("nobody", {})
-    view.watch(["nobody"])
-    assert read_frame(view.update(testing.START_NS, 0.0).public).news.get("details", {}) == {}
-
-
-def test_nothing_is_told_that_is_no_json() -> None:
-    view = view_of_radar()
-    view.settings("radar", {"pfa": float("nan"), "link": {"latency_ms": float("inf")}})
-    view.session({"replay": {"position_s": float("nan")}})
-    text = view.update(testing.START_NS, 0.0).public.decode("latin-1")
-    assert "NaN" not in text
-    assert "Infinity" not in text
-
-
-def test_the_site_may_be_anywhere() -> None:
-    for latitude_deg, longitude_deg in ((90.0, 0.0), (-90.0, 10.0), (0.0, 180.0), (0.0, -180.0)):
-        tree = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "height_m": 0.0}
-        general = {"name": "edge", "seed": 1, "site": tree}
-        view = View()
-        view.scene(testing.scene([testing.radar()], seed=1, scene=general))
-        view.settled(report(plots(4)), [sent()])
-        frame = read_frame(view.update(testing.START_NS, 0.0).public)
-        assert np.isfinite(frame.column(SectionKind.PLOTS, "east_m")).all()
 
 
 def test_after_a_change_of_latency_losses_count_beside_the_deliveries_of_their_time() -> None:
@@ -380,12 +317,51 @@ def test_after_a_change_of_latency_losses_count_beside_the_deliveries_of_their_t
     assert max(shares) <= 0.4
 
 
-def test_the_score_is_told_to_who_sees_the_truth_alone(stage: MadeUpSession) -> None:
-    view = stage.view
-    view.update(stage.now_ns, 0.0)
-    assert b'"score"' not in view.update(stage.now_ns, 0.1).truth
+TWO_DRONES = TruthState(
+    drone=np.arange(2),
+    t_utc_ns=np.full(2, testing.START_NS),
+    position_ecef_m=testing.SITE.to_ecef(np.array([[100.0, 200.0, 50.0], [0.0, 1000.0, 60.0]])),
+    velocity_ecef_m_s=np.zeros((2, 3)),
+)
+
+
+def test_a_drone_that_went_is_shown_where_it_was_for_a_while() -> None:
+    view = view_of_radar()
+    view.truth(testing.START_NS, TWO_DRONES, ["a", "b"])
+    for after_s, drones, gone_ms in ((12, [0, 1], [12_000.0, 0.0]), (42, [1], [0.0])):
+        now_ns = testing.START_NS + after_s * NS
+        view.truth(now_ns, TWO_DRONES.rows(np.array([1])), ["a", "b"])
+        frame = updated(view, now_ns)
+        assert frame.column(SectionKind.DRONES, "drone").tolist() == drones
+        assert frame.column(SectionKind.DRONES, "gone_ms").tolist() == gone_ms
+        east_m = frame.column(SectionKind.DRONES, "east_m")
+        np.testing.assert_allclose(east_m, [100.0, 0.0][-len(drones) :], atol=1e-4)
+
+
+def true_news(update: Update) -> list[Any]:
+    return [each.news for each in frames(update)[1].of(SectionKind.TRUE_NEWS)]
+
+
+def test_the_class_of_what_is_no_drone_is_told_beside_the_names() -> None:
+    view = view_of_radar()
+    classes = np.array(["drone", "aircraft", 0, 0], np.object_)  # with room for more
+    names = ["a", "b"]
+    said = {"drones": ["a", "b"], "classes": {"1": "aircraft"}, "unseen": {}}
+    for expected in ([said], []):
+        view.truth(testing.START_NS, TWO_DRONES, names, classes)
+        assert true_news(view.update(testing.START_NS, 0.0)) == expected
+    view.truth(testing.START_NS, TWO_DRONES, names, np.array(["drone", "drone"], np.object_))
+    assert true_news(view.update(testing.START_NS, 0.0)) == [{**said, "classes": {}}]
+    view.unseen({"b": "far away"})
+    told = view.update(testing.START_NS, 0.0)
+    assert true_news(told) == [{**said, "classes": {}, "unseen": {"b": "far away"}}]
+    assert b"far away" not in told.public
+
+
+def test_the_score_is_told_to_who_sees_the_truth_alone() -> None:
+    view = view_of_radar()
     view.score({"time_utc": "2026-01-01T12:00:01Z", "window": {"gospa_m": 12.5}})
-    for update in (view.update(stage.now_ns, 0.2), view.snapshot(stage.now_ns)):
+    for update in (view.update(testing.START_NS, 0.2), view.snapshot(testing.START_NS)):
         assert b'"gospa_m":12.5' in update.truth
         assert b"gospa_m" not in update.public + (update.audience or b"")
-    assert b'"score"' not in view.update(stage.now_ns, 0.3).truth  # said once
+    assert b'"score"' not in view.update(testing.START_NS, 0.3).truth  # said once
