@@ -1,7 +1,8 @@
+"""The command as a user types it: what it prints, its exit codes, and what it says of mistakes."""
+
 from __future__ import annotations
 
 import json
-import math
 import re
 import signal
 import socket
@@ -20,37 +21,34 @@ from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.proto.asterix.codec.decode import decode_lenient
-from plotfeed.proto.ledger import entries_in
 from plotfeed.testing import MqttReceiver
 
 FAST = radar(period_s=0.2, sectors=8)
 START = "2026-01-01T12:00:00.05Z"
+SIMULATED = ("--broker", "none", "--speed", "max", "--duration")
 
 
 def is_one_line(text: str) -> bool:
     return len(text.splitlines()) == 1 and text.startswith("plotfeed: ")
 
 
-def test_the_entry_point_is_the_command() -> None:
+def test_the_entry_point_is_the_command_and_waits_for_no_library_of_a_session() -> None:
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
     assert project["scripts"] == {"plotfeed": "plotfeed.feeds.cli.__main__:main"}
-
-
-def test_help_waits_for_no_library_of_a_session() -> None:
     code = (
         "import sys, plotfeed.feeds.cli.main\n"
         "print({'numpy', 'pydantic', 'google', 'asyncio', 'mcap'} & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
+    assert version("plotfeed") in plotfeed_here("--version").stdout
 
 
 def test_the_last_line_tells_the_speed_that_was_reached(tmp_path: Path) -> None:
     """Which no machine does of ten thousand."""
     scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=FAST))
     how = ("--broker", "none", "--duration", "20")
-    done = plotfeed_here("run", scene, *how, "--speed", "10000")
-    *_, line = done.stdout.splitlines()
+    *_, line = plotfeed_here("run", scene, *how, "--speed", "10000").stdout.splitlines()
     assert re.search(r"^drones 1 .*  speed x[0-9.e+]+ of x10000$", line)
     assert "missed" not in line
     *_, line = plotfeed_here("run", scene, *how, "--speed", "max").stdout.splitlines()
@@ -58,52 +56,73 @@ def test_the_last_line_tells_the_speed_that_was_reached(tmp_path: Path) -> None:
     assert "speed" not in line
 
 
-def test_version_is_that_of_the_package() -> None:
-    assert version("plotfeed") in plotfeed_here("--version").stdout
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("fly",),
-        ("run",),
-        ("demo", "--speed", "fast"),
-        ("demo", "--speed", "-1"),
-        ("demo", "--speed", "nan"),
-        ("demo", "--duration", "0"),
-        ("demo", "--broker", "http://here"),
-        ("demo", "--broker", "mqtt://:1883"),
-        ("demo", "--broker", "mqtt://user:secret@here"),
-        ("demo", "--broker", "mqtt://here:99999"),
-        ("demo", "--broker", "mqtt://[::1"),
-        ("show", "http://here/x"),
-        ("schema", "nothing"),
-        ("inject", "absent.csv", "--set", "columns.x"),
-    ],
+WRONG_USE: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("fly",), "No such command 'fly'"),
+    (("run",), "Missing argument"),
+    *((("demo", "--speed", speed), "--speed") for speed in ("fast", "-1", "nan")),
+    (("demo", "--duration", "0"), "--duration"),
+    (("demo", "--broker", "http://here"), "mqtt://"),
+    (("demo", "--broker", "mqtt://:1883"), "mqtt://"),
+    (("demo", "--broker", "mqtt://user:secret@here"), "PLOTFEED_MQTT_"),
+    (("demo", "--broker", "mqtt://here:99999"), "99999"),
+    (("demo", "--broker", "mqtt://[::1"), "mqtt://"),
+    (("show", "http://here/x"), "expected a file, mqtt://HOST:PORT/TOPIC-FILTER or udp://"),
+    (("show", "udp://127.0.0.1:8600", "--stage", "after"), "--stage: only of a file"),
+    (("show", "here.mcap", "--topic", "a#"), "+ is a whole level"),
+    (("schema", "nothing"), "nothing"),
+    (("inject", "absent.csv", "--set", "columns.x"), "--set columns.x"),
 )
-def test_wrong_use_is_exit_code_2(arguments: tuple[str, ...]) -> None:
-    done = plotfeed_here(*arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr != ""
-    assert "secret" not in done.stderr
+
+
+def test_wrong_use_is_exit_code_2_and_says_what_is_wrong() -> None:
+    for arguments, says in WRONG_USE:
+        done = plotfeed_here(*arguments)
+        assert (done.returncode, done.stdout) == (2, ""), arguments
+        assert says in done.stderr, (arguments, done.stderr)
+        assert "secret" not in done.stderr
+
+
+def test_what_is_not_there_or_no_scene_is_one_line_each(tmp_path: Path) -> None:
+    absent = tmp_path / "absent.csv"
+    for verb, where in (
+        *((verb, absent) for verb in ("run", "check", "inject", "show")),
+        ("show", tmp_path),
+    ):
+        done = plotfeed_here(verb, where)
+        assert done.returncode in (1, 2)
+        assert is_one_line(done.stderr)
+        assert str(where) in done.stderr
+    done = plotfeed_here("demo", "--duration", "1", "--write", tmp_path / "no" / "where")
+    assert done.returncode == 1
+    assert is_one_line(done.stderr)
+    for content in (b"\xff" * 100, b"hello, this is no ASTERIX", b"\0"):
+        absent.write_bytes(content)
+        done = plotfeed_here("show", absent)
+        assert done.returncode == 2
+        assert str(absent) in done.stderr
+    scene = scene_file(tmp_path, scene_text().replace("power_w", "powr_w"))
+    for verb in ("run", "check"):
+        done = plotfeed_here(verb, scene)
+        assert (done.returncode, done.stdout) == (2, "")
+        text = scene.read_text().split("\n")
+        table, key = text.index("[[sensor]]") + 1, text.index("powr_w = 500.0") + 1
+        assert done.stderr.splitlines() == [
+            f"plotfeed: {scene}: line {table}: sensor[0].power_w of 'radar': missing",
+            f"plotfeed: {scene}: line {key}: sensor[0].powr_w of 'radar': no such key; "
+            "did you mean power_w?",
+        ]
 
 
 def test_the_demo_says_where_to_connect_and_what_it_did() -> None:
     done = plotfeed("demo", "--duration", "1.5")
-    assert done.returncode == 0
-    assert done.stderr == ""
+    assert (done.returncode, done.stderr) == (0, "")
     for word in ("scene field-day", "MQTT", "plotfeed/tower/plots"):
         assert word in done.stdout
     counts = dict(re.findall(r"(drones|messages|missed scans) (\d+)", done.stdout.splitlines()[-1]))
     assert counts["drones"] == "21"
     # A machine that stalls for all that time says what it missed instead.
     assert int(counts["messages"]) + int(counts.get("missed scans", 0)) > 0
-
-
-def test_the_demo_can_end_with_json() -> None:
-    done = plotfeed_here("demo", "--duration", "1", "--broker", "none", "--speed", "max", "--json")
-    totals = json.loads(done.stdout)
+    totals = json.loads(plotfeed_here("demo", *SIMULATED, "1", "--json").stdout)
     assert totals["drones"] == 21
     assert totals["messages"] > 0
     assert totals["undelivered"] == 0
@@ -119,14 +138,13 @@ def test_a_signal_is_a_clean_end(how: signal.Signals, code: int, tmp_path: Path)
         client.wait_for(lambda m: json.loads(m.payload)["state"] == "ONLINE")
         returned, out, err = session.end(how)
         client.wait_for(lambda m: json.loads(m.payload)["state"] == "OFFLINE")
-    assert returned == code
-    assert err == ""
+    assert (returned, err) == (code, "")
     assert out.startswith("drones 1 ")
 
 
 def test_a_signal_while_it_starts_is_no_traceback(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=FAST))
-    for delay_s in (0.0, 0.2, 0.5):
+    for delay_s in (0.0, 0.3):
         process = subprocess.Popen(
             [*PLOTFEED, "run", str(scene)],
             stdout=subprocess.PIPE,
@@ -139,87 +157,50 @@ def test_a_signal_while_it_starts_is_no_traceback(tmp_path: Path) -> None:
         assert "Traceback" not in err
 
 
-def test_a_wrong_key_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text().replace("power_w", "powr_w"))
-    for verb in ("run", "check"):
-        done = plotfeed_here(verb, scene)
-        assert done.returncode == 2
-        assert done.stdout == ""
-        text = scene.read_text().split("\n")
-        table, key = text.index("[[sensor]]") + 1, text.index("powr_w = 500.0") + 1
-        assert done.stderr.splitlines() == [
-            f"plotfeed: {scene}: line {table}: sensor[0].power_w of 'radar': missing",
-            f"plotfeed: {scene}: line {key}: sensor[0].powr_w of 'radar': no such key; "
-            "did you mean power_w?",
-        ]
-
-
-@pytest.mark.parametrize("verb", ["run", "check", "inject", "show"])
-def test_a_file_that_is_not_there_is_one_line(verb: str, tmp_path: Path) -> None:
-    absent = tmp_path / "absent.csv"
-    done = plotfeed_here(verb, absent)
-    assert done.returncode in (1, 2)
-    assert is_one_line(done.stderr)
-    assert str(absent) in done.stderr
-
-
 def test_check_tells_pd_and_errors_against_range(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text())
     text = plotfeed_here("check", scene)
     assert text.returncode == 0
     assert "radar (active_radar, SAC 0 SIC 1)" in text.stdout
     found = json.loads(plotfeed_here("check", scene, "--json").stdout)
-    assert found["scene"] == "test"
-    assert found["drones"] == 1
+    assert (found["scene"], found["drones"]) == ("test", 1)
     (sensor,) = found["sensors"]
     pds = [row["pd"] for row in sensor["table"]]
     assert all(0 <= pd <= 1 for pd in pds)
     bigger = json.loads(plotfeed_here("check", scene, "--json", "--rcs-m2", "1.0").stdout)
     assert bigger["sensors"][0]["table"][-1]["pd"] > pds[-1]
-
-
-def test_check_tells_of_a_beam_too_fast_for_its_integration(tmp_path: Path) -> None:
-    """Eight beams of 2 degrees, a turn in half a second: 22.2 ms on a target."""
+    # Eight beams of 2 degrees, a turn in half a second: 22.2 ms on a target.
     for beams, told in ((8, None), (7, "for 0.0194 s of a turn"), (1, "for 0.00278 s of a turn")):
         more = f"receive_beams = {beams}"
-        sensor = radar(more=more).replace("integration_s = 0.01", "integration_s = 0.022")
-        done = plotfeed_here("check", scene_file(tmp_path, scene_text(sensors=sensor)))
+        fast = radar(more=more).replace("integration_s = 0.01", "integration_s = 0.022")
+        done = plotfeed_here("check", scene_file(tmp_path, scene_text(sensors=fast)))
         assert ("integration_s is 0.022, but the beam is on a target" in done.stdout) == bool(told)
         assert told is None or told in done.stdout
 
 
 def test_the_schemas_are_printed() -> None:
-    assert json.loads(plotfeed_here("schema").stdout)["$schema"].startswith(
-        "https://json-schema.org/"
-    )
+    schema = json.loads(plotfeed_here("schema").stdout)
+    assert schema["$schema"].startswith("https://json-schema.org/")
     assert "message PlotBatch {" in plotfeed_here("schema", "messages").stdout
 
 
 def recorded(folder: Path, name: str, duration_s: float, scene: Path | None = None) -> Path:
     """ASTERIX as a session wrote it in simulated time."""
     scene = scene or scene_file(folder, scene_text(start_utc=START, sensors=FAST))
-    path = folder / name
-    options = ("--speed", "max", "--duration", duration_s, "--write", path)
-    done = plotfeed_here("run", scene, "--broker", "none", *options)
+    done = plotfeed_here("run", scene, *SIMULATED, duration_s, "--write", folder / name)
     assert done.returncode == 0, done.stderr
-    return path
+    return folder / name
 
 
-def test_the_same_scene_gives_the_same_octets(tmp_path: Path) -> None:
-    one = recorded(tmp_path, "one", 5.0).read_bytes()
-    other = recorded(tmp_path, "other", 5.0).read_bytes()
-    assert one == other
-    records, errors = decode_lenient(one)
-    assert errors == []
-    assert sum(r.category == 34 for r in records) == 25 * (8 + 1)
-    assert sum(r.category == 48 for r in records) > 5
-
-
-def test_real_time_gives_the_octets_of_simulated_time(tmp_path: Path) -> None:
+def test_the_same_scene_gives_the_same_octets_in_simulated_and_in_real_time(tmp_path: Path) -> None:
     # Turns are long, so that a machine that stalls for a while is late but skips none of them.
     sensors = radar(period_s=3.0, sectors=60, more="receive_beams = 8")
     scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=sensors))
     expected = recorded(tmp_path, "max", 3.0, scene).read_bytes()
+    records, errors = decode_lenient(expected)
+    assert errors == []
+    assert sum(r.category == 34 for r in records) >= 60
+    assert sum(r.category == 48 for r in records) >= 1
     paths = [tmp_path / "with-broker", tmp_path / "without"]
     how = ("run", scene, "--duration", 3, "--write")
     with started(*how, paths[0]) as one, started(*how, paths[1], "--broker", "none") as other:
@@ -231,8 +212,7 @@ def test_real_time_gives_the_octets_of_simulated_time(tmp_path: Path) -> None:
 
 def test_a_full_disk_ends_the_file_and_not_the_session(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(start_utc=START, sensors=FAST))
-    simulated = ("--broker", "none", "--speed", "max", "--duration", "60")
-    done = plotfeed_here("run", scene, *simulated, "--write", "/dev/full")
+    done = plotfeed_here("run", scene, *SIMULATED, "60", "--write", "/dev/full")
     assert done.returncode == 1
     assert done.stderr == (
         "plotfeed: /dev/full: No space left on device; what came after is not in the file\n"
@@ -240,49 +220,21 @@ def test_a_full_disk_ends_the_file_and_not_the_session(tmp_path: Path) -> None:
     assert done.stdout.splitlines()[-1].startswith("drones 1 ")
 
 
-def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
-    done = plotfeed_here("demo", "--duration", "1", "--write", tmp_path / "no" / "where")
-    assert done.returncode == 1
-    assert is_one_line(done.stderr)
-
-
-def test_show_prints_a_line_for_each_record(tmp_path: Path) -> None:
+def test_show_prints_a_line_for_each_record_of_what_is_whole(tmp_path: Path) -> None:
     path = recorded(tmp_path, "raw.ast", 2.0)
     records, _ = decode_lenient(path.read_bytes())
     done = plotfeed_here("show", path, "--list")
-    assert done.returncode == 0
-    assert done.stderr == ""
+    assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
     assert len(lines) == len(records)
     assert lines[0].startswith("CAT034  12:00:00.")
-    done = plotfeed_here("show", path, "--list", "--json")
-    objects = [json.loads(x) for x in done.stdout.splitlines()]
-    assert [x["category"] for x in objects] == [r.category for r in records]
+    shown = plotfeed_here("show", path, "--list", "--json").stdout.splitlines()
+    assert [json.loads(x)["category"] for x in shown] == [r.category for r in records]
     assert len(plotfeed_here("show", path, "--count", "3").stdout.splitlines()) == 3
-
-
-def test_show_prints_what_a_damaged_file_still_holds(tmp_path: Path) -> None:
-    path = recorded(tmp_path, "raw.ast", 2.0)
-    whole = plotfeed_here("show", path, "--list").stdout.splitlines()
     path.write_bytes(path.read_bytes()[:-3])
     done = plotfeed_here("show", path, "--list")
     assert done.returncode == 2
-    assert done.stdout.splitlines() == whole[:-1]
-    assert is_one_line(done.stderr)
-
-
-@pytest.mark.parametrize("content", [b"\xff" * 100, b"hello, this is no ASTERIX", b"\0"])
-def test_show_says_what_garbage_is(content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "garbage"
-    path.write_bytes(content)
-    done = plotfeed_here("show", path)
-    assert done.returncode == 2
-    assert str(path) in done.stderr
-
-
-def test_show_of_a_folder_is_one_line(tmp_path: Path) -> None:
-    done = plotfeed_here("show", tmp_path)
-    assert done.returncode != 0
+    assert done.stdout.splitlines() == lines[:-1]
     assert is_one_line(done.stderr)
 
 
@@ -300,22 +252,21 @@ def test_show_prints_what_a_broker_has(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, scene_text(sensors=FAST))
     wanted = {"plotfeed/radar/status", "plotfeed/truth", "plotfeed/radar/plots"}
     heard: set[str] = set()
-
-    def hears_all() -> bool:
-        done = plotfeed_here("show", url, "--count", 50, "--json")
-        heard.update(json.loads(line)["topic"] for line in done.stdout.splitlines())
-        return heard >= wanted
-
     with running("run", scene) as session:
-        for port, _ in session.ports():
-            url = f"mqtt://127.0.0.1:{port}"
-            done = plotfeed_here("show", f"{url}/plotfeed/+/asterix/#", "--count", "5")
-            assert done.returncode == 0
-            lines = done.stdout.splitlines()
-            assert len(lines) == 5
-            assert all(x.startswith("plotfeed/radar/asterix/0") for x in lines)
-            done = plotfeed_here("show", f"{url}/plotfeed/truth", "--count", "2", "--json")
-            assert all("Ledger" in json.loads(x)["message"] for x in done.stdout.splitlines())
+        url = f"mqtt://127.0.0.1:{session.port('MQTT')}"
+
+        def hears_all() -> bool:
+            done = plotfeed_here("show", url, "--count", 50, "--json")
+            heard.update(json.loads(line)["topic"] for line in done.stdout.splitlines())
+            return heard >= wanted
+
+        done = plotfeed_here("show", f"{url}/plotfeed/+/asterix/#", "--count", "5")
+        assert done.returncode == 0
+        lines = done.stdout.splitlines()
+        assert len(lines) == 5
+        assert all(x.startswith("plotfeed/radar/asterix/0") for x in lines)
+        done = plotfeed_here("show", f"{url}/plotfeed/truth", "--count", "2", "--json")
+        assert all("Ledger" in json.loads(x)["message"] for x in done.stdout.splitlines())
         wait_until(hears_all)
         assert plotfeed_here("show", url, "--duration", "0.1").returncode == 0
 
@@ -333,23 +284,10 @@ def test_show_prints_what_comes_by_udp() -> None:
     assert [line.startswith(start) for line in out.splitlines()] == [True, True]
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("udp://127.0.0.1:8600", "--stage", "after"), "--stage: only of a file"),
-        (("here.mcap", "--topic", "a#"), "+ is a whole level"),
-        (("ftp://here/x",), "expected a file, mqtt://HOST:PORT/TOPIC-FILTER or udp://ADDRESS:PORT"),
-    ],
-)
-def test_show_says_what_does_not_go_together(words: tuple[str, ...], says: str) -> None:
-    done = plotfeed_here("show", *words)
-    assert done.returncode == 2
-    assert is_one_line(done.stderr)
-    assert says in done.stderr
-
-
 def test_a_broker_that_does_not_answer_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
-    flight, scene = csv_flight(tmp_path), scene_file(tmp_path, scene_text(sensors=FAST))
+    flight, scene = tmp_path / "flight.csv", scene_file(tmp_path, scene_text(sensors=FAST))
+    rows = "".join(f"{1767268800 + i},40,-3,9\n" for i in range(5))
+    flight.write_text(f"time,latitude_deg,longitude_deg,altitude_m\n{rows}")
     nobody = f"mqtt://127.0.0.1:{free_port()}"
     with deaf_server() as port:
         deaf = f"mqtt://127.0.0.1:{port}"
@@ -365,78 +303,3 @@ def test_a_broker_that_does_not_answer_is_one_line_and_exit_code_1(tmp_path: Pat
             assert process.wait() == 1
             assert is_one_line(err)
             assert url in err
-
-
-def csv_flight(folder: Path) -> Path:
-    """Two seconds in a circle near the site, four samples a second."""
-    lines = ["time,latitude_deg,longitude_deg,altitude_m"]
-    for i in range(9):
-        north = 40.462 + 5e-5 * math.cos(i / 5)
-        east = -3.72 + 5e-5 * math.sin(i / 5)
-        lines.append(f"{1_767_268_800 + i / 4:.2f},{north:.7f},{east:.7f},{900 + i:.1f}")
-    path = folder / "my flight.csv"
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
-SRT_BLOCK = """{n}
-00:00:0{n},000 --> 00:00:0{n},999
-2026-01-01 12:00:0{n}.000
-[iso: 100] [latitude: 40.4{n}] [longitude: -3.72] [rel_alt: 20.0 abs_alt: 700.0]
-
-"""
-
-
-def srt_flight(folder: Path) -> Path:
-    path = folder / "dji.srt"
-    path.write_text("".join(SRT_BLOCK.format(n=n).replace("40.4", "40.460") for n in (1, 2, 3)))
-    return path
-
-
-def looks_at(client: MqttReceiver, drone: str) -> None:
-    client.wait_for(
-        lambda m: drone in {look.drone for entry in entries_in(m.payload) for look in entry.looks}
-    )
-
-
-def test_a_flight_can_be_injected_into_a_session(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text(sensors=FAST, drones=""))
-    flight = csv_flight(tmp_path)
-    with running("run", scene) as session:
-        with MqttReceiver(session.port("MQTT"), 5, "plotfeed/truth") as client:
-            for port, encoding in (
-                (session.port("MQTT"), "json"),
-                (session.port("MQTT"), "protobuf"),
-            ):
-                drone = f"by-{encoding}"
-                done = plotfeed(
-                    "inject", flight, "--now", "--speed", "4", "--drone", drone,
-                    "--broker", f"mqtt://127.0.0.1:{port}", "--encoding", encoding,
-                    "--set", "altitude_reference=ellipsoid",
-                )  # fmt: skip
-                assert done.returncode == 0, done.stderr
-                assert f"9 reports sent to mqtt://127.0.0.1:{port}" in done.stdout
-                assert f"plotfeed/telemetry/{drone}, 0 undelivered, 0 refused" in done.stdout
-                looks_at(client, drone)
-        code, out, err = session.end(signal.SIGTERM)
-    assert code == 0
-    assert err == ""
-    assert "telemetry 18 refused 0" in out
-
-
-def test_why_an_injected_flight_was_refused_is_shown(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, scene_text(sensors=FAST, drones="", telemetry=""))
-    flight = srt_flight(tmp_path)
-    with running("run", scene) as session:
-        broker = ("--broker", f"mqtt://127.0.0.1:{session.port('MQTT')}")
-        options = ("--now", "--speed", "10", "--set", "altitude_reference=above_takeoff", *broker)
-        done = plotfeed("inject", flight, *options)
-        assert done.returncode == 1
-        assert "3 refused" in done.stdout
-        assert "the scene lacks telemetry.takeoff_height_m" in done.stderr
-        done = plotfeed("inject", flight, *options, "--set", "takeoff_height_m=650")
-        assert done.returncode == 0
-        assert "0 refused" in done.stdout
-        old = plotfeed("inject", flight, "--set", "takeoff_height_m=650", "--speed", "10", *broker)
-        assert old.returncode == 1
-        assert " s old; at most 60 s" in old.stderr or "ahead of now" in old.stderr

@@ -27,7 +27,7 @@ def title_at(port: int) -> bool:
         return b"<title>plotfeed</title>" in answer.read()
 
 
-def test_a_demo_has_its_page_and_says_where() -> None:
+def test_a_demo_has_its_page_and_shows_the_world_s_time_until_somebody_holds_it() -> None:
     with running("demo") as demo:
         port = demo.port("page")
         assert title_at(port)
@@ -35,11 +35,7 @@ def test_a_demo_has_its_page_and_says_where() -> None:
         assert demo.introduction[-1].startswith(way)
         moved = any(line.startswith(f"port {USUAL_PORT} is taken") for line in demo.introduction)
         assert moved == (port != USUAL_PORT)
-
-
-def test_a_demo_shows_the_world_s_time_until_somebody_holds_it() -> None:
-    with running("demo", "--broker", "none") as demo:
-        host = f"127.0.0.1:{demo.port('page')}"
+        host = f"127.0.0.1:{port}"
         with connect(f"ws://{host}/feed", origin=Origin(f"http://{host}"), max_size=None) as feed:
             frames = (octets for octets in feed if isinstance(octets, bytes))
             assert abs(read_frame(next(frames)).now_ms - time.time() * 1000) < 60_000
@@ -48,62 +44,40 @@ def test_a_demo_shows_the_world_s_time_until_somebody_holds_it() -> None:
             assert next(answer for answer in answers if answer.get("number") == 1)["ok"]
 
 
-def test_where_the_usual_port_is_taken_it_says_so_and_has_another() -> None:
-    with port_is_taken(USUAL_PORT), running("demo") as demo:
-        assert demo.introduction[0] == f"port {USUAL_PORT} is taken: the page has another"
-        assert demo.port("page") != USUAL_PORT
-        assert title_at(demo.port("page"))
-
-
-def test_an_address_that_was_asked_for_is_the_only_one() -> None:
-    port = free_port()
-    with running("demo", "--page", port) as demo:
-        assert demo.port("page") == port
+def test_where_the_usual_port_is_taken_it_has_another_unless_one_was_asked_for() -> None:
     with port_is_taken(USUAL_PORT):
+        with running("demo", "--broker", "none") as demo:
+            assert demo.introduction[0] == f"port {USUAL_PORT} is taken: the page has another"
+            assert demo.port("page") != USUAL_PORT
+            assert title_at(demo.port("page"))
         done = plotfeed("demo", "--page", USUAL_PORT)
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert done.stderr.startswith(f"plotfeed: --page 127.0.0.1:{USUAL_PORT}: ")
-    assert len(done.stderr.splitlines()) == 1
-
-
-@pytest.mark.parametrize("options", [("--page", "none"), ("--speed", "max")])
-def test_without_a_page_nothing_is_said_of_one(options: tuple[str, ...]) -> None:
-    done = plotfeed("demo", *QUICK, *options)
-    assert done.returncode == 0
-    assert "page" not in done.stdout
-    assert done.stderr == ""
-
-
-def test_totals_as_json_are_all_that_is_said() -> None:
-    with port_is_taken(USUAL_PORT):
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.startswith(f"plotfeed: --page 127.0.0.1:{USUAL_PORT}: ")
+        assert len(done.stderr.splitlines()) == 1
+        # Totals as JSON are all that is said.
         assert json.loads(plotfeed("demo", *QUICK, "--json").stdout)["messages"] > 0
+    port = free_port()
+    with running("demo", "--broker", "none", "--page", port) as demo:
+        assert demo.port("page") == port
+    for options in (("--page", "none"), ("--speed", "max")):
+        done = plotfeed("demo", *QUICK, *options)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "page" not in done.stdout
 
 
-@pytest.fixture
-def without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of the page's libraries is not installed."""
+def test_without_the_extra_a_demo_says_how_to_get_it_and_runs_on_unless_a_page_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-
-
-@pytest.mark.usefixtures("without_the_extra")
-def test_without_the_extra_a_demo_says_how_to_get_it_and_runs_on() -> None:
+    hint = "uvicorn missing here: pip install 'plotfeed[page]'"
     done = plotfeed_here("demo", *QUICK)
-    assert done.returncode == 0
-    assert done.stderr == ""
+    assert (done.returncode, done.stderr) == (0, "")
     hints = [line for line in done.stdout.splitlines() if "page" in line]
-    assert hints == ["  page        none, uvicorn missing here: pip install 'plotfeed[page]'"]
+    assert hints == [f"  page        none, {hint}"]
     assert done.stdout.splitlines()[-1].startswith("drones 21 ")
-
-
-@pytest.mark.usefixtures("without_the_extra")
-def test_without_the_extra_a_page_that_was_asked_for_is_an_error_in_a_line() -> None:
     done = plotfeed_here("demo", *QUICK, "--page", "0")
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr == (
-        "plotfeed: the page cannot be served, uvicorn missing here: pip install 'plotfeed[page]'\n"
-    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"plotfeed: the page cannot be served, {hint}\n"
 
 
 def test_what_runs_a_session_with_its_page_loads_no_library_of_the_page() -> None:

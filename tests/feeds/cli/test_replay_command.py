@@ -60,20 +60,14 @@ def test_keys_steer_it_in_a_terminal(tmp_path: Path, broker: int) -> None:
     assert "messages" in shown
 
 
-@pytest.mark.parametrize(
-    "chosen",
-    [("--stage", "telemetry"), ("--start", "3600"), ()],
-    ids=["stage", "start", "datagrams"],
-)
-def test_a_replay_that_sends_nothing_fails_and_says_so(
-    chosen: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_replay_that_sends_nothing_fails_and_says_so(tmp_path: Path) -> None:
     path = log_file(tmp_path, [message(0, "plotfeed/radar/status", b"{}")])
     to = ("--udp", f"127.0.0.1:{free_port()}")
-    done = plotfeed_here("replay", path, *to, *chosen, "--speed", "max")
-    assert done.returncode == 1
-    told = f"plotfeed: nothing of {path} was sent: no message is of what was asked for\n"
-    assert done.stderr.endswith(told)
+    for chosen in (("--stage", "telemetry"), ("--start", "3600"), ()):
+        done = plotfeed_here("replay", path, *to, *chosen, "--speed", "max")
+        assert done.returncode == 1
+        told = f"plotfeed: nothing of {path} was sent: no message is of what was asked for\n"
+        assert done.stderr.endswith(told)
 
 
 def _make_controlling(terminal: int) -> None:
@@ -148,28 +142,25 @@ def refused(*arguments: object) -> str:
     )
 
 
-@pytest.mark.parametrize("options", MISTAKES, ids="=".join)
-def test_a_mistake_is_one_line_that_names_it(tmp_path: Path, options: tuple[str, str]) -> None:
-    said = refused(log_file(tmp_path, SESSION), *options)
-    assert MISTAKES[options] in said
-    assert len(said.splitlines()) == 1
-
-
-def test_a_link_file_is_checked_key_by_key(tmp_path: Path) -> None:
-    link = tmp_path / "link.toml"
+def test_a_mistake_is_one_line_that_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, link, odd = log_file(tmp_path, SESSION), tmp_path / "link.toml", tmp_path / "odd"
+    for options, says in MISTAKES.items():
+        said = refused(path, *options)
+        assert says in said
+        assert len(said.splitlines()) == 1
     for text, wanted in {
         "latency_ms = -1": "link.toml: latency_ms: input should be greater than or equal to 0",
         "latncy_ms = 1": "link.toml: latncy_ms: no such key; did you mean latency_ms?",
         "latency_ms =": "link.toml: not TOML",
     }.items():
         link.write_text(text)
-        assert wanted in refused(log_file(tmp_path, SESSION), "--link", f"plotfeed={link}")
-
-
-def test_a_file_that_is_no_recording_is_one_line(tmp_path: Path) -> None:
-    odd = tmp_path / "odd"
+        assert wanted in refused(path, "--link", f"plotfeed={link}")
     odd.write_bytes(b"hello")
     assert f"{odd}: " in refused(odd, "--udp", "127.0.0.1:9")
+    monkeypatch.setattr(destinations, "CONNECT_S", 0.5)
+    assert "MQTT broker" in refused(path, "--broker", f"mqtt://127.0.0.1:{free_port()}")
 
 
 @pytest.mark.asyncio
@@ -199,12 +190,6 @@ async def test_a_broker_that_never_has_room_can_be_left() -> None:
         endless = ReplaySettings(fastest=True, laps=None)
         await Replayer(Memory(SESSION), [full], endless, control=control).run()
     assert 0 < full.taken <= AT_ONCE
-
-
-def test_no_broker_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(destinations, "CONNECT_S", 0.5)
-    path = log_file(tmp_path, SESSION)
-    assert "MQTT broker" in refused(path, "--broker", f"mqtt://127.0.0.1:{free_port()}")
 
 
 def test_what_is_whole_of_a_damaged_file_is_replayed(tmp_path: Path) -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import signal
-import time
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from support.brokers import free_port, mosquitto
+from support.brokers import free_port, mosquitto, own_broker
 from support.command import plotfeed, running, started
 from support.recordings import plots
 from support.replays import MS, RECORDED, SESSION, TYPE, log_file, message
@@ -17,35 +16,31 @@ from support.scene_files import scene_file, scene_text
 from support.udp_receiver import heard, place, receiver
 from support.waiting import PATIENCE_S, wait_until
 
-from plotfeed.feeds.telemetry.position_report import PositionReport, decode
+from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.models.state import AltitudeReference
 from plotfeed.replay.pcap import PcapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.testing import MqttMessage, MqttReceiver
 
 
-@pytest.fixture(params=["mosquitto", "embedded"])
-def any_broker(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[int]:
-    if request.param == "embedded":
-        yield request.getfixturevalue("broker")
-        return
-    port = free_port()
-    with mosquitto(tmp_path, port):
-        yield port
-
-
 def is_last(message: MqttMessage) -> bool:
     return message.payload == b"last"
 
 
-@pytest.mark.parametrize("how", [["--speed", "2"], ["--speed", "max"]], ids=["paced", "fastest"])
-def test_the_same_messages_come_on_the_same_topics(
-    tmp_path: Path, any_broker: int, how: list[str]
-) -> None:
+@pytest.mark.parametrize(
+    ("start", "speed"), [(mosquitto, "2"), (own_broker, "max")], ids=["paced", "fastest"]
+)
+def test_the_same_messages_come_on_the_same_topics(tmp_path: Path, start: Any, speed: str) -> None:
+    port = free_port()
+    with start(tmp_path, port):
+        come_on_the_same_topics(tmp_path, port, speed)
+
+
+def come_on_the_same_topics(tmp_path: Path, any_broker: int, speed: str) -> None:
     path = log_file(tmp_path, SESSION)
     with MqttReceiver(any_broker, 5, "#") as ears:
         url = f"mqtt://127.0.0.1:{any_broker}"
-        done = plotfeed("replay", path, "--broker", url, "--json", *how)
+        done = plotfeed("replay", path, "--broker", url, "--json", "--speed", speed)
         assert done.returncode == 0, done.stderr
         ears.wait_for(is_last)
         got = [m for m in ears.heard if m.topic.endswith("plots")]
@@ -85,30 +80,6 @@ def test_topics_links_and_times_are_as_asked(tmp_path: Path, broker: int) -> Non
     times = {m.user_properties.get("time") for m in ears.heard if m.user_properties}
     assert all(t is not None and t > "2026-01-01T12:00:01" for t in times)
     assert "times left alone" in done.stderr or summary["times_left_alone"]
-
-
-def test_telemetry_is_told_as_of_now(tmp_path: Path, broker: int) -> None:
-    def sample(i: int) -> Recorded:
-        report = PositionReport(
-            t_utc_ns=RECORDED + i * 10 * MS,
-            latitude_deg=40.0,
-            longitude_deg=-3.0,
-            altitude_m=700.0 + i,
-            altitude_reference=AltitudeReference.ELLIPSOID,
-        )
-        topic, payload = "plotfeed/telemetry/d1", report.to_protobuf()
-        return message(i * 10 * MS, topic, payload, stage=Stage.TELEMETRY)
-
-    path = log_file(tmp_path, [sample(i) for i in range(5)])
-    with MqttReceiver(broker, 5, "#") as ears:
-        begun_ns = time.time_ns()
-        url = f"mqtt://127.0.0.1:{broker}"
-        done = plotfeed("replay", path, "--broker", url, "--stage", "telemetry")
-        assert done.returncode == 0, done.stderr
-        ears.wait_for(lambda m: decode(m.payload).altitude_m == 704)
-    reports = [decode(m.payload) for m in ears.heard]
-    assert all(begun_ns <= r.t_utc_ns <= time.time_ns() for r in reports)
-    assert [r.t_utc_ns - reports[0].t_utc_ns for r in reports] == [i * 10 * MS for i in range(5)]
 
 
 def test_a_capture_goes_to_udp_and_to_a_broker_at_once(tmp_path: Path, broker: int) -> None:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from support.brokers import free_port, mosquitto
-from support.command import plotfeed_here, started
+from support.command import Started, plotfeed_here, started
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.testing import MqttReceiver
-
-Words = Callable[[Path, str], list[object]]
 
 
 def flight(folder: Path) -> Path:
@@ -58,45 +56,57 @@ def inject_live(_folder: Path, url: str) -> list[object]:
     return ["inject", source, "--broker", url, "--wait", "--duration", 0.2]
 
 
-every_command = pytest.mark.parametrize("words", [run, demo, inject, replay, record, inject_live])
+EVERY = (run, demo, inject, replay, record, inject_live)
 
 
-@every_command
-def test_a_broker_that_comes_later_is_waited_for(words: Words, tmp_path: Path) -> None:
+def waits(process: Started) -> str:
+    """The line that says so, after what a flight's reading says."""
+    while not (line := process.stderr.readline()).startswith("plotfeed: waits for"):
+        assert line, process.communicate(PATIENCE_S)
+    return line
+
+
+def test_a_broker_that_comes_later_is_waited_for_by_every_command(tmp_path: Path) -> None:
     port = free_port()
     url = f"mqtt://127.0.0.1:{port}"
-    with started(*words(tmp_path, url)) as process:
-        line = process.stderr.readline()
-        while not line.startswith("plotfeed: waits for"):  # of the flight's reading
-            assert line, process.communicate(PATIENCE_S)
-            line = process.stderr.readline()
-        assert line.startswith(f"plotfeed: waits for the MQTT broker {url} (")
-        assert line.endswith("; stop: Ctrl-C\n")
-        assert process.poll() is None
+    with ExitStack() as begun:
+        processes = []
+        for words in EVERY:
+            folder = tmp_path / words.__name__
+            folder.mkdir()
+            processes.append(begun.enter_context(started(*words(folder, url))))
+        for process in processes:
+            line = waits(process)
+            assert line.startswith(f"plotfeed: waits for the MQTT broker {url} (")
+            assert line.endswith("; stop: Ctrl-C\n")
+            assert process.poll() is None
         with mosquitto(tmp_path, port), MqttReceiver(port, 5, "#") as client:
-            if words not in (record, inject_live):
-                client.wait_for(lambda m: m.topic.startswith("plotfeed/"))
-            wait_until(lambda: process.poll() is not None)
-        out, err = process.communicate()
-    assert "Traceback" not in err
-    assert "waits for" not in err
-    if words is inject_live:
-        assert "listens to" in out
-    else:
-        assert process.returncode in ((0, 1) if words is inject else (0,)), err
+            for topic in ("plotfeed/radar/", "plotfeed/tower/", "plotfeed/telemetry/d"):
+                client.wait_for(lambda m: m.topic.startswith(topic))  # noqa: B023 - at once
+            wait_until(lambda: all(process.poll() is not None for process in processes))
+        for words, process in zip(EVERY, processes, strict=True):
+            out, err = process.communicate()
+            assert "Traceback" not in err
+            assert "waits for" not in err
+            assert "listens to" in out or words is not inject_live
+            if words not in (inject, inject_live):  # whose reports no session took in
+                assert process.returncode == 0, err
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-@every_command
-def test_who_waits_can_be_stopped(words: Words, how: signal.Signals, tmp_path: Path) -> None:
-    with started(*words(tmp_path, f"mqtt://127.0.0.1:{free_port()}")) as process:
-        while "waits for" not in (line := process.stderr.readline()):
-            assert line
-        process.send_signal(how)
-        _, err = process.communicate(PATIENCE_S)
-    assert "Traceback" not in err
-    if how == signal.SIGINT:
-        assert process.wait() == 130
+def test_who_waits_can_be_stopped(how: signal.Signals, tmp_path: Path) -> None:
+    with ExitStack() as begun:
+        for words in EVERY:
+            folder = tmp_path / words.__name__
+            folder.mkdir()
+            url = f"mqtt://127.0.0.1:{free_port()}"
+            process = begun.enter_context(started(*words(folder, url)))
+            waits(process)
+            process.send_signal(how)
+            _, err = process.communicate(PATIENCE_S)
+            assert "Traceback" not in err
+            if how == signal.SIGINT:
+                assert process.wait() == 130
 
 
 def test_without_it_nobody_waits(tmp_path: Path) -> None:

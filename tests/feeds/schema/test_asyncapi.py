@@ -16,7 +16,7 @@ import pytest
 from google.protobuf.json_format import ParseDict
 from support.asyncapi_rules import problems
 from support.brokers import free_port, mosquitto, own_broker
-from support.command import plotfeed
+from support.command import plotfeed_here
 from support.dice import Dice
 from support.random_sensors import SENSOR_MAKERS
 from support.sapient_tasks import ONE, task
@@ -78,7 +78,9 @@ def scene(**mqtt: Any) -> Scene:
     )
 
 
-async def published(what: Scene, port: int) -> tuple[list[MqttMessage], set[str], dict[str, int]]:
+async def published(
+    what: Scene, port: int, duration_s: float = DURATION_S
+) -> tuple[list[MqttMessage], set[str], dict[str, int]]:
     """All messages of a session as an MQTT 5 client hears them, topics with retained ones, QoS.
 
     QoS is that with which messages left, by their sources and ids: a broker may
@@ -99,7 +101,7 @@ async def published(what: Scene, port: int) -> tuple[list[MqttMessage], set[str]
                 what,
                 clock=WallClock(START_NS, speed=SPEED),
                 broker=f"mqtt://127.0.0.1:{port}",
-                duration_s=DURATION_S,
+                duration_s=duration_s,
                 tap=tap,
                 on_ready=lambda *_: ready.set(),
             )
@@ -173,39 +175,31 @@ def matching(api: dict[str, Any], heard: MqttMessage) -> list[str]:
     return found
 
 
-def test_the_command_prints_the_document() -> None:
-    assert json.loads(plotfeed("schema", "asyncapi").stdout) == document()
-
-
-def test_the_document_is_what_the_standard_asks_for(api: dict[str, Any]) -> None:
-    assert problems(api) == []
-
-
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        (("operations", "sendPlots", "bindings", "mqtt", "qos"), 7),
-        (("operations", "sendPlots", "action"), "publish"),
-        (("operations", "sendPlots", "channel", "$ref"), "#/channels/truth"),
-        (("channels", "plots", "adress"), "x"),
-        (("channels", "plots", "address"), "plots"),
-        (("info", "version"), None),
-        (("components", "messages", "plots", "headers", "type"), "text"),
-    ],
+WRONG: tuple[tuple[tuple[str, ...], object], ...] = (
+    (("operations", "sendPlots", "bindings", "mqtt", "qos"), 7),
+    (("operations", "sendPlots", "action"), "publish"),
+    (("operations", "sendPlots", "channel", "$ref"), "#/channels/truth"),
+    (("channels", "plots", "adress"), "x"),
+    (("channels", "plots", "address"), "plots"),
+    (("info", "version"), None),
+    (("components", "messages", "plots", "headers", "type"), "text"),
 )
-def test_what_breaks_the_standard_is_seen(
-    api: dict[str, Any], path: tuple[str, ...], value: object
+
+
+def test_the_command_prints_the_document_which_is_what_the_standard_asks_for(
+    api: dict[str, Any],
 ) -> None:
-    wrong = json.loads(json.dumps(api))
-    *above, last = path
-    place = wrong
-    for step in above:
-        place = place[step]
-    if value is None:
-        del place[last]
-    else:
-        place[last] = value
-    assert problems(wrong)
+    assert json.loads(plotfeed_here("schema", "asyncapi").stdout) == api
+    assert problems(api) == []
+    for (*above, last), value in WRONG:
+        wrong = place = json.loads(json.dumps(api))
+        for step in above:
+            place = place[step]
+        if value is None:
+            del place[last]
+        else:
+            place[last] = value
+        assert problems(wrong), last
 
 
 def test_every_reference_leads_somewhere(api: dict[str, Any]) -> None:
@@ -282,7 +276,7 @@ async def test_the_scenes_qos_is_that_of_the_operations_that_say_so(
     with mosquitto(
         tmp_path, port, f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n"
     ):
-        heard, _, _ = await published(scene(qos=1, truth=False), port)
+        heard, _, _ = await published(scene(qos=1, truth=False), port, 8.0)
     assert heard
     for message in heard:
         (name,) = matching(api, message)
@@ -323,27 +317,26 @@ def problems_of(api: dict[str, Any], folder: Path) -> dict[str, Any]:
     return found
 
 
-def test_asyncapis_own_parser_finds_nothing_wrong(tmp_path: Path) -> None:
-    found = problems_of(document(), tmp_path)
+def test_asyncapis_own_parser_finds_what_is_wrong_and_nothing_else(
+    api: dict[str, Any], tmp_path: Path
+) -> None:
+    found = problems_of(api, tmp_path)
     assert found["problems"] == []
     assert {name for name, _ in found["examples"]} == {flow.name for flow in flows()}
     assert {examples for _, examples in found["examples"]} == {1}
-
-
-def test_the_parser_finds_what_is_wrong(tmp_path: Path) -> None:
-    """Two messages in one text of protobuf, which its generator cannot choose from."""
-    api = document()
-    api["components"]["schemas"]["LedgerBatch"]["schema"] += "\n\nmessage Other {}"
-    (problem,) = problems_of(api, tmp_path)["problems"]
+    # Two messages in one text of protobuf, which its generator cannot choose from.
+    wrong = json.loads(json.dumps(api))
+    wrong["components"]["schemas"]["LedgerBatch"]["schema"] += "\n\nmessage Other {}"
+    (problem,) = problems_of(wrong, tmp_path)["problems"]
     assert "more than one root" in problem
 
 
 @pytest.mark.parametrize("flow", flows(), ids=lambda flow: flow.name)
-def test_examples_are_what_they_are_examples_of(flow: Any) -> None:
-    (example,) = document()["components"]["messages"][flow.name]["examples"]
-    payload = example["payload"]
+def test_examples_are_what_they_are_examples_of(api: dict[str, Any], flow: Any) -> None:
+    message_api = api["components"]["messages"][flow.name]
+    payload = message_api["examples"][0]["payload"]
     if "json" in flow.content_type:
-        schema = document()["components"]["messages"][flow.name]["payload"]
+        schema = message_api["payload"]
         problems = [e.message for e in jsonschema.Draft202012Validator(schema).iter_errors(payload)]
         assert not problems
     elif flow.message.startswith(f"{OURS}."):
