@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-import queue
 import re
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 SCENES = sorted((EXAMPLES / "scenes").glob("*.toml"))
 LINE = re.compile(r"\d\d:\d\d:\d\d\.\d+ (\S+) +(-?\d+\.\d{6}) (-?\d+\.\d{6}) (-?\d+) m")
 UDP = "127.0.0.1:8600"
+ENOUGH = 12  # Lines of a client
 
 
 @pytest.fixture(scope="module")
@@ -42,35 +44,26 @@ def radar_and_port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[R
         yield session, port
 
 
-def lines_of(command: list[str], enough: int, **environment: str) -> list[str]:
+def lines_of(command: Sequence[str | Path]) -> list[str]:
     """The first lines that a client prints which never ends by itself."""
     process = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, **environment},
+        env={**os.environ, "NODE_MODULES": str(NODE_MODULES)},
     )
-    heard: queue.Queue[str] = queue.Queue()
-    assert process.stdout is not None
-
-    def hear(lines: Iterator[str]) -> None:
-        for line in lines:
-            heard.put(line.rstrip())
-        heard.put("")  # it ended
-
-    hearing = threading.Thread(target=hear, args=(iter(process.stdout),))
-    hearing.start()
-    found = []
+    late = threading.Timer(PATIENCE_S, process.kill)
+    late.start()
     try:
-        while len(found) < enough and (line := heard.get(timeout=PATIENCE_S)):
-            found.append(line)
+        assert process.stdout is not None
+        found = [line.rstrip() for line in islice(process.stdout, ENOUGH)]
     finally:
+        late.cancel()
         process.kill()
-        hearing.join()
         _, errors = process.communicate()
     assert errors == ""
-    assert len(found) == enough
+    assert len(found) == ENOUGH
     return found
 
 
@@ -82,30 +75,29 @@ def off_the_path_m(east_m: float, north_m: float) -> float:
     return float(abs(along[0] * off[1] - along[1] * off[0]))
 
 
-@pytest.mark.parametrize(
-    "client", ["plots_paho.py", "plots_aiomqtt.py", "plots_udp.py", "plots.mjs"]
-)
-def test_a_client_puts_plots_where_the_drone_flies(
-    client: str, radar_and_port: tuple[Running, int]
-) -> None:
+def test_clients_put_plots_where_the_drone_flies(radar_and_port: tuple[Running, int]) -> None:
     session, udp = radar_and_port
-    mqtt, program = str(session.port("MQTT")), str(EXAMPLES / client)
-    if client == "plots.mjs":
-        node_module("mqtt")
-        command = [needed("node"), program, f"mqtt://127.0.0.1:{mqtt}"]
-    else:
-        first = [str(udp)] if client == "plots_udp.py" else []
-        command = [sys.executable, program, *first, "127.0.0.1", mqtt]
+    mqtt = str(session.port("MQTT"))
+    node_module("mqtt")
+    commands = [
+        [sys.executable, EXAMPLES / "plots_paho.py", "127.0.0.1", mqtt],
+        [sys.executable, EXAMPLES / "plots_aiomqtt.py", "127.0.0.1", mqtt],
+        [sys.executable, EXAMPLES / "plots_udp.py", str(udp), "127.0.0.1", mqtt],
+        [needed("node"), EXAMPLES / "plots.mjs", f"mqtt://127.0.0.1:{mqtt}"],
+    ]
     site = LocalFrame(40.45, -3.73, 650.0)
-    near = 0
-    for line in lines_of(command, 12, NODE_MODULES=str(NODE_MODULES)):
-        found = LINE.fullmatch(line)
-        assert found, line
-        assert found[1] == "radar"
-        east_m, north_m, up_m = site.from_ecef(geodetic_to_ecef(*map(float, found.groups()[1:])))
-        # 0.2 degrees of azimuth are 8 m at 2.2 km, 0.6 of elevation 23 m; 048 adds rounding.
-        near += off_the_path_m(east_m, north_m) < 40.0 and -20.0 < up_m < 220.0
-    assert near >= 3  # the drone, once a second, among false alarms
+    with ThreadPoolExecutor(len(commands)) as threads:
+        for lines in threads.map(lines_of, commands):
+            near = 0
+            for line in lines:
+                found = LINE.fullmatch(line)
+                assert found, line
+                assert found[1] == "radar"
+                place_m = geodetic_to_ecef(*map(float, found.groups()[1:]))
+                east_m, north_m, up_m = site.from_ecef(place_m)
+                # 0.2 degrees of azimuth are 8 m at 2.2 km, 0.6 of elevation 23 m; 048 adds rounding
+                near += off_the_path_m(east_m, north_m) < 40.0 and -20.0 < up_m < 220.0
+            assert near >= 3  # the drone, once a second, among false alarms
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)

@@ -1,6 +1,7 @@
 """Runs commands one after the other in this process, whose output has the encoding of Windows.
 
-Words of each come as a line of JSON; exit code, output and errors of each go out as one.
+Words of each come as a line of JSON; exit code, output and errors of each go out as one. The last
+line is how many modules there are, each of which can be imported.
 """
 
 from __future__ import annotations
@@ -11,9 +12,17 @@ import logging
 import sys
 import traceback
 from contextlib import redirect_stderr, redirect_stdout
+from importlib import import_module
+from pkgutil import walk_packages
 from unittest.mock import patch
 
+import plotfeed.feeds.console.posix
+import plotfeed.models
+import plotfeed.proto
+import plotfeed.replay
 from plotfeed.feeds.cli.main import main
+
+ROOMS = (plotfeed.feeds, plotfeed.models, plotfeed.proto, plotfeed.replay)
 
 
 def run(words: list[str]) -> tuple[int, str, str]:
@@ -41,3 +50,11 @@ def run(words: list[str]) -> tuple[int, str, str]:
 if __name__ == "__main__":
     for line in sys.stdin:
         print(json.dumps(run(json.loads(line))), flush=True)
+    assert not plotfeed.feeds.console.posix.HAS_POSIX
+    found = [
+        each.name for room in ROOMS for each in walk_packages(room.__path__, f"{room.__name__}.")
+    ]
+    for name in found:
+        if not name.endswith("__main__"):
+            import_module(name)
+    print(len(found))
