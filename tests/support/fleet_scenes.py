@@ -39,30 +39,17 @@ def sensors() -> list[dict[str, Any]]:
     ]
 
 
-def drones(n: int = 12, seed: int = 1) -> list[dict[str, Any]]:
+def drones(
+    n: int = 12, seed: int = 1, elevation_deg: float = 15.0, reach_m: tuple[int, int] = (500, 5000)
+) -> list[dict[str, Any]]:
     by_chance = random.Random(seed)  # noqa: S311
 
     def place() -> dict[str, float]:
-        return waypoint(
-            by_chance.uniform(0, 360), by_chance.uniform(2, 15), by_chance.uniform(500, 5000)
-        )
+        azimuth_deg, up_deg = by_chance.uniform(0, 360), by_chance.uniform(2, elevation_deg)
+        return waypoint(azimuth_deg, up_deg, by_chance.uniform(*reach_m))
 
     return [
-        {"id": f"d{i}", "speed_m_s": by_chance.uniform(5, 60), "repeat": True, "rcs_m2": 0.5,
-         "path": [place() for _ in range(3)]}
-        for i in range(n)
-    ]  # fmt: skip
-
-
-def wanderers(n: int = 24, seed: int = 2) -> list[dict[str, Any]]:
-    """Drones that are out of reach for most of their way: with those above, enough to be culled."""
-    by_chance = random.Random(seed)  # noqa: S311
-
-    def place() -> dict[str, float]:
-        return waypoint(by_chance.uniform(0, 360), 4.0, by_chance.uniform(10_000, 60_000))
-
-    return [
-        {"id": f"w{i}", "speed_m_s": by_chance.uniform(5, 60), "repeat": True, "rcs_m2": 0.5,
+        {"id": f"d{seed}-{i}", "speed_m_s": by_chance.uniform(5, 60), "repeat": True, "rcs_m2": 0.5,
          "path": [place() for _ in range(3)]}
         for i in range(n)
     ]  # fmt: skip

@@ -10,8 +10,7 @@ from contextlib import AbstractContextManager, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
-from support.brokers import mosquitto, own_broker
+from support.brokers import mosquitto
 from support.waiting import until
 
 from plotfeed.feeds.link.counters import SessionCounters
@@ -35,11 +34,6 @@ def quiet_mosquitto(folder: Path, port: int) -> AbstractContextManager[subproces
     """Whose own queues are not what is tested."""
     listener = f"listener {port} 127.0.0.1\nallow_anonymous true\n"
     return mosquitto(folder, port, f"{listener}max_queued_messages 0\n")
-
-
-every_broker = pytest.mark.parametrize(
-    "start", [quiet_mosquitto, own_broker], ids=["mosquitto", "embedded"]
-)
 
 
 class StallingClock(InstantClock):

@@ -9,7 +9,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from support.fleet_oracle import judged, reference
-from support.fleet_scenes import by_topic, drones, mixed, wanderers
+from support.fleet_scenes import by_topic, drones, mixed
 from support.sessions import AtWork, StallingClock
 
 from plotfeed.feeds.fleet.partition import load_of, partition, together
@@ -109,7 +109,9 @@ def test_any_partition_sends_the_bytes_of_one_process() -> None:
 
     Of the drones, so many are out of reach of some sensors or of all that they are looked for.
     """
-    made = mixed(cooperative={"period_s": 0.5}, drone=[*drones(), *wanderers()])
+    made = mixed(
+        cooperative={"period_s": 0.5}, drone=[*drones(), *drones(24, 2, 4.0, (10_000, 60_000))]
+    )
     assert len(made.drone) >= CULLED_FROM
     whole = by_topic(fly(made, 4.0).messages)
     assert len(whole) > 15
