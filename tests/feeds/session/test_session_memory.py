@@ -1,23 +1,154 @@
-"""What a session keeps does not grow with its hours: objects are counted, stretch after stretch."""
+"""What a session keeps does not grow with its hours, nor with drones that come all the time."""
 
 from __future__ import annotations
 
 import asyncio
 import gc
-import json
-import math
 import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+from support.held_sizes import held
 from support.scene_files import radar, scene_file, scene_text
+from support.sessions import AtWork, simulated
 
+from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
 from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.feeds.session.session import run
+from plotfeed.feeds.telemetry.position_report import PositionReport
 from plotfeed.feeds.timing.clock import InstantClock
-from plotfeed.proto.utc import NS, iso_utc
+from plotfeed.models.state import AltitudeReference
+from plotfeed.proto.utc import NS
+
+FAR = -1  # A place on the other half of the Earth
+FORGET = "forget_after_s = 5\nstale_after_s = 1"
+REPORTED = 'report = ["asterix-048", "asterix-062", "plots"]'
+SENSORS = radar("alone", sectors=4, more=REPORTED) + "".join(
+    radar(f"radar{i}", sectors=4, more='report = ["asterix-048", "plots"]') for i in range(3)
+)
+
+
+def scene_of(folder: Path) -> Scene:
+    text = scene_text(
+        start_utc="2026-01-01T12:00:00Z", telemetry=FORGET, sensors=SENSORS, drones="", port=1883
+    )
+    return load(scene_file(folder, text))
+
+
+def report(t_utc_ns: int, place: int) -> bytes:
+    return PositionReport.to_protobuf(
+        PositionReport(
+            t_utc_ns=t_utc_ns,
+            latitude_deg=-40.0 if place == FAR else 40.46 + 1e-4 * (place % 50),
+            longitude_deg=-3.72 + 1e-4 * (place // 50 % 50),
+            altitude_m=900.0,
+            altitude_reference=AltitudeReference.ELLIPSOID,
+            velocity_enu_m_s=(0.0, 0.0, 0.0),
+        )
+    )
+
+
+Named = Callable[[float], list[tuple[str, int]]]  # Drones and their places at a time
+
+
+class Sizes(Observer):
+    """What a session and its page hold, every two seconds and a half."""
+
+    def __init__(self) -> None:
+        self.sizes: list[int] = []
+        self.known: list[int] = []
+        self.view = View()
+
+    def begun(self, session: RunningSession) -> None:
+        self._session = session
+        self._begin_ns = self._next_ns = session.clock.now_ns()
+        self.view.scene(session.scene)
+
+    def before_due(self, due_utc_ns: int) -> None:
+        while self._next_ns < due_utc_ns:
+            now_ns, self._next_ns = self._next_ns, self._next_ns + 5 * NS // 2
+            trajectories = self._session.trajectories
+            self.view.truth(now_ns, trajectories.state_at(now_ns), trajectories.names)
+            self.view.update(now_ns, (now_ns - self._begin_ns) / NS)
+            self.known.append(len(trajectories))
+            self.sizes.append(held(self._session, self.view))
+
+
+def flown(scene: Scene, drones_at: Named, seconds: float) -> tuple[AtWork, Sizes]:
+    """With reports of drones four times a second."""
+    start_ns, sizes = scene.scene.start_utc_ns or 0, Sizes()
+    times_s = [quarter / 4 for quarter in range(round(4 * seconds))]
+    asked = [
+        (at_s, f"plotfeed/telemetry/{drone}", report(start_ns + round(at_s * NS), place))
+        for at_s in times_s
+        for drone, place in drones_at(at_s)
+    ]
+    return simulated(scene, seconds, asked, sizes), sizes
+
+
+def test_hundreds_of_names_that_come_and_go_leave_a_session_and_its_page_as_they_were(
+    tmp_path: Path,
+) -> None:
+    """Ten new drones a second for 20 s, each for a second, and then none but one."""
+
+    def drones_at(since_s: float) -> list[tuple[str, int]]:
+        if since_s >= 20.0:
+            return [("stays", 0)]
+        second = int(since_s)
+        return [("stays", 0), *((f"d{second}-{i}", 10 * second + i) for i in range(10))]
+
+    (ran, traffic), (_, quiet) = (
+        flown(scene_of(tmp_path), of, 32.0) for of in (drones_at, lambda _: [("stays", 0)])
+    )
+    assert (ran.totals.forgotten, ran.totals.drones) == (200, 1)
+    assert max(traffic.known) < 100
+    steady = traffic.sizes[4:8]
+    assert max(steady) < 1.3 * np.median(steady), "flat, but for buffers that fill and empty"
+    assert traffic.sizes[-1] < 1.2 * quiet.sizes[-1]
+    # Whose plots and looks they were is told by the names that they had then.
+    last_s = {
+        look.drone: (look.time_utc_ns - ran.start_ns) / NS
+        for entry in ran.entries
+        for look in entry.looks
+    }
+    assert "" not in last_s
+    assert len(last_s) == 201
+    for drone, at_s in last_s.items():
+        if drone != "stays":
+            second = int(drone[1:].partition("-")[0])
+            assert second <= at_s <= second + 2.0
+
+
+def test_the_bytes_of_drones_that_stay_are_the_same_whether_others_are_forgotten_or_never_came(
+    tmp_path: Path,
+) -> None:
+    """Those that go are out of every sensor's reach, so that only their rows might tell."""
+
+    def drones_at(others: int, since_s: float) -> list[tuple[str, int]]:
+        found = [("stays", 7), ("too", 99)]
+        if since_s < 3.0:
+            return found
+        return found + [(f"far{int(since_s / 3)}-{i}", FAR) for i in range(others)]
+
+    scene = scene_of(tmp_path)
+    alone, among = (
+        flown(scene, lambda since_s, others=others: drones_at(others, since_s), 14.0)[0]  # type: ignore[misc]
+        for others in (0, 40)
+    )
+    assert among.totals.forgotten >= 40
+    said = [
+        [(m.topic, t_ns, m.payload) for m, t_ns in ran.said if not m.topic.endswith("/status")]
+        for ran in (alone, among)
+    ]
+    assert len(said[0]) > 200
+    assert said[0] == said[1]
+
+
+# Objects that a session keeps are counted, stretch after stretch.
 
 STRETCH_S, STRETCHES, WARM = 40, 4, 2  # A drone's track is kept for a minute
 DRONES, TELEMETRY_HZ = 4, 5
@@ -43,8 +174,8 @@ class Census(Observer):
 
     def begun(self, session: RunningSession) -> None:
         self._session = session
-        self._telemetry_ns = self._begin_ns = session.clock.now_ns()
-        self._count_ns = self._begin_ns + STRETCH_S * NS
+        self._telemetry_ns = session.clock.now_ns()
+        self._count_ns = self._telemetry_ns + STRETCH_S * NS
         self._least = sys.maxsize
         self._reports = 0
 
@@ -66,15 +197,8 @@ class Census(Observer):
 
     def _report(self, drone: int) -> tuple[str, bytes, None]:
         self._reports += 1
-        angle = (self._telemetry_ns - self._begin_ns) / 60e9 + drone
-        said = {
-            "time_utc": iso_utc(self._telemetry_ns),
-            "latitude_deg": 40.45 + 0.02 * math.cos(angle),
-            "longitude_deg": -3.73 + 0.02 * math.sin(angle),
-            "altitude_m": 900.0,
-            "altitude_reference": "ELLIPSOID",
-        }
-        payload = b"garbage" if self._reports % 50 == 0 else json.dumps(said).encode()
+        is_garbage = self._reports % 50 == 0
+        payload = b"garbage" if is_garbage else report(self._telemetry_ns, drone)
         return f"plotfeed/telemetry/d{drone}", payload, None
 
 
