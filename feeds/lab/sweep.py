@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import chain
 from math import ceil, isfinite, log10
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,6 @@ from plotfeed.feeds.lab.runs import (
     Journal,
     RunJob,
     SweepLevel,
-    VariedKey,
     digests,
     finish_runs,
     levels_of,
@@ -36,6 +36,7 @@ from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.varied_keys import VariedKey
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.state import FALSE_ALARM, OTHER, Bools, Floats, Ints
 from plotfeed.models.verdicts import NOTHING, Interval, mean_interval, ratio_interval
@@ -596,13 +597,9 @@ def _detection_by_distance(
 ) -> None:
     chosen, drawn = levels[:: -(-len(levels) // pictures.LEVELS_DRAWN)], False
     for level, colour in zip(chosen, pictures.shades(len(chosen)), strict=True):
-        rows = (
-            row
-            for (number, _), result in results.items()
-            if number == level.number
-            for row in result["distances"]
-        )
+        runs = (run for (number, _), run in results.items() if number == level.number)
         counts: dict[float, Any] = {}  # Looks and detections, by the middle of a class of distance
+        rows = chain.from_iterable(run["distances"] for run in runs)
         for name, from_m, to_m, looks, _, detected in rows:
             if name == sensor:
                 middle_m = (from_m + to_m) / 2

@@ -19,9 +19,10 @@ from pathlib import Path
 
 from aims import aim, ratios, spread
 
-from plotfeed.feeds.lab.runs import RunJob, SweepLevel, VariedKey, levels_of
+from plotfeed.feeds.lab.runs import RunJob, SweepLevel, levels_of
 from plotfeed.feeds.lab.runs import spread as spread_over
 from plotfeed.feeds.lab.sweep import RunPlan, run_once
+from plotfeed.feeds.scene.varied_keys import VariedKey
 
 REPEATS, RUNS = 3, 30
 AIM = 1.8
@@ -32,9 +33,8 @@ PLAN = RunPlan(
 
 def runs_a_minute(levels: list[SweepLevel], processes: int) -> float:
     """From the first run that is done to the last."""
-    jobs = [
-        RunJob(level=level, run=run, seed=run, plan=PLAN) for run in range(RUNS) for level in levels
-    ]
+    every = ((level, run) for run in range(RUNS) for level in levels)
+    jobs = [RunJob(level=level, run=run, seed=run, plan=PLAN) for level, run in every]
     done_s = [time.monotonic() for _ in spread_over(run_once, jobs, processes=processes)]
     return 60 * (len(done_s) - 1) / (done_s[-1] - done_s[0])
 
