@@ -115,8 +115,8 @@ def simulate(
         _sort(engine.until(before_ns - 1, messages=False), parts)
     _sort(engine.until(end_utc_ns, messages=False), parts)
     none = Sectors.of([])
-    no_looks = _of_sectors(SimulatedLooks, NO_LOOKS, np.zeros(1, np.int64), none)
-    no_plots = _of_sectors(SimulatedPlots, NO_PLOTS, np.zeros(1, np.int64), none)
+    no_looks = of_sectors(SimulatedLooks, NO_LOOKS, np.zeros(1, np.int64), none)
+    no_plots = of_sectors(SimulatedPlots, NO_PLOTS, np.zeros(1, np.int64), none)
     found = {}
     for sensor, of_sensor in zip(scene.sensor, parts, strict=True):
         looks, plots, sectors = zip(*(of_sensor or [(no_looks, no_plots, none)]), strict=True)
@@ -137,8 +137,8 @@ _Part = tuple[SimulatedLooks, SimulatedPlots, Sectors]
 def _sort(batches: Iterable[Batch], parts: Sequence[list[_Part]]) -> None:
     """Add what was seen to the parts of each sensor."""
     for seen in batches:
-        looks = _of_sectors(SimulatedLooks, seen.looks, seen.looks_by, seen.sectors)
-        plots = _of_sectors(SimulatedPlots, seen.plots, seen.plots_by, seen.sectors)
+        looks = of_sectors(SimulatedLooks, seen.looks, seen.looks_by, seen.sectors)
+        plots = of_sectors(SimulatedPlots, seen.plots, seen.plots_by, seen.sectors)
         sensors, first = np.unique(seen.sectors.sensor, return_index=True)
         ends = [*first[1:].tolist(), len(seen.sectors)]
         for i, a, b in zip(sensors.tolist(), first.tolist(), ends, strict=True):
@@ -147,7 +147,7 @@ def _sort(batches: Iterable[Batch], parts: Sequence[list[_Part]]) -> None:
             parts[i].append((of_looks, of_plots, seen.sectors.between(a, b)))
 
 
-def _of_sectors(kind: type[C], columns: Columns, offsets: Ints, sectors: Sectors) -> C:
+def of_sectors(kind: type[C], columns: Columns, offsets: Ints, sectors: Sectors) -> C:
     """Rows with the scan and the sector that each belongs to, and no word of whose they are."""
     row = np.repeat(np.arange(len(sectors)), np.diff(offsets))
     held = {name: column for name, column in vars(columns).items() if name != "sensor"}

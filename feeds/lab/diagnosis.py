@@ -132,13 +132,10 @@ class _Look:
                 np.nanmean(geoid_undulation_m(self._site.latitude_deg, self._site.longitude_deg))
             )
             yield f"heights are above mean sea level ({by_m:.1f} m)", _higher(by_m)
-            yield "heights are in feet", lambda of: of.but(height_m=of.height_m * FOOT_M)
+            yield "heights are in feet", _higher(0.0, FOOT_M)
             ground_m = self._site.height_m
             yield f"heights are above the ground ({ground_m:.0f} m)", _higher(ground_m)
-            yield (
-                "heights are in feet above mean sea level",
-                lambda of: of.but(height_m=of.height_m * FOOT_M + by_m),
-            )
+            yield "heights are in feet above mean sea level", _higher(by_m, FOOT_M)
         if has_velocity:
             yield "velocities have the opposite sign", _faster([-1.0, -1.0, -1.0])
             yield "velocities are in knots", _faster([KNOT_M_S, KNOT_M_S, 1.0])
@@ -233,8 +230,8 @@ def _later(by_ns: int) -> Change:
     return change
 
 
-def _higher(by_m: float) -> Change:
-    return lambda of: of.but(height_m=of.height_m + by_m)
+def _higher(by_m: float, unit_m: float = 1.0) -> Change:
+    return lambda of: of.but(height_m=of.height_m * unit_m + by_m)
 
 
 def _faster(factors: list[float]) -> Change:

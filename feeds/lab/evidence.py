@@ -435,6 +435,9 @@ class EvidencePart(NamedTuple):
             yield whose, self.told.of(np.array(which)), [self.keys[row] for row in which]
 
 
+NO_EVIDENCE = EvidencePart(tables_of(()), (), ())
+
+
 class Evidence:
     """What a recording has of a session: its scene and settings, and parts of its ledger."""
 

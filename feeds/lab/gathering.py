@@ -48,10 +48,6 @@ MOST_RUNS = 1000  # In a row, of which is looked which are lacking although the 
 WRITTEN_TOGETHER = 4096  # Of a sensor, which takes so many times 32 octets
 STAGES: Mapping[judge.Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
 NOT_CLAIMED = "clutter that the scene has beside, or side lobes bring, is not claimed"
-OF_LOOKS = (
-    *("channel", "t_utc_ns", "emitted_utc_ns", "range_m", "azimuth_deg", "elevation_deg"),
-    *("pd", "detected"),
-)
 # Of messages: the number of their link's setting in place of their entry's, and what else is told.
 KEPT = np.dtype(
     [
@@ -233,8 +229,9 @@ class Gathering:
                 looks=judge.FeedLooks(
                     sector=told.looks.entry,
                     target=self._targets(names_of(told.looks)),
+                    emitted_utc_ns=told.looks.emitted_utc_ns,
                     counts=np.ones(len(told.looks), np.bool_),
-                    **{name: getattr(told.looks, name) for name in OF_LOOKS},
+                    **{name: getattr(told.looks, name) for name in judge.OF_LOOKS},
                 ),
                 plots=plots_in_rows(plots),
                 plot_sector=np.concatenate(sectors),
@@ -439,13 +436,12 @@ class FeedReport:
             whose: f"{topic.removeprefix('/'.join(whose)).strip('/')}, {when[stage]}"
             for (topic, stage), whose in evidence.carriers.items()
         }
-        links = [
-            LinkFigures(names[key], number, *of)
-            for key in sensors
-            for number, of in enumerate(found[key].messages(), 1)
-            if (of[1].copy == 0).any()
-        ]
-        checks = [check for link in links for check in link_checks(link)]
+        links, checks = list[LinkFigures](), list[Check]()
+        for key in sensors:
+            for number, (setting, sent, order) in enumerate(found[key].messages(), 1):
+                if (sent.copy == 0).any():
+                    links.append(LinkFigures(names[key], number, setting, sent, order))
+                    checks += link_checks(links[-1], setting.differs)
         for key in sensors:
             checks += [replace(each, sensor=names[key]) for each in found[key].checks()]
         notes = [f"its scene cannot be used: {evidence.problem}"] if evidence.problem else []

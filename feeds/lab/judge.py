@@ -63,6 +63,8 @@ FINEST, ROUNDING = 0.05, 1e-12
 STEP, FURTHEST = 0.25, 6.0
 EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
 MAX_BINS = 12
+# Of looks, that ledgers, simulations and judges call the same.
+OF_LOOKS = ("channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "pd", "detected")
 # Plots from which on it is judged what they state of their errors, and by how much variances may
 # differ from what is expected to be the same: their mean over few plots is not normal.
 FEWEST_SIGMAS, SAME_SIGMA = 20, 0.2
@@ -337,21 +339,15 @@ class FeedTally:
         self.left_out += found.left_out
         self.times_off += found.off.pop("time", 0)
         self.off.update(found.off)
-        n = len(plots)
-        error, sigma, kurtosis = (np.full((n, len(NAMES)), np.nan) for _ in range(3))
-        for i, name in enumerate(NAMES):
-            if name not in found.errors:
-                continue
-            law, each = found.expected[name], found.errors[name]
-            noisy = law.variance > max((FINEST * law.step) ** 2, ROUNDING)
-            judged = np.isfinite(each) & noisy & np.isfinite(law.variance + law.kurtosis)
-            error[judged, i] = each[judged]
-            sigma[judged, i] = np.sqrt(law.variance[judged])
-            kurtosis[judged, i] = law.kurtosis[judged]
-            shares = np.clip((error[judged, i] / sigma[judged, i] + FURTHEST) / STEP, 0, None)
-            cells = np.minimum(shares, len(EDGES) - 2).astype(np.int64)
+        noisy = found.variance > np.maximum((FINEST * found.step) ** 2, ROUNDING)
+        judged = noisy & np.isfinite(found.error + found.variance + found.kurtosis)
+        error, sigma = np.where(judged, found.error, np.nan), np.sqrt(found.variance)
+        shares = np.clip((error / sigma + FURTHEST) / STEP, 0, len(EDGES) - 2)
+        for i, of in enumerate(judged.T):
+            cells = shares[of, i].astype(np.int64)
             self.histograms[i] += np.bincount(cells, minlength=len(EDGES) - 1)
         # Of each plot anew: nothing hangs together with what came before.
+        n = len(plots)
         self.errors.add(
             Residuals(
                 target=np.arange(n),
@@ -359,7 +355,7 @@ class FeedTally:
                 error=error,
                 sigma=sigma,
                 rate=np.zeros_like(error),
-                kurtosis=kurtosis,
+                kurtosis=found.kurtosis,
             )
         )
 
@@ -546,11 +542,7 @@ def _compare(feed: SensorFeed, plot: Ints, look: Ints) -> tuple[Ints, Ints, Floa
             laws.with_rounding,
             keeps_ends=True,
         )
-        for k, name in enumerate(NAMES):
-            if name in found.errors:
-                error[rows, k] = found.errors[name]
-                variance[rows, k] = found.expected[name].variance
-                kurtosis[rows, k] = found.expected[name].kurtosis
+        error[rows], variance[rows], kurtosis[rows] = found[:3]
     return plot, look, error, variance, kurtosis
 
 
@@ -599,10 +591,9 @@ def _near_an_end(feed: SensorFeed) -> Bools:
             channel=looks.channel, **{QUANTITIES[NAMES[i]][0]: values[:, i] for i in PAIRED}
         )
         found = laws.compared(expected, *_truth_of(looks), exact)
-        errors = np.stack([np.full(len(rows), np.nan), *found.errors.values()])
-        near[rows] = ~np.isfinite(errors).any(axis=0)
+        near[rows] = ~np.isfinite(found.error).any(axis=1)
         if expected.is_bistatic:  # along a baseline nothing can be placed
-            near[rows] |= ~np.isfinite(found.expected["range"].variance)
+            near[rows] |= ~np.isfinite(found.variance[:, NAMES.index("range")])
     return near
 
 
@@ -751,17 +742,14 @@ def simulated_feed(scene: Scene, seen: SimulatedSensor, sectors: int = 0) -> Sen
         category=np.zeros(len(plots), np.int64),
         **{name: np.ascontiguousarray(getattr(plots, name)) for name in carried},
     )
-    emitted_ns = np.zeros(len(looks), np.int64)
-    if looks.emitted_utc_ns is not None:
-        emitted_ns = looks.emitted_utc_ns
-    columns = ("channel", "t_utc_ns", "range_m", "azimuth_deg", "elevation_deg", "pd", "detected")
+    emitted_ns = looks.emitted_utc_ns
     return SensorFeed(
         FeedLooks(
             sector=np.searchsorted(numbers, looks.scan * per_scan + looks.sector),
             target=looks.drone,
             counts=np.ones(len(looks), np.bool_),
-            emitted_utc_ns=emitted_ns,
-            **{name: getattr(looks, name) for name in columns},
+            emitted_utc_ns=np.zeros(len(looks), np.int64) if emitted_ns is None else emitted_ns,
+            **{name: getattr(looks, name) for name in OF_LOOKS},
         ),
         measured,
         np.searchsorted(numbers, plots.scan * per_scan + plots.sector),

@@ -187,10 +187,15 @@ class TruePlots(Columns):
 
 
 class Comparison(NamedTuple):
-    """Errors by quantity: what was measured less what was expected, and the law of that; (n,)."""
+    """What was measured less what was expected, of all quantities, (n, k), and the law of that.
 
-    errors: dict[str, Floats]
-    expected: dict[str, Expected]
+    NaN is of what is not measured.
+    """
+
+    error: Floats
+    variance: Floats
+    kurtosis: Floats
+    step: Floats  # In which each is told, (k,)
     # Plots of which it is not known what they were to say, or that noise may have made none.
     left_out: int
     # Values further off than any noise leaves them, and times that are not those asked for.
@@ -223,18 +228,19 @@ def compared(
     if asked is not None and np.isfinite(measured.altitude_m).any():
         level_m = asked.undulation_m(*place)
     values = _values(measured, expected, level_m)
-    found = Comparison({}, {}, int(left_out.sum()), {})
+    many = len(QUANTITIES)
+    error, variance, kurtosis = np.full((3, len(measured), many), np.nan)
+    found = Comparison(error, variance, kurtosis, np.zeros(many), int(left_out.sum()), {})
     model: Any = None if asked is None else asked.model
     doppler, intervals = (getattr(model, name, None) for name in ("doppler", "intervals"))
-    for name, (column, _) in QUANTITIES.items():
+    for k, (name, (column, _)) in enumerate(QUANTITIES.items()):
         if name not in expected or not np.isfinite(values[name]).any():
             continue
         step = steps.get("altitude_m" if name == "height" else column, 0.0)
         datum = level_m if name == "height" else 0.0
         law = expected[name]
         law = rounded(law._replace(mean=law.mean - datum), step)
-        law = law._replace(mean=law.mean + datum)
-        error = values[name] - law.mean
+        error = values[name] - (law.mean + datum)
         if name == "azimuth":
             error = wrap_180(error)
         if name == "range rate" and doppler is not None:  # what looks alike after a span
@@ -242,7 +248,8 @@ def compared(
         if name == "range" and intervals is not None:
             error = intervals.nearest_m(error)
         error = np.where(left_out, np.nan, error)
-        found.errors[name], found.expected[name] = error, law
+        found.error[:, k], found.variance[:, k], found.kurtosis[:, k] = error, *law[1:3]
+        found.step[k] = law.step
         if name != "height" and not (name == "range" and asked is not None and asked.is_bistatic):
             far = 8 * np.sqrt(law.variance) + law.step + TOLERANCES.get(name, 1e-3)
             found.off[name] = int((np.abs(error) > far).sum())

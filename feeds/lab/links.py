@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from pydantic import ValidationError
@@ -98,6 +99,8 @@ def orders_of(sent: ToldMessages, links: int) -> list[Order]:
     return found
 
 
+# At which delays are compared with the oracle's, and by what share they may differ, by arithmetic.
+SHARES, ALIKE = np.arange(1, 100) / 100, 1e-6
 # Fates of messages whose link had said when they were to leave.
 LET_THROUGH = frozenset({pb.SENT, pb.UNDELIVERED, pb.ENDED, pb.STALE})
 
@@ -120,6 +123,21 @@ class Setting:
             self.problem = f"{key}: {what}" if key else what
         except (ValueError, RecursionError):
             self.problem = "expected JSON"
+
+    @cached_property
+    def differs(self) -> set[str]:
+        """Checks that are wrong whatever came: the laws of its links are not those asked."""
+        if self.asked is None:
+            return set()
+        from plotfeed.feeds.lab import oracle  # which takes a while to load
+
+        link, loss = self.asked.link, self.asked.loss
+        told_ms, asked_ms = self.asked.delay.quantile_ms(SHARES), oracle.delays_ms(link, SHARES)
+        told, asked = (loss.mean_loss, loss.mean_burst), oracle.losses(link.loss)
+        alike = np.isclose(told, asked, ALIKE, equal_nan=True).tolist()
+        names = {"loss": alike[0], "bursts of losses": alike[1]}
+        names["delay"] = np.allclose(told_ms, asked_ms, ALIKE, 1e-6)
+        return {name for name, is_alike in names.items() if not is_alike}
 
 
 def _apart_ns(later_ns: Ints, earlier_ns: Ints) -> Ints:
@@ -346,11 +364,15 @@ def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:
     return Share(order.overtook, order.left, share, p=p)
 
 
-def link_checks(link: LinkFigures) -> Iterator[Check]:
-    """Delays as the link drew them, losses, bursts, copies, flipped bits and the order."""
+def link_checks(link: LinkFigures, differs: Container[str] = ()) -> Iterator[Check]:
+    """Delays as the link drew them, losses, bursts, copies, flipped bits and the order.
+
+    Those that differ from what was asked whatever came are wrong.
+    """
 
     def check(name: str, unit: str, of: int, p: float, *means: float) -> Check:
         expected, found = means
+        p = 0.0 if name in differs else p
         found_of = Check(name=name, unit=unit, of=of, p=p, expected=expected, found=found)
         return replace(found_of, sensor=link.sensor, link=link.number)
 

@@ -15,7 +15,12 @@ import numpy as np
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
-from plotfeed.feeds.engine.simulation import SimulatedLooks, SimulatedPlots, SimulatedSensor
+from plotfeed.feeds.engine.simulation import (
+    SimulatedLooks,
+    SimulatedPlots,
+    SimulatedSensor,
+    of_sectors,
+)
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.lab.scoring import ScoreSettings
 from plotfeed.feeds.lab.track_reports import ToldTrack, tracks_in
@@ -32,7 +37,7 @@ from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.brokers import Brokers, brokers_of
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.models.frames import geodetic_to_ecef
-from plotfeed.models.state import OTHER, Floats, Looks, Plots
+from plotfeed.models.state import OTHER, Floats
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
@@ -271,10 +276,9 @@ class _FeedSoFar:
             return
         if self.began_ns is None:
             self.began_ns = batch.due_utc_ns
-        scan, sector = of.scan, of.index
-        looks, plots = batch.looks, batch.plots
-        self._looks.append(SimulatedLooks.holding(_at(looks, scan, sector)))
-        self._plots.append(SimulatedPlots.holding(_at(plots, scan, sector)))
+        looks, plots, sectors = batch.looks, batch.plots, batch.sectors
+        self._looks.append(of_sectors(SimulatedLooks, looks, batch.looks_by, sectors))
+        self._plots.append(of_sectors(SimulatedPlots, plots, batch.plots_by, sectors))
         self.sectors += 1
         self._count += len(looks) + len(plots)
         self.is_news = True
@@ -285,13 +289,6 @@ class _FeedSoFar:
         self._looks = [SimulatedLooks.joined(self._looks)]
         self._plots = [SimulatedPlots.joined(self._plots)]
         return SimulatedSensor(sensor=sensor, looks=self._looks[0], plots=self._plots[0])
-
-
-def _at(columns: Looks | Plots, scan: int, sector: int) -> dict[str, Any]:
-    """Columns with the scan and the sector that they are of, and no word of whose they are."""
-    n = len(columns)
-    held = {k: v for k, v in vars(columns).items() if v is not None and k != "sensor"}
-    return held | {"scan": np.full(n, scan, np.int64), "sector": np.full(n, sector, np.int64)}
 
 
 EVERY_S = 1.0

@@ -594,9 +594,8 @@ class _Look:
         for mill in self.scene.turbine:
             if mill.tower_width_m:
                 top_m = self.offset_m(mill) - station_m
-                found = found * past_tower(
-                    place_m, start_m, top_m, mill.tower_width_m, wavelength_m
-                )
+                tower = top_m, mill.tower_width_m, wavelength_m
+                found = found * past_tower(place_m, start_m, *tower)
         return found
 
     def behind(self, place_m: Floats, wavelength_m: Any, start_m: Any = 0.0) -> Floats:
@@ -687,12 +686,10 @@ def _read_horizons(path: Path) -> list[_Horizon]:
     except (ValueError, zlib.error):
         return []
     lat, lon, _, parts = heads.T
-    sound = np.isfinite(heads).all() and (np.abs(lat) <= 90).all() and (np.abs(lon) <= 360).all()
-    sound = (
-        sound and ((parts >= 1) & (parts <= MOST_PARTS)).all() and (steps["place"] < count).all()
-    )
-    sound = sound and ((steps["distance_m"] > 0) & (steps["distance_m"] < FURTHER_M)).all()
-    if not sound or not unpacked.eof or not np.isfinite(steps["slope"]).all():
+    at_all = (np.abs(lat) <= 90) & (np.abs(lon) <= 360) & (parts >= 1) & (parts <= MOST_PARTS)
+    edges = (steps["distance_m"] > 0) & (steps["distance_m"] < FURTHER_M)
+    edges &= (steps["place"] < count) & np.isfinite(steps["slope"])
+    if not (np.isfinite(heads).all() and at_all.all() and edges.all() and unpacked.eof):
         return []
     steps = steps[np.lexsort((steps["distance_m"], steps["azimuth"], steps["place"]))]
     first = np.searchsorted(steps["place"], np.arange(count + 1)).tolist()
@@ -807,11 +804,8 @@ def _gain_rx_db(sensor: Any) -> float:
     """The stated gain, or that of a beam of its widths (eqs 2, 3, 19, 27)."""
     if sensor.gain_rx_dbi is not None:
         return float(sensor.gain_rx_dbi)
-    gain = (
-        41253
-        * sensor.antenna_efficiency
-        / (sensor.azimuth_beamwidth_deg * sensor.elevation_beamwidth_deg)
-    )
+    beam_deg2 = sensor.azimuth_beamwidth_deg * sensor.elevation_beamwidth_deg
+    gain = 41253 * sensor.antenna_efficiency / beam_deg2
     cut = sensor.antenna and sensor.antenna.receive and sensor.antenna.receive.elevation
     if cut is not None and cut.kind == "cosecant-squared":
         # Skolnik: the beam spends 2 - e1 cot e2 times what its lower part alone would.
@@ -912,9 +906,8 @@ def _cut_db(
     if cut.kind in {"gaussian", "table"} and cut.boresight_deg is not None:
         middle_deg = cut.boresight_deg
     if cut.kind == "table":
-        return np.asarray(
-            -np.interp(folded_180(angle_deg - middle_deg), cut.angle_deg, cut.gain_db)
-        )
+        off_deg = folded_180(angle_deg - middle_deg)
+        return np.asarray(-np.interp(off_deg, cut.angle_deg, cut.gain_db))
     width_deg = cut.beamwidth_deg or width_deg
     if cut.kind == "cosecant-squared":
         inside = np.clip(angle_deg, cut.from_deg, cut.to_deg)
@@ -923,9 +916,8 @@ def _cut_db(
     else:
         off_deg, rise_db = folded_180(angle_deg - middle_deg), 0.0
         if cut.kind == "beams":
-            count = max(
-                int(np.ceil((high_deg - low_deg) / (cut.spacing_deg or width_deg) - 1e-9)), 1
-            )
+            beams = (high_deg - low_deg) / (cut.spacing_deg or width_deg)
+            count = max(int(np.ceil(beams - 1e-9)), 1)
             middles = low_deg + (np.arange(count) + 0.5) * (high_deg - low_deg) / count
             apart = np.abs(folded_180(np.subtract.outer(angle_deg, middles)))
             off_deg = apart.min(axis=1)
@@ -957,10 +949,8 @@ def _on_the_way(look: _Look) -> Floats:
         left = left * _pattern(sensor, antenna.receive, azimuth_deg, elevation_deg)[:, None]
     if antenna is not None and antenna.transmit is not None:
         sights = [directions(look.place_m - each)[:2] for each in sent_m]
-        out = [
-            _pattern(sensor, antenna.transmit, *each)
-            for each in sights or [(azimuth_deg, elevation_deg)]
-        ]
+        sights = sights or [(azimuth_deg, elevation_deg)]
+        out = [_pattern(sensor, antenna.transmit, *each) for each in sights]
         left = left * np.stack(out, axis=-1)
     ways_m = np.stack([length(look.place_m - m) for m in sent_m] or [look.range_m], axis=-1)
     ways_m = ways_m + look.range_m[:, None]
@@ -1121,21 +1111,15 @@ def _detected(look: _Look, snrs: Floats, transmitters: int) -> tuple[Floats, Flo
         if case is None:
             pd[mine], inverse[mine] = unequal(snrs[mine], sensor.pfa, samples)
         else:
-            pd[mine], inverse[mine] = fluctuating(
-                snrs[mine].mean(axis=1),
-                _order(case, transmitters),
-                sensor.pfa,
-                transmitters,
-                samples,
-            )
+            law = _order(case, transmitters), sensor.pfa, transmitters, samples
+            pd[mine], inverse[mine] = fluctuating(snrs[mine].mean(axis=1), *law)
     return pd, inverse * transmitters
 
 
 def _order(case: int | None, looks: int) -> float:
     """The order of the gamma variable of Swerling's cases, over looks whose powers are summed."""
-    return {0: STEADY, 2: float(looks), 3: 2.0, 4: 2.0 * looks}.get(
-        1 if case is None else case, 1.0
-    )
+    orders: Mapping[int | None, float] = {0: STEADY, 2: looks, 3: 2.0, 4: 2.0 * looks}
+    return orders.get(case, 1.0)
 
 
 def _passed(look: _Look, rate_m_s: Floats, legs: int, wavelength_m: Any) -> Floats:
@@ -1305,9 +1289,8 @@ def _aim_variance(look: _Look) -> Floats:
         found[mine] = np.where(n < 10, 2 * (2 * n + 1) / (n * (n - 1)), settled)
         speed = np.diff(look.place_m[mine], axis=0, prepend=np.nan) / step_s[:, None]
         lag_m = length(np.diff(speed, axis=0, prepend=np.nan)) * step_s / b
-        lag_deg = np.degrees(
-            ndimage.maximum_filter1d(np.nan_to_num(lag_m), 19) / look.range_m[mine]
-        )
+        most_m = ndimage.maximum_filter1d(np.nan_to_num(lag_m), 19)
+        lag_deg = np.degrees(most_m / look.range_m[mine])
         doubted[mine] |= (n < 4) | (lag_deg > LAGS * sensor.azimuth_beamwidth_deg)
     look.doubt("where a steered beam pointed", doubted)
     return found
@@ -1427,16 +1410,13 @@ def _layout_sigmas(sensor: Any, share: Floats, place_m: Floats) -> tuple[Floats,
         share * np.sqrt(np.einsum("in,ij,jn->n", v, spread2, v))
         for v in (np.stack([np.sin(az), np.cos(az)]), np.stack([np.cos(az), -np.sin(az)]))
     )
-    return (
-        np.degrees(across / np.hypot(np.cos(el), across)),
-        np.degrees(along / np.sqrt(np.sin(el) ** 2 + along)),
-    )
+    upwards = along / np.sqrt(np.sin(el) ** 2 + along)
+    return np.degrees(across / np.hypot(np.cos(el), across)), np.degrees(upwards)
 
 
 def _heard(sensor: Any, snr_db: Floats) -> Floats:
-    return np.asarray(
-        special.expit(sensor.slope_per_db * (snr_db - sensor.sensitivity_db))
-    )  # eq 43
+    over_db = snr_db - sensor.sensitivity_db
+    return np.asarray(special.expit(sensor.slope_per_db * over_db))  # eq 43
 
 
 def _acoustic(look: _Look) -> dict[str, Floats]:
@@ -1718,3 +1698,49 @@ def _passive_alarms(scene: Scene, sensor: Any, span_deg: float) -> float:
         cells = max(most_m * source.bandwidth_hz / LIGHT_M_S, 1)
         total += sensor.pfa * cells * (high_m - low_m) / most_m
     return float(total)
+
+
+# Links: netem's laws of delay, and its chains of loss.
+
+
+def delays_ms(link: Any, share: Floats) -> Floats:
+    """The delays that those shares of messages do not exceed; (n,)."""
+    if link.delays_ms is not None:
+        return np.asarray(link.latency_ms + np.quantile(link.delays_ms, share))
+    normal = np.clip(stats.norm.ppf(share), -4, 4)
+    pareto = np.minimum((stats.pareto.ppf(share, 3) - 1.5) * 4 / 3, 4)  # as iproute2 scales it
+    shapes = {"normal": normal, "uniform": 2 * share - 1, "pareto": pareto}
+    shapes["paretonormal"] = normal / 4 + pareto * 3 / 4
+    found_ms = link.latency_ms + link.jitter_ms * shapes[link.distribution]
+    return np.asarray(np.maximum(found_ms, 0.0))
+
+
+def losses(loss: Any) -> tuple[float, float]:
+    """The share of messages that are lost, and how many in a row on average, NaN where none is.
+
+    Bursts are as many as messages that are lost after one that is not.
+    """
+    if loss is None:
+        return 0.0, np.nan
+    if loss.kind == "random":
+        p, c = loss.probability, loss.correlation
+        steps = [[p + c * (1 - p), (1 - p) * (1 - c)], [p * (1 - c), 1 - p * (1 - c)]]
+        often, lost = [p, 1 - p], [1.0, 0.0]
+    elif loss.kind == "gilbert-elliott" and loss.mean_loss is not None:
+        return loss.mean_loss, loss.mean_burst if loss.mean_loss else np.nan
+    elif loss.kind == "gilbert-elliott":
+        steps, often = [[1 - loss.r, loss.r], [loss.p, 1 - loss.p]], [loss.p, loss.r]
+        lost = [_or(loss.bad_loss, 1.0), _or(loss.good_loss, 0.0)]
+    else:  # lost within a burst and alone, passed within a burst and else
+        ends = _or(loss.p31, 1 - loss.p13)
+        steps = [
+            [1 - ends - loss.p32, 0.0, loss.p32, ends],
+            [0.0, 0.0, 0.0, 1.0],
+            [loss.p23, 0.0, 1 - loss.p23, 0.0],
+            [loss.p13, loss.p14, 0.0, 1 - loss.p13 - loss.p14],
+        ]
+        often = [loss.p13, loss.p14 * ends, loss.p13 * loss.p32 / loss.p23, ends]
+        lost = [1.0, 1.0, 0.0, 0.0]
+    of, chance = np.array(often) / sum(often), np.array(lost)
+    share, begins = float(of @ chance), float((of * (1 - chance)) @ steps @ chance)
+    return share, share / begins if begins else np.inf if share else np.nan

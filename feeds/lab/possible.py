@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from plotfeed.feeds.lab.evidence import Evidence, EvidencePart, WaitingPlots, plots_in_rows
+from plotfeed.feeds.lab.evidence import NO_EVIDENCE, Evidence, WaitingPlots, plots_in_rows
 from plotfeed.feeds.lab.flights import FlightsTally, Truths, scene_of, stands_of
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings
 from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTracks, TracksRead
@@ -81,40 +82,29 @@ def read_run(path: Path, scene: Scene | None = None) -> RecordedRun:
     descriptions in the recording do. Raises `PlotfeedError` if it is no MCAP, or holds no ledger,
     and `OSError`.
     """
-    found: list[KnownPlots] = []
+    known: list[KnownPlots] = []
     placeless, waiting = 0, WaitingPlots()
     with Evidence.of(path) as evidence:
         scene = scene or scene_of(path)
         frames, longest_s = stands_of(evidence.log, scene)
         tally = FlightsTally(frames, longest_s)
-
-        def take(part: EvidencePart) -> None:
-            """Take plots of sectors, what is true of them, and when their first message left."""
-            nonlocal placeless
+        for part, later in pairwise(chain([NO_EVIDENCE], evidence.parts(), [NO_EVIDENCE])):
+            tally.add(later.told)
+            for plots in later.plots:  # those of a part may come a little later
+                waiting.add(plots)
             truths, sent = part.told.plots, part.told.messages
-            came_ns = np.full(len(part.keys), LATEST_NS)
+            came_ns = np.full(len(part.keys), LATEST_NS)  # When the first message of a sector left
             np.minimum.at(came_ns, sent.entry[sent.delivered], sent.sent_utc_ns[sent.delivered])
             came_ns[came_ns == LATEST_NS] = UNKNOWN_NS
             ends = np.searchsorted(truths.entry, np.arange(len(part.keys) + 1)).tolist()
             for n, key in enumerate(part.keys):
                 own = truths.between(ends[n], ends[n + 1])
-                plots = waiting.take(key, own.t_utc_ns) if len(own) else None
-                if plots is not None and key.sensor in frames:
-                    measured, frame = plots_in_rows(plots), frames[key.sensor]
-                    known, without = plots_of(own.drone, measured, frame, int(came_ns[n]))
-                    found.append(known)
+                found = waiting.take(key, own.t_utc_ns) if len(own) else None
+                if found is not None and key.sensor in frames:
+                    measured, frame = plots_in_rows(found), frames[key.sensor]
+                    of_drones, without = plots_of(own.drone, measured, frame, int(came_ns[n]))
+                    known.append(of_drones)
                     placeless += without
-
-        last: EvidencePart | None = None
-        for part in evidence.parts():
-            tally.add(part.told)
-            for plots in part.plots:
-                waiting.add(plots)
-            if last is not None:  # whose plots may come a little later
-                take(last)
-            last = part
-        if last is not None:
-            take(last)
         wrong, damage = evidence.unreadable, len(evidence.log.damage)
         notes = [f"{wrong} entries are no ledger and are left out"] if wrong else []
         if damage:
@@ -126,7 +116,7 @@ def read_run(path: Path, scene: Scene | None = None) -> RecordedRun:
             scene="" if scene is None else scene.scene.name,
             notes=notes,
         )
-    return RecordedRun(of_run, found, placeless)
+    return RecordedRun(of_run, known, placeless)
 
 
 class Possible:

@@ -9,10 +9,10 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import unescape
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from google.protobuf.message import DecodeError as ProtobufDecodeError
@@ -103,15 +103,14 @@ class TrackTable:
     def __init__(self) -> None:
         self.unreadable: Counter[str] = Counter()
         self._told: list[ToldTrack] = []
-        self._received: list[int | None] = []
 
     def __len__(self) -> int:
         return len(self._told)
 
     def add(self, told: ToldTrack, received_utc_ns: int | None = None) -> None:
         """Take a report that came at a time, if that is known."""
-        self._told.append(told)
-        self._received.append(told.received_utc_ns if received_utc_ns is None else received_utc_ns)
+        is_told = received_utc_ns is None
+        self._told.append(told if is_told else replace(told, received_utc_ns=received_utc_ns))
 
     def refuse(self, reason: str) -> None:
         """Count what could not be read."""
@@ -138,11 +137,9 @@ class TrackTable:
         """All reports so far."""
         told, names = self._told, list(dict.fromkeys(each.name for each in self._told))
         numbers = {name: number for number, name in enumerate(names)}
-        when = zip(told, self._received, strict=True)
-        of_ns = [came if each.t_utc_ns is None else each.t_utc_ns for each, came in when]
 
-        def column(name: str) -> Floats:
-            return np.array([getattr(each, name) for each in told], np.float64)
+        def column(name: str, kind: type = float) -> Any:
+            return np.array([getattr(each, name) for each in told], kind)
 
         def times(told_ns: Sequence[int | None]) -> Ints:
             """Times, as far as a column can hold them."""
@@ -151,17 +148,18 @@ class TrackTable:
             )
             return np.fromiter(held, np.int64, len(told_ns))
 
+        came_ns = [each.received_utc_ns for each in told]
+        when = zip(told, came_ns, strict=True)
+        of_ns = [came if each.t_utc_ns is None else each.t_utc_ns for each, came in when]
         reports = ReportedTracks(
             t_utc_ns=times(of_ns),
-            received_utc_ns=times(self._received),
+            received_utc_ns=times(came_ns),
             track=np.array([numbers[each.name] for each in told], np.int64),
-            latitude_deg=column("latitude_deg"),
-            longitude_deg=column("longitude_deg"),
-            height_m=column("height_m"),
+            **{n: column(n) for n in ("latitude_deg", "longitude_deg", "height_m")},
             velocity_enu_m_s=column("velocity_enu_m_s").reshape(-1, 3),
             covariance_m2=column("covariance_m2").reshape(-1, 6)[:, SQUARE],
-            tentative=np.array([each.tentative for each in told], np.bool_),
-            ended=np.array([each.ended for each in told], np.bool_),
+            tentative=column("tentative", bool),
+            ended=column("ended", bool),
         )
         return TracksRead(
             reports=reports,
@@ -172,6 +170,7 @@ class TrackTable:
         )
 
 
+T = TypeVar("T")
 MAX_OCTETS = 1 << 20
 CATEGORY = 62
 MOST_NAME = 64
@@ -462,14 +461,7 @@ def _covariances(entry: Mapping[str, Any]) -> Iterator[float]:
 def _number(entry: Mapping[str, Any], key: str) -> float:
     """A number, or the text of one; NaN where it is not there."""
     value = entry.get(key)
-    if value is None or value == "":
-        return NAN
-    try:
-        if isinstance(value, bool):
-            raise TypeError
-        return float(value)
-    except (ValueError, TypeError, OverflowError):
-        raise DecodeError(f"{key}: expected a number, not {str(value)[:40]!r}") from None
+    return NAN if value is None or value == "" else _told(value, key, float, "a number")
 
 
 def _is_true(entry: Mapping[str, Any], key: str) -> bool:
@@ -482,24 +474,26 @@ def _time_of(entry: Mapping[str, Any], key: str) -> int | None:
     if key == "time_utc" and value in (None, ""):
         value = entry.get("time")
     if whole not in (None, ""):
-        return _counted(whole, f"{key}_ns", int)
+        return _told(whole, f"{key}_ns", int, SOME_TIME)
     if value is None or value == "":
         return None
     found = utc_ns(value.strip().replace(" ", "T")) if isinstance(value, str) else None
     if found is not None:
         return found
-    return _counted(value, key, lambda seconds: round(float(seconds) * NS))
+    return _told(value, key, lambda seconds: round(float(seconds) * NS), SOME_TIME)
 
 
-def _counted(value: Any, key: str, read: Callable[[Any], int]) -> int:
+SOME_TIME = "a time such as 2026-01-01T12:00:00.5Z"
+
+
+def _told(value: Any, key: str, read: Callable[[Any], T], expected: str) -> T:
+    """What is read of a value; raises `DecodeError` for one that is not what was expected."""
     try:
         if isinstance(value, bool):
             raise TypeError
         return read(value)
     except (ValueError, TypeError, OverflowError):
-        raise DecodeError(
-            f"{key}: expected a time such as 2026-01-01T12:00:00.5Z, not {str(value)[:40]!r}"
-        ) from None
+        raise DecodeError(f"{key}: expected {expected}, not {str(value)[:40]!r}") from None
 
 
 TABLES = {".csv": ",", ".tsv": "\t"}  # Suffixes of tables, with what parts their columns

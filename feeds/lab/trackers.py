@@ -32,7 +32,6 @@ from plotfeed.feeds.lab.runs import (
     Journal,
     RunJob,
     SweepLevel,
-    VariedKey,
     digests,
     finish_runs,
     levels_of,
@@ -63,6 +62,7 @@ from plotfeed.feeds.messages.message import Message, ReceivedMessage
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.output_keys import WaysOut
 from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.varied_keys import VariedKey
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run_over
 from plotfeed.feeds.timing.clock import WallClock
@@ -158,30 +158,39 @@ async def _run(job: RunJob) -> dict[str, Any]:
     scene = scene.model_copy(update={"scene": general, "mqtt": mqtt}).sent_to(WaysOut())
     start_ns, duration_s = span_of(scene, asked.duration)
     clock = WallClock(start_ns, speed=asked.speed)
-    site = scene.scene.site
-    followed, heard = _Followed(scene), _Heard(scene, clock)
+    site = site_frame(scene.scene.site)
+    followed, table, heard = _Followed(scene), TrackTable(), 0
+
+    def take(message: ReceivedMessage) -> None:
+        """What the tracker published, by the session's time, whatever it is."""
+        nonlocal heard
+        heard += 1
+        if heard <= MAX_MESSAGES:
+            table.take(message.payload, message.content_type or "", clock.now_ns(), site)
+
     topic = plan.topic or scene.page.tracks_topic or USUAL_TOPIC
     async with contextlib.AsyncExitStack() as around:
         brokers = await around.enter_async_context(brokers_of(scene, None))
         (broker,), _ = brokers
-        link = MqttTransport(broker, "plotfeed-score", subscribe=[topic], on_received=heard.take)
+        link = MqttTransport(broker, "plotfeed-score", subscribe=[topic], on_received=take)
         await around.enter_async_context(link.connected(CONNECT_S))
         started = _started(job, broker, scene.mqtt.prefix, topic)
         tracker = await around.enter_async_context(started)
         await tracker.wait_until_ready(asked.patience)
         await run_over(brokers, scene, clock=clock, duration_s=duration_s, observers=[followed])
         await asyncio.sleep(LAST_WORDS_S)
-        failure = tracker.failure() or heard.failure
+        flooded = f"the tracker published more than {MAX_MESSAGES} messages"
+        failure = tracker.failure() or (flooded if heard > MAX_MESSAGES else "")
     late_s: list[Floats] = [np.zeros(1)]  # By how much the machine itself was late
     for told in followed.ledgers:
         followed.tally.add(told)
         sent = told.messages.rows(told.messages.delivered)
         late_s.append((sent.sent_utc_ns - sent.link_due_utc_ns) / NS)
-    truths = followed.tally.truths(site=site_frame(site), scene=scene.scene.name)
+    truths = followed.tally.truths(site=site, scene=scene.scene.name)
     figures, nothing = dict.fromkeys([*FIGURE_NAMES, *POSSIBLE], math.nan), ""
     limits: list[tuple[float, FigureSamples | None]] = [(math.nan, None)] * len(plan.limits)
     try:
-        score = Score(truths, heard.table.read(topic, failure), plan.how)
+        score = Score(truths, table.read(topic, failure), plan.how)
     except NoFlightError as error:
         nothing = str(error)
     else:
@@ -227,25 +236,6 @@ class _Followed(Observer):
         found, without = plots_of(drone, batch.plots, self._frames[batch.sensor], arrived_ns)
         self.plots.append(found)
         self.placeless += without
-
-
-class _Heard:
-    """What the tracker published, by the session's time."""
-
-    def __init__(self, scene: Scene, clock: WallClock) -> None:
-        self.table = TrackTable()
-        self.failure = ""
-        self._site, self._clock = site_frame(scene.scene.site), clock
-        self._messages = 0
-
-    def take(self, message: ReceivedMessage) -> None:
-        """Take a message, whatever it is."""
-        self._messages += 1
-        if self._messages > MAX_MESSAGES:
-            self.failure = f"the tracker published more than {MAX_MESSAGES} messages"
-            return
-        kind = message.content_type or ""
-        self.table.take(message.payload, kind, self._clock.now_ns(), self._site)
 
 
 @contextlib.asynccontextmanager

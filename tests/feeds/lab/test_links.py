@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,11 @@ from support.links import link
 from support.significance import assert_chance
 
 from plotfeed.feeds.lab.gathering import FeedReport
-from plotfeed.feeds.lab.links import LinkFigures
+from plotfeed.feeds.lab.links import LinkFigures, Setting
+from plotfeed.feeds.link import impairment
+from plotfeed.feeds.link.delays import DelayLaw
+from plotfeed.feeds.link.losses import LossChain
+from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.proto import plotfeed_pb2 as pb
 
 MS = 1_000_000
@@ -40,36 +45,7 @@ LINKS: dict[str, dict[str, Any]] = {
 }
 
 
-def only(told: FeedReport) -> LinkFigures:
-    (found,) = told.links
-    return found
-
-
-def assert_z(z: float, of: str) -> None:
-    assert_chance(2 * stats.norm.sf(abs(z)), f"{of}, z = {z:+.2f}")
-
-
-@pytest.mark.parametrize("name", LINKS)
-def test_a_right_link_delivers_what_it_asks(name: str, tmp_path: Path) -> None:
-    found = only(told_of(tmp_path, entries(link(**LINKS[name]), COUNT, seed=5, in_each=20)))
-    assert found.messages == COUNT
-    if not found.fit.not_comparable:
-        assert_chance(found.fit.p_value, "delay")
-        assert found.fit.distance == found.fit.link_distance
-        assert found.asked is not None
-        for of in ("mean_ms", "p50_ms", "p90_ms"):
-            assert getattr(found.delivered, of) == pytest.approx(getattr(found.asked, of), rel=0.05)
-    shares = {"loss": found.loss, "doubled": found.duplicates, "corrupted": found.corrupted}
-    for of, share in shares.items():
-        if share.asked:
-            assert_z(share.z, of)
-        else:
-            assert (share.count, share.delivered) == (0, 0.0)
-    if found.loss.asked:
-        assert_z(found.bursts.z, "bursts")
-        assert found.bursts.bursts > 100
-
-
+# Links that do one thing and say another, and what of it shows.
 WRONG: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "delay": ({"latency_ms": 101.0, "jitter_ms": 10.0}, JITTERED),
     "jitter": ({"latency_ms": 100.0, "jitter_ms": 12.0}, JITTERED),
@@ -84,23 +60,159 @@ WRONG: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "doubled": ({"duplicate": 0.14}, {"duplicate": 0.1}),
     "corrupted": ({"corrupt": 0.14}, {"corrupt": 0.1}),
 }
+NOT_PLAIN = {
+    "kept in order": JITTERED | {"in_order": True},
+    "rate limited": JITTERED | {"rate_kbit_s": 20.0},
+    "reordered on purpose": JITTERED | {"reorder": {"probability": 0.2}},
+    "stalls": {
+        "latency_ms": 5.0,
+        "on_loss": "stall",
+        "loss": {"kind": "random", "probability": 0.1},
+    },
+    "down": JITTERED | {"down": True},
+    "all the same": {"latency_ms": 5.0},
+}
+# What says that it is a link and is none, and why.
+NONE = {
+    "{": "expected JSON",
+    "[" * 100_000: "expected JSON",
+    "[1]": "expected an object",
+    '{"latency_s": 1}': "latency_s: no such key",
+    '{"latency_ms": -1}': "latency_ms",
+    '{"loss": {"kind": "some"}}': "loss.kind",
+    '{"distribution": "table"}': "delays_ms",
+}
+
+
+def called(name: str, ledgers: list[pb.Ledger], link: str | None = None) -> list[pb.Ledger]:
+    """Entries of a sensor of that name, on a link that they say is that."""
+    for entry in ledgers:
+        entry.sensor, entry.link = name, entry.link if link is None else link
+    return ledgers
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, LinkFigures]:
+    """Of one recording, with a sensor for each of those links."""
+    made = [called(n, entries(link(**k), COUNT, seed=5, in_each=20)) for n, k in LINKS.items()]
+    for name, (does, says) in WRONG.items():
+        asked = link(**says)
+        made.append(called(f"not {name}", entries(link(**does), COUNT, says=asked, in_each=20)))
+    for name, keys in NOT_PLAIN.items():
+        ledgers = entries(link(**keys), 20 if name == "stalls" else 1000)
+        made.append(called(name, [e for e in ledgers if all(one.fate for one in e.messages)]))
+    made += [called(text[:50], entries(link(**JITTERED), 400), text) for text in NONE]
+    late = entries(link(**JITTERED), COUNT, late_ns=2 * MS, in_each=20)
+    made += [called("late", late), called("nothing", entries(link(), 400), "")]
+    told = told_of(tmp_path_factory.mktemp("links"), [entry for each in made for entry in each])
+    return {each.sensor: each for each in told.links}
+
+
+def only(told: FeedReport) -> LinkFigures:
+    (found,) = told.links
+    return found
+
+
+def assert_z(z: float, of: str) -> None:
+    assert_chance(2 * stats.norm.sf(abs(z)), f"{of}, z = {z:+.2f}")
+
+
+@pytest.mark.parametrize("name", LINKS)
+def test_a_right_link_delivers_what_it_asks(name: str, found: dict[str, LinkFigures]) -> None:
+    of = found[name]
+    assert of.messages == COUNT
+    if not of.fit.not_comparable:
+        assert_chance(of.fit.p_value, "delay")
+        assert of.fit.distance == of.fit.link_distance
+        assert of.asked is not None
+        for time in ("mean_ms", "p50_ms", "p90_ms"):
+            assert getattr(of.delivered, time) == pytest.approx(getattr(of.asked, time), rel=0.05)
+    shares = {"loss": of.loss, "doubled": of.duplicates, "corrupted": of.corrupted}
+    for what, share in shares.items():
+        if share.asked:
+            assert_z(share.z, what)
+        else:
+            assert (share.count, share.delivered) == (0, 0.0)
+    if of.loss.asked:
+        assert_z(of.bursts.z, "bursts")
+        assert of.bursts.bursts > 100
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_link_that_does_something_else_is_found_out(name: str, tmp_path: Path) -> None:
-    does, says = WRONG[name]
-    found = only(told_of(tmp_path, entries(link(**does), COUNT, says=link(**says), in_each=20)))
+def test_a_link_that_does_something_else_is_found_out(
+    name: str, found: dict[str, LinkFigures]
+) -> None:
+    of = found[f"not {name}"]
     if name in ("delay", "jitter"):
-        assert found.fit.p_value < 1e-6
-    else:
-        shares = {
-            "loss": found.loss.z,
-            "bursts": found.bursts.z,
-            "doubled": found.duplicates.z,
-            "corrupted": found.corrupted.z,
-        }
-        assert abs(shares.pop(name)) > 5
-        assert not [z for z in shares.values() if abs(z) > 5]
+        assert of.fit.p_value < 1e-6
+        return
+    each = (of.loss, of.bursts, of.duplicates, of.corrupted)
+    shares = dict(zip(("loss", "bursts", "doubled", "corrupted"), each, strict=True))
+    assert [what for what, share in shares.items() if abs(share.z) > 5] == [name]
+
+
+def test_the_engine_is_told_apart_from_the_link(found: dict[str, LinkFigures]) -> None:
+    late = found["late"]
+    assert late.lateness.p50_ms == pytest.approx(2.0, rel=1e-3)
+    assert late.lateness.max_ms == 2.0
+    assert late.fit.p_value < 1e-9
+    assert_chance(late.fit.link_p_value, "link alone")
+
+
+def test_delays_that_follow_no_plain_law_are_not_compared_and_it_says_why(
+    found: dict[str, LinkFigures],
+) -> None:
+    for why in NOT_PLAIN:
+        fit = found[why].fit
+        assert why in fit.not_comparable
+        assert np.isnan([fit.distance, fit.p_value, fit.link_p_value]).all()
+    stalls, down, slow = (found[name] for name in ("stalls", "down", "rate limited"))
+    assert (stalls.loss.asked, stalls.loss.count) == (0.0, 0)
+    assert down.asked is None
+    assert down.other_fates["outage"] == 1000
+    assert (down.sent, down.loss.of) == (0, 0)
+    for ordered in (stalls, found["kept in order"]):
+        assert ordered.overtook.asked == ordered.overtook.count == 0
+    assert slow.other_fates["queue_full"] == 0 < slow.delivered.p90_ms
+
+
+def test_a_sensor_without_a_link_asks_for_nothing(found: dict[str, LinkFigures]) -> None:
+    none = found["nothing"]
+    assert none.link == {}
+    assert none.asked is not None
+    assert (none.asked.max_ms, none.delivered.max_ms, none.loss.asked) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("text", NONE)
+def test_a_link_that_is_none_is_said_to_be_none_and_what_came_is_told(
+    text: str, found: dict[str, LinkFigures]
+) -> None:
+    of = found[text[:50]]
+    assert NONE[text] in of.link_problem
+    assert of.asked is None
+    assert of.fit.not_comparable == "not known"
+    assert of.delivered.mean_ms == pytest.approx(100, rel=0.05)
+    assert np.isnan([of.loss.asked, of.duplicates.asked, of.overtook.asked]).all()
+
+
+def test_a_fault_of_the_running_process_in_a_link_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of what delays and loses, and says that this was asked: the oracle asks the scene."""
+    for keys in (*LINKS.values(), *NOT_PLAIN.values(), *(says for _, says in WRONG.values())):
+        assert Setting(json_of(link(**keys))).differs == set(), keys
+    law_of, chain_of = DelayLaw.of, impairment.chain_of
+
+    def later(asked: LinkSettings) -> DelayLaw:
+        return replace(law_of(asked), latency_ms=1.05 * asked.latency_ms)
+
+    def longer(asked: Any) -> LossChain:
+        return chain_of(asked.model_copy(update={"mean_burst": 2 * asked.mean_burst}))
+
+    monkeypatch.setattr(DelayLaw, "of", later)
+    monkeypatch.setattr(impairment, "chain_of", longer)
+    told = told_of(tmp_path, entries(link(**LINKS["bursts"]), 2000))
+    assert {each.name for each in told.verdicts.wrong} == {"delay", "bursts of losses"}
 
 
 def test_counts_are_those_of_the_ledger(tmp_path: Path) -> None:
@@ -135,61 +247,6 @@ def test_counts_are_those_of_the_ledger(tmp_path: Path) -> None:
     assert found.bursts.delivered_survival[1] == pytest.approx(np.mean(np.array(runs) >= 2))
 
 
-def test_entries_may_come_in_any_order(tmp_path: Path) -> None:
-    ledgers = entries(link(**LINKS["bursts"]), 4000)
-    shuffled = [ledgers[i] for i in np.random.default_rng(1).permutation(len(ledgers))]
-    (tmp_path / "other").mkdir()
-    one, other = only(told_of(tmp_path, ledgers)), only(told_of(tmp_path / "other", shuffled))
-    for name in ("bursts", "overtook", "loss"):
-        assert vars(getattr(one, name)) == vars(getattr(other, name))
-    assert one.delivered.curve_ms == other.delivered.curve_ms
-
-
-def test_the_engine_is_told_apart_from_the_link(tmp_path: Path) -> None:
-    found = only(told_of(tmp_path, entries(link(**JITTERED), COUNT, late_ns=2 * MS, in_each=20)))
-    assert found.lateness.p50_ms == pytest.approx(2.0, rel=1e-3)
-    assert found.lateness.max_ms == 2.0
-    assert found.fit.p_value < 1e-9
-    assert_chance(found.fit.link_p_value, "link alone")
-
-
-NOT_PLAIN = {
-    "kept in order": JITTERED | {"in_order": True},
-    "rate limited": JITTERED | {"rate_kbit_s": 20.0},
-    "reordered on purpose": JITTERED | {"reorder": {"probability": 0.2}},
-    "stalls": {
-        "latency_ms": 5.0,
-        "on_loss": "stall",
-        "loss": {"kind": "random", "probability": 0.1},
-    },
-    "down": JITTERED | {"down": True},
-    "all the same": {"latency_ms": 5.0},
-}
-
-
-@pytest.mark.parametrize("why", NOT_PLAIN)
-def test_delays_that_follow_no_plain_law_are_not_compared_and_it_says_why(
-    why: str, tmp_path: Path
-) -> None:
-    asked = link(**NOT_PLAIN[why])
-    count = 20 if why == "stalls" else 1000
-    ledgers = [entry for entry in entries(asked, count) if all(one.fate for one in entry.messages)]
-    found = only(told_of(tmp_path, ledgers))
-    assert why in found.fit.not_comparable
-    assert np.isnan([found.fit.distance, found.fit.p_value, found.fit.link_p_value]).all()
-    if why == "stalls":
-        assert (found.loss.asked, found.loss.count) == (0.0, 0)
-        assert found.overtook.asked == found.overtook.count == 0
-    if why == "down":
-        assert found.asked is None
-        assert found.other_fates["outage"] == 1000
-        assert (found.sent, found.loss.of) == (0, 0)
-    if why == "kept in order":
-        assert found.overtook.asked == found.overtook.count == 0
-    if why == "rate limited":
-        assert found.other_fates["queue_full"] == 0 < found.delivered.p90_ms
-
-
 def test_each_setting_of_a_link_is_told_apart(tmp_path: Path) -> None:
     first, second = link(**JITTERED), link(latency_ms=300.0, jitter_ms=10.0)
     ledgers = entries(first, 3000)
@@ -203,42 +260,6 @@ def test_each_setting_of_a_link_is_told_apart(tmp_path: Path) -> None:
     for found in told.links:
         assert_chance(found.fit.p_value, "delay")
     assert told.links[1].first_utc_ns - told.first_utc_ns == 10 * 10**9
-
-
-def test_a_sensor_without_a_link_asks_for_nothing(tmp_path: Path) -> None:
-    ledgers = entries(link(), 400)
-    for entry in ledgers:
-        entry.link = ""
-    found = only(told_of(tmp_path, ledgers))
-    assert found.link == {}
-    assert found.asked is not None
-    assert (found.asked.max_ms, found.delivered.max_ms, found.loss.asked) == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("{", "expected JSON"),
-        ("[" * 100_000, "expected JSON"),
-        ("[1]", "expected an object"),
-        ('{"latency_s": 1}', "latency_s: no such key"),
-        ('{"latency_ms": -1}', "latency_ms"),
-        ('{"loss": {"kind": "some"}}', "loss.kind"),
-        ('{"distribution": "table"}', "delays_ms"),
-    ],
-)
-def test_a_link_that_is_none_is_said_to_be_none_and_what_came_is_told(
-    text: str, problem: str, tmp_path: Path
-) -> None:
-    ledgers = entries(link(**JITTERED), 400)
-    for entry in ledgers:
-        entry.link = text
-    found = only(told_of(tmp_path, ledgers))
-    assert problem in found.link_problem
-    assert found.asked is None
-    assert found.fit.not_comparable == "not known"
-    assert found.delivered.mean_ms == pytest.approx(100, rel=0.05)
-    assert np.isnan([found.loss.asked, found.duplicates.asked, found.overtook.asked]).all()
 
 
 def test_a_ledger_of_endless_settings_is_told_in_part(tmp_path: Path) -> None:
