@@ -22,7 +22,7 @@ LARGE = ("asterix.generated", "matplotlib.figure", "scipy.stats", "playwright.sy
 # Files that take longest are begun first: the last to end is then a short one.
 LONGEST = (
     *("test_parts_over_mqtt", "test_fleet_command", "test_verdicts", "test_needs"),
-    *("test_display_in_browser", "test_tracker_sweep", "test_scene_verdicts", "test_help"),
+    *("test_display_in_browser", "test_tracker_sweep", "test_feed_checks", "test_help"),
     *("test_page_in_browser", "test_asyncapi", "test_attack_recordings", "test_planted_faults"),
     *("test_page_of_runs", "test_session_switch", "test_sweep_command", "test_oracle"),
     *("test_shipped_scenes", "test_inject"),

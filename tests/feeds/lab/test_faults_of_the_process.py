@@ -20,7 +20,6 @@ from plotfeed.testing import held
 SITE = {"latitude_deg": 40.45, "longitude_deg": -3.73, "height_m": 650.0}
 SIGMAS = {f"{quantity} sigma" for quantity in ("range", "azimuth", "elevation")}
 FAULTS: dict[str, tuple[type, str, str, float, set[str]]] = {
-    "radar sees less": (PolarRadar, "pd", "active", 0.6, {"Pd"}),
     "MIMO radar sees less": (PolarRadar, "pd", "mimo", 0.6, {"Pd"}),
     "microphones hear less": (MicrophoneArray, "pd", "microphones", 0.6, {"Pd"}),
     "radar errs and says so": (PolarRadar, "sigmas", "active", 2.5, SIGMAS),

@@ -129,21 +129,18 @@ def stated_as_asked(sensor: Sensor, plots: Plots) -> None:
             np.testing.assert_allclose(expected, told, rtol=1e-9, err_msg=sensor.id)
 
 
-EXAMPLES = sorted((Path(__file__).parents[3] / "examples" / "scenes").glob("*.toml"))
+SCENES = Path(__file__).parents[3] / "examples" / "scenes"
+EXAMPLES = {path.stem: path for path in sorted(SCENES.glob("*.toml"))}
 
 
-@pytest.mark.parametrize("name", summaries())
+@pytest.mark.parametrize("name", [*summaries(), *EXAMPLES])
 def test_every_shipped_scene_asks_what_its_sensors_do(name: str, tmp_path: Path) -> None:
-    check(example(name), tmp_path, 4)
+    check(load(EXAMPLES[name]) if name in EXAMPLES else example(name), tmp_path, 4)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_every_example_scene_asks_what_its_sensors_do(path: Path, tmp_path: Path) -> None:
-    check(load(path), tmp_path, 4)
-
-
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(len(SENSOR_MAKERS)))
 def test_random_scenes_ask_what_their_sensors_do(seed: int, tmp_path: Path) -> None:
+    """The first sensor of each is of the next kind."""
     check(load(written_scene(seed, tmp_path)), tmp_path, 2)
 
 
@@ -155,15 +152,19 @@ TABLES = [
 ]
 
 
+# With those radars stand in rain that echoes, and turn with pulses; cameras see light, heat, haze.
+SEEDS = {"terrain": (1,), "plain and own": (1, 5, 11), "weather of all": (24,)}
+
+
 @pytest.mark.parametrize(("kind", "which"), TABLES)
 def test_each_table_of_each_kind_asks_what_its_sensor_does(
     kind: str, which: str, tmp_path: Path
 ) -> None:
-    """Drawn thrice, at drones all over the cover; a camera by light, by heat and in haze."""
+    """Drawn up to thrice, at drones all over the cover; a camera by light, heat and in haze."""
     write_ridge(tmp_path, height_m=700, plain_m=PLAIN_M)
     tables = [which] if which in OF_SCENES else ["plain", *tables_of(kind)]
     compared: Counter[str] = Counter()
-    for seed in (1,) if which == "terrain" else (1, 3, 5):
+    for seed in SEEDS.get(which, (1, 3)):
         made = from_tree(tree_with(kind, tables, seed), tmp_path / "one.toml")
         compared.update(check(made, tmp_path, 6 if kind.startswith("acoustic") else 1))
     assert {table for table, looks in compared.items() if not looks} <= {"merging"}
@@ -222,16 +223,15 @@ def test_a_zoomed_camera_is_judged_where_its_field_of_view_is_told() -> None:
         assert not oracle.asked(scene, sensor, given).known.any()
 
 
-@pytest.mark.parametrize("power", [1.0, 0.2, 0.02])
-def test_looks_of_a_steered_beam_are_as_many_as_are_asked_for(power: float) -> None:
+def test_looks_of_a_steered_beam_are_as_many_as_are_asked_for() -> None:
     """Of 200 s: those that confirm, and those at tracks but for what is said to be open.
 
     Successive looks at a track are as strong in one period, so that 4 errors are 5: one in 16,000.
     Of a hundred looks a share that is 25 points off is found, of a thousand 8 points.
     """
-    whole = load(next(path for path in EXAMPLES if path.stem == "perimeter"))
+    whole = load(EXAMPLES["perimeter"])
     radar: Any = whole.sensor[0]
-    weaker = radar.model_copy(update={"power_w": power * radar.power_w})
+    weaker = radar.model_copy(update={"power_w": 0.2 * radar.power_w})
     scene = whole.model_copy(update={"sensor": (weaker,)})
     for sensor, looks, _, given in sensors_of(scene, 200):
         asked = oracle.asked(scene, sensor, given)
@@ -247,16 +247,14 @@ def test_a_fault_that_is_planted_in_the_running_process_moves_sensors_and_not_th
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scene = example("section-4")
-    before = [
-        (looks.pd, oracle.asked(scene, sensor, given).pd)
-        for sensor, looks, _, given in sensors_of(scene, 5)
-    ]
-    right = fluctuation.pd_cfar_swerling1
+
+    def odds() -> list[tuple[Any, Any]]:
+        of = sensors_of(scene, 5)
+        return [(looks.pd, oracle.asked(scene, sensor, given).pd) for sensor, looks, _, given in of]
+
+    before, right = odds(), fluctuation.pd_cfar_swerling1
     monkeypatch.setattr(fluctuation, "pd_cfar_swerling1", lambda *args: 0.6 * right(*args))
-    after = [
-        (looks.pd, oracle.asked(scene, sensor, given).pd)
-        for sensor, looks, _, given in sensors_of(scene, 5)
-    ]
+    after = odds()
     moved = [not np.allclose(a[0], b[0]) for a, b in zip(before, after, strict=True)]
     assert sum(moved) == 2  # the active and the passive radar
     for a, b in zip(before, after, strict=True):
@@ -264,9 +262,8 @@ def test_a_fault_that_is_planted_in_the_running_process_moves_sensors_and_not_th
 
 
 def test_velocities_follow_from_looks_before_and_after_and_turns_are_not_judged() -> None:
-    radar: Any = example("field-day").sensor[0]
-    doppler = type(radar).model_fields["doppler"].annotation.__args__[0](notch_m_s=3.0)
-    radar = radar.model_copy(update={"doppler": doppler})
+    radar = example("field-day").sensor[0]
+    radar = radar.model_copy(update={"doppler": DopplerKeys(notch_m_s=3.0)})
     scene = example("field-day").model_copy(update={"sensor": (radar,)})
     for sensor, looks, _, given in sensors_of(scene, 30):
         blind = oracle.LooksGiven(**{**vars(given), "velocity_enu_m_s": None})
@@ -393,7 +390,7 @@ def test_rain_is_exact() -> None:
         assert found == pytest.approx(float(row["value"]), rel=1e-9)
 
 
-@pytest.mark.parametrize("order", [np.inf, 1.0, 2.0, 3.0, 6.0])
+@pytest.mark.parametrize("order", [np.inf, 1.0, 3.0, 6.0])
 @pytest.mark.parametrize("snr", [0.0, 30.0, 1e4])
 def test_the_mean_of_errors_squared_is_that_of_detections(order: float, snr: float) -> None:
     """4,000 draws: the means part by more than 4.5 standard errors once in 150,000."""

@@ -70,6 +70,7 @@ def test_tables_have_a_row_for_each_run_and_sensor(whole: Path) -> None:
 def test_a_sweep_killed_at_any_time_goes_on_and_its_tables_are_the_same(
     file: Path, whole: Path, tmp_path: Path
 ) -> None:
+    """By two processes in place of one."""
     folder, lines = tmp_path / "killed", 2
     command = ["sweep", file, *VARY, *SHORT, "--out", folder]
     path = folder / "journal.jsonl"
@@ -77,20 +78,11 @@ def test_a_sweep_killed_at_any_time_goes_on_and_its_tables_are_the_same(
         wait_until(lambda: path.exists() and path.read_bytes().count(b"\n") > lines)
     with path.open("ab") as torn:  # as where it was killed while it wrote
         torn.write(b'{"level": 0, "run": 2, "sen')
-    done = plotfeed_here(*command, "--json")
+    done = plotfeed(*command, "--processes", 2, "--json", wait_s=MOST_S)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["were_done"] >= lines
     assert len(journal(folder)) == 1 + LEVELS * RUNS
     assert octets(folder) == octets(whole)
-
-
-def test_any_number_of_processes_gives_the_same_tables(
-    file: Path, whole: Path, tmp_path: Path
-) -> None:
-    command = ("sweep", file, *VARY, *SHORT[:-1], 2, "--out", tmp_path / "two")
-    done = plotfeed(*command, wait_s=MOST_S)
-    assert done.returncode == 0, done.stderr
-    assert octets(tmp_path / "two") == octets(whole)
 
 
 def test_an_interrupted_sweep_says_how_to_go_on(

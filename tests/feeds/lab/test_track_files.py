@@ -12,13 +12,7 @@ from support.ledgers import written
 from support.scene_files import radar, scene_file, scene_text
 from support.told_tracks import NS, RADAR, T_NS, told_tracks
 
-from plotfeed.feeds.lab.track_reports import (
-    UNKNOWN_NS,
-    ToldTrack,
-    TracksRead,
-    read_tracks,
-    tracks_in,
-)
+from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, read_tracks, tracks_in
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.asterix.cat062 import TrackEncoder062
@@ -41,35 +35,45 @@ BATCH = protobuf_content_type("plotfeed.v1.TrackBatch")
 SAPIENT = protobuf_content_type("sapient_msg.bsi_flex_335_v2_0.SapientMessage")
 
 
-def check(found: list[ToldTrack], place_deg: float, other: float) -> None:
-    """The tracks are those, each as exact as its format is."""
+BLOCK = TrackEncoder062(25, 10).blocks(TRACKS)[0]
+STATUS = bytes([65, 0, 7, 0xC0, 25, 10, 1])  # Of the tracker, in the same datagram
+OURS = track_batch(TRACKS, RADAR, 1, 0)
+# Octets and how they are called; how exact places (degrees) and other values are; a name, and the
+# index of a covariance with the standard deviation whose square it is, and how exact that is.
+TOLD: dict[str, tuple[bytes, str, float, float, str, tuple[int, float, float] | None]] = {
+    "062": (
+        *(BLOCK, asterix_content_type(62), 180 / 2**25, 1.0, f"25.10.{TRACKS.track[0]}"),
+        (0, TRACKS.sigma_east_m[0], 0.05),
+    ),
+    "062 behind 065": (STATUS + BLOCK, "", 180 / 2**25, 1.0, f"25.10.{TRACKS.track[0]}", None),
+    "protobuf": (
+        *(OURS, BATCH, 1e-9, 1e-6, f"radar-{TRACKS.track[0]}"),
+        (2, TRACKS.sigma_up_m[0], 1e-6),
+    ),
+    "protobuf without a word": (OURS, "", 1e-9, 1e-6, f"radar-{TRACKS.track[0]}", None),
+    "GeoJSON": (feature_collection(TRACKS, RADAR), GEOJSON, 1e-7, 0.01, "", None),
+}
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_tracks_are_those_that_were_told_each_as_exact_as_its_format(name: str) -> None:
+    payload, content_type, place_deg, other, called, spread = TOLD[name]
+    found = tracks_in(payload, content_type, T_NS + NS, SITE)
     assert len(found) == len(TRACKS)
+    assert found[0].name.startswith(called)
     for told, row in zip(found, range(len(TRACKS)), strict=True):
         one = {name: column[row] for name, column in vars(TRACKS).items()}
+        assert told.t_utc_ns is not None
         assert abs(told.t_utc_ns - T_NS) <= NS / 128
-        assert told.latitude_deg == pytest.approx(one["latitude_deg"], abs=place_deg)
-        assert told.longitude_deg == pytest.approx(one["longitude_deg"], abs=place_deg)
+        place = (told.latitude_deg, told.longitude_deg)
+        assert place == pytest.approx((one["latitude_deg"], one["longitude_deg"]), abs=place_deg)
         assert told.height_m == pytest.approx(one["height_m"], abs=other)
-        east, north = one["velocity_east_m_s"], one["velocity_north_m_s"]
-        assert told.velocity_enu_m_s[:2] == pytest.approx((east, north), abs=0.2)
-        assert told.velocity_enu_m_s[2] == pytest.approx(one["climb_m_s"], abs=0.1)
+        velocity = [one[n] for n in ("velocity_east_m_s", "velocity_north_m_s", "climb_m_s")]
+        assert told.velocity_enu_m_s == pytest.approx(velocity, abs=0.2)
         assert told.ended == one["last"]
-
-
-def test_asterix_062() -> None:
-    (block,) = TrackEncoder062(25, 10).blocks(TRACKS)
-    found = tracks_in(block, asterix_content_type(62), T_NS + NS, SITE)
-    check(found, 180 / 2**25, 1.0)
-    assert found[0].name == f"25.10.{TRACKS.track[0]}"
-    assert found[0].covariance_m2[0] == pytest.approx(TRACKS.sigma_east_m[0] ** 2, rel=0.05)
-    assert math.isnan(found[0].covariance_m2[2])
-
-
-def test_asterix_062_behind_another_category() -> None:
-    """A status of the tracker's, 065, in the same datagram."""
-    (block,) = TrackEncoder062(25, 10).blocks(TRACKS)
-    status = bytes([65, 0, 7, 0xC0, 25, 10, 1])
-    check(tracks_in(status + block, "", T_NS + NS, None), 180 / 2**25, 1.0)
+    if spread is not None:
+        which, sigma_m, within = spread
+        assert found[0].covariance_m2[which] == pytest.approx(sigma_m**2, rel=within)
 
 
 def test_asterix_062_by_x_and_y_counts_from_the_site() -> None:
@@ -82,19 +86,6 @@ def test_asterix_062_by_x_and_y_counts_from_the_site() -> None:
     enu_m = SITE.from_ecef(LocalFrame(told.latitude_deg, told.longitude_deg, 650.0).origin_ecef_m)
     assert enu_m[:2] == pytest.approx([1000.0, -500.0], abs=0.2)
     assert tracks_in(block, "", T_NS, None) == []
-
-
-def test_our_protobuf() -> None:
-    for content_type in (BATCH, ""):
-        found = tracks_in(track_batch(TRACKS, RADAR, 1, 0), content_type, T_NS, None)
-        check(found, 1e-9, 1e-6)
-        assert found[0].name == f"radar-{TRACKS.track[0]}"
-        assert found[0].covariance_m2[2] == pytest.approx(TRACKS.sigma_up_m[0] ** 2)
-
-
-def test_geojson() -> None:
-    payload = feature_collection(TRACKS, RADAR)
-    check(tracks_in(payload, GEOJSON, T_NS, None), 1e-7, 0.01)
 
 
 def test_sapient() -> None:
@@ -126,26 +117,6 @@ def test_sapient() -> None:
         tracks_in(message.SerializeToString(), SAPIENT, 0, None)
     report.location.CopyFrom(Location())
     assert tracks_in(message.SerializeToString(), SAPIENT, 0, None) == []
-
-
-def test_json_of_the_page() -> None:
-    """As on page.tracks_topic."""
-    payload = json.dumps(
-        [
-            {"track": 12, "latitude_deg": 40.46, "longitude_deg": -3.72, "velocity_east_m_s": 8.1,
-             "velocity_north_m_s": -3.0, "time_utc": "2026-01-01T12:00:00.5Z", "tentative": True},
-            {"track": "b", "latitude_deg": 40.46, "longitude_deg": -3.72, "height_m": 700,
-             "speed_m_s": 5.0, "course_deg": 90.0, "sigma_east_m": 2.0, "sigma_north_m": 3.0,
-             "ended": True},
-        ]
-    ).encode()  # fmt: skip
-    one, other = tracks_in(payload, json_content_type("x"), T_NS, None)
-    assert (one.name, one.t_utc_ns, one.tentative) == ("12", 1_767_268_800_500_000_000, True)
-    assert one.velocity_enu_m_s[:2] == (8.1, -3.0)
-    assert (other.name, other.t_utc_ns, other.ended) == ("b", None, True)
-    assert other.velocity_enu_m_s[:2] == pytest.approx((5.0, 0.0), abs=1e-12)
-    assert other.covariance_m2[:2] == (4.0, 9.0)
-    assert other.covariance_m2[3] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -187,7 +158,6 @@ def message(payload: bytes, topic: str, content_type: str, at_ns: int = T_NS) ->
     )
 
 
-BLOCK = TrackEncoder062(25, 10).blocks(TRACKS)[0]
 OF_062 = message(BLOCK, "tracker/out", asterix_content_type(62), T_NS + NS)
 
 
@@ -197,13 +167,17 @@ def are_those(read: TracksRead, received_ns: int = T_NS + NS) -> None:
     assert (read.reports.received_utc_ns == received_ns).all()
 
 
-def test_a_recording_has_tracks_on_the_only_topic_that_has_any(tmp_path: Path) -> None:
+def test_of_a_recording_what_a_tracker_published_is_taken(tmp_path: Path) -> None:
+    """On the only topic that has any; what sensors handed to links, or is damaged, is none."""
     other = message(b"{}", "tracker/other", "application/json")
-    path = written(tmp_path / "x.mcap", [OF_062, other])
-    read = read_tracks(path)
+    damaged = OF_062._replace(payload=BLOCK[:-1])
+    before = OF_062._replace(stage=Stage.BEFORE)
+    read = read_tracks(written(tmp_path / "x.mcap", [before, OF_062, other, damaged, damaged]))
     are_those(read)
     assert read.source == "x.mcap: tracker/out"
-    assert read.unreadable == {}
+    assert [*read.unreadable.values()] == [2]
+    with pytest.raises(PlotfeedError, match="no tracks: expected ASTERIX 062"):
+        read_tracks(written(tmp_path / "x.mcap", [other]))
 
 
 def test_of_several_topics_one_is_chosen(tmp_path: Path) -> None:
@@ -216,18 +190,6 @@ def test_of_several_topics_one_is_chosen(tmp_path: Path) -> None:
     text = scene_text(sensors=radar()) + '[page]\ntracks_topic = "tracker/out"\n'
     are_those(read_tracks(path, load(scene_file(tmp_path, text))))
     assert len(read_tracks(path, topics=["nobody"]).reports) == 0
-
-
-def test_without_any_tracks_the_error_says_what_was_looked_for(tmp_path: Path) -> None:
-    path = written(tmp_path / "x.mcap", [message(b"{}", "a/b", "application/json")])
-    with pytest.raises(PlotfeedError, match="no tracks: expected ASTERIX 062"):
-        read_tracks(path)
-
-
-def test_what_sensors_handed_to_links_is_not_what_a_tracker_published(tmp_path: Path) -> None:
-    before = OF_062._replace(stage=Stage.BEFORE)
-    path = written(tmp_path / "x.mcap", [before, OF_062])
-    assert len(read_tracks(path).reports) == len(TRACKS)
 
 
 @pytest.mark.parametrize("name", ["x.pcap", "x.ast"])
@@ -245,14 +207,6 @@ def test_asterix_in_other_containers(tmp_path: Path, name: str) -> None:
     # A raw file tells when reports hold, and not when they came: that is no latency of 0.
     is_known = read.reports.received_utc_ns != UNKNOWN_NS
     assert is_known.all() == is_known.any() == name.endswith("pcap")
-
-
-def test_messages_that_cannot_be_read_are_counted(tmp_path: Path) -> None:
-    damaged = message(BLOCK[:-1], "tracker/out", asterix_content_type(62))
-    read = read_tracks(written(tmp_path / "x.mcap", [OF_062, damaged, damaged]))
-    assert len(read.reports) == len(TRACKS)
-    (reason,) = read.unreadable
-    assert read.unreadable[reason] == 2
 
 
 CSV = """\
@@ -277,15 +231,6 @@ def test_a_table(tmp_path: Path) -> None:
         assert sum(read.unreadable.values()) == 1
 
 
-def test_a_file_of_geojson(tmp_path: Path) -> None:
-    path = tmp_path / "x.geojson"
-    path.write_bytes(feature_collection(TRACKS, RADAR))
-    read = read_tracks(path)
-    assert len(read.reports) == len(TRACKS)
-    assert (read.reports.received_utc_ns == UNKNOWN_NS).all()
-    assert read.reports.velocity_enu_m_s[:, 0] == pytest.approx(TRACKS.velocity_east_m_s, abs=0.1)
-
-
 def test_cursor_on_target(tmp_path: Path) -> None:
     """What is written for TAK, and an event of others with a point of no height."""
     events = cot_events(TRACKS, RADAR)
@@ -308,6 +253,26 @@ def test_cursor_on_target(tmp_path: Path) -> None:
     assert np.isnan(read.reports.height_m).all()
     assert read.reports.covariance_m2[0, 0, 0] == 25.0
     assert not read.reports.ended.any()
+
+
+JSON_OF_THE_PAGE = json.dumps(
+    [
+        {"track": 12, "latitude_deg": 40.46, "longitude_deg": -3.72, "velocity_east_m_s": 8.1,
+         "velocity_north_m_s": -3.0, "time_utc": "2026-01-01T12:00:00.5Z", "tentative": True},
+        {"track": "b", "latitude_deg": 40.46, "longitude_deg": -3.72, "height_m": 700,
+         "speed_m_s": 5.0, "course_deg": 90.0, "sigma_east_m": 2.0, "sigma_north_m": 3.0,
+         "ended": True},
+    ]
+).encode()  # fmt: skip
+
+
+def test_json_of_the_page() -> None:
+    one, other = tracks_in(JSON_OF_THE_PAGE, json_content_type("x"), T_NS, None)
+    assert (one.name, one.t_utc_ns, one.tentative) == ("12", 1_767_268_800_500_000_000, True)
+    assert one.velocity_enu_m_s[:2] == (8.1, -3.0)
+    assert (other.name, other.t_utc_ns, other.ended) == ("b", None, True)
+    assert other.velocity_enu_m_s[:2] == pytest.approx((5.0, 0.0), abs=1e-12)
+    assert (*other.covariance_m2[:2], other.covariance_m2[3]) == (4.0, 9.0, 0.0)
 
 
 LINE = (
@@ -349,38 +314,36 @@ def test_lines_and_points_as_others_write_them(
     read = read_tracks(path)
     assert list(read.names) == ["7"]
     assert read.reports.height_m.tolist() == heights
+    assert (read.reports.received_utc_ns == UNKNOWN_NS).all()
     assert read.reports.t_utc_ns[0] == 1_767_268_800 * NS
     assert not read.unreadable
 
 
-def test_sapient_of_others_is_found_without_a_topic(tmp_path: Path) -> None:
+def sapient() -> bytes:
     from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 
     told = SapientMessage(node_id="n")
     told.timestamp.FromNanoseconds(T_NS // 1000 * 1000)
-    told.detection_report.object_id = "one"
+    told.detection_report.object_id = "7"
     place = told.detection_report.location
     place.x, place.y, place.coordinate_system, place.datum = -3.7, 40.5, 1, 1
-    octets = told.SerializeToString()
-    others = message(octets, "other/sapient", SAPIENT)
-    own = message(octets, "plotfeed/radar/sapient", SAPIENT)
-    scene = load(scene_file(tmp_path, scene_text(sensors=radar())))
-    read = read_tracks(written(tmp_path / "x.mcap", [others, own]), scene)
-    assert (read.source, list(read.names)) == ("x.mcap: other/sapient", ["one"])
+    return bytes(told.SerializeToString())
 
 
 ONE = b'{"id": 7, "time": 1767268800, "latitude_deg": 40.45, "longitude_deg": -3.73}'
 
 
-@pytest.mark.parametrize("octets", [ONE, LINE])
-def test_json_of_others_is_found_without_a_topic(tmp_path: Path, octets: bytes) -> None:
-    """It need not name a `track`; what has no place is none."""
-    others = message(octets, "other/json", JSON)
+@pytest.mark.parametrize(("octets", "kind"), [(ONE, JSON), (LINE, JSON), (None, SAPIENT)])
+def test_what_others_publish_is_found_without_a_topic(
+    tmp_path: Path, octets: bytes | None, kind: str
+) -> None:
+    """JSON need not name a `track`; what has no place is none, nor is what our sensors send."""
+    others = message(octets or sapient(), "other/tracks", kind)
     beat = message(b'{"id": "tracker", "state": "well"}', "other/status", JSON)
-    own = message(octets, "plotfeed/radar/json", JSON)
+    own = others._replace(topic="plotfeed/radar/own")
     scene = load(scene_file(tmp_path, scene_text(sensors=radar())))
     read = read_tracks(written(tmp_path / "x.mcap", [beat, others, own]), scene)
-    assert (read.source, list(read.names)) == ("x.mcap: other/json", ["7"])
+    assert (read.source, list(read.names)) == ("x.mcap: other/tracks", ["7"])
 
 
 def test_an_entry_that_cannot_be_read_spoils_no_other(tmp_path: Path) -> None:

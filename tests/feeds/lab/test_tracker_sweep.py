@@ -73,24 +73,6 @@ def test_whatever_trackers_do_is_told_beside_their_scores(file: Path, tmp_path: 
     assert (tmp_path / "all" / "curve.png").stat().st_size > 10_000
 
 
-def test_a_curve_is_gone_on_with(file: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "score"
-    words = ("score", file, "--tracker", tracker("good"), "--vary", "link.latency_ms=0,400")
-    first = plotfeed_here(*words, "--runs", 1, *SHORT, "--folder", folder)
-    assert first.returncode == 0, first.stderr
-    points = json.loads(first.stdout)["points"]
-    assert [point["values"] for point in points] == [
-        {"link.latency_ms": 0}, {"link.latency_ms": 400},
-    ]  # fmt: skip
-    rows = pq.read_table(folder / "scores.parquet").to_pylist()
-    again = plotfeed_here(*words, "--runs", 1, *SHORT, "--folder", folder)
-    assert json.loads(again.stdout)["were_done"] == 2
-    assert str(pq.read_table(folder / "scores.parquet").to_pylist()) == str(rows)
-    other = plotfeed_here(*words, "--runs", 1, "--seed", 7, *SHORT, "--folder", folder)
-    assert other.returncode == 2
-    assert "begun with other --seed" in other.stderr
-
-
 def test_a_level_without_a_drone_in_cover_is_told_and_the_others_go_on(
     file: Path, tmp_path: Path
 ) -> None:
@@ -122,16 +104,21 @@ at_most = 5.0
 """
 
 
-def test_a_profile_holds_its_limits_with_a_tracker(file: Path, tmp_path: Path) -> None:
+def test_a_profile_holds_its_limits_with_a_tracker_and_a_curve_is_gone_on_with(
+    file: Path, tmp_path: Path
+) -> None:
     profile, out, junit = (tmp_path / name for name in ("p.toml", "x.html", "x.xml"))
     profile.write_text(PROFILE)
-    done = plotfeed_here(
+    words = (
         *("score", file, "--tracker", tracker("good"), "--profile", profile, "--runs", 3),
-        *("--vary", "link.latency_ms=0,3000", "--out", out, "--junit", junit),
-        *(*SHORT, "--folder", tmp_path / "score"),
+        *("--vary", "link.latency_ms=0,3000", "--out", out, "--junit", junit, *SHORT),
+        *("--folder", tmp_path / "score"),
     )
+    done = plotfeed_here(*words)
     assert done.returncode == 1, done.stderr
     told = json.loads(done.stdout)
+    values = [point["values"] for point in told["points"]]
+    assert values == [{"link.latency_ms": 0}, {"link.latency_ms": 3000}]
     for point in told["points"]:
         gospa, latency = point["limits"]
         assert (gospa["status"], latency["status"]) == ("failed", "passed")
@@ -143,6 +130,16 @@ def test_a_profile_holds_its_limits_with_a_tracker(file: Path, tmp_path: Path) -
     for part in ("2 of 4 limits kept, 2 failed", "<svg", "GOSPA", "plotfeed 0.", "Words"):
         assert part in page
     assert junit.read_text().count("<failure") == 2
+    out.unlink()
+    junit.unlink()
+    rows = str(pq.read_table(tmp_path / "score" / "scores.parquet").to_pylist())
+    assert json.loads(plotfeed_here(*words).stdout)["were_done"] == 6
+    assert str(pq.read_table(tmp_path / "score" / "scores.parquet").to_pylist()) == rows
+    out.unlink()
+    junit.unlink()
+    other = plotfeed_here(*words, "--seed", 7)
+    assert other.returncode == 2
+    assert "begun with other --seed" in other.stderr
 
 
 def points_of(limit: ScoreLimit, values: np.ndarray, late_s: float = 0.0) -> list[CurvePoint]:

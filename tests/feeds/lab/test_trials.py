@@ -23,33 +23,49 @@ from plotfeed.replay.recorded import Recorded
 FLIGHT = APART["a"]
 
 
+def rows_of(flight: Flight, late_s: float = 0.0, sigma_m: float = 0.0) -> list[str]:
+    """Time and place each second, as wrong as that, by a clock that is late."""
+    rng, rows = np.random.default_rng(1), []
+    for second in range(61):
+        place = SITE.to_geodetic(flight.at(second) + sigma_m * rng.standard_normal(3))
+        latitude_deg, longitude_deg, height_m = map(float, place)
+        time = iso_utc(START_NS + round((second + late_s) * NS))
+        rows.append(f"{time},{latitude_deg:.9f},{longitude_deg:.9f},{height_m:.3f}")
+    return rows
+
+
 def log_of(path: Path, flight: Flight = FLIGHT) -> Path:
     """As a table of a drone's own log."""
-    rows = ["time,latitude,longitude,altitude_ellipsoid_m"]
-    for second in range(61):
-        latitude_deg, longitude_deg, height_m = map(float, SITE.to_geodetic(flight.at(second)))
-        time = iso_utc(START_NS + second * NS)
-        rows.append(f"{time},{latitude_deg:.9f},{longitude_deg:.9f},{height_m:.3f}")
-    path.write_text("\n".join(rows) + "\n")
+    head = "time,latitude,longitude,altitude_ellipsoid_m"
+    path.write_text("\n".join([head, *rows_of(flight)]) + "\n")
     return path
 
 
-def tracks_of(path: Path, late_s: float = 0.0, flight: Flight = FLIGHT, **names: str) -> Path:
-    """A tracker's table, whose clock is late by that."""
-    rng = np.random.default_rng(1)
+def tracks_of(path: Path, late_s: float = 0.0, **flights: Flight) -> Path:
+    """A tracker's table, whose clock is late by that, of flights by its names for them."""
     rows = ["track,time_utc,latitude_deg,longitude_deg,height_m"]
-    for second in range(61):
-        place = flight.at(second) + rng.normal(0, 2.0, 3)
-        latitude_deg, longitude_deg, height_m = map(float, SITE.to_geodetic(place))
-        time = iso_utc(START_NS + round((second + late_s) * NS))
-        rows.append(f"1,{time},{latitude_deg:.9f},{longitude_deg:.9f},{height_m:.3f}")
+    for name, flight in (flights or {"1": FLIGHT}).items():
+        rows += [f"{name},{row}" for row in rows_of(flight, late_s, 2.0)]
     path.write_text("\n".join(rows) + "\n")
     return path
+
+
+def test_logs_are_drones_of_their_own_and_what_is_none_is_refused_in_a_line(tmp_path: Path) -> None:
+    paths = [tmp_path / folder / "uav.csv" for folder in ("one", "two", "three")]
+    for path in paths:
+        path.parent.mkdir()
+        log_of(path)
+    assert read_trial(paths).drones == ["uav", "uav uav", "uav uav uav"]
+    paths[0].write_text("a,b\n1,2\n")
+    with pytest.raises(PlotfeedError) as refused:
+        read_trial(paths)
+    assert "\n" not in str(refused.value)
 
 
 def test_a_log_of_a_drone_is_the_truth_and_the_clock_is_found(tmp_path: Path) -> None:
     turning = Flight((1000.0, 500.0, 100.0), (12.0, -5.0, 0.0))
-    log, tracks = log_of(tmp_path / "uav.csv", turning), tracks_of(tmp_path / "t.csv", 2.6, turning)
+    log = log_of(tmp_path / "uav.csv", turning)
+    tracks = tracks_of(tmp_path / "t.csv", 2.6, mine=turning)
     done = plotfeed_here("score", tracks, "--truth", log, "--json")
     told = json.loads(done.stdout)
     assert [each["drone"] for each in told["drones"]] == ["uav"]
@@ -62,21 +78,13 @@ def test_a_log_of_a_drone_is_the_truth_and_the_clock_is_found(tmp_path: Path) ->
 
 
 def test_tracks_of_another_tracker_are_the_truth_too(tmp_path: Path) -> None:
-    """Its raw ASTERIX 062 beside a table, of two drones, one of which nobody follows."""
-    reference = tmp_path / "reference.csv"
-    rows = ["track,time_utc,latitude_deg,longitude_deg,height_m"]
-    for name, flight in APART.items():
-        rows += tracks_of(tmp_path / "x.csv", 0.0, flight).read_text().splitlines()[1:]
-        rows[-61:] = [f"{name},{row.partition(',')[2]}" for row in rows[-61:]]
-    reference.write_text("\n".join(rows) + "\n")
-    tracks = tracks_of(tmp_path / "t.csv")
-    done = plotfeed_here("score", tracks, "--truth", reference, "--json")
-    told = json.loads(done.stdout)
+    """Of two drones, one of which nobody follows."""
+    reference = tracks_of(tmp_path / "reference.csv", **APART)
+    words = ("score", tracks_of(tmp_path / "t.csv"), "--truth", reference, "--json")
+    told = json.loads(plotfeed_here(*words).stdout)
     assert [each["drone"] for each in told["drones"]] == ["a", "b"]
     assert [each["completeness"] > 0.9 for each in told["drones"]] == [True, False]
-    done = plotfeed_here(
-        "score", tracks, "--truth", reference, "--set", 'leave_out=["b"]', "--json"
-    )
+    done = plotfeed_here(*words, "--set", 'leave_out=["b"]')
     assert json.loads(done.stdout)["figures"]["completeness"] > 0.9
 
 
@@ -125,19 +133,3 @@ def test_of_a_truth_without_heights_nothing_is_told_in_space(tmp_path: Path, suf
     done = plotfeed_here(*words, "--set", "dimensions=3")
     assert done.returncode == 2
     assert "dimensions = 3: the truth tells no heights" in done.stderr
-
-
-def test_logs_of_one_name_are_drones_of_their_own(tmp_path: Path) -> None:
-    paths = [tmp_path / folder / "uav.csv" for folder in ("one", "two", "three")]
-    for path in paths:
-        path.parent.mkdir()
-        log_of(path)
-    assert read_trial(paths).drones == ["uav", "uav uav", "uav uav uav"]
-
-
-def test_what_is_neither_a_log_nor_tracks_is_refused_in_a_line(tmp_path: Path) -> None:
-    path = tmp_path / "x.csv"
-    path.write_text("a,b\n1,2\n")
-    with pytest.raises(PlotfeedError) as refused:
-        read_trial([path])
-    assert "\n" not in str(refused.value)
