@@ -18,7 +18,7 @@ from plotfeed.proto.asterix.codec.decode import decode
 
 ROOT = Path(__file__).parents[1]
 SECONDS = 8.0
-RANDOM = 10
+RANDOM = 40
 # With numbers that a scene has agreed on with its receiver.
 CLASSES = {
     "claims": ["drone", "bird"],

@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 from fuzz.first_seeds import seeds_of
+from fuzz.targets import LIVE
 from support.brokers import free_port
+from support.chaos import DOORS, OVER_TCP, WAYS, beside
 from support.command import plotfeed, running
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S
@@ -114,3 +116,20 @@ def test_what_strangers_send_changes_no_plot(tmp_path: Path) -> None:
     assert attacked.read_bytes() == calm.read_bytes()
     (refused,) = (word for line in out.splitlines()[-1:] for word in line.split("refused ")[1:])
     assert int(refused.split()[0]) > 100
+
+
+SECONDS = 1.5  # tools/soak/chaos.py has ten, for each door alone
+
+
+@pytest.mark.parametrize("ways", [WAYS[:3], WAYS[3:]], ids=" ".join)
+@pytest.mark.asyncio
+async def test_whoever_misbehaves_at_all_doors_changes_no_octet(
+    ways: tuple[str, ...], tmp_path: Path
+) -> None:
+    found = await beside(DOORS, ways, SECONDS, tmp_path)
+    assert (found.differing, found.sectors > 5, found.refused > 0) == (0, True, True)
+
+
+def test_every_kind_of_live_source_is_a_door() -> None:
+    assert {door.partition(" ")[0] for door in DOORS if " " in door} == LIVE.keys()
+    assert {*OVER_TCP} == LIVE.keys() - {"remote-id"}
