@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import json
 import shutil
+import struct
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ def updates() -> list[bytes]:
     return found
 
 
-def sent(octets: list[bytes]) -> list[str]:
+def sent(octets: Sequence[bytes]) -> list[str]:
     return [base64.b64encode(each).decode() for each in octets]
 
 
@@ -103,8 +104,13 @@ def test_frames_are_read_as_they_were_written(node: Node, updates: list[bytes]) 
     assert seen >= LAYOUTS.keys() - {SectionKind.LOST_PLOTS}
 
 
-def test_what_was_to_be_seen_at_any_time_is_shown_again(node: Node, updates: list[bytes]) -> None:
-    """Looked back at in any order, though the oldest is forgotten; a leap back forgets all."""
+def test_what_was_to_be_seen_at_any_time_is_shown_again(
+    node: Node, updates: Sequence[bytes]
+) -> None:
+    """Of two minutes, in any order; a leap back forgets all."""
+    updates = [bytearray(each) for each in updates]
+    for number, octets in enumerate(updates):  # three seconds apart
+        struct.pack_into("<d", octets, 16, read_frame(octets).now_ms + 2900.0 * number)
     found = node(
         f"""{READ} const [{{ FrameReader }}, {{ Past }}, {{ Picture }}] =
           await Promise.all(["frames", "past", "picture"].map((name) => import(`./${{name}}.js`)));
@@ -136,6 +142,17 @@ def test_what_was_to_be_seen_at_any_time_is_shown_again(node: Node, updates: lis
     assert found["oldest"]
     assert found["kept"] == [first_ms, last_ms]
     assert found["after"] == [first_ms, first_ms]
+
+
+def test_what_is_true_of_plots_is_of_those_with_the_same_numbers(node: Node) -> None:
+    found = node(
+        """const { Plots } = await import("./picture.js"), plots = new Plots();
+        const columns = { t_utc_ms: [0, 1, 2], latency_ms: [0, 0, 0], sensor: [0, 0, 0] };
+        plots.add({ ...columns, flags: [0, 0, 0] }, 3, 1000);
+        plots.addTruths({ drone: [7, -1], merged: [0, 2], true_east_m: [5, 6] }, 2, 1001);
+        return ["drone", "merged", "true_east_m"].map((name) => [...plots[name].slice(0, 3)]);"""
+    )
+    assert found == [[-2, 7, -1], [0, 0, 2], [None, 5, 6]]
 
 
 def test_a_track_is_silent_once_it_is_late_by_its_own_measure_and_soon_heard_again(

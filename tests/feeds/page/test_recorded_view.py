@@ -217,6 +217,9 @@ async def test_looks_and_fates_are_counted_as_the_ledger_has_them(session: Path)
     sent = [one for entry in entries for one in entry.messages]
     assert shown.news["totals"]["lost"] == sum(one.fate == pb.LOST for one in sent) > 0
     assert shown.news["totals"]["messages"] == sum(one.delivered for one in sent)
+    assert shown.news["totals"]["looks"] == sum(len(entry.looks) for entry in entries)
+    false = [plot for entry in entries for plot in entry.plots if not plot.drone]
+    assert shown.news["totals"]["false_alarms"] == len(false) > 0
 
 
 @pytest.mark.parametrize(("second", "latency_ms"), [(5.0, 300), (16.5, 700)])

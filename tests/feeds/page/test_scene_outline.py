@@ -33,6 +33,8 @@ def test_geojson_becomes_metres_from_the_site(tmp_path: Path) -> None:
         "points": 3,
     }
     np.testing.assert_allclose(shapes["lines"][0], [0, 0, 1000, 2000], atol=0.2)
+    for area in shapes["areas"]:
+        np.testing.assert_allclose(area, [0, 0, 500, 0, 500, 500, 0, 0], atol=0.2)
     assert shapes["points"][0][2] == "Tower"
     np.testing.assert_allclose(shapes["points"][0][:2], [-700, 300], atol=0.2)
 

@@ -107,20 +107,19 @@ def test_plots_lie_where_the_sensor_measured_them_on_the_curved_earth() -> None:
     scene = testing.scene([testing.radar(), far], seed=1)
     view = View()
     view.scene(scene)
-    found = plots(50, range_m=np.linspace(100, 19_000, 50), elevation_deg=np.linspace(-5, 70, 50))
-    view.settled(report(found, "far"), [sent("plotfeed/far/plots")])
+    place = {"azimuth_deg": np.linspace(10.0, 80.0, 50), "elevation_deg": np.linspace(-5, 70, 50)}
+    place["range_m"] = np.linspace(100, 19_000, 50)
+    true = {f"true_{name}": column + 0.5 for name, column in place.items()}
+    view.settled(report(plots(50, **place, **true), "far"), [sent("plotfeed/far/plots")])
     frame = updated(view)
-    measured = aer_to_enu(found.azimuth_deg, found.elevation_deg, found.range_m)
     there = frame_at(scene.scene.site, scene.sensor[1].position_enu_m)
-    expected = testing.SITE.from_ecef(there.to_ecef(measured))
-    for name, values in {
-        "east_m": expected[:, 0],
-        "north_m": expected[:, 1],
-        "sensor": 1,
-        "snr_db": 20.0,
-        "latency_ms": 1250.0,
-    }.items():
-        np.testing.assert_allclose(frame.column(SectionKind.PLOTS, name), values, atol=5e-3)
+    for kind, mark, off in ((SectionKind.PLOTS, "", 0.0), (SectionKind.PLOT_TRUTHS, "true_", 0.5)):
+        local_m = aer_to_enu(*(place[name] + off for name in place))
+        expected = testing.SITE.from_ecef(there.to_ecef(local_m))
+        for name, values in (("east_m", expected[:, 0]), ("north_m", expected[:, 1])):
+            np.testing.assert_allclose(frame.column(kind, mark + name), values, atol=5e-3)
+    for name, value in {"sensor": 1, "snr_db": 20.0, "latency_ms": 1250.0}.items():
+        np.testing.assert_allclose(frame.column(SectionKind.PLOTS, name), value, atol=5e-3)
 
 
 @pytest.mark.parametrize(
