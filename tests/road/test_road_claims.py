@@ -397,7 +397,7 @@ def noisy() -> Feed:
             telemetry=DATUM,
             cooperative={"accuracy_m": 4.0, "period_s": 0.25},
         ),
-        500.0,
+        300.0,
     )
 
 

@@ -21,7 +21,7 @@ EVERY_SENSOR = pytest.mark.parametrize("sensor", ["staring", "turning"])
 @cache
 def road(flight: GivenFlight) -> Feed:
     parsed = flight.scene(*SENSORS, seed=101, drone=[flight.as_drone()])
-    return fly(parsed, min(flight.flight.duration_s, 250.0))
+    return fly(parsed, min(flight.flight.duration_s, 125.0))
 
 
 def detections(flight: GivenFlight, sensor: str) -> FeedTable:
@@ -38,7 +38,7 @@ def detections(flight: GivenFlight, sensor: str) -> FeedTable:
 def test_the_ledger_has_the_recorded_path(flight: GivenFlight, sensor: str) -> None:
     """To a millimetre, at the time that each plot bears."""
     plots = detections(flight, sensor)
-    assert len(plots) > 450
+    assert len(plots) > 225
     true = aer_to_enu(plots.true_azimuth_deg, plots.true_elevation_deg, plots.true_range_m)
     path = flight.path((plots.time_utc_ns - START_NS) / NS)
     assert np.linalg.norm(true - path, axis=1).max() < 1e-3

@@ -32,7 +32,7 @@ from plotfeed.testing import (
     waypoint,
 )
 
-SCANS = {"quick": rotating(1.0, 32), "odd": rotating(0.7, 7), "slow, few sectors": rotating(4.0, 4)}
+SCANS = {"quick": rotating(1.0, 32), "odd": rotating(0.7, 7)}
 TURNS = 60
 EVERY_SCAN = pytest.mark.parametrize("name", SCANS)
 
@@ -149,7 +149,7 @@ def test_service_messages_tell_of_every_sector_and_of_north_once_a_turn(name: st
     assert len(expected) - len(seen) <= 2
 
 
-@pytest.mark.parametrize("sectors", [4, 39, 78, 156, 161, 169, 175, 256])
+@pytest.mark.parametrize("sectors", [39, 161, 256])
 def test_the_last_of_any_number_of_sectors_ends_at_north(sectors: int) -> None:
     """Of most of these numbers, so many times their part of 360 is not 360 in floating point."""
     sensor = radar(scan=rotating(1.0, sectors))
@@ -165,7 +165,7 @@ def straight(period_s: float) -> tuple[FeedTable, Array]:
     ends = [waypoint(80.0, 3.0, 600.0), waypoint(117.0, 3.0, 600.0)]
     sensor = radar(scan=rotating(period_s, 8))
     drone = flown("d", *ends, speed_m_s=30.0)
-    plots = fly(scene([sensor], [drone], seed=63), 520 * period_s).plots()
+    plots = fly(scene([sensor], [drone], seed=63), 320 * period_s).plots()
     places = np.array(
         [geodetic_to_ecef(e["latitude_deg"], e["longitude_deg"], e["height_m"]) for e in ends]
     )
@@ -211,8 +211,8 @@ def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:
     station = Station(parsed, parsed.sensor[0], trajectories)
     sector = station.sector_at(START_NS)
     looked: list[tuple[int, int]] = []
-    azimuths_deg = rng.uniform(0, 360, 30)
-    for step in range(32 * 40):
+    azimuths_deg = rng.uniform(0, 360, 15)
+    for step in range(32 * 20):
         for i, azimuth_deg in enumerate(azimuths_deg):
             if (step + i) % 4 == 0:
                 place = waypoint(azimuth_deg + rng.normal(0, 1), 5.0, 500.0)
@@ -231,5 +231,5 @@ def test_telemetry_that_comes_late_costs_no_look_and_gives_none_twice() -> None:
         sector = station.next_sector(sector)
     for i in range(len(azimuths_deg)):
         steps = [step for drone, step in looked if drone == i]
-        assert len(steps) >= 39
+        assert len(steps) >= 19
         assert set(np.diff(steps)) <= {31, 32, 33}

@@ -89,23 +89,19 @@ def test_errors_change_neither_what_is_true_nor_the_odds(kind: str) -> None:
 def test_drift_is_gauss_markov_and_the_same_for_all_drones_of_a_scan(kind: str) -> None:
     constant_s, sigma = 8.0, {"active": 0.5, "passive": 4.0, "rf": 20.0}[kind]
     drift = {"sigma_azimuth_deg": sigma, "sigma_range_m": 300.0, "time_constant_s": constant_s}
-    series: list[Array] = []
-    for seed in range(3):
-        sensor = SENSORS[kind] | {"drift": drift}
-        flight = fly(scene([sensor], drones(kind)[:6], seed=820 + seed), 500)
-        plots, truths = measured(flight)
-        off = wrap_180(column(plots, "azimuth_deg") - column(truths, "azimuth_deg"))
-        scans = np.array([truth.time_utc_ns // NS for truth in truths])
-        each = np.bincount(scans - scans.min())
-        mean = np.bincount(scans - scans.min(), off) / np.maximum(each, 1)
-        noise = off - mean[scans - scans.min()]
-        assert np.abs(noise).mean() < 0.2 * sigma
-        series.append(mean[each > 0][1:] / sigma)
+    sensor = SENSORS[kind] | {"drift": drift}
+    plots, truths = measured(fly(scene([sensor], drones(kind)[:3], seed=820), 1100))
+    off = wrap_180(column(plots, "azimuth_deg") - column(truths, "azimuth_deg"))
+    scans = np.array([truth.time_utc_ns // NS for truth in truths])
+    each = np.bincount(scans - scans.min())
+    mean = np.bincount(scans - scans.min(), off) / np.maximum(each, 1)
+    noise = off - mean[scans - scans.min()]
+    assert np.abs(noise).mean() < 0.2 * sigma
+    series = mean[each > 0][1:] / sigma
     kept = np.exp(-1 / constant_s)
-    new = [(x[1:] - kept * x[:-1]) / np.sqrt(1 - kept**2) for x in series]
-    assert_standard_normal(np.concatenate(new), "what is new")
-    before = np.concatenate([x[:-1] for x in series])
-    assert_uncorrelated(np.concatenate(new), before, "with what was")
+    new = (series[1:] - kept * series[:-1]) / np.sqrt(1 - kept**2)
+    assert_standard_normal(new, "what is new")
+    assert_uncorrelated(new, series[:-1], "with what was")
 
 
 def positions(flight: Feed) -> FeedTable:

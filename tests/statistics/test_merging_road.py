@@ -48,11 +48,16 @@ def pairs(
     ]
 
 
-@pytest.mark.parametrize("scan", [None, rotating(1.0, 8)], ids=["staring", "rotating"])
 @pytest.mark.parametrize(
-    "apart",
-    [{"range_m": 10.0}, {"azimuth_deg": 1.5}, {"elevation_deg": 7.0}, {}],
-    ids=["range", "azimuth", "elevation", "in one place"],
+    ("apart", "scan"),
+    [
+        ({"range_m": 10.0}, None),
+        ({"azimuth_deg": 1.5}, None),
+        ({"elevation_deg": 7.0}, None),
+        ({}, None),
+        ({"azimuth_deg": 1.5}, rotating(1.0, 8)),
+    ],
+    ids=["range", "azimuth", "elevation", "in one place", "azimuth, rotating"],
 )
 def test_pairs_merge_as_often_as_their_distance_says(
     apart: dict[str, float], scan: dict[str, Any] | None

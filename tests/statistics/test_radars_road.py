@@ -119,7 +119,7 @@ def measured_and_true_excess_m(
     return plots.bistatic_range_m, there_m + plots.true_range_m - np.linalg.norm(at_enu_m)
 
 
-@pytest.mark.parametrize("range_m", [1000.0, 3000.0, 5000.0])
+@pytest.mark.parametrize("range_m", [1000.0, 5000.0])
 def test_places_scatter_about_the_biased_place_as_their_covariance_states(range_m: float) -> None:
     """2 degrees up; whitened deviations from the noise-free flat solution are chi-square of 2."""
     plots = at_range(approach().plots("passive"), range_m)

@@ -51,7 +51,7 @@ def scattered() -> Feed:
     rng = np.random.default_rng(2)
     drones = [
         held(f"d{i}", rng.uniform(0, 360), rng.uniform(5, 40), rng.uniform(2000, 4000), rcs_m2=1.0)
-        for i in range(3000)
+        for i in range(1500)
     ]
     datum = {"telemetry": {"geoid_undulation_m": UNDULATION_M}}
     return fly(scene([FINE, COARSE], drones, seed=22, **datum), 1)
@@ -61,7 +61,7 @@ def scattered() -> Feed:
 def test_rms_of_category_048_is_that_of_the_sensor_and_of_half_an_lsb(sensor: str) -> None:
     """Variances add: sigma squared and LSB squared over 12."""
     plots = detections(scattered().plots(sensor))
-    assert len(plots) > 2700
+    assert len(plots) > 1350
     for of, error, sigma, lsb in (
         ("RHO", plots.rho_nm * 1852 - plots.true_range_m, plots.sigma_range_m, RHO_LSB_M),
         (
@@ -80,13 +80,13 @@ def test_rms_of_category_048_is_that_of_the_sensor_and_of_half_an_lsb(sensor: st
 
 def test_category_015_states_errors_with_their_rounding_and_none_as_zero() -> None:
     """By an echo of 90 dB, whose own errors are far below an LSB of 0.1 m and of 0.0055 degrees."""
-    places = [(0.117 * i, 5.0 + 0.0071 * i, 400.0 + 0.737 * i) for i in range(3000)]
+    places = [(0.234 * i, 5.0 + 0.0142 * i, 400.0 + 1.474 * i) for i in range(1500)]
     drones = [held(f"d{i}", *place, rcs_m2=10.0) for i, place in enumerate(places)]
     sensor = FINE | {"id": "radar", "report": ["asterix-015", "plots"]}
     flight = fly(scene([sensor], drones, seed=25), 1)
     plots = detections(flight.plots())
     records = [r for block in flight.payloads("radar/asterix/015") for r in decode(block)]
-    assert len(plots) == len(records) > 2900
+    assert len(plots) == len(records) > 1450
     for path, stated_path, of, lsb in (
         ("I015/625/R", "I015/625/SDR", "range_m", 0.1),
         ("I015/627/AZ", "I015/627/SDASZ", "azimuth_deg", 360 / 2**16),

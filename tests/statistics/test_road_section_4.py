@@ -12,7 +12,7 @@ from plotfeed.feeds.scene.drones import Drone
 from plotfeed.feeds.scene.scene import example
 from plotfeed.testing import SITE, Feed, fly, held
 
-TURNS = 50
+TURNS = 20
 DRONES = 200
 
 
