@@ -13,13 +13,15 @@ from support.scene_files import radar, scene_text
 
 from plotfeed import Engine, Observer, PlotfeedError, Scene, load, run
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.messages.message import HELD_NS, Message
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example, parsed
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.chance import Chance, Purpose
 from plotfeed.proto.utc import NS, iso_utc
-from plotfeed.testing import START_NS
+from plotfeed.testing import START_NS, staring
+from plotfeed.testing import radar as radar_of
+from plotfeed.testing import scene as built
 
 ROOT = Path(__file__).parents[3]
 DURATION_S = 8
@@ -184,3 +186,18 @@ def test_a_scene_that_is_not_there_is_a_plotfeed_error() -> None:
     with pytest.raises(PlotfeedError, match="no shipped scene 'nowhere'"):
         Engine("nowhere", START_NS)
     assert isinstance(load(OWN[0]), Scene)
+
+
+def test_what_a_link_holds_is_let_go_when_its_script_says_whenever_the_next_sector_is() -> None:
+    """A scan takes 5 s; the link is down from a second before the first one ends to one after."""
+    down = {"from_s": 4.0, "to_s": 6.0, "set": {"link": {"down": True}}}
+    sensor = radar_of(scan=staring(5.0), link={"on_loss": "stall"}, event=[down])
+    engine = Engine(built([sensor], seed=1), START_NS)
+    (held,) = [one for batch in engine.until(START_NS + 5 * NS) for one in batch.messages[0]][:1]
+    assert held.leaves_utc_ns == HELD_NS
+    assert engine.take_let_go() == []
+    assert list(engine.until(START_NS + 7 * NS)) == []
+    let_go = engine.take_let_go()
+    assert {(i, at_ns) for i, at_ns, _ in let_go} == {(0, START_NS + 6 * NS)}
+    assert held in [one for _, _, one in let_go]
+    assert held.leaves_utc_ns == START_NS + 6 * NS
