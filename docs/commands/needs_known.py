@@ -34,10 +34,9 @@ def pd_by_hand(power_w: float, loss_db: float = 0.0) -> float:
     return (1 + multiplier / (1 + snr)) ** -REFERENCES
 
 
-def drones(**keys: Any) -> list[dict[str, Any]]:
+def drones(n: int = DRONES, **keys: Any) -> list[dict[str, Any]]:
     """Drones that stand about the site, each in another direction."""
-    turn = 360.0 / DRONES
-    return [held(f"d{i}", turn * i, 3.0, RANGE_M, rcs_m2=RCS_M2, **keys) for i in range(DRONES)]
+    return [held(f"d{i}", 360.0 / n * i, 3.0, RANGE_M, rcs_m2=RCS_M2, **keys) for i in range(n)]
 
 
 def seen_by_radar(power_w: float, folder: Path, keys: Any = None, **tables: Any) -> Scene:
@@ -80,7 +79,7 @@ def hardly_deaf(_folder: Path) -> Scene:
         "degradation": {"pd_factor": 0.99},
     }  # fmt: skip
     emitter = {"frequency_hz": 2.44e9, "bandwidth_hz": 1e6, "eirp_dbm": 20.0}
-    return scene([sensor], drones(emitters=[emitter]), seed=1)
+    return scene([sensor], drones(3 * DRONES, emitters=[emitter]), seed=1)
 
 
 class Known(NamedTuple):

@@ -85,18 +85,21 @@ def main() -> None:
     keep_freed()
     with TemporaryDirectory() as folder:
         write_scenes(sys.argv[1:] or list(summaries()), Path(folder))
-        if sys.argv[1:]:
-            return
-        chart = found_of(CHARTED, ChartSettings(), Path(folder), choices=True)
+        if not sys.argv[1:]:
+            write_chart(Path(folder))
+
+
+def write_chart(folder: Path) -> None:
+    """Measure the choices of a scene; draw them, and write their rows."""
+    chart = found_of(CHARTED, ChartSettings(), folder, choices=True)
     draw(chart, DOCS / "speed-accuracy.png", on_tracks=False)
-    cheapest = sorted(chart.findings, key=lambda f: f.cost[0])
     heads = ("the scene", "what changes most", "processor time", "octets")
     head = (
         f"A second of the scene as it is takes {1e3 * chart.cost_s:.3g} ms of processor; "
         f"{chart.runs} runs of {chart.duration_s:g} s. Pd by counting plots has a standard error "
         f"of {chart.counted_error:.1%} after one run. {machine()}."
     )
-    lines = table(heads, rows_of(cheapest))
+    lines = table(heads, rows_of(sorted(chart.findings, key=lambda f: f.cost[0])))
     between(DOCS / "speed-accuracy.md", "charted", f"{head}\n\n" + "\n".join(lines))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.command import plotfeed_here
-from support.doc_commands import doc_command
+from support.doc_commands import DOCS, doc_command
 
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.lab.needs import (
@@ -25,6 +26,7 @@ from plotfeed.feeds.lab.needs import (
     rewritten,
     variants_of,
 )
+from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import Scene, example, from_tree, load, parsed
 from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.proto.errors import PlotfeedError
@@ -86,6 +88,13 @@ def test_what_is_known_by_hand_is_told_right(known: Any) -> None:
         assert {(each.low, each.high) for each in told} == {(0.0, 0.0)}
 
 
+def test_the_page_says_that_it_is_told_right_in_95_of_100() -> None:
+    page = (DOCS / "needs.md").read_text()
+    rates = [int(n) for n in re.findall(r"\| (\d+) of 100 \|", page)]
+    assert len(rates) == len(KNOWN["KNOWN"])
+    assert min(rates) >= 95
+
+
 def test_both_sides_draw_the_same_numbers() -> None:
     """Else the variance of a difference would be twice that of one side, not a tenth of it."""
     scene = scene_with(power_w=5.0, degradation={"pd_factor": 0.95})
@@ -104,9 +113,10 @@ def test_a_link_delays_and_loses_what_it_says() -> None:
     run = run_of(scene_with(link=link), duration_s=200.0)
     assert figure(run, "delay_s") == pytest.approx(0.12, abs=1e-6)
     assert figure(run, "lost") == pytest.approx(0.3, abs=4 * np.sqrt(0.3 * 0.7 / 200))
-    down = run_of(scene_with(link={"down": True}))
-    assert figure(down, "lost") == 1.0
-    assert np.isnan(figure(down, "delay_s"))
+    for on_loss in ("drop", "stall"):  # what a link holds is not there
+        down = run_of(scene_with(link={"down": True, "on_loss": on_loss}))
+        assert figure(down, "lost") == 1.0
+        assert np.isnan(figure(down, "delay_s"))
 
 
 def test_pd_of_looks_is_that_which_plots_are_counted_by() -> None:
@@ -157,7 +167,7 @@ def test_a_format_that_is_coarse_shows_its_steps() -> None:
 
 
 def test_the_front_is_what_nothing_beats() -> None:
-    costs, sizes = np.array([3.0, 1.0, 2.0, 2.0]), np.array([0.0, 5.0, 4.0, 6.0])
+    costs, sizes = np.array([3.0, 1.0, 2.0, 2.0, 4.0]), np.array([0.0, 5.0, 4.0, 6.0, 0.0])
     assert on_front(costs, sizes).tolist() == [1, 2, 0]
 
 
@@ -179,6 +189,17 @@ def test_a_lean_scene_loads_and_has_lost_what_can_go(name: str) -> None:
                 assert f"without {effect}" in left
             elif any(effect in sensor for sensor in written):  # and not in a preset
                 assert each.name not in left
+
+
+@pytest.mark.parametrize("name", summaries())
+def test_a_shipped_scene_is_lean_or_says_why_not(name: str) -> None:
+    """Whatever could go by the table of docs/needs.md: effects, and sensors that are spared."""
+    (row,) = re.findall(rf"^\| {name} \| (.*) \|$", (DOCS / "needs.md").read_text(), re.MULTILINE)
+    _, goes, _, _, _, spared, _ = row.split(" | ")
+    said = re.search(r"# plotfeed needs: ((?:.*\n#? ?(?=\S))*.*)", example(name).text)
+    why = said[1] if said else ""
+    unsaid = [each for each in re.findall(r"`([^`]+)`", goes + spared) if each not in why]
+    assert unsaid == []
 
 
 def test_runs_that_end_before_the_first_scan_decide_nothing() -> None:
