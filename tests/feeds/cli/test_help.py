@@ -116,7 +116,7 @@ ENDS = {
             "needs here.toml --runs 4 --duration 10 --lean lean.toml",
             "chart here.toml --runs 4 --duration 10 --chart choices.png",
         ),
-        "--runs 2 --duration 2",
+        "--runs 2 --duration 0.5",
     ),
     "show mqtt://127.0.0.1:1883/plotfeed/#": "--count 3",
     "record mqtt://127.0.0.1:1883/plotfeed/# heard.mcap": "--count 3",
