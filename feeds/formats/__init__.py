@@ -177,6 +177,7 @@ class AsterixFormat(ABC):
         self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
         # As encoders know the sensors, by their index in the scene.
         self._numbers = numbers_of(sensors)
+        self._addresses: dict[int, dict[int, Address]] = {}  # By category, of each sensor
 
     @abstractmethod
     def blocks(self, batch: Batch) -> list[Blocks]:
@@ -195,9 +196,14 @@ class AsterixFormat(ABC):
         made: list[list[Message]] = [[] for _ in range(len(batch))]
         sectors = list(zip(made, batch.sectors.sensor.tolist(), batch.stamps, strict=True))
         for category, blocks in found:
+            if category not in self._addresses:
+                self._addresses[category] = {
+                    i: topics.of_category(category) for i, topics in self._topics.items()
+                }
+            addresses = self._addresses[category]
             for (messages, sensor, stamp), some in zip(sectors, blocks, strict=True):
                 if some:
-                    address = self._topics[sensor].of_category(category)
+                    address = addresses[sensor]
                     for index, block in enumerate(some):
                         messages.append(SectorMessage(address, block, stamp, index))
         return made
