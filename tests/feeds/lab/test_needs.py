@@ -96,8 +96,8 @@ def test_the_page_says_that_it_is_told_right_in_95_of_100() -> None:
 
 
 def test_both_sides_draw_the_same_numbers() -> None:
-    """Else the variance of a difference would be twice that of one side, not a tenth of it."""
-    scene = scene_with(power_w=5.0, degradation={"pd_factor": 0.95})
+    """Else the variance of a difference would be twice that of one side, not a fifth of it."""
+    scene = scene_with(power_w=4.0, degradation={"pd_factor": 0.95})
     (variant,) = only(scene, "without degradation")
     seeds = range(1, 17)
     one, other = (
