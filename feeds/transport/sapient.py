@@ -383,42 +383,25 @@ class SapientTcpTransport(ImmediateTransport):
                 self._report()
             self._answered.set()
         elif heard.what == "refused":
-            self._refused(heard)
+            self.counters.count("refusals")
+            self._is_refused, self.counters.reporting = True, False
+            what = f"{self.address} refused the registration"
+            self._tell_some(what, self.counters.refusals, heard)
             self._answered.set()
         elif heard.what == "error":
-            self._complained(heard)
+            self.counters.count("errors")
+            number = self.counters.totals.sapient_errors  # of all sensors in the session
+            self._tell_some("the middleware complains", number, heard)
         elif heard.what == "task" and self._on_task is not None:
             self._on_task(payload, CONTENT_TYPE)
 
-    def _refused(self, heard: Heard) -> None:
-        self.counters.count("refusals")
-        self._is_refused, self.counters.reporting = True, False
-        if _is_told(self.counters.refusals):
-            so_far = _so_far(self.counters.refusals)
-            self._tell(f"{self.address} refused the registration{so_far}{_said(heard)}")
-
-    def _complained(self, heard: Heard) -> None:
-        """Count it, and tell of some, by their number in the session."""
-        self.counters.count("errors")
-        number = self.counters.totals.sapient_errors
-        if _is_told(number):
-            so_far = _so_far(number)
-            self._tell(f"the middleware complains{so_far}{_said(heard)}")
+    def _tell_some(self, what: str, number: int, heard: Heard) -> None:
+        """Tell of the first, the tenth, the hundredth of a kind, and why as far as a line goes."""
+        if str(number).rstrip("0") != "1":
+            return
+        so_far = f" ({number} times so far)" if number > 1 else ""
+        text = " ".join("; ".join(reason[:MAX_SAID] for reason in heard.reasons).split())
+        self._tell(f"{what}{so_far}" + (f": {printable(text)[:MAX_SAID]}" if text else ""))
 
     def _tell(self, what: str, level: int = logging.WARNING) -> None:
         self._news.tell(self.name, what, level)
-
-
-def _is_told(number: int) -> bool:
-    """Whether the so-manieth of a kind is worth a line: the first, the tenth, the hundredth."""
-    return str(number).rstrip("0") == "1"
-
-
-def _so_far(number: int) -> str:
-    return f" ({number} times so far)" if number > 1 else ""
-
-
-def _said(heard: Heard) -> str:
-    """Reasons of an answer in a line, as far as a line goes."""
-    text = " ".join("; ".join(reason[:MAX_SAID] for reason in heard.reasons).split())
-    return f": {printable(text)[:MAX_SAID]}" if text else ""
