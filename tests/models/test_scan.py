@@ -42,6 +42,7 @@ from plotfeed.models.cueing import (
     after_dwell,
     after_plots,
     at_rest,
+    away_deg,
     from_mount,
     moved,
     slew_s,
@@ -557,6 +558,7 @@ def test_a_track_learns_its_velocity_and_forgets_what_it_misses() -> None:
     missed = tracks.updated(np.array([False]), np.zeros((1, 3)), later, later)
     assert missed.misses.tolist() == [1]
     np.testing.assert_array_equal(missed.place_m, tracks.place_m)
+    assert missed.updated(np.array([True]), np.zeros((1, 3)), later, later).misses.tolist() == [0]
 
 
 # What a mount decides by cues: whom it follows, who is next, and when it goes home.
@@ -680,6 +682,19 @@ def test_a_turn_from_rest_takes_the_closed_form(turn_deg: float) -> None:
     assert (there.pan_deg, there.pan_rate_deg_s) == pytest.approx((turn_deg, 0.0))
     before = later(RESTING, aim(turn_deg), expected_s / 2)
     assert before.pan_deg == pytest.approx(turn_deg / 2)
+
+
+def test_an_axis_that_turns_away_stops_first_and_comes_back() -> None:
+    """15 degrees and half a second to stop from 60 degrees a second; then 16 degrees back."""
+    away = replace(RESTING, pan_rate_deg_s=-RATE)
+    assert slew_s(away, aim(1.0), MOUNT) == pytest.approx(0.5 + 2 * np.sqrt(16.0 / ACCELERATION))
+    assert later(away, aim(1.0), 0.5).pan_deg == pytest.approx(345.0)
+
+
+def test_turns_of_a_mount_that_looks_up_are_shorter_across_its_line_of_sight() -> None:
+    np.testing.assert_allclose(
+        away_deg(aim(tilt_deg=60.0), replace(batch(10.0, -10.0), tilt_deg=np.full(2, 60.0))), 5.0
+    )
 
 
 def test_a_turn_goes_the_shorter_way_round() -> None:
