@@ -152,9 +152,18 @@ def test_what_is_no_recording_or_has_no_ledger_is_said(tmp_path: Path) -> None:
         FeedReport(other, "claimed")
 
 
-# Scenes that together have every kind of sensor, mount and link, and those with planted faults; the
-# command judges all of them.
-JUDGED = {"airport", "city", "coast", "feed-faults", "field-day", "perimeter", "section-4"}
+# Scenes that together have every kind of sensor, mount and link, drones that report themselves, and
+# those with planted faults; the command judges all of them.
+JUDGED = {
+    "airport",
+    "city",
+    "coast",
+    "feed-faults",
+    "field-day",
+    "perimeter",
+    "section-4",
+    "delivery",
+}
 
 
 def test_right_feeds_of_every_scene_pass_live_and_recorded_and_planted_faults_are_named() -> None:
