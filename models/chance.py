@@ -157,6 +157,21 @@ class ScanDraws:
             table.scan_of[sensor, scan % slots] = scan
 
 
+# What the tables of looks are told apart by, besides their numbers.
+
+
+def _uniform(rng: Generator, shape: tuple[int, ...], *_: slice) -> Floats:
+    return rng.random(shape)
+
+
+def _normal(rng: Generator, shape: tuple[int, ...], *_: slice) -> Floats:
+    return rng.standard_normal(shape)
+
+
+def _exponential(rng: Generator, shape: tuple[int, ...], *_: slice) -> Floats:
+    return rng.standard_exponential(shape)
+
+
 class _StandIn(ABC):
     """Stand-in for a generator where sizes end in the number of looks, (..., n)."""
 
@@ -166,15 +181,15 @@ class _StandIn(ABC):
 
     def random(self, size: int | tuple[int, ...]) -> Floats:
         """Uniform in [0, 1)."""
-        return self._take(size, lambda rng, shape, *_: rng.random(shape))
+        return self._take(size, _uniform)
 
     def standard_normal(self, size: int | tuple[int, ...]) -> Floats:
         """Normal, of mean 0 and variance 1."""
-        return self._take(size, lambda rng, shape, *_: rng.standard_normal(shape))
+        return self._take(size, _normal)
 
     def standard_exponential(self, size: int | tuple[int, ...]) -> Floats:
         """Exponential, of mean 1."""
-        return self._take(size, lambda rng, shape, *_: rng.standard_exponential(shape))
+        return self._take(size, _exponential)
 
 
 class DrawsByDrone(_StandIn):
@@ -201,7 +216,7 @@ class DrawsByDrone(_StandIn):
 
     def _take(self, size: Any, draw: Draw, *law: float) -> Floats:
         inner = size[:-1] if isinstance(size, tuple) else ()
-        key = (next(self._tables), inner, *law)
+        key = (next(self._tables), inner, *(law or (draw,)))
         if not len(self._drone):
             return np.empty((*inner, 0))
         taken = self._draws.taken(key, self._sensor, self._scan, self._drone, draw)
