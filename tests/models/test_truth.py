@@ -461,6 +461,29 @@ def test_a_flight_is_as_if_it_had_been_told_live() -> None:
     assert live.spans_ns.tolist() == flight.spans_ns.tolist()
 
 
+def test_no_velocity_is_fitted_over_the_start_of_another_flight() -> None:
+    t_ns = T0 + np.arange(12) * NS
+    latitude_deg = 40.0 + 1e-4 * np.arange(12) + 0.01 * (np.arange(12) >= 6)
+
+    def velocities(first: int, *starts: int) -> Any:
+        flight, n = trajectories(), 12 - first
+        flight.add_flight(
+            "a",
+            t_ns[first:],
+            latitude_deg=latitude_deg[first:],
+            longitude_deg=np.full(n, 10.0),
+            height_m=np.full(n, 100.0),
+            velocity_enu_m_s=np.full((n, 3), np.nan),
+            sigma_m=np.full(n, 2.0),
+            signature=SIGNATURE,
+            starts=starts,
+        )
+        return np.array([flight.state_at(t).velocity_ecef_m_s for t in t_ns[6:].tolist()])
+
+    np.testing.assert_array_equal(velocities(0, 0, 6), velocities(6, 0))
+    assert (np.abs(velocities(0, 0) - velocities(6, 0)).max(axis=(1, 2)) > 1.0).any()
+
+
 # Drones that are forgotten: those that stay are as they were; nothing of the others is held.
 
 

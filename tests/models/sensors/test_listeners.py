@@ -17,7 +17,7 @@ from support.targets import targets_at
 
 from plotfeed.models import propagation
 from plotfeed.models.beam import AzimuthCover
-from plotfeed.models.effects.readings import own_axes
+from plotfeed.models.effects.readings import Readings, own_axes
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.numerics import root
 from plotfeed.models.propagation import C_M_S
@@ -304,6 +304,16 @@ def test_without_noise_the_truth_is_reported_and_with_it_the_mean_is_told() -> N
         third_order = 2 * (20.0 / 100.0) ** 3 * np.std(values)
         error = 4 * np.std(values) / np.sqrt(n)
         assert abs(values.mean() - mean[0]) < error + third_order
+
+
+def test_what_a_range_gate_reads_wrongly_does_not_scale_its_noise() -> None:
+    places = aer_to_enu(np.array([0.0, 123.0, 359.0]), np.array([-5.0, 0.0, 70.0]), 400.0)
+    gate, right = RangeGate(range_max_m=1000.0, sigma_m=3.0), targets_at(places)
+    wrong = replace(right, readings=Readings(range_scale=0.1, range_offset_m=5.0))
+    ranges_m = [
+        gate.observe(targets, np.random.default_rng(3))[1].range_m for targets in (right, wrong)
+    ]
+    np.testing.assert_allclose(ranges_m[1] - ranges_m[0], 0.1 * 400.0 + 5.0)
 
 
 @pytest.mark.parametrize("range_m", [0.0, 5e-324, 1e-309])
