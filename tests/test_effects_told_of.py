@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import json
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, get_args
 
@@ -44,13 +44,10 @@ def keys() -> list[str]:
 @cache
 def rows() -> dict[str, dict[str, Any]]:
     """Effects by what the benchmark calls them, each with its keys."""
-    tree = ast.parse((ROOT / "tools" / "benchmarks" / "bench_effects.py").read_text())
-    for node in tree.body:
-        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "EFFECTS":
-            assert node.value is not None
-            found: dict[str, dict[str, Any]] = ast.literal_eval(node.value)
-            return found
-    raise AssertionError("no EFFECTS")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "tools" / "benchmarks")
+        found: dict[str, dict[str, Any]] = import_module("bench_effects").EFFECTS
+    return found
 
 
 def measured() -> set[str]:

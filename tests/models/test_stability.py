@@ -53,8 +53,8 @@ def test_a_listener_far_from_its_sensitivity_is_certain(snr_db: float) -> None:
 
 
 def test_looks_of_equal_snr_have_a_pd() -> None:
-    equal = detection.pd_noncoherent_unequal_cfar(np.full(3, 10.0), 1e-6, 10**9)
-    assert equal == pytest.approx(float(detection.pd_noncoherent_swerling2(10.0, 1e-6, 3)), 1e-7)
+    equal = detection.pd_noncoherent_unequal_cfar(np.full(3, 10.0), 1e-6, 10**5)
+    assert equal == pytest.approx(float(detection.pd_noncoherent_swerling2(10.0, 1e-6, 3)), 1e-4)
 
 
 def test_an_infinite_ratio_leaves_the_floor_of_errors() -> None:
