@@ -75,7 +75,9 @@ async def test_a_broker_that_is_killed_and_comes_back_gets_what_the_policy_promi
             states = [json.loads(payload)["state"] for payload in ears.on(STATUS)]
             heard = [heard_place(payload) for payload in ears.on(PLOTS)]
     assert_kept(session, policy, back_ns, heard)
-    assert (states[0], states[-1]) == ("ONLINE", "OFFLINE")
+    assert states[-1] == "OFFLINE"
+    if policy != "drop-newest":  # which gives up a status as well, where it finds no place
+        assert states[0] == "ONLINE"
     lost = [each for each in caplog.messages if "lost the connection" in each]
     assert len(lost) == 1  # of the one connection for data; those of last wills say nothing
 
