@@ -26,7 +26,8 @@ LOWEST := tests/replay/mcap/test_mcap.py tests/replay/test_tables.py \
   tests/feeds/telemetry/flights/test_autopilot_logs.py \
   tests/feeds/telemetry/test_foreign_files.py tests/feeds/engine/test_terrain_files.py \
   tests/feeds/scene/test_sea_heights.py tests/feeds/session/test_metrics.py \
-  tests/feeds/page/test_server.py \
+  tests/feeds/page/test_server.py::test_every_file_is_served_by_its_kind_and_policy_and_nothing_else_is \
+  tests/feeds/page/test_server.py::test_a_viewer_gets_a_snapshot_and_then_updates_with_details_of_what_anybody_watches \
   tests/feeds/lab/test_oracle.py::test_every_shipped_scene_asks_what_its_sensors_do \
   tests/feeds/lab/test_needs.py::test_the_commands_say_it_in_groups_and_draw_it
 
