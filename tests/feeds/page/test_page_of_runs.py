@@ -137,8 +137,10 @@ def test_a_story_is_told_by_a_click_and_what_was_asked_is_undone_step_by_step(ru
     assert bad["in_force"]["link"]["latency_ms"] == 600
     words.get_by_text("The link goes bad", exact=True).wait_for()
     for controlled in ({"link": {"latency_ms": 300}}, {}):
-        _, undone = run.settings_after(lambda: run.press("Undo"))
+        since, undone = run.settings_after(lambda: run.press("Undo"))
         assert undone["controlled"] == controlled
+    # What the bad link holds has come by then, and lies in no other test's pause.
+    run.wait(lambda: len(run.batches("gate", since)) > 2 * SECTORS)
 
 
 def test_nothing_comes_in_a_pause_a_step_is_all_that_lies_in_it_and_time_runs_as_asked(
