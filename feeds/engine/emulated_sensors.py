@@ -71,14 +71,15 @@ NONE_DUE_NS = np.iinfo(np.int64).max
 class FalseAlarmsDue:
     """Draws false alarms, and keeps those that are not due yet, by the index of the sensor."""
 
-    def __init__(self, chances: Sequence[Chance], timetables: Sequence[Timetable]) -> None:
+    def __init__(
+        self, chances: Sequence[Chance], timetables: Sequence[Timetable], draws_in: Ints
+    ) -> None:
+        """A rotating sensor draws those of its next turn in that of its sectors, (n,)."""
         self._chances = chances
         self._timetables = timetables
         # The last one of each sensor whose alarms are drawn.
         self._scan = np.full(len(chances), NO_SCAN, np.int64)
-        # In which sector a rotating sensor draws those of its next turn, and what else it can:
-        # sensors take turns, so that those which begin a scan together are not late together.
-        self.draws_in = np.arange(len(chances)) % [each.sectors for each in timetables]
+        self._draws_in = draws_in
         self._next_ns = np.full(len(chances), NONE_DUE_NS, np.int64)
         self._due: dict[int, Plots] = {}
         # Maps of clutter that sensors see, whose plots come as false alarms do.
@@ -101,7 +102,7 @@ class FalseAlarmsDue:
     def of_turns(self, sectors: Sectors, models: Mapping[int, SensorModel]) -> list[OfSensor]:
         """False alarms within sectors of rotating sensors, of which each one's are in order."""
         # The scan up to which those of each sensor are drawn by the end of its sector.
-        drawn = sectors.scan + (sectors.index >= self.draws_in[sectors.sensor])
+        drawn = sectors.scan + (sectors.index >= self._draws_in[sectors.sensor])
         for row in np.flatnonzero(drawn > self._scan[sectors.sensor]).tolist():
             sensor = int(sectors.sensor[row])
             first = max(int(sectors.scan[row]), int(self._scan[sensor]) + 1)
@@ -222,11 +223,15 @@ class SensorsAtWork:
         ]
         self.places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors]
         self.frames = LocalFrames.of(self.places)
+        # In which sector a rotating sensor draws what its next scan needs: sensors take turns, so
+        # that those which begin a scan together are not late together.
+        turns = [i % each.sectors for i, each in enumerate(self.timetables)]
+        self.draws_in = np.array(turns, np.int64)
         self.draws = ScanDraws(self.chances, Purpose.DETECTION)
         self.pairs = PairDraws(self.chances)
         self.claims = ClaimDraws(self.chances)
         self.borders = Borders(len(sensors))
-        self.false_alarms = FalseAlarmsDue(self.chances, self.timetables)
+        self.false_alarms = FalseAlarmsDue(self.chances, self.timetables, self.draws_in)
         # How many cues stand behind each sensor: those with fewer are worked out first.
         self.rank = cue_order(sensors)
         self.cueing: Cueing | None = None  # Of scenes with mounts
@@ -354,8 +359,9 @@ class SensorGroup:
         elif len(met.truth):
             looks, plots = self._observed(sectors, met.truth, met.row)
         alarms = at_work.false_alarms.of_turns(sectors, self.models)
-        draws_now = sectors.index == at_work.false_alarms.draws_in[sectors.sensor]
-        at_work.draws.draw_next(sectors.sensor[draws_now], sectors.scan[draws_now])
+        draws_now = sectors.index == at_work.draws_in[sectors.sensor]
+        if draws_now.any():
+            at_work.draws.draw_next(sectors.sensor[draws_now], sectors.scan[draws_now])
         if self._sidelobes:
             alarms += self._by_sidelobes(sectors)
         return self._batch(sectors, looks, plots, alarms)

@@ -13,6 +13,7 @@ from typing import Any, Self
 from uuid import uuid4
 
 PATIENCE_S = 120.0  # On a machine that may be busy
+AT_ONCE = 1 << 16  # Octets that are read together
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class MqttReceiver:
         self._has_left = False
         self._news = threading.Condition()
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
+        self._incoming = self._socket.makefile("rb", AT_ONCE)
         try:
             self._greet(user)
             for i, topic_filter in enumerate(filters):
@@ -56,6 +58,7 @@ class MqttReceiver:
                 while (got := self._packet())[0] != 0x90:
                     self._take(*got)  # retained messages may come before the acknowledgement
         except BaseException:
+            self._incoming.close()
             self._socket.close()
             raise
         self._socket.settimeout(None)
@@ -143,6 +146,7 @@ class MqttReceiver:
             self._send(0xE0, b"")
             self._socket.shutdown(socket.SHUT_WR)
         self._reader.join(PATIENCE_S)
+        self._incoming.close()
         self._socket.close()
 
     def _none(self) -> bytes:
@@ -163,12 +167,9 @@ class MqttReceiver:
                 return kind, self._octets(length)
 
     def _octets(self, n: int) -> bytes:
-        data = b""
-        while len(data) < n:
-            more = self._socket.recv(n - len(data))
-            if not more:
-                raise ConnectionResetError
-            data += more
+        data: bytes = self._incoming.read(n)
+        if len(data) < n:
+            raise ConnectionResetError
         return data
 
     def _read(self) -> None:

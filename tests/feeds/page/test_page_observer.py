@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.brokers import free_port, mosquitto
+from support.every_kind import FAR_SENSORS
 from support.page_updates import Frame, read_frame
 from support.waiting import until
 
@@ -285,14 +286,9 @@ async def test_tracks_come_from_their_topic_and_nonsense_is_said(tmp_path: Any) 
             await asyncio.to_thread(tracker.close)
 
 
-LENS = {
+LENS = FAR_SENSORS["camera"] | {
     "id": "camera",
-    "type": "camera",
-    "scan": testing.staring(0.1),
-    "range_max_m": 3000.0,
     "horizontal_fov_deg": 20.0,
-    "pixels_across": 1920,
-    "pixels_down": 1080,
     "mount": {"pan_rate_deg_s": 60.0},
     "event": [{"from_s": 1.0, "set": {"mount": {"look_at": {"azimuth_deg": 120.0}}}}],
 }

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from support.every_kind import FAR_SENSORS
 from support.geojson_maps import NO_GEOJSON, SHAPES, SITE, loaded, place
 from support.scene_files import radar, scene_file, scene_text
 
@@ -106,21 +107,10 @@ def test_the_keys_of_the_page_are_checked() -> None:
             PageKeys.model_validate(tree)
 
 
-LENS = {
-    "id": "camera",
-    "type": "camera",
-    "scan": testing.staring(0.1),
-    "range_max_m": 3000.0,
-    "horizontal_fov_deg": 20.0,
-    "pixels_across": 1920,
-    "pixels_down": 1080,
-}
-
-
 def test_the_cover_of_a_sensor_is_that_of_its_keys_as_they_are_now() -> None:
     sector = {"azimuth_min_deg": 10.0, "azimuth_max_deg": 50.0, "scan": testing.staring()}
     for keys, low_deg, span_deg in (
-        (LENS | {"pan_deg": 60.0}, 50.0, 20.0),
+        (FAR_SENSORS["camera"] | {"horizontal_fov_deg": 20.0, "pan_deg": 60.0}, 50.0, 20.0),
         (testing.radar(**sector), 10.0, 40.0),
         (testing.radar(), -180.0, 360.0),
     ):
