@@ -45,7 +45,7 @@ BENCHMARKS = {
     "bench_score.py": "Scoring a tracker, beside Stone Soup",
     "bench_replay.py": "Replays, beside C and ast-tool-py",
 }
-LIBRARIES = ("numpy", "scipy", "protobuf", "pydantic", "embedded", "mcap", "zstandard")
+LIBRARIES = ("numpy", "scipy", "protobuf", "pydantic", "mcap", "zstandard")
 
 
 def head() -> str:
