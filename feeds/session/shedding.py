@@ -64,9 +64,9 @@ class Shedding:
         """
         if now_ns - self._looked_ns >= LOOK_NS:
             self._look_up_cost(now_ns, slept_ns)
-        if self._share < 1.0:
-            self._begin_scans(before_ns)
         late_ns = now_ns - due_ns
+        if self._share < 1.0:
+            self._begin_scans(before_ns, max(0, late_ns))
         if late_ns <= LATE_NS:
             self._behind = None
         elif self._behind is None or slept_ns > self._behind[2]:
@@ -76,15 +76,20 @@ class Shedding:
                 self._give_up(now_ns, late_ns, slept_ns)
             self._behind = now_ns, late_ns, slept_ns
 
-    def _begin_scans(self, before_ns: int) -> None:
-        """Have those begin their scans of which most are owed, as far as there is time for them."""
+    def _begin_scans(self, before_ns: int, late_ns: int) -> None:
+        """Have those begin their scans of which most are owed, as far as there is time for them.
+
+        What it is late by is time that the scan after it has less.
+        """
         sensors, owed = self._sensors, self._owed
         per_ns = sensors.sectors_per_ns
-        busy, most = per_ns[sensors.amid_scans].sum(), MOST_BUSY / BUSY * self._share * per_ns.sum()
         begins = np.flatnonzero(self._may & sensors.begins_before(before_ns))
         if not len(begins):
             return
-        owed[begins] += self._share
+        period_ns = sensors.upcoming.period_ns
+        share = self._share * np.maximum(1.0 - late_ns / period_ns, 0.0)
+        busy, most = per_ns[sensors.amid_scans].sum(), MOST_BUSY / BUSY * (share * per_ns).sum()
+        owed[begins] += share[begins]
         # What is owed to all alike there was no room for. Nobody gets far ahead of those
         # who wait for room.
         at_work = self._may & (per_ns > 0)
@@ -102,8 +107,8 @@ class Shedding:
         busy_ns = now_ns - self._looked_ns - (slept_ns - self._slept_ns)
         if self._looked_ns >= 0 and self._sectors:
             cost_ns = busy_ns / self._sectors
-            if self._cost_ns:  # one stall makes little of a difference
-                cost_ns = min(cost_ns, (self._cost_ns + cost_ns) / 2, 2 * self._cost_ns)
+            if self._cost_ns:  # one stall makes little of a difference, and as little as a lull
+                cost_ns = min((self._cost_ns + cost_ns) / 2, 2 * self._cost_ns)
             self._cost_ns = cost_ns
         self._is_by_sectors = 2 * self._took_ns > busy_ns
         self._sectors, self._took_ns, self._looked_ns, self._slept_ns = 0, 0, now_ns, slept_ns

@@ -29,7 +29,10 @@ PERIODS = "".join(radar(f"r{i:02}", period_s=1.0 + 0.13 * i, sectors=16) for i i
 
 
 class Machine(InstantClock):
-    """Time goes by while sectors are worked out, and only then; for a while three times as fast."""
+    """Time goes by while sectors are worked out, and only then; for a while three times as fast.
+
+    With a swing, what each batch costs is log-normal, with that standard deviation.
+    """
 
     leaps = False
 
@@ -39,14 +42,17 @@ class Machine(InstantClock):
         cost_ns: int,
         monkeypatch: pytest.MonkeyPatch,
         slow_s: tuple[float, float] = (0.0, 0.0),
+        swing: float = 0.0,
     ) -> None:
         super().__init__(start_utc_ns)
         until = Engine.until
+        rng = np.random.default_rng(1)
 
         def costly(engine: Engine, t_utc_ns: int) -> Iterator[Batch]:
             for batch in until(engine, t_utc_ns):
                 is_slow = slow_s[0] <= (self.now_ns() - start_utc_ns) / NS < slow_s[1]
-                self.jump(self.now_ns() + cost_ns * len(batch) * (3 if is_slow else 1))
+                times = rng.lognormal(0.0, swing) * (3 if is_slow else 1)
+                self.jump(self.now_ns() + round(cost_ns * len(batch) * times))
                 yield batch
 
         monkeypatch.setattr(Engine, "until", costly)
@@ -79,13 +85,15 @@ def loaded(
     duration_s: float,
     *,
     slow_s: tuple[float, float] = (0.0, 0.0),
+    swing: float = 0.0,
 ) -> tuple[Sent, SessionCounters]:
     """A session that has so many times as much to do as it can, and more for a while."""
     scene = load(
         scene_file(folder, scene_text(start_utc=START, sensors=sensors, port=1, drones=""))
     )
     per_s = sum(s.scan.sectors / s.scan.period_s for s in scene.sensor)
-    clock = Machine(scene.scene.start_utc_ns or 0, round(times * NS / per_s), monkeypatch, slow_s)
+    cost_ns = round(times * NS / per_s)
+    clock = Machine(scene.scene.start_utc_ns or 0, cost_ns, monkeypatch, slow_s, swing)
     sent = Sent(clock)
     running = run(scene, clock=clock, broker="none", duration_s=duration_s, observers=[sent])
     return sent, asyncio.run(running)
@@ -113,6 +121,13 @@ def test_whole_scans_are_left_out_in_turn_and_what_is_sent_is_on_time(
     # What there is time for is done.
     done = sum(map(len, sent.sectors.values())) / all_scans.sum()
     assert done >= 0.7 / times
+
+
+def test_what_is_sent_is_on_time_although_what_a_sector_costs_varies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent, _ = loaded(tmp_path, monkeypatch, PERIODS, 3.0, 30.0, swing=0.5)
+    assert float(np.median(sent.late_ns)) <= 0.05 * NS
 
 
 def test_nothing_is_left_out_any_more_once_there_is_time_for_all_again(
