@@ -293,13 +293,13 @@ def _is_raw(head: bytes) -> bool:
 
 
 def _mcap_reader(file: BinaryIO, _date_utc_ns: int) -> RecordingReader:
-    from plotfeed.replay.mcap.mcap_reader import McapReader
+    from plotfeed.replay.mcap import McapReader
 
     return McapReader(file)
 
 
 def _mcap_writer(file: BinaryIO, *_: object) -> RecordingWriter:
-    from plotfeed.replay.mcap.mcap_writer import McapWriter
+    from plotfeed.replay.mcap import McapWriter
 
     return McapWriter(file)
 
@@ -369,25 +369,6 @@ FORMATS: Mapping[FileFormat, FormatFacts] = {
 SUFFIXES = {suffix: form for form in FileFormat for suffix in FORMATS[form].suffixes}
 
 
-@dataclass(frozen=True, slots=True)
-class Recording:
-    """A file that is open for reading."""
-
-    reader: RecordingReader
-    format: FileFormat
-    octets: int  # Of the file; unpacked, where gzip packed it
-
-    @property
-    def has_dates(self) -> bool:
-        """Whether there is more than times of day."""
-        return FORMATS[self.format].has_dates
-
-    @property
-    def has_stages(self) -> bool:
-        """Whether messages before their link stand beside those after it."""
-        return FORMATS[self.format].holds_stages
-
-
 def format_of(path: Path) -> FileFormat:
     """The format of a file. Raises `PlotfeedError` if it cannot be told, and `OSError`."""
     with path.open("rb") as file, unpacked(file) as (content, packed):
@@ -434,11 +415,14 @@ def writer_to(
 
 
 @contextmanager
-def reading(file: BinaryIO, form: FileFormat, date_utc_ns: int = 0) -> Iterator[Recording]:
-    """What is in a file that is open, in that format, from its start.
+def reading(
+    file: BinaryIO, form: FileFormat, date_utc_ns: int = 0
+) -> Iterator[tuple[RecordingReader, int]]:
+    """A reader of a file that is open, in that format, from its start; and the file's octets.
 
-    `date_utc_ns` is midnight of the day on which a file without dates begins. Raises
-    `PlotfeedError` if the format cannot be read, and `OSError`.
+    Of a file that gzip packed, they are those of its content. `date_utc_ns` is midnight of the day
+    on which a file without dates begins. Raises `PlotfeedError` if the format cannot be read, and
+    `OSError`.
     """
     reader = FORMATS[form].reader
     if reader is None:
@@ -454,7 +438,7 @@ def reading(file: BinaryIO, form: FileFormat, date_utc_ns: int = 0) -> Iterator[
         opened = reader(content, date_utc_ns)
         if packed:
             packed.on_damage = opened.damage.add
-        yield Recording(opened, form, octets)
+        yield opened, octets
 
 
 class RepeatableRecording(Protocol):

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, Self
 
 CHUNK_OCTETS = 1 << 18
 LATEST_NS = (1 << 64) - 1  # In the year 2554; all that MCAP can hold
@@ -132,6 +132,15 @@ class RecordingReader(ABC):
     def attachment(self, _name: str) -> Attachment | None:
         """The last attachment of that name that is whole; None if there is none."""
         return None
+
+    def close(self) -> None:  # noqa: B027 - most have opened nothing
+        """End what was begun to read it; again does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 class TableName(StrEnum):

@@ -11,7 +11,7 @@ from plotfeed.feeds.telemetry.fair_queue import MAX_OF_TOPIC
 from plotfeed.feeds.telemetry.foreign_files import FILE_LIMITS, MIB
 from plotfeed.feeds.transport.peers import AT_ONCE_S, PAUSES, PEER_LIMITS, SLICE_OCTETS
 from plotfeed.replay.files import MAX_LINE_OCTETS
-from plotfeed.replay.mcap.mcap_reader import MAX_HELD_OCTETS, MAX_MESSAGES, MAX_RECORD_OCTETS
+from plotfeed.replay.mcap import MAX_HELD_OCTETS, MAX_MESSAGES, MAX_RECORD_OCTETS
 from plotfeed.replay.pcap import MAX_PACKET_OCTETS
 
 PAGE = Path(__file__).parents[2] / "SECURITY.md"

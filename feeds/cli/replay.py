@@ -24,7 +24,6 @@ from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.link.counters import lateness_us
 from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.recording.foreign_recordings import RecordingFile
-from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import (
     LinkRule,
     Moment,
@@ -34,7 +33,7 @@ from plotfeed.feeds.replaying.replay_settings import (
     TopicRule,
 )
 from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
-from plotfeed.feeds.replaying.routes import ReplayCounters
+from plotfeed.feeds.replaying.routes import Destinations, ReplayCounters, open_transports
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.scene.problems import problems_of

@@ -47,8 +47,7 @@ from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.plot_messages import batch_in, plots_of_batches
 from plotfeed.proto.plotfeed_pb2 import PlotBatch
 from plotfeed.proto.utc import NS, NS_IN_MS
-from plotfeed.replay.mcap.channels import ChannelKey
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import ChannelKey, McapReader
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 NO_PLOTS = MeasuredPlots.of(())
@@ -457,7 +456,7 @@ class Evidence:
         self.asked: Mapping[str, AskedByTime] = {}
         self.log = McapReader(file)
         self._path, self._file, self._folder = path, file, folder
-        series = list(self.log.summary().counts)
+        series = list(self.log.counts)
         self._truths = truth_topics(series)
         if not self._truths and self.log.damage:
             raise PlotfeedError(f"{path}: holds no ledger that is whole: {self.log.damage[0]}")

@@ -29,7 +29,7 @@ from plotfeed.models.track_metrics import FlightPath
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import LedgerTables, ToldLooks
 from plotfeed.proto.utc import NS
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT
 
 DESCRIPTION = "/description"
@@ -232,7 +232,7 @@ def stands_of(log: McapReader, scene: Scene | None) -> tuple[dict[str, LocalFram
         frames = {sensor.id: frame_at(site, sensor.position_enu_m) for sensor in scene.sensor}
         return frames, max((sensor.scan.period_s for sensor in scene.sensor), default=1.0)
     found, longest_s = {}, 1.0
-    topics = {s.topic for s in log.summary().counts if s.topic.endswith(DESCRIPTION)}
+    topics = {s.topic for s in log.counts if s.topic.endswith(DESCRIPTION)}
     for message in log.messages(topics=topics, stages=WHAT_LEFT):
         try:
             told = json.loads(message.payload)

@@ -109,9 +109,9 @@ def read_run(path: Path, scene: Scene | None = None) -> RecordedRun:
         notes = [f"{wrong} entries are no ledger and are left out"] if wrong else []
         if damage:
             notes.append(f"the recording is damaged in {damage} places, which are left out")
-        summary = evidence.log.summary()
+        first_ns, last_ns = evidence.log.times_ns or (0, 0)
         of_run = tally.truths(
-            ((summary.start_ns or 0) - DAY_NS, (summary.end_ns or 0) + DAY_NS),
+            (first_ns - DAY_NS, last_ns + DAY_NS),
             site=None if scene is None else site_frame(scene.scene.site),
             scene="" if scene is None else scene.scene.name,
             notes=notes,

@@ -20,7 +20,7 @@ from google.protobuf.message import DecodeError as ProtobufDecodeError
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
-from plotfeed.feeds.recording.foreign_recordings import open_recording
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import LocalFrame, geoid_undulation_m
@@ -37,7 +37,7 @@ from plotfeed.proto.content_types import (
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.proto.units import FOOT_M
 from plotfeed.proto.utc import NS, nearest_utc_ns, utc_ns
-from plotfeed.replay.files import FileFormat
+from plotfeed.replay.files import FORMATS, FileFormat
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
 # In place of a time that nobody told.
@@ -531,10 +531,10 @@ def read_tracks(
     for each in topics:
         checked_topic_filter(each)
     chosen = topics or _topic_in(path, scene)
-    with open_recording(path, date_utc_ns=date_utc_ns) as recording:
+    with ForeignReader(path, date_utc_ns=date_utc_ns) as reader:
         # Messages of raw files are of the times that they tell: nobody knows when they came.
-        has_received = recording.format is not FileFormat.RAW
-        for m in recording.reader.messages():
+        has_received = reader.format is not FileFormat.RAW
+        for m in reader.messages():
             if is_chosen(m.topic, chosen) and _is_heard(m):
                 came_ns = m.log_time_ns
                 table.take(m.payload, m.content_type, came_ns, site, has_received=has_received)
@@ -546,10 +546,10 @@ def _topic_in(path: Path, scene: Scene | None) -> Sequence[str]:
     """The topic on which a recording has tracks; none if it has no topics to choose from."""
     found: Counter[str] = Counter()
     own = f"{scene.mqtt.prefix}/" if scene is not None else ""
-    with open_recording(path) as recording:
-        if not recording.has_stages:
+    with ForeignReader(path) as reader:
+        if not FORMATS[reader.format].holds_stages:
             return ()
-        for message in recording.reader.messages():
+        for message in reader.messages():
             if _is_heard(message) and _holds_tracks(message, own):
                 found[message.topic] += 1
                 if len(found) > MOST_TOPICS:

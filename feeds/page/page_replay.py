@@ -20,9 +20,9 @@ from plotfeed.feeds.page.recorded_sectors import (
 )
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View, model_differs, tell_settings
-from plotfeed.feeds.replaying.destinations import Destinations, open_transports
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
 from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
+from plotfeed.feeds.replaying.routes import Destinations, open_transports
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
@@ -30,7 +30,7 @@ from plotfeed.models.state import Looks, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.pacing import speed_of
 
 # Plots are read from so long before those that are to be shown: the ledger tells of them later.

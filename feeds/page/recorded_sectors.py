@@ -39,7 +39,7 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import LedgerTables, ToldLooks, ToldPlots, rows_told, tables_of
 from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import DAY_NS, NS
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.plots_csv import plots_in
 from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
 
@@ -140,13 +140,13 @@ class RecordedSession:
 
     @classmethod
     def _of(cls, path: Path, log: McapReader) -> Self:
-        summary = log.summary()
         scene = recorded_scene(path, log)
-        series, takes = summary.counts.keys(), ReplaySettings().takes
+        series, takes = log.counts.keys(), ReplaySettings().takes
         are_sent = any(takes(s.topic, s.content_type, s.stage) for s in series)
-        if summary.start_ns is None or summary.end_ns is None or not are_sent:
+        if log.times_ns is None or not are_sent:
             raise PlotfeedError("expected messages that sensors sent; it holds none")
-        if summary.end_ns > LATEST_UTC_NS:
+        start_ns, end_ns = log.times_ns
+        if end_ns > LATEST_UTC_NS:
             raise PlotfeedError("expected times before the year 2262")
         ledger = f"{scene.mqtt.prefix}/truth"
         has_ledger = any(s.topic == ledger and s.stage in WHAT_LEFT for s in series)
@@ -166,8 +166,8 @@ class RecordedSession:
         return cls(
             path=path,
             scene=scene,
-            start_ns=summary.start_ns,
-            end_ns=summary.end_ns,
+            start_ns=start_ns,
+            end_ns=end_ns,
             ledger=ledger if has_ledger else None,
             carriers=carriers,
             carried=carried,

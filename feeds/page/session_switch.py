@@ -267,7 +267,7 @@ MAX_LOOKED_AT = 500  # Files, the newest first, of which it is found out whose t
 
 def recordings_in(folder: Path) -> dict[str, Path]:
     """Files by name, the newest first, at most `MAX_LISTED`; none if the folder cannot be read."""
-    from plotfeed.replay.mcap.mcap_reader import library_of
+    from plotfeed.replay.mcap import library_of
 
     times: dict[Path, int] = {}
     with contextlib.suppress(OSError), os.scandir(folder) as entries:

@@ -21,7 +21,7 @@ from pathlib import Path
 from plotfeed.feeds.console.printed import say, say_damage, with_progress
 from plotfeed.feeds.console.process import made_of
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
-from plotfeed.feeds.recording.foreign_recordings import open_recording
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.feeds.replaying.replay_settings import Moment
 from plotfeed.proto.errors import PlotfeedError
@@ -102,35 +102,32 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     for topic_filter in settings.topics:
         checked_topic_filter(topic_filter)
     date = settings.date and int(settings.date.replace(tzinfo=UTC).timestamp()) * NS
-    opened = partial(open_recording, source, from_format, date_utc_ns=date or 0)
+    opened = partial(ForeignReader, source, from_format, date_utc_ns=date or 0)
     counts = ConversionCounts()
-    with opened() as recording, made_of([source], target, force=settings.force) as (file, keep):
-        if not recording.has_dates and date is None:
-            counts.notes.append(f"{recording.format} has no date: its first day is 1970-01-01")
+    with opened() as reader, made_of([source], target, force=settings.force) as (file, keep):
+        if not FORMATS[reader.format].has_dates and date is None:
+            counts.notes.append(f"{reader.format} has no date: its first day is 1970-01-01")
         selection = None
         if form in TABLES and table in PLOT_TABLES:  # whose plots depend on all that is asked for
             from plotfeed.replay.plots_csv import selection_of
 
             def asked() -> Iterator[Recorded]:
                 with opened() as ahead:
-                    yield from _chosen(ahead.reader.messages(), settings, form, ConversionCounts())
+                    yield from _chosen(ahead.messages(), settings, form, ConversionCounts())
 
             selection = selection_of(table, asked())
         writer = writer_to(file, form, table, selection)
-        reader = recording.reader
         for name in dict.fromkeys(entry.name for entry in reader.attachments()):
             attachment = reader.attachment(name)
             if attachment is not None and not writer.attach(attachment):
                 counts.notes.append(f"the attachment {name!a} was left out")
-        messages = with_progress(
-            reader.messages(), target.name, lambda: reader.at, recording.octets
-        )
+        messages = with_progress(reader.messages(), target.name, lambda: reader.at, reader.octets)
         for message in _chosen(messages, settings, form, counts):
             counts.write(writer, message)
         writer.close()
         counts.notes += [f"{form}: {note}" for note in writer.notes()]
         if reader.skipped:
-            counts.notes.append(f"{reader.skipped} packets of {recording.format} hold no UDP")
+            counts.notes.append(f"{reader.skipped} packets of {reader.format} hold no UDP")
         is_made = min(counts.messages, counts.asked) > 0 or not (counts.read or reader.damage)
         keep(is_made)
     say_damage(source, reader.damage, all_in="; --json has all")
@@ -145,7 +142,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     if settings.as_json:
         found = {
             "source": str(source),
-            "from": str(recording.format),
+            "from": str(reader.format),
             "target": str(target),
             "to": str(form),
             "messages": counts.messages,
@@ -159,7 +156,7 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
         say(json.dumps(found))
         return 0
     say(
-        f"{source} ({recording.format}) to {target} ({form}): {counts.messages} messages, "
+        f"{source} ({reader.format}) to {target} ({form}): {counts.messages} messages, "
         f"{counts.octets} octets"
     )
     counts.say_left_out()
@@ -267,8 +264,7 @@ def merge_recordings(
         raise PlotfeedError(f"{target}: expected a name that ends in {SUFFIX}")
     counts = MergeCounts()
     with contextlib.ExitStack() as files:
-        opened = [files.enter_context(open_recording(path, FileFormat.MCAP)) for path in sources]
-        logs = [recording.reader for recording in opened]
+        logs = [files.enter_context(ForeignReader(path, FileFormat.MCAP)) for path in sources]
         attachments = _attachments(sources, logs)
         file, keep = files.enter_context(made_of(sources, target, force=force))
         writer = writer_to(file, FileFormat.MCAP)

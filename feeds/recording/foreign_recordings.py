@@ -13,7 +13,7 @@ import subprocess
 import sys
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -28,7 +28,7 @@ from plotfeed.feeds.telemetry.foreign_files import (
 )
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.asterix_files import RawReader
-from plotfeed.replay.files import FileFormat, Recording, format_of, reading
+from plotfeed.replay.files import FileFormat, format_of, reading
 from plotfeed.replay.recorded import (
     LATEST_NS,
     Attachment,
@@ -65,16 +65,17 @@ class ForeignReader(RecordingReader):
 
     at = 0
 
-    def __init__(self, path: Path, form: FileFormat, **asked: Any) -> None:
-        """Begin to read, with what is asked as `Wanted` has it.
+    def __init__(self, path: Path, form: FileFormat | None = None, **asked: Any) -> None:
+        """Begin to read, with what is asked as `Wanted` has it, in the format that the file is in.
 
-        Raises `PlotfeedError` if the file is not of that format, and `OSError`.
+        `form` is another. Raises `PlotfeedError` if it cannot be told or read, and `OSError`.
         """
         super().__init__()
         self.octets = 0  # Of the file; unpacked, where gzip packed it
-        self._path, self._form = path, form
+        self.format = form or format_of(path)
+        self._path = path
         self._entries: Sequence[AttachmentEntry] = ()
-        started = process_apart(_START, json.dumps(Wanted(form, **asked)))
+        started = process_apart(_START, json.dumps(Wanted(self.format, **asked)))
         with path.open("rb") as file:
             self._process = subprocess.Popen(**started, stdin=file, stdout=subprocess.PIPE)
         self._out: BinaryIO = self._process.stdout  # type: ignore[assignment]
@@ -118,7 +119,7 @@ class ForeignReader(RecordingReader):
 
     def attachment(self, name: str) -> Attachment | None:
         """The last attachment of that name that is whole; None if there is none."""
-        with closing(ForeignReader(self._path, self._form, attachment=name)) as other:
+        with ForeignReader(self._path, self.format, attachment=name) as other:
             found = list(other.messages())
         for damage in other.damage:
             self.damage.add(damage.offset, damage.what)
@@ -166,22 +167,6 @@ class ForeignReader(RecordingReader):
             raise PlotfeedError(f"{self._path}: {broken_or_beyond(KIND)}") from None
 
 
-@contextmanager
-def open_recording(
-    path: Path, form: FileFormat | None = None, *, date_utc_ns: int = 0, blocks: bool = False
-) -> Iterator[Recording]:
-    """A file, read apart, in the format that it is in unless another is said.
-
-    `date_utc_ns` is midnight of the day on which a file without dates begins; with `blocks`, raw
-    ASTERIX is read as data blocks, whose log time is where in the file they begin. Raises
-    `PlotfeedError` if the format cannot be told or read, and `OSError`.
-    """
-    form = form or format_of(path)
-    blocks = blocks and form is FileFormat.RAW
-    with closing(ForeignReader(path, form, date_utc_ns=date_utc_ns, blocks=blocks)) as reader:
-        yield Recording(reader, form, reader.octets)
-
-
 class RecordingFile:
     """A file to be read as often as is asked for, apart each time.
 
@@ -189,14 +174,15 @@ class RecordingFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._form = path, format_of(path)
+        self._path = path
         self.damage: Sequence[Damage] = []
-        ForeignReader(path, self._form).close()
+        with ForeignReader(path) as reader:
+            self._form = reader.format
 
     def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
         """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
         asked = {"start_ns": start_ns, "end_ns": end_ns}
-        with closing(ForeignReader(self._path, self._form, **asked)) as reader:
+        with ForeignReader(self._path, self._form, **asked) as reader:
             self.damage = reader.damage
             yield from reader.messages()
 
@@ -208,8 +194,8 @@ def main() -> None:
     out, asked = sys.stdout.buffer, Wanted(*json.loads(sys.argv[1]))
     try:
         file = sys.stdin.buffer
-        with reading(file, FileFormat(asked.form), asked.date_utc_ns) as recording:
-            _write(out, recording, asked, together=MOST_TOGETHER if file.seekable() else 1)
+        with reading(file, FileFormat(asked.form), asked.date_utc_ns) as (reader, octets):
+            _write(out, reader, octets, asked, together=MOST_TOGETHER if file.seekable() else 1)
     except BrokenPipeError:  # nobody wants more
         return
     except Exception as error:  # noqa: BLE001 - of what unpacks it, which raises what it likes
@@ -217,9 +203,11 @@ def main() -> None:
         out.flush()
 
 
-def _write(out: BinaryIO, recording: Recording, asked: Wanted, *, together: int) -> None:
+def _write(
+    out: BinaryIO, reader: RecordingReader, octets: int, asked: Wanted, *, together: int
+) -> None:
     """Write what there is to know of the file, then frames, of which the last is empty."""
-    reader, known = recording.reader, 0
+    known = 0
 
     def head(**facts: Any) -> bytes:
         nonlocal known
@@ -229,7 +217,7 @@ def _write(out: BinaryIO, recording: Recording, asked: Wanted, *, together: int)
         return json.dumps(facts).encode() + b"\n"
 
     entries = [(e.name, e.media_type, e.octets, e.offset) for e in reader.attachments()]
-    out.write(head(octets=recording.octets, attachments=entries))
+    out.write(head(octets=octets, attachments=entries))
     out.flush()
     messages = _messages(reader, asked)
     while some := next_messages(messages, together):
@@ -240,11 +228,11 @@ def _write(out: BinaryIO, recording: Recording, asked: Wanted, *, together: int)
         series = list(zip(topics, kinds, retained, qos, names_of_stages, strict=True))
         numbers = {each: n for n, each in enumerate(dict.fromkeys(series))}
         rows = [numbers[each] for each in series]
-        octets, told = list(map(len, payloads)), list(map(len, beside))
+        lengths, told = list(map(len, payloads)), list(map(len, beside))
         pairs = list(chain.from_iterable(beside))
         names, values = zip(*pairs, strict=True) if pairs else ((), ())
         out.write(head(messages=len(some), series=list(numbers), names=names, values=values))
-        out.writelines(array("Q", column) for column in (rows, log_ns, due_ns, octets, told))
+        out.writelines(array("Q", column) for column in (rows, log_ns, due_ns, lengths, told))
         out.writelines(payloads)
         out.flush()
     out.write(head(messages=0))

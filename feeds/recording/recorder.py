@@ -27,8 +27,7 @@ from plotfeed.feeds.scene.world_keys import HORIZONS
 from plotfeed.feeds.session.observer import Observer, RunningSession
 from plotfeed.proto.content_types import ASTERIX
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.mcap import McapReader, McapWriter
 from plotfeed.replay.recorded import SCENE_NAME, Attachment, Recorded, Stage
 
 FLUSH_EVERY_S = 0.25
@@ -294,7 +293,7 @@ class SessionRecord:
     def open(cls, path: Path) -> SessionRecord:
         """Raises `PlotfeedError` if it is not the record of a session."""
         with McapReader(path) as mcap:
-            summary = mcap.summary()
+            times_ns = mcap.times_ns
             for message in mcap.messages():
                 if message.topic.endswith(SESSION_TOPIC) and message.stage is Stage.AFTER:
                     break
@@ -310,7 +309,7 @@ class SessionRecord:
         return cls(
             path=path,
             start_utc_ns=start_utc_ns,
-            end_utc_ns=summary.end_ns or start_utc_ns,
+            end_utc_ns=times_ns[1] if times_ns else start_utc_ns,
             has_ticks=has_ticks,
         )
 

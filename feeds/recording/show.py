@@ -15,7 +15,7 @@ from typing import Any
 from plotfeed.feeds.console import FAILED
 from plotfeed.feeds.console.printed import aligned, printable, say, say_damage
 from plotfeed.feeds.messages.message import checked_topic_filter, is_chosen
-from plotfeed.feeds.recording.foreign_recordings import open_recording
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.feeds.recording.record_text import EXTRA, record_told
 from plotfeed.feeds.recording.recording_settings import ShowSettings
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -32,7 +32,7 @@ from plotfeed.replay.asterix_files import (
     record_counts,
     trailer_octets,
 )
-from plotfeed.replay.files import FileFormat, Recording
+from plotfeed.replay.files import FORMATS, FileFormat
 from plotfeed.replay.recorded import Damages, Recorded, Stage
 
 MAX_SERIES = 10_000
@@ -155,12 +155,12 @@ def kinds_of(message: Recorded) -> tuple[tuple[str, ...], bool]:
     return (content.partition(";")[0].removeprefix("application/"),), False
 
 
-def summary_lines(path: Path, recording: Recording, summary: Summary) -> Iterator[str]:
+def summary_lines(path: Path, reader: ForeignReader, summary: Summary) -> Iterator[str]:
     """What a file holds, as lines."""
-    dated = recording.has_dates
+    dated = FORMATS[reader.format].has_dates
     records = f"{summary.records} records of ASTERIX, " if summary.records else ""
     yield (
-        f"{path}: {recording.format}, {summary.messages} messages, {records}"
+        f"{path}: {reader.format}, {summary.messages} messages, {records}"
         f"{summary.octets} octets, {summary.duration_s:.3f} s"
     )
     if summary.first_ns is not None and summary.last_ns is not None:
@@ -175,12 +175,12 @@ def summary_lines(path: Path, recording: Recording, summary: Summary) -> Iterato
         p50_ms, p99_ms = (late.percentile_ns(percent) / 1e6 for percent in (50, 99))
         yield f"  lateness     p50 {p50_ms:.3g} ms, p99 {p99_ms:.3g} ms of {len(late)} ({stage})"
     yield from _table(summary)
-    if recording.reader.skipped:
-        yield f"  {recording.reader.skipped} packets hold no UDP"
-    for entry in recording.reader.attachments():
+    if reader.skipped:
+        yield f"  {reader.skipped} packets hold no UDP"
+    for entry in reader.attachments():
         yield f"  attachment {printable(entry.name)}, {entry.octets} octets"
     if not dated:
-        yield f"  {recording.format} has no date"
+        yield f"  {reader.format} has no date"
 
 
 def _table(summary: Summary) -> Iterator[str]:
@@ -201,16 +201,16 @@ def _table(summary: Summary) -> Iterator[str]:
     yield from (f"  {line}" for line in aligned(rows, f"{'<<<' if staged else '<<'}>>>>"))
 
 
-def figures(path: Path, recording: Recording, summary: Summary) -> dict[str, Any]:
+def figures(path: Path, reader: ForeignReader, summary: Summary) -> dict[str, Any]:
     """What a file holds, as JSON."""
-    dated = recording.has_dates
+    dated = FORMATS[reader.format].has_dates
 
     def time(t_utc_ns: int | None) -> str | None:
         return None if t_utc_ns is None else shown_time(t_utc_ns, dated=dated)
 
     return {
         "file": str(path),
-        "format": str(recording.format),
+        "format": str(reader.format),
         "dated": dated,
         "messages": summary.messages,
         "records": summary.records,
@@ -234,10 +234,10 @@ def figures(path: Path, recording: Recording, summary: Summary) -> dict[str, Any
             for (topic, stage, kind), series in sorted(summary.series.items())
         ],
         "attachments": [
-            {"name": entry.name, "octets": entry.octets} for entry in recording.reader.attachments()
+            {"name": entry.name, "octets": entry.octets} for entry in reader.attachments()
         ],
-        "packets_without_udp": recording.reader.skipped,
-        "damage": [asdict(each) for each in recording.reader.damage],
+        "packets_without_udp": reader.skipped,
+        "damage": [asdict(each) for each in reader.damage],
     }
 
 
@@ -287,12 +287,11 @@ def show_file(path: Path, settings: ShowSettings) -> int:
     """
     count = settings.count
     is_listed = settings.listed or settings.verbose or count is not None
-    with open_recording(path, blocks=is_listed) as recording:
-        reader = recording.reader
+    with ForeignReader(path, blocks=is_listed) as reader:
         if is_listed:
             # In a terminal lines are printed as they come, else many in one write.
             at_once, said = 1 if sys.stdout.isatty() else LINES_AT_ONCE, 0
-            lines = _lines(recording, settings)
+            lines = _lines(reader, settings)
             wanted = islice(lines, count)
             while some := list(islice(wanted, at_once)):
                 say("\n".join(some))
@@ -304,15 +303,15 @@ def show_file(path: Path, settings: ShowSettings) -> int:
 
             summary = Summary(settings.categories)
             for message in with_progress(
-                reader.messages(), path.name, lambda: reader.at, recording.octets
+                reader.messages(), path.name, lambda: reader.at, reader.octets
             ):
                 if settings.chooses(message):
                     summary.add(message)
             said = summary.messages
             if settings.as_json:
-                say(json.dumps(figures(path, recording, summary)))
+                say(json.dumps(figures(path, reader, summary)))
             else:
-                say("\n".join(summary_lines(path, recording, summary)))
+                say("\n".join(summary_lines(path, reader, summary)))
     say_damage(path, reader.damage, all_in="; --json without --list has all")
     if not said and (settings.topics or settings.stages):
         say(f"plotfeed: {path}: no message is of the topics and stages asked for", err=True)
@@ -320,18 +319,18 @@ def show_file(path: Path, settings: ShowSettings) -> int:
     return 2 if reader.damage else 0
 
 
-def _lines(recording: Recording, settings: ShowSettings) -> Iterator[str]:
+def _lines(reader: ForeignReader, settings: ShowSettings) -> Iterator[str]:
     """Lines of every message; records of raw ASTERIX stand for themselves."""
-    reader = recording.reader
-    if recording.format is FileFormat.RAW:
+    if reader.format is FileFormat.RAW:
         if not settings.stages or Stage.RECEIVED in settings.stages:
             blocks = ((each.payload, each.log_time_ns) for each in reader.messages())
             yield from _raw_lines(blocks, reader.damage, settings)
         return
+    facts = FORMATS[reader.format]
     # Where one stage is asked for, every line would have the same.
-    staged = recording.has_stages and len(settings.stages) != 1
+    staged = facts.holds_stages and len(settings.stages) != 1
     for message in filter(settings.chooses, reader.messages()):
-        when = shown_time(message.log_time_ns, dated=recording.has_dates)
+        when = shown_time(message.log_time_ns, dated=facts.has_dates)
         stage = f"{message.stage}  " if staged and message.stage is not Stage.RECEIVED else ""
         told = f', "stage": "{message.stage}"' if staged else ""
         for line in _content_lines(message, settings):

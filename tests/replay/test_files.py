@@ -25,7 +25,7 @@ from support.recordings import (
     written,
 )
 
-from plotfeed.feeds.recording.foreign_recordings import RecordingFile, open_recording
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader, RecordingFile
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay import files
 from plotfeed.replay.asterix_files import FinalReader, RawReader
@@ -140,12 +140,12 @@ def test_what_is_written_is_read_by_the_reader_that_its_content_asks_for(
     form: FileFormat, tmp_path: Path
 ) -> None:
     path = stored(tmp_path, data_of(form))
-    with open_recording(path, date_utc_ns=1_767_225_600_000_000_000) as recording:
+    with ForeignReader(path, date_utc_ns=1_767_225_600_000_000_000) as recording:
         assert recording.format is form
         assert recording.octets == path.stat().st_size
-        got = list(recording.reader.messages())
-        assert (recording.reader.damage, recording.reader.skipped) == ([], 0)
-        assert 0 <= recording.reader.at <= recording.octets
+        got = list(recording.messages())
+        assert (recording.damage, recording.skipped) == ([], 0)
+        assert 0 <= recording.at <= recording.octets
     assert [each.payload for each in got] == [each.payload for each in plots(3)]
     if FORMATS[form].has_dates:
         assert [each.log_time_ns for each in got] == [each.log_time_ns for each in plots(3)]
@@ -153,14 +153,14 @@ def test_what_is_written_is_read_by_the_reader_that_its_content_asks_for(
 
 def test_the_format_can_be_said(tmp_path: Path) -> None:
     path = stored(tmp_path, block_048(1), "odd.pcap")
-    with open_recording(path, FileFormat.PCAP) as recording:
-        assert list(recording.reader.messages()) == []
-        assert recording.reader.damage != []
+    with ForeignReader(path, FileFormat.PCAP) as recording:
+        assert list(recording.messages()) == []
+        assert recording.damage != []
 
 
 def test_a_table_of_plots_is_not_read_and_pcapng_is_not_written(tmp_path: Path) -> None:
     path = stored(tmp_path, data_of(FileFormat.CSV), "plots.csv")
-    with pytest.raises(PlotfeedError, match="csv is only written"), open_recording(path):
+    with pytest.raises(PlotfeedError, match="csv is only written"), ForeignReader(path):
         pass
     with pytest.raises(PlotfeedError, match="pcapng is only read"):
         writer_to(io.BytesIO(), FileFormat.PCAPNG)
@@ -189,8 +189,8 @@ def test_mcap_keeps_all_that_a_message_has(tmp_path: Path) -> None:
         message(b"\1", 5, topic="a", publish_time_ns=4, properties=(("k", "v"),), qos=1),
         message(b"\2", 6, topic="a", retain=True, stage=Stage.BEFORE, content_type=""),
     ]
-    with open_recording(stored(tmp_path, data_of(FileFormat.MCAP, sent))) as recording:
-        assert list(recording.reader.messages()) == sent
+    with ForeignReader(stored(tmp_path, data_of(FileFormat.MCAP, sent))) as recording:
+        assert list(recording.messages()) == sent
 
 
 def test_what_mcap_cannot_hold_is_told() -> None:
@@ -294,8 +294,8 @@ def many_of(form: FileFormat, count: int = 50) -> bytes:
 
 
 def read_file(path: Path) -> tuple[list[Recorded], list[str]]:
-    with open_recording(path) as recording:
-        return list(recording.reader.messages()), [each.what for each in recording.reader.damage]
+    with ForeignReader(path) as recording:
+        return list(recording.messages()), [each.what for each in recording.damage]
 
 
 def unpacked(packed: bytes) -> tuple[bytes, list[str]]:
@@ -370,7 +370,7 @@ def test_a_small_file_does_not_become_a_machine_s_memory() -> None:
 def test_a_packed_mcap_says_what_to_do(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap.gz"
     path.write_bytes(gzip.compress(many_of(FileFormat.MCAP)))
-    with pytest.raises(PlotfeedError, match="gunzip it first"), open_recording(path):
+    with pytest.raises(PlotfeedError, match="gunzip it first"), ForeignReader(path):
         pass
     with pytest.raises(PlotfeedError, match="gunzip it first"):
         RecordingFile(path)

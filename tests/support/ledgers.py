@@ -14,7 +14,7 @@ from plotfeed.feeds.recording.recorder import attachments_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 from plotfeed.testing import START_NS, fly
 

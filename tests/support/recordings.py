@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from hypothesis import strategies as st
 
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.mcap import McapReader, McapWriter
 from plotfeed.replay.recorded import (
     LATEST_NS,
     Attachment,

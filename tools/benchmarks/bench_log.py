@@ -24,8 +24,7 @@ from aims import aim, ratios, spread
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import CHUNK_OCTETS, McapWriter
+from plotfeed.replay.mcap import CHUNK_OCTETS, McapReader, McapWriter
 from plotfeed.replay.recorded import Recorded, Stage
 
 OFFICIAL, RICH = "official mcap", "with 8 user properties"

@@ -191,7 +191,7 @@ def pcap(path: Path, messages: Sequence[Any]) -> Path:
 
 def mcap(path: Path, octets: int, count: int) -> Path:
     """A log of that many messages, 20,000 a second."""
-    from plotfeed.replay.mcap.mcap_writer import McapWriter
+    from plotfeed.replay.mcap import McapWriter
     from plotfeed.replay.recorded import Recorded
 
     body = bytes(range(256)) * 8

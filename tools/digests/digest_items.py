@@ -21,9 +21,7 @@ from plotfeed.proto.content_types import protobuf_content_type
 from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.ledger_pb2 import LedgerBatch
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.mcap.channels import properties_to_json
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.mcap import McapReader, McapWriter, properties_to_json
 from plotfeed.replay.recorded import Recorded
 
 OCTETS_A_LINE = 32

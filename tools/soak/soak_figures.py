@@ -17,7 +17,7 @@ from scipy import stats
 from plotfeed.feeds.link.counters import LATENESS_KEPT
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of
-from plotfeed.replay.mcap.mcap_reader import FOOTER, McapReader
+from plotfeed.replay.mcap import FOOTER, McapReader
 from plotfeed.replay.recorded import Stage
 
 NS = 1_000_000_000

@@ -14,7 +14,7 @@ from support.recordings import plots, written
 from support.scene_files import radar, scene_file, scene_text
 from support.waiting import PATIENCE_S
 
-from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.mcap import McapWriter
 
 STARING = """
 range_max_m = 5000.0

@@ -25,9 +25,9 @@ from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.cli.replay import press
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying import destinations
-from plotfeed.feeds.replaying.destinations import ReplayMqtt
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.replaying.replayer import AT_ONCE, ReplayControl, Replayer
+from plotfeed.feeds.replaying.routes import ReplayMqtt
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.testing import MqttReceiver

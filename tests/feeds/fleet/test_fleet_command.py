@@ -21,7 +21,7 @@ from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.recording.recorder import SessionRecord
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto.utc import NS, iso_utc, whole_second_ns
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Stage
 from plotfeed.testing import MqttReceiver, fly
 

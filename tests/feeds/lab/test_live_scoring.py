@@ -10,7 +10,7 @@ from support.command import running
 from support.scene_files import radar, scene_file, scene_text
 
 from plotfeed.feeds.schema.asyncapi import document
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Stage
 from plotfeed.testing import MqttMessage, MqttReceiver
 

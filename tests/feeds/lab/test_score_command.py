@@ -25,7 +25,7 @@ from plotfeed.feeds.lab.score import (
 from plotfeed.feeds.lab.scoring import FIGURE_NAMES
 from plotfeed.models.verdicts import Interval
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Stage
 
 MORE = 'report = ["asterix-062", "plots"]\ntracks = { kind = "plain" }'

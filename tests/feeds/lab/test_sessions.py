@@ -21,7 +21,7 @@ from plotfeed.feeds.scene.scene import load
 from plotfeed.models.residuals import Check
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.testing import START_NS
 

@@ -23,7 +23,7 @@ from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Stage
 from plotfeed.testing import MqttReceiver
 

@@ -27,7 +27,7 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import entries_in
 from plotfeed.proto.utc import NS
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Stage
 from plotfeed.testing import MqttReceiver
 

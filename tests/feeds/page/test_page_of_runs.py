@@ -23,7 +23,7 @@ from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Stage
 
 if TYPE_CHECKING:

@@ -25,8 +25,7 @@ from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import entries_in
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.mcap import McapReader, McapWriter
 from plotfeed.replay.recorded import SCENE_NAME, Attachment, Recorded, Stage
 
 NS = 1_000_000_000

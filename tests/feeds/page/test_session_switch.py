@@ -26,8 +26,7 @@ from plotfeed.feeds.page.session_switch import MAX_LISTED, new_path, recordings_
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.mcap import McapReader, McapWriter
 from plotfeed.replay.recorded import Recorded
 from plotfeed.testing import MqttMessage, MqttReceiver
 

@@ -19,15 +19,14 @@ from support.recordings import MS, START_NS, block, block_048, message, plots, w
 from support.waiting import PATIENCE_S, wait_until
 
 from plotfeed.feeds.recording.convert import convert_recording
-from plotfeed.feeds.recording.foreign_recordings import open_recording
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.feeds.recording.recording_settings import ConvertSettings
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import PlotEncoder015
 from plotfeed.proto.content_types import PLOT_BATCH, asterix_content_type, protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, writer_to
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.mcap import McapReader, McapWriter
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 Capture = pytest.CaptureFixture[str]
@@ -46,9 +45,9 @@ def stored(path: Path, messages: list[Recorded]) -> Path:
 
 
 def read(path: Path, date_utc_ns: int = 0) -> list[Recorded]:
-    with open_recording(path, date_utc_ns=date_utc_ns) as recording:
-        messages = list(recording.reader.messages())
-        assert recording.reader.damage == []
+    with ForeignReader(path, date_utc_ns=date_utc_ns) as recording:
+        messages = list(recording.messages())
+        assert recording.damage == []
     return messages
 
 
@@ -305,11 +304,11 @@ def test_a_log_that_was_never_ended_is_recovered_with_its_attachments(
     assert found["messages"] == 50
     assert found["damage"] != []
     assert read(target) == plots(50)
-    with open_recording(target) as recording:
-        (entry,) = recording.reader.attachments()
-        assert recording.reader.attachment(entry.name) == scene
+    with ForeignReader(target) as recording:
+        (entry,) = recording.attachments()
+        assert recording.attachment(entry.name) == scene
     with McapReader(target) as log:
-        assert log.summary().indexed
+        assert log.is_indexed
     assert totals(capsys, target, tmp_path / "out.jsonl")["notes"] == [
         "the attachment 'scene.toml' was left out"
     ]

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from support.recordings import MESSAGES, message, plots, written
 
 from plotfeed.feeds.recording import foreign_recordings
-from plotfeed.feeds.recording.foreign_recordings import ForeignReader, RecordingFile, open_recording
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader, RecordingFile
 from plotfeed.feeds.telemetry.foreign_files import process_apart
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, reading, writer_to
@@ -27,7 +27,7 @@ CONFINED = """
 import json, os, resource, socket
 from plotfeed.feeds.console.posix import confine_process
 from plotfeed.feeds.recording import foreign_recordings as f
-def told(out, recording, asked, together):
+def told(*_, together):
     facts = {name: resource.getrlimit(getattr(resource, name))[0]
              for name in ("RLIMIT_AS", "RLIMIT_CPU", "RLIMIT_NOFILE")}
     facts["secrets"] = [value for value in os.environ.values() if "secret" in value]
@@ -77,11 +77,11 @@ def test_what_another_process_reads_is_what_this_one_would(
     path = stored(tmp_path_factory.mktemp("foreign") / "log.mcap", messages)
     with (
         path.open("rb") as file,
-        reading(file, FileFormat.MCAP) as here,
-        open_recording(path) as apart,
+        reading(file, FileFormat.MCAP) as (here, octets),
+        ForeignReader(path) as apart,
     ):
-        assert list(apart.reader.messages()) == list(here.reader.messages())
-        assert (apart.octets, apart.reader.damage) == (here.octets, here.reader.damage)
+        assert list(apart.messages()) == list(here.messages())
+        assert (apart.octets, apart.damage) == (octets, here.damage)
 
 
 def test_many_messages_come_in_more_than_one_frame_and_long_ones_alone(tmp_path: Path) -> None:
@@ -103,8 +103,8 @@ def test_a_pipe_is_read_as_it_is_written(tmp_path: Path) -> None:
 
     writer = threading.Thread(target=write)
     writer.start()
-    with open_recording(path, FileFormat.JSON) as recording:
-        messages = recording.reader.messages()
+    with ForeignReader(path, FileFormat.JSON) as recording:
+        messages = recording.messages()
         found = [next(messages)]
         first_came.set()
         assert found + list(messages) == plots(2)
@@ -117,13 +117,13 @@ def test_an_attachment_is_found_and_what_is_wrong_with_it_told(tmp_path: Path) -
         writer = writer_to(file, FileFormat.MCAP)
         writer.attach(scene)
         writer.close()
-    with open_recording(path) as recording:
-        assert recording.reader.attachment("a") == scene
-        assert recording.reader.attachment("other") is None
-        assert recording.reader.damage == []
+    with ForeignReader(path) as recording:
+        assert recording.attachment("a") == scene
+        assert recording.attachment("other") is None
+        assert recording.damage == []
         path.write_bytes(path.read_bytes().replace(b"texttext", b"texttexu", 1))
-        assert recording.reader.attachment("a") is None
-        (damage,) = recording.reader.damage
+        assert recording.attachment("a") is None
+        (damage,) = recording.damage
         assert "its CRC is wrong" in damage.what
 
 
@@ -137,7 +137,7 @@ def test_it_has_limits_no_network_and_none_of_our_secrets(
         start = CONFINED.replace("PORT", str(listener.getsockname()[1]))
         monkeypatch.setattr(foreign_recordings, "_START", start)
         monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", "secret")
-        with pytest.raises(PlotfeedError) as told, open_recording(stored(tmp_path / "a", plots(1))):
+        with pytest.raises(PlotfeedError) as told, ForeignReader(stored(tmp_path / "a", plots(1))):
             pass
     facts = json.loads(str(told.value).partition(": ")[2])
     network = facts.pop("network")
@@ -155,9 +155,9 @@ def test_whatever_a_process_says_is_messages_or_a_line(
     monkeypatch.setattr(foreign_recordings, "_START", start)
     with (
         pytest.raises(PlotfeedError, match=r"a\.mcap: reading it takes more than 2048 MiB"),
-        open_recording(stored(tmp_path / "a.mcap", plots(1))) as recording,
+        ForeignReader(stored(tmp_path / "a.mcap", plots(1))) as recording,
     ):
-        list(recording.reader.messages())
+        list(recording.messages())
 
 
 def test_a_process_ends_with_who_asked_and_not_by_ctrl_c(tmp_path: Path) -> None:

@@ -11,8 +11,7 @@ from support.command import plotfeed_here
 from support.recordings import MS, START_NS, mcap_of, message, messages
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import McapWriter
+from plotfeed.replay.mcap import McapReader, McapWriter
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
 SENSORS = ("north", "south", "west")

@@ -95,7 +95,7 @@ def test_a_signal_ends_it_with_a_whole_file(
     found, reader = read_log(path.read_bytes())
     assert numbers(found) == list(range(200))
     assert reader.damage == []
-    assert reader.summary().indexed
+    assert reader.is_indexed
     with path.open("rb") as file:
         theirs = make_reader(file, validate_crcs=True)
         topics = [f"udp/127.0.0.1/{datagrams.port}"]
@@ -117,7 +117,7 @@ def test_a_kill_costs_no_more_than_what_was_not_yet_in_the_file(
     kept = len(found)
     assert numbers(found) == list(range(kept))  # the end is missing, and nothing else
     assert 4000 < kept <= datagrams.sent
-    assert not reader.summary().indexed
+    assert not reader.is_indexed
     assert all(damage.offset > path.stat().st_size * 0.9 for damage in reader.damage)
     assert reader.damage
 
@@ -136,7 +136,7 @@ def test_a_full_disk_ends_it_with_what_was_whole(tmp_path: Path, datagrams: Data
     found, reader = read_log(path.read_bytes())
     assert numbers(found) == list(range(len(found)))
     assert 1000 < len(found) < datagrams.sent
-    assert reader.damage == [] if reader.summary().indexed else reader.damage
+    assert reader.damage == [] if reader.is_indexed else reader.damage
 
 
 def test_it_ends_by_itself_after_so_many(tmp_path: Path, datagrams: Datagrams) -> None:
@@ -165,7 +165,7 @@ def test_it_ends_by_itself_after_a_time_and_says_what_there_was(tmp_path: Path) 
         "dropped": 0,
         "refused": 0,
     }
-    assert read_log(path.read_bytes())[1].summary().indexed
+    assert read_log(path.read_bytes())[1].is_indexed
 
 
 def test_a_broker_is_recorded(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.proto.content_types import JSON
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS, iso_utc
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Attachment
 
 pytest.importorskip("sapient_msg")

@@ -100,7 +100,7 @@ async def test_while_it_runs_everything_is_soon_in_the_file(tmp_path: Path) -> N
     await running  # it ends by itself
     found, reader = read_log((tmp_path / "a.mcap").read_bytes())
     assert len(found) == 3
-    assert reader.summary().indexed
+    assert reader.is_indexed
 
 
 def test_a_disk_that_stands_still_costs_messages_and_no_time(tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_where_nothing_may_be_dropped_it_waits(tmp_path: Path) -> None:
     recorder.close()
     timer.join()
     assert recorder.dropped == 0
-    assert read_log(recorder.path.read_bytes())[1].summary().messages == len(sent)
+    assert read_log(recorder.path.read_bytes())[1].counts.total() == len(sent)
 
 
 @pytest.mark.asyncio

@@ -30,7 +30,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.proto.sapient.envelope import envelope
 from plotfeed.proto.utc import iso_utc
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 
 LEDGER = "application/x-protobuf; messageType=plotfeed.v1.Ledger"

@@ -15,10 +15,9 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import Transport
-from plotfeed.feeds.replaying.destinations import RecordedUdp, ReplayUdp, is_datagram
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings, TopicRule
 from plotfeed.feeds.replaying.replayer import Replayer
-from plotfeed.feeds.replaying.routes import ReplayCounters
+from plotfeed.feeds.replaying.routes import RecordedUdp, ReplayCounters, ReplayUdp
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.replay.recorded import Recorded
@@ -173,4 +172,5 @@ def test_a_destination_that_cannot_be_reached_is_named() -> None:
 )
 def test_datagrams_are_known_by_type_or_topic(topic: str, content_type: str, is_one: bool) -> None:
     given = Message(topic=topic, payload=b"", content_type=content_type, due_utc_ns=0)
-    assert is_datagram(given) == is_one
+    link = ReplayUdp(UdpDestination(destination="127.0.0.1:1"))
+    assert link.carries(given) == is_one

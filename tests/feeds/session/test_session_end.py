@@ -24,7 +24,7 @@ from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import entries_in
-from plotfeed.replay.mcap.mcap_reader import McapReader
+from plotfeed.replay.mcap import McapReader
 from plotfeed.replay.recorded import Recorded, Stage
 from plotfeed.testing import MqttReceiver
 

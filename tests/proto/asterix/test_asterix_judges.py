@@ -16,7 +16,7 @@ from support.given_recordings import CAPTURES, FRAMES
 from support.recordings import message, written
 from support.tshark import tshark_layers
 
-from plotfeed.feeds.recording.foreign_recordings import open_recording
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.proto.asterix.cat015 import CAT015
 from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN
 from plotfeed.proto.asterix.cat048 import CAT034, CAT048
@@ -88,8 +88,8 @@ def values(value: Value) -> Iterator[Any]:
 
 
 def payloads_of(path: Path) -> list[bytes]:
-    with open_recording(path) as recording:
-        found = [each.payload for each in recording.reader.messages()]
+    with ForeignReader(path) as recording:
+        found = [each.payload for each in recording.messages()]
     assert found
     return found
 

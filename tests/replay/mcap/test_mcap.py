@@ -26,10 +26,15 @@ from support.recordings import MESSAGES, MS, SCENE, START_NS, mcap_of, messages,
 
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.mcap import mcap_writer
-from plotfeed.replay.mcap.channels import ChannelKey, properties_of_json, properties_to_json
-from plotfeed.replay.mcap.mcap_reader import McapReader
-from plotfeed.replay.mcap.mcap_writer import CHUNK_OCTETS, McapWriter
+from plotfeed.replay import mcap as mcap_file
+from plotfeed.replay.mcap import (
+    CHUNK_OCTETS,
+    ChannelKey,
+    McapReader,
+    McapWriter,
+    properties_of_json,
+    properties_to_json,
+)
 from plotfeed.replay.recorded import Recorded, Stage
 
 TOPICS = st.sampled_from(["a", "a/b", "before/a", "properties/a"])
@@ -74,8 +79,7 @@ def test_whatever_is_written_is_read_back(written: list[Recorded], flush_every: 
     if not flush_every:
         assert found == sorted(written, key=lambda m: m.log_time_ns)
     assert reader.damage == []
-    whole = reader.summary()
-    assert (whole.messages, whole.indexed) == (len(written), True)
+    assert (reader.counts.total(), reader.is_indexed) == (len(written), True)
     assert sorted((m.log_time, m.publish_time, m.data) for _, _, m in official(data)) == sorted(
         (m.log_time_ns, m.publish_time_ns, m.payload) for m in written
     )
@@ -83,9 +87,8 @@ def test_whatever_is_written_is_read_back(written: list[Recorded], flush_every: 
     found, cut = read_log(never_ended)
     assert sorted(map(repr, found)) == sorted(map(repr, written))
     assert [damage.offset for damage in cut.damage] == [len(never_ended)]
-    told = cut.summary()
-    assert not told.indexed
-    assert (told.counts, told.start_ns, told.end_ns) == (whole.counts, whole.start_ns, whole.end_ns)
+    assert not cut.is_indexed
+    assert (cut.counts, cut.times_ns) == (reader.counts, reader.times_ns)
     assert cut.attachments() == reader.attachments()
 
 
@@ -283,7 +286,7 @@ def test_a_full_disk_leaves_what_was_whole(room: int) -> None:
     assert 0 < len(found) < len(sent)
     assert len(found) % 50 == 0
     # There may be room for the index where there was none for the chunk.
-    if reader.summary().indexed:
+    if reader.is_indexed:
         assert reader.damage == []
         assert len(official(data)) == len(found)
     else:
@@ -297,7 +300,7 @@ def test_an_index_too_large_for_memory_comes_out_the_same(
 ) -> None:
     sent = messages(3000)
     expected = mcap_of(sent)
-    monkeypatch.setattr(mcap_writer, "IN_MEMORY_OCTETS", 300)
+    monkeypatch.setattr(mcap_file, "IN_MEMORY_OCTETS", 300)
     path = tmp_path / "log.mcap"
     with path.open("wb", buffering=0) as file:
         writer = McapWriter(file, attachments=[SCENE])
@@ -311,8 +314,8 @@ def test_an_index_too_large_for_memory_comes_out_the_same(
 def test_the_index_takes_no_more_memory_however_long_the_file(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(mcap_writer, "IN_MEMORY_OCTETS", 10_000)
-    with closing(mcap_writer.Overflowing(io.BytesIO())) as kept:
+    monkeypatch.setattr(mcap_file, "IN_MEMORY_OCTETS", 10_000)
+    with closing(mcap_file.Overflowing(io.BytesIO())) as kept:
         kept.append(b"x" * 20_000)
         tracemalloc.start()
         try:
@@ -337,7 +340,7 @@ def test_without_room_for_the_index_the_file_ends_whole(monkeypatch: pytest.Monk
     def full(_self: object, _record: bytes) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(mcap_writer.Overflowing, "append", full)
+    monkeypatch.setattr(mcap_file.Overflowing, "append", full)
     for each in sent[50:]:
         writer.write(each)
     with pytest.raises(OSError, match="No space"):
@@ -345,7 +348,7 @@ def test_without_room_for_the_index_the_file_ends_whole(monkeypatch: pytest.Monk
     writer.close()
     found, reader = read_log(file.getvalue())
     assert (found, reader.damage) == (sent[:50], [])
-    assert reader.summary().indexed
+    assert reader.is_indexed
 
 
 class CountedFile(io.BytesIO):
@@ -386,9 +389,8 @@ def test_topics_and_stages_can_be_asked_for_and_are_counted() -> None:
     both = list(reader.messages(topics=[topic], stages=[Stage.BEFORE]))
     assert both == [m for m in sent[::2] if m.topic == topic]
     assert list(reader.messages(topics=["plotfeed"])) == []
-    summary = reader.summary()
-    assert summary.counts == dict.fromkeys((ChannelKey.of(m) for m in sent), 50)
-    assert (summary.start_ns, summary.end_ns) == (START_NS, START_NS + 399 * MS)
+    assert reader.counts == dict.fromkeys((ChannelKey.of(m) for m in sent), 50)
+    assert reader.times_ns == (START_NS, START_NS + 399 * MS)
     (entry,) = reader.attachments()
     assert (entry.name, entry.media_type, entry.octets) == (SCENE.name, SCENE.media_type, 8)
 
@@ -398,8 +400,7 @@ def test_a_file_without_messages_is_one(tmp_path: Path) -> None:
     path.write_bytes(mcap_of([]))
     with McapReader(path) as reader:
         assert list(reader.messages()) == reader.damage == []
-        summary = reader.summary()
-        assert (summary.start_ns, summary.end_ns, summary.messages) == (None, None, 0)
+        assert (reader.times_ns, reader.counts) == (None, {})
         assert reader.attachment("scene.toml") == SCENE
         assert reader.attachment("other") is None
     assert reader._own is not None
@@ -490,7 +491,7 @@ def test_what_the_official_library_writes_is_read(
         assert message == Recorded(
             topic, bytes([n]) * 20, message.log_time_ns, message.log_time_ns - 1, kind
         )
-    assert reader.summary().messages == 101
+    assert reader.counts.total() == 101
     attachment = reader.attachment("map.png")
     assert attachment is not None
     assert (attachment.data, attachment.log_time_ns) == (b"png", 2)

@@ -1,28 +1,53 @@
-"""Reads MCAP, ours and what others wrote: by its index, or by a scan where that is broken."""
+"""MCAP, in which everything that a message has is kept: records, chunks, channels and index.
+
+The `mcap` library writes and names the records that are few. Its own writer and readers are not
+used: they take two to three times as long, and of what a day or a stranger brings
+- its writer keeps the index of hours in memory, tells of channels once, which a lost chunk takes
+  along, and leaves a file without an end where the disk is full;
+- its readers trust every length, and give up at the first record that is broken.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import re
 import struct
+import weakref
 from bisect import bisect_left
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from importlib import import_module
+from json.encoder import encode_basestring as quoted
 from operator import attrgetter
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Self
+from tempfile import SpooledTemporaryFile
+from typing import BinaryIO, NamedTuple
 from zlib import crc32
 
+import mcap.records as mcap
 import zstandard
+from google.protobuf.descriptor import FileDescriptor
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import Default
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
-from plotfeed.proto.errors import DecodeError
-from plotfeed.replay.mcap.channels import (
-    Channel,
-    ChannelKey,
-    Properties,
-    channel_of,
-    properties_of_json,
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.content_types import (
+    ASTERIX,
+    GEOJSON,
+    JSON,
+    PROTOBUF,
+    TELEMETRY,
+    message_type,
+    protobuf_content_type,
+    schema_name,
 )
+from plotfeed.proto.errors import DecodeError, EncodeError
+from plotfeed.proto.json_schemas import JSON_SCHEMAS, json_schema
 from plotfeed.replay.recorded import (
     LATEST_NS,
     Attachment,
@@ -30,6 +55,7 @@ from plotfeed.replay.recorded import (
     Damages,
     Recorded,
     RecordingReader,
+    RecordingWriter,
     Stage,
 )
 
@@ -59,6 +85,562 @@ STATISTICS = struct.Struct("<QHIIIIQQI")
 COUNT = struct.Struct("<HQ")  # Channel, and its messages
 # Offset and length of the record, log time, time of creation, octets of the data.
 ATTACHMENT_INDEX = struct.Struct("<QQQQQ")
+
+Properties = tuple[tuple[str, str], ...]
+
+_decode = json.JSONDecoder().raw_decode  # json.loads looks for other encodings first
+
+
+@lru_cache(maxsize=64)  # a message is written before its link and after it
+def properties_to_json(properties: Properties) -> bytes:
+    """An object; a list of pairs if a name is there twice. Raises `UnicodeEncodeError`.
+
+    By hand it takes two thirds of the time.
+    """
+    if len(dict(properties)) == len(properties):
+        pairs = [f"{quoted(name)}:{quoted(value)}" for name, value in properties]
+        return f"{{{','.join(pairs)}}}".encode()
+    return json.dumps(properties, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+def properties_of_json(data: bytes) -> Properties:
+    """User properties of their JSON; raises `DecodeError`."""
+    try:
+        text = data.decode()
+        found, end = _decode(text)
+    except (ValueError, RecursionError):
+        raise DecodeError("user properties: expected JSON") from None
+    if end != len(text):
+        raise DecodeError("user properties: expected JSON and nothing behind it")
+    if isinstance(found, dict):
+        pairs = tuple(found.items())
+    elif isinstance(found, list) and all(isinstance(p, list) and len(p) == 2 for p in found):
+        pairs = tuple((name, value) for name, value in found)
+    else:
+        raise DecodeError("user properties: expected an object or a list of pairs")
+    for name, value in pairs:
+        if type(name) is not str or type(value) is not str:
+            raise DecodeError("user properties: expected texts")
+    return pairs
+
+
+# Of packages: what brings their messages along, if it is installed.
+MODULES = {
+    "plotfeed.v1.": "plotfeed.proto.plotfeed_pb2",
+    "sapient_msg.bsi_flex_335_v2_0.": "sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2",
+}
+
+
+def schema_of(message_type: str) -> bytes | None:
+    """A FileDescriptorSet with that message and all it needs; None if it is not known here."""
+    for package, module in MODULES.items():
+        if message_type.startswith(package):
+            with contextlib.suppress(ImportError):
+                import_module(module)
+    try:
+        message = Default().FindMessageTypeByName(message_type)
+    except KeyError:
+        return None
+    files: dict[str, FileDescriptor] = {}
+    _collect(message.file, files)
+    found = FileDescriptorSet()
+    for file in files.values():
+        file.CopyToProto(found.file.add())
+    return found.SerializeToString(deterministic=True)
+
+
+def _collect(file: FileDescriptor, files: dict[str, FileDescriptor]) -> None:
+    """Dependencies come before what needs them."""
+    if file.name not in files:
+        for needed in file.dependencies:
+            _collect(needed, files)
+        files[file.name] = file
+
+
+# Our protobuf messages that are published as JSON, by the last level of their topics.
+JSON_BY_TOPIC: Mapping[str, str] = {
+    "status": "SensorStatus",
+    "description": "SensorDescription",
+    "errors": "Refusal",
+}
+
+
+def json_schema_of(series: ChannelKey) -> tuple[str, bytes] | None:
+    """Name and JSON schema of what messages in JSON are; None of others.
+
+    By their content type, or else by their topic; of what is neither, that it is an object.
+    """
+    if encoding_of(series.content_type) != "json":
+        return None
+    name = schema_name(series.content_type)
+    schema = JSON_SCHEMAS.get(name)
+    if schema is None:
+        kind = JSON_BY_TOPIC.get(series.topic.rpartition("/")[2], "")
+        kind = "Telemetry" if series.stage is Stage.TELEMETRY else kind
+        found = pb.DESCRIPTOR.message_types_by_name.get(kind)
+        name = "" if found is None else found.full_name
+        schema = ANY_OBJECT if found is None else json_schema(found, ())
+    return name or "plotfeed.Object", json.dumps(schema).encode()
+
+
+ANY_OBJECT: Mapping[str, object] = {"type": "object"}
+OURS = "plotfeed."  # Before our names in a channel's metadata
+BEFORE, PROPERTIES = "before/", "properties/"  # Before topics, where one topic has several channels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelKey:
+    """What messages of a channel have in common."""
+
+    topic: str
+    content_type: str = ""
+    stage: Stage = Stage.RECEIVED
+    retain: bool = False
+    qos: int = 0
+
+    @classmethod
+    def of(cls, recorded: Recorded) -> ChannelKey:
+        """The key of a message."""
+        return cls(
+            topic=recorded.topic,
+            content_type=recorded.content_type,
+            stage=recorded.stage,
+            retain=recorded.retain,
+            qos=recorded.qos,
+        )
+
+    def metadata(self, *, of_properties: bool) -> dict[str, str]:
+        """Everything, for a channel of the messages, or of their user properties."""
+        return {
+            f"{OURS}topic": self.topic,
+            f"{OURS}stage": str(self.stage),
+            f"{OURS}content_type": self.content_type,
+            f"{OURS}retain": "true" if self.retain else "false",
+            f"{OURS}qos": str(self.qos),
+            f"{OURS}holds": "properties" if of_properties else "messages",
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A channel of a file that is read."""
+
+    series: ChannelKey
+    # Whether its messages are the user properties of the series' messages.
+    holds_properties: bool = False
+
+
+def channel_of(topic: str, encoding: str, schema: str, metadata: Mapping[str, str]) -> Channel:
+    """The channel of a record with these fields; one that is not ours has been received."""
+    given = {name.removeprefix(OURS): v for name, v in metadata.items() if name.startswith(OURS)}
+    try:
+        series = ChannelKey(
+            topic=given["topic"],
+            content_type=given["content_type"],
+            stage=Stage(given["stage"]),
+            retain=given["retain"] == "true",
+            qos=int(given["qos"]),
+        )
+    except (KeyError, ValueError):
+        return Channel(ChannelKey(topic=topic, content_type=_content_type(encoding, schema)))
+    return Channel(series, given.get("holds") == "properties")
+
+
+def encoding_of(content_type: str) -> str:
+    """MCAP's name for how messages of a content type are written."""
+    kind = content_type.partition(";")[0].strip()
+    return {PROTOBUF: "protobuf", JSON: "json", GEOJSON: "json", ASTERIX: "asterix"}.get(kind, kind)
+
+
+def message_type_of(series: ChannelKey) -> str:
+    """Full name of the protobuf message that the messages are; empty if it is not known."""
+    if series.content_type.partition(";")[0].strip() != PROTOBUF:
+        return ""
+    unnamed = TELEMETRY if series.stage is Stage.TELEMETRY else ""
+    return message_type(series.content_type) or unnamed
+
+
+def _content_type(encoding: str, schema: str) -> str:
+    """What others wrote, in our words."""
+    if encoding == "protobuf":
+        return protobuf_content_type(schema) if schema else PROTOBUF
+    return {"json": JSON, "asterix": ASTERIX}.get(encoding, f"application/x-{encoding or 'octets'}")
+
+
+ZSTD_LEVEL = 1  # Higher levels take longer and make the messages of sensors hardly smaller
+# Of the index, which has some octets for each channel in each chunk: hours make it large.
+IN_MEMORY_OCTETS = 1 << 20
+
+
+class ChunkFile:
+    """Takes chunks and attachments. After an `OSError` it ends with what was whole."""
+
+    def __init__(self, file: BinaryIO, library: str, attachments: Iterable[Attachment]) -> None:
+        self.schemas: list[bytes] = []  # Records for the summary, as the next
+        self.channels: list[bytes] = []
+        self._chunk_indexes = Overflowing(file)
+        self._attachment_indexes: list[bytes] = []
+        self._counts: Counter[int] = Counter()  # Messages by channel
+        self._first_ns, self._last_ns = LATEST_NS, 0
+        self._file = file
+        self._octets = 0  # Of whole records
+        self._failed = False
+        self._append([MAGIC, record_of(mcap.Header(profile="", library=library))])
+        for attachment in attachments:
+            self.attach(attachment)
+
+    def add_chunk(self, parts: Sequence[bytes], entries: Mapping[int, Sequence[int]]) -> None:
+        """A chunk of those records; `entries` are log time, offset, log time, ... by channel."""
+        records = b"".join(parts)
+        content = zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(records)
+        first_ns = min(min(times[::2]) for times in entries.values())
+        last_ns = max(max(times[::2]) for times in entries.values())
+        chunk = record_of(
+            mcap.Chunk(
+                compression="zstd",
+                data=content,
+                message_end_time=last_ns,
+                message_start_time=first_ns,
+                uncompressed_crc=crc32(records),
+                uncompressed_size=len(records),
+            )
+        )
+        begin = at = self._octets + len(chunk)
+        indexes, index_offsets = [], {}
+        for channel_id, times in entries.items():
+            octets = 8 * len(times)
+            head = (Opcode.MESSAGE_INDEX, 6 + octets, channel_id, octets)
+            indexes.append(struct.pack(f"<BQHI{len(times)}Q", *head, *times))
+            index_offsets[channel_id] = at
+            at += len(indexes[-1])
+        index = mcap.ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=self._octets,
+            compression="zstd",
+            compressed_size=len(content),
+            message_end_time=last_ns,
+            message_index_length=at - begin,
+            message_index_offsets=index_offsets,
+            message_start_time=first_ns,
+            uncompressed_size=len(records),
+        )
+        before = self._octets
+        if self._append([chunk, *indexes]):
+            try:
+                self._chunk_indexes.append(record_of(index))
+            except OSError:
+                self._octets = before
+                self._give_up()
+                raise
+            self._counts.update({number: len(times) // 2 for number, times in entries.items()})
+            self._first_ns = min(self._first_ns, first_ns)
+            self._last_ns = max(self._last_ns, last_ns)
+
+    def attach(self, attachment: Attachment) -> None:
+        """Put another file into the file."""
+        record = mcap.Attachment(
+            create_time=attachment.log_time_ns,
+            log_time=attachment.log_time_ns,
+            name=attachment.name,
+            media_type=attachment.media_type,
+            data=attachment.data,
+        )
+        octets, offset = record_of(record), self._octets
+        if self._append([octets]):
+            index = mcap.AttachmentIndex(
+                offset=offset,
+                length=len(octets),
+                log_time=record.log_time,
+                create_time=record.create_time,
+                data_size=len(record.data),
+                name=record.name,
+                media_type=record.media_type,
+            )
+            self._attachment_indexes.append(record_of(index))
+
+    def end(self) -> None:
+        """The summary. A file that has failed gets one too, if there is room where it failed."""
+        told, self._failed = self._failed, False
+        try:
+            self._append(self._summary())
+        except OSError:
+            if not told:
+                raise
+        finally:
+            self._chunk_indexes.close()
+
+    def _append(self, parts: Iterable[bytes]) -> bool:
+        """Write all of them or none; False if the file takes no more. Raises `OSError` once."""
+        if self._failed:
+            return False
+        octets = 0
+        try:
+            for part in parts:
+                left = memoryview(part)
+                octets += len(part)
+                while left:  # a file without a buffer may take a part
+                    left = left[self._file.write(left) :]
+            self._file.flush()
+        except OSError:
+            self._give_up()
+            raise
+        self._octets += octets
+        return True
+
+    def _give_up(self) -> None:
+        """Leave what is whole, and take no more."""
+        self._failed = True
+        with contextlib.suppress(OSError):
+            self._file.seek(self._octets)
+            self._file.truncate()
+
+    def _summary(self) -> Iterator[bytes]:
+        """What lies between the end of the data and the end of the file."""
+        statistics = mcap.Statistics(
+            attachment_count=len(self._attachment_indexes),
+            channel_count=len(self.channels),
+            channel_message_counts=self._counts,
+            chunk_count=self._chunk_indexes.count,
+            message_count=self._counts.total(),
+            message_end_time=self._last_ns,
+            message_start_time=self._first_ns if self._counts else 0,
+            metadata_count=0,
+            schema_count=len(self.schemas),
+        )
+        groups: dict[Opcode, Iterable[bytes]] = {
+            Opcode.SCHEMA: self.schemas,
+            Opcode.CHANNEL: self.channels,
+            Opcode.STATISTICS: [record_of(statistics)],
+            Opcode.CHUNK_INDEX: self._chunk_indexes,
+            Opcode.ATTACHMENT_INDEX: self._attachment_indexes,
+        }
+        data_end = record_of(mcap.DataEnd(data_section_crc=0))
+        yield data_end
+        start = at = self._octets + len(data_end)
+        offsets: list[bytes] = []
+        crc = 0
+        for opcode, parts in groups.items():
+            begin = at
+            for part in parts:
+                crc, at = crc32(part, crc), at + len(part)
+                yield part
+            if at > begin:
+                place = mcap.SummaryOffset(
+                    group_opcode=opcode, group_start=begin, group_length=at - begin
+                )
+                offsets.append(record_of(place))
+        footer = record_of(mcap.Footer(summary_start=start, summary_offset_start=at, summary_crc=0))
+        end = b"".join((*offsets, footer[:-4]))
+        yield b"".join((end, struct.pack("<I", crc32(end, crc)), MAGIC))
+
+
+class Overflowing:
+    """Records for the end of a file: the first in memory, many in a nameless file beside it."""
+
+    def __init__(self, beside: BinaryIO) -> None:
+        name = getattr(beside, "name", None)
+        folder = str(Path(name).parent) if isinstance(name, str | Path) else None
+        self.count = 0
+        self._octets = 0  # Of whole records
+        self._file = SpooledTemporaryFile(IN_MEMORY_OCTETS, dir=folder)  # noqa: SIM115
+        self._close = weakref.finalize(self, self._file.close)  # a writer may be given up
+
+    def append(self, record: bytes) -> None:
+        """Keep another; raises `OSError`, and then keeps nothing of it."""
+        self._file.seek(self._octets)
+        self._file.write(record)
+        self._octets += len(record)
+        self.count += 1
+
+    def close(self) -> None:
+        """Give back the file."""
+        self._close()
+
+    def __iter__(self) -> Iterator[bytes]:
+        """All of them, one after the other, in pieces of any size."""
+        self._file.seek(0)
+        left = self._octets
+        while left > 0 and (piece := self._file.read(min(left, IN_MEMORY_OCTETS))):
+            left -= len(piece)
+            yield piece
+
+
+def record_of(record: mcap.McapRecord) -> bytes:
+    """The octets of a record; raises `UnicodeEncodeError`."""
+    builder = RecordBuilder()
+    record.write(builder)
+    octets: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return octets
+
+
+CHUNK_OCTETS = 256 << 10
+MAX_PAYLOAD_OCTETS = MAX_RECORD_OCTETS // 2
+# Chunks: where there is no index, the loss of one shall not make others unreadable for long.
+DEFINE_EVERY = 16
+MAX_CHANNELS = 65_535
+LAST_SEQUENCE = 0xFFFFFFFF
+
+# Does a piece of work now or later, the pieces one after the other.
+Run = Callable[[Callable[[], None]], object]
+
+
+class _Channel:
+    """A channel that is being written."""
+
+    __slots__ = ("defined_in", "definition", "entries", "id", "messages", "properties")
+
+    def __init__(self, number: int, definition: bytes) -> None:
+        self.id = number
+        self.definition = definition
+        self.defined_in = 0  # Number of the last chunk that has the definition
+        self.messages = 0
+        self.entries: list[int] = []  # Of the current chunk: log time, offset, log time, ..
+        self.properties: _Channel | None = None
+
+
+class McapWriter(RecordingWriter):
+    """Writes messages to a file, which it does not close; best opened without a buffer.
+
+    What takes long, compressing a chunk and writing it, is handed to `run`, and `OSError` is raised
+    there. The file then ends with the last whole chunk and takes no more messages.
+    """
+
+    def __init__(
+        self,
+        file: BinaryIO,
+        *,
+        attachments: Iterable[Attachment] = (),
+        library: str = "plotfeed",
+        run: Run = lambda work: work(),
+    ) -> None:
+        self._run = run
+        self._file = ChunkFile(file, library, attachments)
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._channels: dict[tuple[object, ...], _Channel] = {}
+        self._last_id = 0
+        self._parts: list[bytes] = []
+        self._octets = 0
+        self._touched: list[_Channel] = []
+        self._chunk = 1  # Number of the current one
+        self._closed = False
+
+    def write(self, message: Recorded) -> str | None:
+        """Add a message whole; or why such a file cannot hold it, and nothing of it is there."""
+        if len(message.payload) > MAX_PAYLOAD_OCTETS:
+            return f"payload: larger than {MAX_PAYLOAD_OCTETS} octets"
+        stage = message.stage._value_  # a text: its hash is much quicker than that of an enum
+        key = (message.topic, message.content_type, stage, message.retain, message.qos)
+        try:
+            channel = self._channels.get(key) or self._new_channel(key, message)
+            if message.properties:  # a message of their own, with the same number and times
+                beside = channel.properties
+                if beside is None:
+                    beside = self._new_channel(("properties", *key), message, of_properties=True)
+                    channel.properties = beside
+                beside.messages = channel.messages
+                told = properties_to_json(message.properties)
+                self._add(beside, message.log_time_ns, message.publish_time_ns, told)
+            self._add(channel, message.log_time_ns, message.publish_time_ns, message.payload)
+        except UnicodeEncodeError as error:
+            return f"{ascii(error.object)[:60]}: expected text that UTF-8 can hold"
+        except EncodeError as error:
+            return str(error)
+        if self._octets >= CHUNK_OCTETS:
+            self.flush()
+        return None
+
+    def flush(self) -> None:
+        """End the chunk, so that what has been written is in the file and readable."""
+        if not self._touched:
+            return
+        entries = {channel.id: channel.entries for channel in self._touched}
+        for channel in self._touched:
+            channel.entries = []
+        work = partial(self._file.add_chunk, self._parts, entries)
+        self._parts, self._octets, self._touched = [], 0, []
+        self._chunk += 1
+        self._run(work)
+
+    def attach(self, attachment: Attachment) -> bool:
+        """Put another file into the file."""
+        self.flush()
+        self._run(partial(self._file.attach, attachment))
+        return True
+
+    def close(self) -> None:
+        """End the file with its index; again does nothing."""
+        if not self._closed:
+            self._closed = True
+            self.flush()
+            self._run(self._file.end)
+
+    def _add(self, channel: _Channel, log_ns: int, publish_ns: int, payload: bytes) -> None:
+        """The whole message or, with an `EncodeError`, nothing of it."""
+        octets = len(payload)
+        try:
+            head = MESSAGE.pack(
+                Opcode.MESSAGE,
+                MESSAGE_FIELDS_OCTETS + octets,
+                channel.id,
+                channel.messages & LAST_SEQUENCE,
+                log_ns,
+                publish_ns,
+            )
+        except struct.error:
+            raise EncodeError("expected times after 1970, before 2554", field="time") from None
+        channel.messages += 1
+        entries = channel.entries
+        if not entries:
+            self._touched.append(channel)
+            if not channel.defined_in or self._chunk - channel.defined_in >= DEFINE_EVERY:
+                self._put(channel.definition)
+                channel.defined_in = self._chunk
+        entries += (log_ns, self._octets)
+        self._parts += (head, payload)
+        self._octets += MESSAGE.size + octets
+
+    def _new_channel(
+        self, key: tuple[object, ...], message: Recorded, *, of_properties: bool = False
+    ) -> _Channel:
+        series = ChannelKey.of(message)
+        if self._last_id == MAX_CHANNELS:
+            raise EncodeError(f"more than {MAX_CHANNELS} channels", field="topic")
+        schema_id = 0 if of_properties else self._schema_of(series)
+        encoding = "json" if of_properties else encoding_of(series.content_type)
+        before = (PROPERTIES if of_properties else "") + (
+            BEFORE if series.stage is Stage.BEFORE else ""
+        )
+        definition = mcap.Channel(
+            id=self._last_id + 1,
+            topic=before + series.topic,  # under which other tools list it
+            message_encoding=encoding if schema_id or encoding != "protobuf" else "",
+            metadata=series.metadata(of_properties=of_properties),
+            schema_id=schema_id,
+        )
+        channel = _Channel(definition.id, record_of(definition))
+        self._last_id = channel.id
+        self._channels[key] = channel
+        self._file.channels.append(channel.definition)
+        return channel
+
+    def _schema_of(self, series: ChannelKey) -> int:
+        """Number of the schema of a series, put into the file once; 0 where none is known."""
+        if named := message_type_of(series):
+            name, encoding, data = named, "protobuf", schema_of(named)
+        else:
+            encoding, (name, data) = "jsonschema", json_schema_of(series) or ("", None)
+        if data is None:
+            return 0
+        if (name, encoding) not in self._schemas:
+            number = self._schemas[name, encoding] = len(self._schemas) + 1
+            schema = record_of(mcap.Schema(id=number, name=name, encoding=encoding, data=data))
+            self._put(schema)
+            self._file.schemas.append(schema)
+        return self._schemas[name, encoding]
+
+    def _put(self, record: bytes) -> None:
+        self._parts.append(record)
+        self._octets += len(record)
 
 
 class Fields:
@@ -183,6 +765,10 @@ class TimeSpan(NamedTuple):
     octets: int
     is_chunk: bool = True
 
+    def is_followed_at(self, at: int) -> bool:
+        """Whether a message outside chunks that begins there is read together with these."""
+        return not self.is_chunk and self.offset + self.octets == at and self.octets <= LOOSE_OCTETS
+
 
 @dataclass(slots=True)
 class Contents:
@@ -244,6 +830,10 @@ class McapSource:
         records = unpacked(body, self._may_unpack)
         self._may_unpack -= len(records)
         return records
+
+    def records(self, span: TimeSpan) -> bytes:
+        """The records that hold the messages of a span; raises `DecodeError`."""
+        return self.chunk(span.offset) if span.is_chunk else self.at(span.offset, span.octets)
 
 
 def library_of(path: Path) -> str:
@@ -336,7 +926,7 @@ PIECES_OCTETS = 1 << 12, 1 << 20
 PATIENCE, PATIENCE_OCTETS = 8, 64 << 20
 # Where a chunk may begin: its opcode, and its compression in the right place.
 _CHUNK = re.compile(rb"\x06(?=(?s:.{36})(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4}))")
-CHUNK_OCTETS = HEAD.size + CHUNK_FIELDS.size + 4 + 4 + 8  # At most, up to its content
+CHUNK_HEAD_OCTETS = HEAD.size + CHUNK_FIELDS.size + 4 + 4 + 8  # At most, up to its content
 _KINDS = frozenset(Opcode)
 
 
@@ -347,7 +937,6 @@ class _Scan:
         self._contents = Contents()
         self._source = source
         self._damages = damages
-        self._loose: TimeSpan | None = None
         self._wasted = 0  # Octets read in vain
 
     def run(self) -> Contents:
@@ -371,7 +960,6 @@ class _Scan:
                 opcode = 0
                 end = self._after_broken(at, end, str(error))
             at = end
-        self._end_loose()
         magic = source.at(max(0, source.octets - len(MAGIC)), len(MAGIC))
         if opcode != Opcode.DATA_END or magic != MAGIC:
             self._damages.add(source.octets, "the end: cut, or still being written")
@@ -446,22 +1034,12 @@ class _Scan:
         if channel_id not in self._contents.channels:
             raise DecodeError(f"a message of channel {channel_id}, which is unknown")
         self._contents.counts[channel_id] = self._contents.counts.get(channel_id, 0) + 1
-        loose = self._loose
-        if loose is None or loose.offset + loose.octets != at or loose.octets > LOOSE_OCTETS:
-            self._end_loose()
-            loose = TimeSpan(log_ns, log_ns, at, 0, is_chunk=False)
-        self._loose = TimeSpan(
-            min(loose.first_ns, log_ns),
-            max(loose.last_ns, log_ns),
-            loose.offset,
-            end - loose.offset,
-            is_chunk=False,
-        )
-
-    def _end_loose(self) -> None:
-        if self._loose is not None:
-            self._contents.spans.append(self._loose)
-            self._loose = None
+        first_ns, last_ns, begin = log_ns, log_ns, at
+        spans = self._contents.spans
+        if spans and spans[-1].is_followed_at(at):
+            first_ns, last_ns, begin, *_ = spans.pop()
+        first_ns, last_ns = min(first_ns, log_ns), max(last_ns, log_ns)
+        spans.append(TimeSpan(first_ns, last_ns, begin, end - begin, is_chunk=False))
 
     def _after_broken(self, at: int, end: int, what: str) -> int:
         """Where to go on: after the record if its lengths agree or another follows, or a chunk."""
@@ -480,9 +1058,9 @@ class _Scan:
         """The next place at which a chunk stands that fits into the file; else its end."""
         source, (piece_octets, most) = self._source, PIECES_OCTETS
         while at < source.octets:
-            piece = source.at(at, piece_octets + CHUNK_OCTETS)
+            piece = source.at(at, piece_octets + CHUNK_HEAD_OCTETS)
             self._wasted += len(piece)
-            for match in _CHUNK.finditer(piece, 0, piece_octets + CHUNK_OCTETS):
+            for match in _CHUNK.finditer(piece, 0, piece_octets + CHUNK_HEAD_OCTETS):
                 if self._is_chunk(at + match.start()):
                     return at + match.start()
             at += piece_octets
@@ -494,7 +1072,7 @@ class _Scan:
         head = self._source.head(at)
         if head is None or head[0] != Opcode.CHUNK:
             return False
-        fields = Fields(self._source.at(at + HEAD.size, CHUNK_OCTETS))
+        fields = Fields(self._source.at(at + HEAD.size, CHUNK_HEAD_OCTETS))
         try:
             first_ns, last_ns, _, _ = fields.take(CHUNK_FIELDS)
             name = fields.text()
@@ -512,22 +1090,6 @@ _log_time = attrgetter("log_time_ns")
 Wanted = dict[int, tuple[Channel, int]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class McapSummary:
-    """What an MCAP file holds."""
-
-    counts: Mapping[ChannelKey, int]  # Messages of each series
-    start_ns: int | None  # First log time; None without messages
-    end_ns: int | None  # Last log time
-    # Whether it was ended as it should, so that a part of it is found without reading the rest.
-    indexed: bool
-
-    @property
-    def messages(self) -> int:
-        """All of them."""
-        return sum(self.counts.values())
-
-
 class McapReader(RecordingReader):
     """Messages of an MCAP file, by log time. Raises `DecodeError` if it is none, and `OSError`."""
 
@@ -542,26 +1104,28 @@ class McapReader(RecordingReader):
             if not is_begun and (head is None or head[0] != Opcode.HEADER):
                 raise DecodeError("expected an MCAP file", at_octet=0)
             contents = read_index(self._source, self.damage)
-            self._indexed = contents is not None
+            # Whether it was ended as it should, so that a part is found without reading the rest.
+            self.is_indexed = contents is not None
             self._contents = contents or _Scan(self._source, self.damage).run()
         except BaseException:
             self.close()
             raise
         self._contents.spans.sort()
 
-    def summary(self) -> McapSummary:
-        """Counts and times."""
-        counts: dict[ChannelKey, int] = {}
+    @property
+    def counts(self) -> Counter[ChannelKey]:
+        """How many messages each series has."""
+        counts: Counter[ChannelKey] = Counter()
         for number, channel in self._contents.channels.items():
             if not channel.holds_properties and (count := self._contents.counts.get(number)):
-                counts[channel.series] = counts.get(channel.series, 0) + count
+                counts[channel.series] += count
+        return counts
+
+    @property
+    def times_ns(self) -> tuple[int, int] | None:
+        """The first and the last log time; None without messages."""
         spans = self._contents.spans
-        return McapSummary(
-            counts=counts,
-            start_ns=spans[0].first_ns if spans else None,
-            end_ns=max(span.last_ns for span in spans) if spans else None,
-            indexed=self._indexed,
-        )
+        return (spans[0].first_ns, max(span.last_ns for span in spans)) if spans else None
 
     @property
     def at(self) -> int:
@@ -603,8 +1167,14 @@ class McapReader(RecordingReader):
         held: list[Recorded] = []
         held_octets = 0
         for n, span in enumerate(spans, 1):
-            more, octets = self._read(span, wanted, first, end)
-            held, held_octets = sorted([*held, *more], key=_log_time), held_octets + octets
+            data = b""
+            try:
+                data = self._source.records(span)
+            except DecodeError as error:
+                self.damage.add(span.offset, str(error))
+            held += self._messages(span.offset, data, wanted, first, end)
+            held.sort(key=_log_time)
+            held_octets += len(data)
             if n == len(spans) or held_octets > MAX_HELD_OCTETS or len(held) > MAX_MESSAGES:
                 ready = len(held)
             else:
@@ -618,12 +1188,6 @@ class McapReader(RecordingReader):
         if self._own is not None:
             self._own.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def _wanted(self, topics: Collection[str] | None, stages: Collection[Stage] | None) -> Wanted:
         numbers: dict[ChannelKey, int] = {}
         wanted: Wanted = {}
@@ -634,21 +1198,6 @@ class McapReader(RecordingReader):
             ):
                 wanted[channel_id] = channel, numbers.setdefault(series, len(numbers))
         return wanted
-
-    def _read(
-        self, span: TimeSpan, wanted: Wanted, first_ns: int, end_ns: int
-    ) -> tuple[list[Recorded], int]:
-        """The messages of a span by log time, and how many octets they were in."""
-        try:
-            if span.is_chunk:
-                data = self._source.chunk(span.offset)
-            else:
-                data = self._source.at(span.offset, span.octets)
-        except DecodeError as error:
-            self.damage.add(span.offset, str(error))
-            return [], 0
-        found = self._messages(span.offset, data, wanted, first_ns, end_ns)
-        return found, len(data)
 
     def _messages(
         self, offset: int, data: bytes, wanted: Wanted, first_ns: int, end_ns: int
