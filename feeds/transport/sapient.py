@@ -11,7 +11,6 @@ import contextlib
 import logging
 import socket
 from collections.abc import Callable
-from typing import Any
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.formats import Announcer
@@ -123,8 +122,6 @@ class SapientWire:
         self, said: asyncio.StreamReader, writer: asyncio.StreamWriter, give_up_after_s: float
     ) -> None:
         """A peer that has read nothing for `give_up_after_s` is left."""
-        self.reason = ""  # Why it is lost, if that is known
-        self.was_stalled = False  # Whether it was given up because the other end did not read
         self._loop = asyncio.get_running_loop()
         self._said, self._writer, self._give_up_after_s = said, writer, give_up_after_s
         self._waits = asyncio.Event()  # The socket has not taken everything
@@ -137,36 +134,14 @@ class SapientWire:
                 socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(give_up_after_s * 1000)
             )
 
-    async def live(self, intake: SapientIntake, on_message: Callable[[bytes], object]) -> None:
-        """Take in messages, each in its turn, and return when the connection is lost."""
-        hearing = asyncio.create_task(self._hear(intake, on_message))
-        watching = asyncio.create_task(self._watch())
-        try:
-            (first, *_), _ = await asyncio.wait(
-                {hearing, watching}, return_when=asyncio.FIRST_COMPLETED
-            )
-            await first
-        except DecodeError as error:  # from here on there is no telling where a message begins
-            self.reason = f"it sent {error}"
-        except TimeoutError:
-            self.was_stalled = True
-            self.reason = f"it has read nothing for {self._give_up_after_s:g} s"
-        except OSError as error:
-            self.reason = error.strerror or str(error)
-        except EOFError:
-            pass  # it says no more
-        finally:
-            hearing.cancel()
-            watching.cancel()
-            await asyncio.gather(hearing, watching, return_exceptions=True)
-
-    async def _hear(self, intake: SapientIntake, on_message: Callable[[bytes], object]) -> None:
+    async def hear(self, intake: SapientIntake, on_message: Callable[[bytes], object]) -> None:
+        """Take in messages, each in its turn, until the connection is lost: raises for which."""
         while True:
             message = await next_message(self._said)
             await intake.turn(LENGTH_OCTETS + len(message))
             on_message(message)
 
-    async def _watch(self) -> None:
+    async def watch(self) -> None:
         """Wait for a peer that has stalled; raises `TimeoutError` when that has taken too long."""
         while True:
             await self._waits.wait()
@@ -310,26 +285,28 @@ class SapientTcpTransport(ImmediateTransport):
     async def _stay_connected(self) -> None:
         """One connection from beginning to end; raises `TransportError` if there is none."""
         self._wire = wire = await self._connected()
-        living = asyncio.create_task(wire.live(self._intake, self._hear), name=self.name)
         try:
-            await self._register(wire, living)
-            self.counters.count("connections")
-            self._up.set()
-            if self._loss_told:
-                self._tell(f"connected to {self.address} again", logging.INFO)
-                self._loss_told = False
-            while not living.done():
-                await asyncio.wait({living}, timeout=REGISTER_AGAIN_S)
-                if self._is_refused:
-                    self._say_registration(wire)
-            self.counters.count("stalls", wire.was_stalled)
-            raise TransportError(wire.reason or "the connection was closed")
-        except TransportError:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(wire.hear(self._intake, self._hear), name=self.name)
+                tasks.create_task(wire.watch())
+                await self._register(wire)
+        except ExceptionGroup as lost:
             wire.abort()
-            raise
+            raise self._why(lost.exceptions[0]) from None
         finally:
-            living.cancel()
             self._ended()
+
+    def _why(self, lost: Exception) -> Exception:
+        """What ended a connection, in words."""
+        if isinstance(lost, DecodeError):  # there is no telling where another message begins
+            return TransportError(f"it sent {lost}")
+        if isinstance(lost, TimeoutError):
+            self.counters.count("stalls")
+            return TransportError(f"it has read nothing for {self._give_up_after_s:g} s")
+        if isinstance(lost, EOFError):  # it says no more
+            amid = "" if self._up.is_set() else " at the registration"
+            return TransportError(f"the connection was closed{amid}")
+        return TransportError(lost.strerror or str(lost)) if isinstance(lost, OSError) else lost
 
     def _ended(self) -> None:
         self._up.clear()
@@ -348,18 +325,24 @@ class SapientTcpTransport(ImmediateTransport):
             raise TransportError(why) from None
         return SapientWire(*streams, self._give_up_after_s)
 
-    async def _register(self, wire: SapientWire, living: asyncio.Future[None]) -> None:
+    async def _register(self, wire: SapientWire) -> None:
         """Register, and wait a while for the answer; without any, report all the same."""
         self._say_registration(wire)
-        answered = asyncio.ensure_future(self._answered.wait())
-        either: set[asyncio.Future[Any]] = {answered, living}
-        await asyncio.wait(either, timeout=ACK_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
-        answered.cancel()
-        if living.done():
-            raise TransportError(wire.reason or "the connection was closed at the registration")
-        if not self._answered.is_set():
+        try:
+            async with asyncio.timeout(ACK_TIMEOUT_S):
+                await self._answered.wait()
+        except TimeoutError:
             self._tell(f"{self.address} did not acknowledge the registration")
             self._report()
+        self.counters.count("connections")
+        self._up.set()
+        if self._loss_told:
+            self._tell(f"connected to {self.address} again", logging.INFO)
+            self._loss_told = False
+        while True:
+            await asyncio.sleep(REGISTER_AGAIN_S)
+            if self._is_refused:
+                self._say_registration(wire)
 
     def _say_registration(self, wire: SapientWire) -> None:
         registration, _ = self._announcer.opening(self._clock.now_ns())
