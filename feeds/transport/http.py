@@ -1,24 +1,20 @@
-"""HTTP/1.1 by asyncio's streams: what asks a server, posts messages to it, or polls a service."""
+"""HTTP/1.1 by asyncio's streams: what asks a server, and posts messages to it."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import os
 import re
 import ssl
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 from uuid import uuid4
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
-from plotfeed.feeds.scene.telemetry_keys import SourceAddress
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
-from plotfeed.feeds.transport.octet_sources import OctetSource
-from plotfeed.feeds.transport.peers import PEER_LIMITS, PeerTurns
-from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError, TransportError
+from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError
 
 DEFAULT_PORTS = {"http": 80, "https": 443}
 MAX_HEAD_OCTETS = 1 << 16
@@ -192,70 +188,3 @@ def token_of(name: str, key: str, environment: Mapping[str, str]) -> str:
     if not (token.isascii() and token.isprintable()) or " " in token:
         raise AccessError(f"{variable}: expected a token of printable ASCII without spaces")
     return token
-
-
-log = logging.getLogger(__name__)
-
-POLL_TOKEN = "PLOTFEED_REMOTE_ID_TOKEN"  # noqa: S105 - where it is, not what it is
-ANSWER = PEER_LIMITS["live source, HTTP: an answer"]
-SLOWEST_S = 30.0  # Between two questions to a service that fails
-WHY = {
-    401: f"it wants a token: {POLL_TOKEN}",
-    403: f"it does not let that token in: {POLL_TOKEN}",
-    413: "the view is too large for it: 7 km across at most",
-}
-
-
-class PolledOctets(OctetSource):
-    """GET {base}/uss/flights?view=..., each answer whole to the taker."""
-
-    def __init__(self, address: SourceAddress, taker: PeerTurns, view: str, every_s: float) -> None:
-        self._address, self._taker, self._every_s = address, taker, every_s
-        self._url = f"{address.path.rstrip('/')}/uss/flights?view={quote(view, safe=',')}"
-        self._is_told = False
-
-    async def open(self) -> None:
-        """See whether the token can be sent; raises `TransportError`."""
-        token = os.environ.get(POLL_TOKEN, "")
-        if not (token.isascii() and token.isprintable()):
-            raise TransportError(f"{POLL_TOKEN}: expected printable ASCII")
-
-    async def run(self) -> None:
-        """Ask for ever: at the usual interval, more slowly while there is no answer."""
-        wait_s = self._every_s
-        while True:
-            try:
-                answer = await self._get()
-            except SendError as error:
-                if not self._is_told:
-                    log.warning("%s: %s; asked again", self._address, error)
-                    self._is_told = True
-                wait_s = min(2 * wait_s, max(SLOWEST_S, self._every_s))
-            else:
-                if self._is_told:
-                    log.warning("%s: it answers again", self._address)
-                    self._is_told = False
-                wait_s = self._every_s
-                self._taker.put(str(self._address), answer)
-            await asyncio.sleep(wait_s)
-
-    def close(self) -> None:
-        """Nothing is open between questions."""
-
-    async def _get(self) -> bytes:
-        fields = ["Accept: application/json", "Connection: close"]
-        if token := os.environ.get(POLL_TOKEN):
-            fields.append(f"Authorization: Bearer {token}")
-        tls = BrokerAccess().tls_context() if self._url.startswith("https") else None
-        server = HttpClient(self._url, tls, fields)
-        try:
-            status, answer = await server.ask(
-                "GET", (), b"", timeout_s=ANSWER.patience_s, most=ANSWER.octets
-            )
-        finally:
-            server.hang_up()
-        if status != 200:
-            raise SendError(f"status {status}" + (f", {WHY[status]}" if status in WHY else ""))
-        if answer is None:
-            raise SendError(f"an answer of more than {ANSWER.octets} octets")
-        return answer

@@ -328,11 +328,11 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "telemetry/flights/markup.py": ("flight-gpx", "flight-kml"),
     "testing/mqtt_receiver.py": (),
     "transport/broker_process.py": ("mqtt-broker",),
-    "transport/http.py": ("http-answer", "network-remote-id"),
+    "transport/http.py": ("http-answer",),
+    "transport/live_source.py": (*LIVES, "network-remote-id"),
     "transport/mqtt/connection.py": (
         *("mqtt-packets", "telemetry", "fast-telemetry", "mapped", "control", "tracker"),
     ),
-    "transport/octet_sources.py": LIVES,
     "transport/remote_id_service.py": ("remote-id-request",),
     "transport/sapient.py": ("sapient", "sapient-frames"),
     "transport/tak.py": (),

@@ -21,8 +21,8 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import HttpDestination
 from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport, Refused
-from plotfeed.feeds.transport.http import SLOWEST_S, HttpClient, HttpTransport
-from plotfeed.feeds.transport.live_source import LiveSource
+from plotfeed.feeds.transport.http import HttpClient, HttpTransport
+from plotfeed.feeds.transport.live_source import SLOWEST_S, LiveSource
 from plotfeed.feeds.transport.mqtt.address import AccessError
 from plotfeed.models.state import AltitudeReference
 

@@ -19,11 +19,10 @@ from support.waiting import PATIENCE_S, kept_up, until
 
 from plotfeed.feeds.scene.telemetry_keys import SourceAddress, TelemetrySource
 from plotfeed.feeds.telemetry.position_report import PositionReport
-from plotfeed.feeds.transport import octet_sources
-from plotfeed.feeds.transport.live_source import LiveSource, octets_of
-from plotfeed.feeds.transport.octet_sources import AGAIN_S, TcpOctets, UdpOctets
+from plotfeed.feeds.transport import live_source
+from plotfeed.feeds.transport.live_source import LiveSource, TcpOctets, UdpOctets, octets_of
 from plotfeed.feeds.transport.peers import PeerLimits
-from plotfeed.feeds.transport.ways_out import TransportError
+from plotfeed.feeds.transport.ways_out import BACKOFF_S, TransportError
 from plotfeed.proto.errors import PlotfeedError
 
 IDENTITY = b"\x02\x12" + b"1581F4XF".ljust(20, b"\0") + bytes(3)
@@ -210,10 +209,10 @@ async def test_a_connection_that_ends_is_made_again_and_one_that_does_not_come_m
         writer.close()
 
     async with listening(f"mavlink:tcp:127.0.0.1:{port}") as (taker, _):
-        await asyncio.sleep(sum(AGAIN_S) + 0.1)  # nobody is there yet
+        await asyncio.sleep(sum(BACKOFF_S) + 0.1)  # nobody is there yet
         server, since_s = await asyncio.start_server(serve, "127.0.0.1", port), loop.time()
         await until(lambda: len(taker.left) >= 3)
-        assert AGAIN_S[-1] <= loop.time() - since_s <= AGAIN_S[-1] + 3 * AGAIN_S[0] + 1.0
+        assert BACKOFF_S[-1] <= loop.time() - since_s <= BACKOFF_S[-1] + 3 * BACKOFF_S[0] + 1.0
         server.close()
     assert {b"1", b"2", b"3"} <= {bytes([octet]) for octet in taker.all}
 
@@ -224,7 +223,7 @@ async def test_datagrams_that_the_socket_had_no_room_for_are_counted(
 ) -> None:
     if sys.platform != "linux":
         pytest.skip("only Linux tells")
-    monkeypatch.setattr(octet_sources, "BUFFER_OCTETS", 4096)
+    monkeypatch.setattr(live_source, "BUFFER_OCTETS", 4096)
     port, sent = free_port(), 500
     async with listening(f"mavlink:udpin:127.0.0.1:{port}") as (taker, _):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
@@ -238,7 +237,7 @@ async def test_datagrams_that_the_socket_had_no_room_for_are_counted(
 async def test_several_connect_and_who_is_silent_longest_gives_way(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(octet_sources, "TCP", PeerLimits(2, 1 << 16))
+    monkeypatch.setattr(live_source, "TCP", PeerLimits(2, 1 << 16))
     port = free_port()
     async with listening(f"mavlink:tcpin:127.0.0.1:{port}") as (taker, source):
         assert isinstance(source, TcpOctets)
@@ -267,7 +266,7 @@ def watch_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> None:
         raise NotImplementedError
 
-    monkeypatch.setattr(octet_sources, "HAS_POSIX", False)
+    monkeypatch.setattr(live_source, "HAS_POSIX", False)
     monkeypatch.setattr(asyncio.get_running_loop(), "add_reader", refused)
 
 
