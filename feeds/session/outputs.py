@@ -26,10 +26,9 @@ from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
     from plotfeed.feeds.transport.http import HttpTransport
-    from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
+    from plotfeed.feeds.transport.listening import RemoteIdTransport, WebSocketTransport
     from plotfeed.feeds.transport.tak import TakTransport
     from plotfeed.feeds.transport.udp import UdpTransport
-    from plotfeed.feeds.transport.websocket_server import WebSocketTransport
 
     TrackTransport = TakTransport | HttpTransport | WebSocketTransport | RemoteIdTransport
     from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -44,8 +43,8 @@ TRACK_TRANSPORTS: LoadedOnUse[Callable[..., TrackTransport]] = LoadedOnUse(
     {
         "tak": "plotfeed.feeds.transport.tak:TakTransport",
         "http": "plotfeed.feeds.transport.http:HttpTransport",
-        "websocket": "plotfeed.feeds.transport.websocket_server:WebSocketTransport",
-        "remote_id_service": "plotfeed.feeds.transport.remote_id_service:RemoteIdTransport",
+        "websocket": "plotfeed.feeds.transport.listening:WebSocketTransport",
+        "remote_id_service": "plotfeed.feeds.transport.listening:RemoteIdTransport",
     }
 )
 

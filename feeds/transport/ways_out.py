@@ -1,18 +1,16 @@
-"""Ways out to servers that may be away or slow, and at ports of ours, where who wants connects."""
+"""Ways out to servers that may be away or slow: messages one after the other, and some that wait."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import AbstractAsyncContextManager
 
-from plotfeed.feeds.console.printed import bracketed, printable
+from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.messages.transports import Client, ImmediateTransport
-from plotfeed.feeds.scene.output_keys import ListeningDestination, QueuedDestination
+from plotfeed.feeds.messages.transports import Client
+from plotfeed.feeds.scene.output_keys import QueuedDestination
 from plotfeed.proto.errors import PlotfeedError
 
 BACKOFF_S = (0.25, 0.5, 1.0, 2.0, 4.0)  # After the first failure, and the next ones in a row
@@ -149,47 +147,3 @@ class QueuedTransport:
             one.settle(delivered=delivered, to=self.name)
         if not self._queue:
             self._filled.clear()
-
-
-class ListeningTransport(ImmediateTransport):
-    """Listens on a port while `run` runs, and tells who connects what goes there.
-
-    What finds nobody is left to others.
-    """
-
-    to = ""
-
-    def __init__(self, settings: ListeningDestination, key: str, scheme: str) -> None:
-        """`key` is the destination's place in the scene, `scheme` that of its address."""
-        self.name = f"{key} {scheme}://{bracketed(settings.host)}:{settings.port}"
-        self._key, self._port = key, settings.port
-        self._carried = settings.content_type
-        self._is_up = asyncio.Event()
-        self._error: TransportError | None = None
-
-    def listening(self) -> AbstractAsyncContextManager[object]:
-        """The port, open meanwhile; entering raises `OSError`."""
-        raise NotImplementedError
-
-    def carries(self, message: Message) -> bool:
-        """Whether it is of the format that goes there."""
-        return message.content_type == self._carried
-
-    async def wait_until_up(self, timeout_s: float | None = None) -> None:
-        """Return once it listens; raises `TransportError` if it cannot."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s):
-                await self._is_up.wait()
-        if self._error is not None:
-            raise self._error
-
-    async def run(self) -> None:
-        """Listen until cancelled; return if the port cannot be had."""
-        try:
-            async with self.listening():
-                self._is_up.set()
-                await asyncio.Future()
-        except OSError as error:
-            what = f"{self._key}.port: {self._port}"
-            self._error = TransportError(f"{what}: {error.strerror or error}")
-            self._is_up.set()

@@ -40,6 +40,7 @@ from plotfeed.feeds.telemetry.live.mapped_reports import MappedReports
 from plotfeed.feeds.telemetry.live.remote_id import NetworkRemoteIdReports
 from plotfeed.feeds.telemetry.position_report import Refused, decode, fast_decode
 from plotfeed.feeds.transport.http import HttpClient
+from plotfeed.feeds.transport.listening import RemoteIdTransport
 from plotfeed.feeds.transport.live_source import listener_of
 from plotfeed.feeds.transport.mqtt.broker import Broker, Rights
 from plotfeed.feeds.transport.mqtt.packets import (
@@ -48,7 +49,6 @@ from plotfeed.feeds.transport.mqtt.packets import (
     publish_packet,
     subscribe_packet,
 )
-from plotfeed.feeds.transport.remote_id_service import RemoteIdTransport
 from plotfeed.feeds.transport.sapient import next_message
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import AltitudeReference
@@ -329,14 +329,13 @@ DOORS: Mapping[str, tuple[str, ...]] = {
     "testing/mqtt_receiver.py": (),
     "transport/broker_process.py": ("mqtt-broker",),
     "transport/http.py": ("http-answer",),
+    "transport/listening.py": ("remote-id-request",),
     "transport/live_source.py": (*LIVES, "network-remote-id"),
     "transport/mqtt/connection.py": (
         *("mqtt-packets", "telemetry", "fast-telemetry", "mapped", "control", "tracker"),
     ),
-    "transport/remote_id_service.py": ("remote-id-request",),
     "transport/sapient.py": ("sapient", "sapient-frames"),
     "transport/tak.py": (),
-    "transport/websocket_server.py": (),
 }
 
 

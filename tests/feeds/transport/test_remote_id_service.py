@@ -21,9 +21,9 @@ from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.transport.listening import ASKING, RemoteIdTransport
 from plotfeed.feeds.transport.live_source import LiveSource
 from plotfeed.feeds.transport.mqtt.address import AccessError
-from plotfeed.feeds.transport.remote_id_service import ASKING, RemoteIdTransport
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.utc import NS, iso_utc_ms
 from plotfeed.testing import flown, radar, scene, waypoint

@@ -1,4 +1,7 @@
-"""A service of network Remote ID, which answers whoever asks for tracks over HTTP."""
+"""Ports of ours at which others connect: a WebSocket for maps, a service of network Remote ID.
+
+They listen on loopback unless they are told not to.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,150 @@ import asyncio
 import contextlib
 import hmac
 import json
+import logging
 import os
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from contextlib import AbstractAsyncContextManager
 from http import HTTPStatus
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
+from plotfeed.feeds.console.extras import need_extra
+from plotfeed.feeds.console.printed import bracketed
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.scene.output_keys import RemoteIdService
+from plotfeed.feeds.messages.transports import ImmediateTransport
+from plotfeed.feeds.scene.output_keys import ListeningDestination, RemoteIdService, WebSocketKeys
 from plotfeed.feeds.transport.http import token_of
 from plotfeed.feeds.transport.local_hosts import LOOPBACK_NAMES, name_in_host
 from plotfeed.feeds.transport.peers import PEER_LIMITS, Places
-from plotfeed.feeds.transport.ways_out import ListeningTransport
+from plotfeed.feeds.transport.ways_out import TransportError, wait_while
 from plotfeed.proto.tracks.remote_id_answers import MAX_DIAGONAL_M, DisplayArea, KnownFlights
 
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request, Response
+
+MAX_HEARD_OCTETS = 1 << 12  # Of what a client sends, which nobody reads
 ASKING = PEER_LIMITS["service of network Remote ID: a request"]
+
+
+class ListeningTransport(ImmediateTransport):
+    """Listens on a port while `run` runs, and tells who connects what goes there.
+
+    What finds nobody is left to others.
+    """
+
+    to = ""
+
+    def __init__(self, settings: ListeningDestination, key: str, scheme: str) -> None:
+        """`key` is the destination's place in the scene, `scheme` that of its address."""
+        self.name = f"{key} {scheme}://{bracketed(settings.host)}:{settings.port}"
+        self.settings = settings
+        self._key = key
+        self._is_up = asyncio.Event()
+        self._error: TransportError | None = None
+
+    def listening(self) -> AbstractAsyncContextManager[object]:
+        """The port, open meanwhile; entering raises `OSError`."""
+        raise NotImplementedError
+
+    def is_asked_here(self, hosts: Iterable[str]) -> bool:
+        """Whether a request with these headers Host was made to a name of where it listens."""
+        names = {name_in_host(host) for host in hosts}
+        return self.settings.host not in LOOPBACK_NAMES or names <= LOOPBACK_NAMES
+
+    def carries(self, message: Message) -> bool:
+        """Whether it is of the format that goes there."""
+        return message.content_type == self.settings.content_type
+
+    async def wait_until_up(self, timeout_s: float | None = None) -> None:
+        """Return once it listens; raises `TransportError` if it cannot."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                await self._is_up.wait()
+        if self._error is not None:
+            raise self._error
+
+    async def run(self) -> None:
+        """Listen until cancelled; return if the port cannot be had."""
+        try:
+            async with self.listening():
+                self._is_up.set()
+                await asyncio.Future()
+        except OSError as error:
+            what = f"{self._key}.port: {self.settings.port}"
+            self._error = TransportError(f"{what}: {error.strerror or error}")
+            self._is_up.set()
+
+
+class WebSocketTransport(ListeningTransport):
+    """A server whose clients are all told the same; who is slow loses the oldest messages."""
+
+    def __init__(self, settings: WebSocketKeys, key: str = "websocket") -> None:
+        """`key` is the destination's place in the scene; raises `PlotfeedError`."""
+        need_extra("websockets", "a WebSocket", "page")
+        super().__init__(settings, key, "ws")
+        self.settings: WebSocketKeys = settings
+        self._clients: set[asyncio.Queue[bytes]] = set()
+
+    async def drain(self, timeout_s: float = 1.0) -> None:
+        """Wait until clients have been given everything, or the time is up."""
+        await wait_while(lambda: any(not queue.empty() for queue in self._clients), timeout_s)
+
+    def listening(self) -> AbstractAsyncContextManager[object]:
+        """The server, while there is one; entering raises `OSError`."""
+        from websockets.asyncio.server import serve
+        from websockets.typing import Origin
+
+        # What clients do is their affair, and a page of everyone is not told of each.
+        quiet = logging.getLogger(f"{__name__}.connections")
+        quiet.setLevel(logging.CRITICAL)
+        return serve(
+            self._attend,
+            self.settings.host,
+            self.settings.port,
+            process_request=self._refusal,
+            origins=[None, *map(Origin, self.settings.origins)],
+            max_size=MAX_HEARD_OCTETS,
+            server_header=None,
+            logger=quiet,
+        )
+
+    def give(self, message: Message) -> bool | None:
+        """Give each client the message; None where there is none."""
+        for queue in self._clients:
+            if queue.full():
+                queue.get_nowait()
+            queue.put_nowait(message.payload)
+        return bool(self._clients) or None
+
+    def _refusal(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Why a request is not let in: by another name than this host's, or one too many."""
+        if not self.is_asked_here(request.headers.get_all("Host")):
+            return connection.respond(HTTPStatus.FORBIDDEN, "ask for this host by its own name\n")
+        if len(self._clients) >= self.settings.max_clients:
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients\n")
+        return None
+
+    async def _attend(self, client: ServerConnection) -> None:
+        """Send one client what it is to be told, until it goes; what it says is not heard."""
+        from websockets.exceptions import ConnectionClosed
+
+        queue: asyncio.Queue[bytes] = asyncio.Queue(self.settings.queue_messages)
+
+        async def tell_on() -> None:
+            with contextlib.suppress(ConnectionClosed):
+                while True:
+                    await client.send((await queue.get()).decode())
+
+        self._clients.add(queue)
+        telling = asyncio.create_task(tell_on())
+        try:
+            async for _ in client:
+                pass
+        finally:
+            telling.cancel()
+            self._clients.discard(queue)
 
 
 class RefusedRequest(Exception):  # noqa: N818 - what happened to it, not what broke
@@ -43,7 +175,6 @@ class RemoteIdTransport(ListeningTransport):
     ) -> None:
         """`key` is the destination's place in the scene; raises `AccessError`."""
         super().__init__(settings, key, "http")
-        self.settings = settings
         self._now_utc_ns = now_utc_ns
         self._token = ""
         if settings.token is not None:
@@ -101,8 +232,7 @@ class RemoteIdTransport(ListeningTransport):
 
     def _told(self, path: str, fields: dict[str, str]) -> dict[str, Any]:
         """The answer to a request; raises `RefusedRequest`."""
-        on_loopback = self.settings.host in LOOPBACK_NAMES
-        if on_loopback and name_in_host(fields.get("host", "")) not in LOOPBACK_NAMES:
+        if not self.is_asked_here([fields.get("host", "")]):
             raise RefusedRequest(HTTPStatus.FORBIDDEN, "ask for this host by its own name")
         if "origin" in fields:
             raise RefusedRequest(HTTPStatus.FORBIDDEN, "web pages are not answered")
