@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from plotfeed.feeds.transport.udp import UdpTransport
 
     TrackTransport = TakTransport | HttpTransport | WebSocketTransport | RemoteIdTransport
-    from plotfeed.feeds.transport.mqtt.client import MqttTransport
+    from plotfeed.feeds.transport.mqtt.client import LastWills, MqttTransport
     from plotfeed.feeds.transport.mqtt.connection import OnMessage
-    from plotfeed.feeds.transport.mqtt.last_wills import LastWills
     from plotfeed.feeds.transport.sapient import SapientIntake, SapientNews, SapientTcpTransport
 
 SESSION = "session"  # Whose will is that of the session itself; no sensor has that name
@@ -107,7 +106,7 @@ class Outputs:
                 self._wills[SESSION] = will
                 stem = None if self._hold is None else self._hold.client_id
                 is_back = partial(self._is_back, link)
-                from plotfeed.feeds.transport.mqtt.last_wills import LastWills
+                from plotfeed.feeds.transport.mqtt.client import LastWills
 
                 wills = LastWills(link, self._wills, is_back, stem=stem, prompt=SESSION)
                 self._last_wills.append(wills)

@@ -1,4 +1,4 @@
-"""Ways out to servers that may be away or slow: messages one after the other, and some that wait."""
+"""Ways out to servers that may be away or slow: what waits for them, and when to try again."""
 
 from __future__ import annotations
 

@@ -17,10 +17,9 @@ from support.scripted_broker import hearing
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.transport.mqtt import connection, last_wills
+from plotfeed.feeds.transport.mqtt import client, connection
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.feeds.transport.mqtt.last_wills import LastWills
+from plotfeed.feeds.transport.mqtt.client import LastWills, MqttTransport
 from plotfeed.testing import MqttReceiver
 
 SENSORS = [f"s{i}" for i in range(25)]
@@ -94,7 +93,7 @@ async def test_wills_that_were_cut_off_are_told_and_what_comes_back_is_told_anew
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By mosquitto; those that say goodbye have no will, those that break have one."""
-    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
+    monkeypatch.setattr(client, "LOOK_EVERY_S", 0.02)
     port, states = free_port(), ["ONLINE", "OFFLINE", "ONLINE"]
     with mosquitto(tmp_path, port), MqttReceiver(port, 5, "p/+/status") as ears:
         async with proxied(port) as proxy, placed(proxy.port) as (there, back):
@@ -142,7 +141,7 @@ async def test_a_broker_that_is_away_is_not_asked_by_everybody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The link beside them is the one that knocks."""
-    monkeypatch.setattr(last_wills, "LOOK_EVERY_S", 0.02)
+    monkeypatch.setattr(client, "LOOK_EVERY_S", 0.02)
     port = free_port()
     async with proxied(port) as proxy:
         with mosquitto(tmp_path, port) as process:
