@@ -14,7 +14,7 @@ from uuid import uuid4
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import TOKEN_VARIABLE, HttpDestination
 from plotfeed.feeds.transport.mqtt.address import AccessError, BrokerAccess
-from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError
+from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError, within
 
 DEFAULT_PORTS = {"http": 80, "https": 443}
 MAX_HEAD_OCTETS = 1 << 16
@@ -41,23 +41,14 @@ class HttpClient:
         self, method: str, fields: Sequence[str], body: bytes, *, timeout_s: float, most: int
     ) -> tuple[int, bytes | None]:
         """Status and body of the answer, this None if longer than `most`; raises `SendError`."""
-        answered = False
         try:
-            async with asyncio.timeout(timeout_s):
-                found = await self._answer(method, fields, body, most)
-            answered = True
-        except TimeoutError:
-            raise SendError(f"no answer within {timeout_s:g} s") from None
-        except ssl.SSLCertVerificationError as error:
-            raise SendError(f"its certificate: {error.verify_message}") from None
-        except OSError as error:
-            raise SendError(error.strerror or str(error)) from None
-        except (EOFError, ValueError):  # of a stream that ends, or of a line without end
-            raise SendError("it hung up, or its answer is not HTTP") from None
-        finally:
-            if not answered:
-                self.hang_up()
-        return found
+            async with within(timeout_s, "no answer within"):
+                return await self._answer(method, fields, body, most)
+        except BaseException as error:
+            self.hang_up()
+            if isinstance(error, EOFError | ValueError):  # the stream ends, or a line does not
+                raise SendError("it hung up, or its answer is not HTTP") from None
+            raise
 
     def hang_up(self) -> None:
         """Close the connection, if there is one."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import TakServer, split_server
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess
-from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError
+from plotfeed.feeds.transport.ways_out import QueuedTransport, SendError, within
 
 # One that turns its clients away, such as for want of a certificate, takes a first event first.
 STEADY_S = 5.0
@@ -28,11 +28,10 @@ class TakTransport(QueuedTransport):
         self._server_name = settings.server_name
         self._tls: ssl.SSLContext | None = None
         if scheme == "tls":
-            self._tls = BrokerAccess(
-                ca_file=_path(settings.ca_file),
-                certificate_file=_path(settings.client_certificate_file),
-                key_file=_path(settings.client_key_file),
-            ).tls_context()
+            files = settings.ca_file, settings.client_certificate_file, settings.client_key_file
+            ca, certificate, key = (None if file is None else Path(file) for file in files)
+            access = BrokerAccess(ca_file=ca, certificate_file=certificate, key_file=key)
+            self._tls = access.tls_context()
         self._writer: asyncio.StreamWriter | None = None
         self._reading: asyncio.Task[None] | None = None
         self._since_s = 0.0
@@ -40,20 +39,12 @@ class TakTransport(QueuedTransport):
     async def send(self, message: Message) -> None:
         """Write an event, on a new connection where there is none; raises `SendError`."""
         try:
-            async with asyncio.timeout(self._timeout_s):
+            async with within(self._timeout_s, "it has not read for"):
                 writer = self._writer or await self._connected()
                 writer.write(message.payload)
                 await writer.drain()
                 if self._reading is None or self._reading.done():
                     raise SendError("the server has closed the connection")
-        except TimeoutError:
-            self.hang_up()
-            raise SendError(f"it has not read for {self._timeout_s:g} s") from None
-        except ssl.SSLCertVerificationError as error:
-            raise SendError(f"its certificate: {error.verify_message}") from None
-        except OSError as error:
-            self.hang_up()
-            raise SendError(error.strerror or str(error)) from None
         except SendError:
             self.hang_up()
             raise
@@ -93,7 +84,3 @@ async def _read_and_forget(reader: asyncio.StreamReader) -> None:
     with contextlib.suppress(OSError):
         while await reader.read(HEARD_OCTETS):
             pass
-
-
-def _path(text: str | None) -> Path | None:
-    return None if text is None else Path(text)

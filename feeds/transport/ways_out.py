@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+import ssl
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.messages.message import Message
@@ -47,6 +49,23 @@ class SendError(TransportError):
     def __init__(self, why: str, *, is_final: bool = False) -> None:
         super().__init__(printable(why)[:MAX_SAID])
         self.is_final = is_final
+
+
+@contextlib.asynccontextmanager
+async def within(timeout_s: float, late: str) -> AsyncIterator[None]:
+    """What a server is to do in that time: what keeps it from that is a `SendError`.
+
+    `late` is said before the seconds where the time is over.
+    """
+    try:
+        async with asyncio.timeout(timeout_s):
+            yield
+    except TimeoutError:
+        raise SendError(f"{late} {timeout_s:g} s") from None
+    except ssl.SSLCertVerificationError as error:
+        raise SendError(f"its certificate: {error.verify_message}") from None
+    except OSError as error:
+        raise SendError(error.strerror or str(error)) from None
 
 
 class QueuedTransport:
