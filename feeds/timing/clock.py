@@ -102,7 +102,7 @@ class WallClock:
         self._speed = speed
         self._stands_from_ns = None if start_utc_ns is None else start_utc_ns
         self._begun = start_utc_ns is None
-        self._timer: LoopTimer | TimerFd | None = None
+        self._timer: LoopTimer | None = None
         # Beyond which it does not run by itself, at a speed above 1.
         self._limit_ns: int | None = None
         self._since = self._zero_monotonic_ns, self._zero_utc_ns
@@ -299,28 +299,32 @@ class LoopTimer:
     """The loop's own timers, where there is no timerfd: up to a millisecond late. One waiter."""
 
     def __init__(self) -> None:
-        self._woken = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._waiter = self._loop.create_future()
 
     async def wait_until(self, monotonic_ns: int, *, exactly: bool = True) -> None:
         """Return at that time, or a little after it; never before, unless woken."""
         del exactly  # it cannot be
-        self._woken.clear()
-        while not self._woken.is_set() and (left_ns := monotonic_ns - time.monotonic_ns()) > 0:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(left_ns / NS):
-                    await self._woken.wait()
+        waiter = self._new_waiter()
+        while not waiter.done() and (left_ns := monotonic_ns - time.monotonic_ns()) > 0:
+            await asyncio.wait((waiter,), timeout=left_ns / NS)
 
     async def wait_for_wake(self) -> None:
         """Return when woken."""
-        self._woken.clear()
-        await self._woken.wait()
+        await self._new_waiter()
 
     def wake(self) -> None:
         """Let whoever waits return."""
-        self._woken.set()
+        if not self._waiter.done():
+            self._waiter.set_result(None)
 
     def close(self) -> None:
         """Nothing is held."""
+
+    def _new_waiter(self) -> asyncio.Future[None]:
+        """Whoever waits from now on."""
+        self._waiter = self._loop.create_future()
+        return self._waiter
 
 
 class EarlyWaking:
@@ -359,7 +363,7 @@ class _TimerSpec(ctypes.Structure):
     _fields_ = [(name, ctypes.c_long) for name in ("every_s", "every_ns", "at_s", "at_ns")]
 
 
-class TimerFd:
+class TimerFd(LoopTimer):
     """A timerfd on CLOCK_MONOTONIC, watched by the running loop. One waiter at a time.
 
     It is set a little early, by as much as wake-ups lately were late, and the rest is spent looking
@@ -369,6 +373,7 @@ class TimerFd:
     _ABSOLUTE = 1  # TFD_TIMER_ABSTIME
 
     def __init__(self) -> None:
+        super().__init__()
         libc = ctypes.CDLL(None, use_errno=True)
         self._set_time = libc.timerfd_settime
         self._spec = _TimerSpec()
@@ -377,9 +382,8 @@ class TimerFd:
         self._fd = libc.timerfd_create(time.CLOCK_MONOTONIC, flags)
         if self._fd < 0:
             raise OSError(ctypes.get_errno(), "timerfd_create")
-        self._loop = asyncio.get_running_loop()
-        self._waiter: asyncio.Future[None] | None = None
-        self._is_timed = False
+        # For whom it is set; it may expire long after, when another waits.
+        self._timed = self._waiter
         self._early = EarlyWaking()
         self._loop.add_reader(self._fd, self._expired)
 
@@ -400,14 +404,10 @@ class TimerFd:
                 self._early.woke(time.monotonic_ns() - wake_ns)
                 self._look_until(monotonic_ns)
         else:
-            waiter = self._new_waiter(is_timed=False)
+            waiter = self._new_waiter()
             await asyncio.sleep(0)  # others run, and may wake the waiter
             if not waiter.done():
                 self._look_until(monotonic_ns)
-
-    async def wait_for_wake(self) -> None:
-        """Return when woken."""
-        await self._new_waiter(is_timed=False)
 
     async def _expires_at(self, monotonic_ns: int) -> bool:
         """Set the timer; whether it has come to that time, or somebody woke the waiter before."""
@@ -415,18 +415,9 @@ class TimerFd:
         spec.at_s, spec.at_ns = divmod(monotonic_ns, NS)
         if self._set_time(self._fd, self._ABSOLUTE, self._spec_at, None) < 0:
             raise OSError(ctypes.get_errno(), "timerfd_settime")
-        await self._new_waiter(is_timed=True)
+        self._timed = self._new_waiter()
+        await self._timed
         return time.monotonic_ns() >= monotonic_ns
-
-    def _new_waiter(self, *, is_timed: bool) -> asyncio.Future[None]:
-        """Whoever waits from now on; the timer may expire long after it was set for another."""
-        self._waiter, self._is_timed = self._loop.create_future(), is_timed
-        return self._waiter
-
-    def wake(self) -> None:
-        """Let whoever waits return."""
-        if self._waiter is not None and not self._waiter.done():
-            self._waiter.set_result(None)
 
     def close(self) -> None:
         """Take it out of the loop and close the file."""
@@ -447,11 +438,11 @@ class TimerFd:
             os.read(self._fd, 8)
         except BlockingIOError:  # it was set again
             return
-        if self._is_timed:
+        if self._waiter is self._timed:
             self.wake()
 
 
-def precise_timer() -> LoopTimer | TimerFd:
+def precise_timer() -> LoopTimer:
     """The best timer of this system, for a running loop."""
     if sys.platform == "linux":
         with contextlib.suppress(OSError, NotImplementedError, AttributeError):
