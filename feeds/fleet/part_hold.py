@@ -28,7 +28,7 @@ from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message, retained_message
 from plotfeed.feeds.messages.transports import Client, Transport
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.feeds.session.part import SessionPart
+from plotfeed.feeds.session.part import PartHold, SessionPart
 from plotfeed.feeds.session.session import FIRST_CONNECTION_S, Session, run_over
 from plotfeed.feeds.timing.clock import Clock
 from plotfeed.feeds.transport.brokers import brokers_of
@@ -69,17 +69,16 @@ async def run_part(
     At a broker another process may have the part: then this one stands by.
     """
     async with brokers_of(scene, broker) as brokers:
-        addresses, _ = brokers
-        hold = BrokerHold(part, scene, clock, addresses[0]) if addresses else None
+        hold = BrokerHold(part, scene, clock) if brokers[0] else None
         return await run_over(brokers, scene, clock=clock, part=part, hold=hold, **session)
 
 
-class BrokerHold:
+class BrokerHold(PartHold):
     """Whether this process has a part: it says so, and hears whether another does."""
 
-    def __init__(
-        self, part: SessionPart, scene: Scene, clock: Clock, address: BrokerAddress
-    ) -> None:
+    client_id: str
+
+    def __init__(self, part: SessionPart, scene: Scene, clock: Clock) -> None:
         self.process = uuid4().hex[:12]
         self.source = part.source(scene)
         self.client_id = f"{scene.mqtt.prefix}-part-{part.number}".replace("/", "-")
@@ -89,7 +88,7 @@ class BrokerHold:
         self._gaps_are_told = True
         self.joined_ns = 0  # What ends after that this process sends; 0 before it does
         self.watch: MqttTransport  # The connection by which it hears and says all this
-        self._part, self._scene, self._clock, self._address = part, scene, clock, address
+        self._part, self._scene, self._clock = part, scene, clock
         self._session: Session  # Of the part; known once it is kept
         # What another process said last, before this one had the part.
         self._other: dict[str, Any] | None = None
@@ -102,15 +101,17 @@ class BrokerHold:
         self._held_from_s = self._until_s = float("-inf")
         self._taken: dict[str, Any] | None = None
 
-    def link(self, topics: Sequence[str], on_message: OnMessage, **how: Any) -> MqttTransport:
+    def link(
+        self, to: BrokerAddress, topics: Sequence[str], on_message: OnMessage, **how: Any
+    ) -> MqttTransport:
         """The link of whoever has the part; the watch hears those topics, whoever that is."""
         self._on_message = on_message
         every = [self.source, f"{self.source}/gaps", *topics]
         self.watch = MqttTransport(
-            self._address, f"{self.client_id}-watch", subscribe=every, on_message=self._hear
+            to, f"{self.client_id}-watch", subscribe=every, on_message=self._hear
         )
         self._out = Outbox(self._clock, [self.watch])
-        return _PartLink(self._address, self, **how)
+        return _PartLink(to, self, **how)
 
     def guarded(self, transport: Transport) -> Transport:
         """A transport that takes nothing, and says so, while another process may have the part."""
@@ -131,23 +132,23 @@ class BrokerHold:
         return is_gone or self._silent_s >= PATIENCE_S
 
     @property
-    def is_claimed(self) -> bool:
+    def is_claimed(self) -> bool:  # type: ignore[override]
         """Whether this process has said that it has the part."""
         return self._claim > 0
 
     @property
-    def is_taken(self) -> bool:
+    def is_taken(self) -> bool:  # type: ignore[override]
         """Whether another process has taken the part over from this one."""
         return self._taken is not None
 
-    async def wait_for_turn(self, end_ns: int | None) -> None:
+    async def wait_for_turn(self, session: Session, end_ns: int | None) -> None:
         """Have the session stand by until this process has the part, or that time has come."""
 
         def has_ended() -> bool:
             return end_ns is not None and self._clock.now_ns() >= end_ns
 
         await self.watch.wait_until_up(FIRST_CONNECTION_S)
-        await self._session.stand_by(lambda: self.is_free or has_ended())
+        await session.stand_by(lambda: self.is_free or has_ended())
         if has_ended():
             return
         if self._other is not None and self._other["state"] != ENDED:

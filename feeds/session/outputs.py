@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from plotfeed.feeds.engine.sensor_description import status_message
 from plotfeed.feeds.formats import Announcer, announcer_of
@@ -60,7 +60,7 @@ class Outputs:
         schedule: Schedule,
         totals: SessionCounters,
         observers: Sequence[Observer],
-        hold: PartHold | None,
+        hold: PartHold,
     ) -> None:
         self.udp: list[UdpTransport] = []
         if to := scene.outgoing.udp:
@@ -99,15 +99,23 @@ class Outputs:
         `will` is what a broker is to say should the session die.
         """
         self._on_message = on_message
-        self.brokers = [self._link(to, topics, on_message) for to in self._addresses]
+        for to in self._addresses:
+            link = self._hold.link(
+                to,
+                topics,
+                on_message,
+                on_connect=self._announce_again,
+                queue=self._scene.mqtt.queue,
+                on_echo=None if to.ends_with_us else self._totals.echoed,
+            )
+            self.brokers.append(link)
         self.connected.extend(self.brokers)
         for link in self.brokers:
             if not link.address.ends_with_us:
                 self._wills[SESSION] = will
-                stem = None if self._hold is None else self._hold.client_id
-                is_back = partial(self._is_back, link)
                 from plotfeed.feeds.transport.mqtt.client import LastWills
 
+                is_back, stem = partial(self._is_back, link), self._hold.client_id
                 wills = LastWills(link, self._wills, is_back, stem=stem, prompt=SESSION)
                 self._last_wills.append(wills)
                 self.connected.append(wills)
@@ -117,26 +125,8 @@ class Outputs:
         )
         return self._of_session
 
-    def _link(
-        self, to: BrokerAddress, topics: Sequence[str], on_message: OnMessage
-    ) -> MqttTransport:
-        how: dict[str, Any] = {
-            "on_connect": self._announce_again,
-            "queue": self._scene.mqtt.queue,
-            "on_echo": None if to.ends_with_us else self._totals.echoed,
-        }
-        if self._hold is not None:
-            return self._hold.link(topics, on_message, **how)
-        from plotfeed.feeds.transport.mqtt.client import MqttTransport
-
-        return MqttTransport(
-            to, "plotfeed-session", subscribe=list(topics), on_message=on_message, **how
-        )
-
     def _guarded(self, transport: Transport) -> Transport:
         """What takes nothing while another process may have the part that is run."""
-        if self._hold is None:
-            return transport
         return self._held.setdefault(id(transport), self._hold.guarded(transport))
 
     def of_sensor(

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from plotfeed.feeds.session.session import Session
+    from plotfeed.feeds.transport.mqtt.address import BrokerAddress
     from plotfeed.feeds.transport.mqtt.client import MqttTransport
     from plotfeed.feeds.transport.mqtt.connection import OnMessage
 
@@ -58,32 +60,40 @@ class SessionPart:
         return frozenset(sensor.id for sensor in scene.sensor) - frozenset(self.sensors)
 
 
-class PartHold(Protocol):
-    """Whether this process may send what a part sends, where several were started for it."""
+class PartHold:
+    """Whether this process may send what a session sends: always, where nobody else runs the same.
 
-    process: str  # What this process calls itself
-    client_id: str  # That of whoever has the part
-    margin_ns: int  # Who takes over begins so much after now
+    That is the case here; where several processes were started, one at a time may.
+    """
 
-    @property
-    def is_claimed(self) -> bool:
-        """Whether this process has said that it has the part."""
+    process = ""  # What this process calls itself among them
+    client_id: str | None = None  # That of whichever of them may send
+    margin_ns = 0  # Who takes over begins so much after now
+    is_claimed = True  # Whether this process has said that it has the part
+    is_taken = False  # Whether another process has taken the part over from this one
 
-    @property
-    def is_taken(self) -> bool:
-        """Whether another process has taken the part over from this one."""
+    def link(
+        self, to: BrokerAddress, topics: Sequence[str], on_message: OnMessage, **how: Any
+    ) -> MqttTransport:
+        """The link to a broker of whoever may send, which hears those topics meanwhile."""
+        from plotfeed.feeds.transport.mqtt.client import MqttTransport
 
-    def link(self, topics: Sequence[str], on_message: OnMessage, **how: Any) -> MqttTransport:
-        """The link to the broker of whoever has the part, which hears those topics meanwhile."""
+        return MqttTransport(to, "plotfeed-session", subscribe=topics, on_message=on_message, **how)
 
     def guarded(self, transport: Transport) -> Transport:
-        """A transport that takes nothing while another process may have the part."""
+        """A transport that takes nothing while another process may send."""
+        return transport
 
-    def kept(self, session: Any, tasks: asyncio.TaskGroup) -> AbstractAsyncContextManager[None]:
+    def kept(self, session: Session, tasks: asyncio.TaskGroup) -> AbstractAsyncContextManager[None]:
         """Listen and say how the part does meanwhile."""
+        del session, tasks
+        return nullcontext()
 
-    async def wait_for_turn(self, end_ns: int | None) -> None:
-        """Have the session stand by until this process has the part, or that time has come."""
+    async def wait_for_turn(self, session: Session, end_ns: int | None) -> None:
+        """Have a part stand by until this process may send it, or that time has come."""
+        del end_ns
+        if session.part is not None:
+            await session.stand_by(lambda: True)
 
     def begin(self) -> None:
         """The session sends from now on what ends after it has joined."""

@@ -38,13 +38,13 @@ class SessionPresence:
         publish: Callable[[Message], object],
         *,
         part: SessionPart | None = None,
-        hold: PartHold | None = None,
+        hold: PartHold,
     ) -> None:
         """A session of a `part` says so on the topic of that part."""
         is_simulated = isinstance(clock, InstantClock)
         drawn = f"{scene.scene.seed:012x}"[-12:] if is_simulated else uuid4().hex[:12]
         # Of this run of the scene; simulated time gives the same octets at every run.
-        self.id = drawn if hold is None else hold.process
+        self.id = hold.process or drawn
         self._part = part
         self._source = scene.mqtt.prefix if part is None else part.source(scene)
         self.topic = f"{self._source}/session"

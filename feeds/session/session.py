@@ -116,6 +116,7 @@ async def run_over(
     """
     totals, (addresses, urls) = SessionCounters(), brokers
     try:
+        hold = hold or PartHold()
         session = Session(scene, clock, addresses, totals, observers, part=part, hold=hold)
         try:
             await session.run(
@@ -145,13 +146,13 @@ class Session:
         observers: Sequence[Observer],
         *,
         part: SessionPart | None = None,
-        hold: PartHold | None = None,
+        hold: PartHold,
     ) -> None:
         own = scene if part is None else part.scene_of(scene)
         # With the sensors of its part alone; drones and surroundings are those of the whole.
         self.scene = own
         self.clock, self.totals = clock, totals
-        self._part, self._hold, self._observers = part, hold, observers
+        self.part, self._hold, self._observers = part, hold, observers
         self._others = frozenset() if part is None else part.others(scene)
         leads = part is None or part.leads
         self.start_ns = clock.now_ns() if part is None else part.began_utc_ns
@@ -267,15 +268,13 @@ class Session:
             async with asyncio.TaskGroup() as tasks:
                 running: list[asyncio.Task[None]] = []
                 try:
-                    if hold is None:
-                        await self._run(duration_s, stop, on_ready, tasks, running)
-                    else:
-                        async with hold.kept(self, tasks):
-                            await first_of(hold.wait_for_turn(self._end_ns(duration_s)), stop)
-                            if hold.is_claimed:  # else another process has the part
-                                await self._run(duration_s, stop, on_ready, tasks, running)
+                    async with hold.kept(self, tasks):
+                        end_ns = self._end_ns(duration_s)
+                        await first_of(hold.wait_for_turn(self, end_ns), stop)
+                        if hold.is_claimed:  # else another process has the part
+                            await self._run(duration_s, stop, on_ready, tasks, running)
                 finally:
-                    if hold is not None and hold.is_taken:
+                    if hold.is_taken:
                         self._outputs.forget_wills()
                     for task in running:
                         task.cancel()
@@ -297,15 +296,15 @@ class Session:
         if stop.is_set():
             self._outputs.forget_wills()
             return  # nothing has begun
-        if self._part is None:
+        if self.part is None:
             self.totals.unseen, self.totals.doubts = self.engine.foreseen(duration_s)
         on_ready()
         start_ns = self.clock.start()
-        if self._part is None:
+        if self.part is None:
             self.start_ns = self.joined_ns = start_ns
             self.engine.start(start_ns)
         else:
-            await self._join(self._part)
+            await self._join(self.part)
         await first_of(self._work(duration_s), stop)
         await self._flush(stop)
         await self._farewell(running[len(self._outbox.transports) :])
@@ -332,14 +331,9 @@ class Session:
 
     async def _join(self, part: SessionPart) -> None:
         """Go on at once with what nobody has sent yet, or begin when the scene does."""
-        hold = self._hold
-        if hold is None:
-            await self.stand_by(lambda: True)
-        margin_ns = 0 if hold is None else hold.margin_ns
-        self.joined_ns = max(self.clock.now_ns() + margin_ns, part.began_utc_ns)
+        self.joined_ns = max(self.clock.now_ns() + self._hold.margin_ns, part.began_utc_ns)
         await self._catch_up(self.joined_ns)
-        if hold is not None:
-            hold.begin()
+        self._hold.begin()
 
     async def _catch_up(self, t_utc_ns: int) -> None:
         for _ in self.engine.sensors.caught_up(t_utc_ns):

@@ -29,8 +29,8 @@ class TakTransport(QueuedTransport):
         self._tls: ssl.SSLContext | None = None
         if scheme == "tls":
             files = settings.ca_file, settings.client_certificate_file, settings.client_key_file
-            ca, certificate, key = (None if file is None else Path(file) for file in files)
-            access = BrokerAccess(ca_file=ca, certificate_file=certificate, key_file=key)
+            ca, certificate, own = (None if file is None else Path(file) for file in files)
+            access = BrokerAccess(ca_file=ca, certificate_file=certificate, key_file=own)
             self._tls = access.tls_context()
         self._writer: asyncio.StreamWriter | None = None
         self._reading: asyncio.Task[None] | None = None
