@@ -16,7 +16,6 @@ from plotfeed.feeds.messages.transports import Transport
 from plotfeed.feeds.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.session.session import Session
     from plotfeed.feeds.transport.mqtt.address import BrokerAddress
     from plotfeed.feeds.transport.mqtt.client import MqttTransport
     from plotfeed.feeds.transport.mqtt.connection import OnMessage
@@ -84,12 +83,12 @@ class PartHold:
         """A transport that takes nothing while another process may send."""
         return transport
 
-    def kept(self, session: Session, tasks: asyncio.TaskGroup) -> AbstractAsyncContextManager[None]:
+    def kept(self, session: Any, tasks: asyncio.TaskGroup) -> AbstractAsyncContextManager[None]:
         """Listen and say how the part does meanwhile."""
         del session, tasks
         return nullcontext()
 
-    async def wait_for_turn(self, session: Session, end_ns: int | None) -> None:
+    async def wait_for_turn(self, session: Any, end_ns: int | None) -> None:
         """Have a part stand by until this process may send it, or that time has come."""
         del end_ns
         if session.part is not None:
