@@ -6,13 +6,13 @@ import gc
 import logging
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from plotfeed.feeds.cli.help_texts import GONE, SUMMARIES_AND_EXAMPLES, epilog_of
 from plotfeed.feeds.cli.options import (
     NEW_FILE,
     POSITIVE,
@@ -45,16 +45,41 @@ from plotfeed.proto.errors import PlotfeedError
 # Objects more than before at which the garbage collector looks at what commands load and check.
 GARBAGE_OF_START = 100_000
 OF_FILES = ("tracks", "truth", "feed")  # Options of a tracker whose tracks are there already
+# Options that were: what is typed in place of them.
+GONE = {
+    "--ca-file": "ca_file in the file of --credentials",
+    "--client-certificate": "client_certificate_file in the file of --credentials",
+    "--client-key": "client_key_file in the file of --credentials",
+    "--mqtt-version": "version in the file of --credentials",
+    "--interface": "?interface=NAME behind a multicast address, --set interface=NAME for a source",
+    "--ttl": "?ttl=NUMBER behind the address of --udp",
+    "--fastest": "--speed max",
+    "--no-page": "--page none",
+    "--date": "plotfeed convert --date before the replay",
+    "--table": "the end of OUT's name, as in site-looks.parquet,",
+    "--column": "--set columns.OURS=THEIRS",
+    "--view": "--set view=[LAT,LON,LAT,LON]",
+    **{
+        f"--{key.replace('_', '-')}": f"--set {key}=VALUE"
+        for key in (
+            "altitude",
+            "altitude_reference",
+            "ask_hz",
+            "geoid_undulation_m",
+            "gps_order",
+            "height_m",
+            "max_speed_m_s",
+            "qnh_hpa",
+            "rcs_m2",
+            "takeoff_height_m",
+            "utc_offset_h",
+        )
+    },
+}
 
 
 class Commands(click.Group):
     """The commands, of which none fails because nobody reads on: `plotfeed show ... | head`."""
-
-    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
-        """Add one, with its summary and examples."""
-        summary, _ = SUMMARIES_AND_EXAMPLES[name or str(cmd.name)]
-        cmd.short_help, cmd.epilog = summary, epilog_of(name or str(cmd.name))
-        super().add_command(cmd, name)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run one, and be told of a broken pipe before click is."""
@@ -74,7 +99,19 @@ def cli() -> None:
     """Drone telemetry in; what counter-UAS sensors would have reported out, in real time."""
 
 
-@cli.command()
+def command(summary: str, *examples: str) -> Callable[[Callable[..., Any]], click.Command]:
+    """A decorator of a command, with its summary in a line, and examples of what follows plotfeed.
+
+    They are in the marks of click, which keep lines.
+    """
+    title = "Example:" if len(examples) == 1 else "Examples:"
+    lines = ["\b", title, *(f"  plotfeed {line}" for line in examples)]
+    return cli.command(short_help=summary, epilog="\n".join(lines))
+
+
+@command(
+    "Run a shipped scene with its live page: a field day.", "demo --duration 60", "demo stadium"
+)
 @click.argument("scene", default="field-day")
 @options_of(RunSettings)
 def demo(settings: RunSettings, *, scene: str) -> int:
@@ -92,7 +129,12 @@ def demo(settings: RunSettings, *, scene: str) -> int:
     return run_in_terminal(example(scene), settings)
 
 
-@cli.command()
+@command(
+    "Run a scene, or a recorded session again.",
+    "run here.toml --record there.mcap",
+    "run here.toml --speed max --duration 60 --write here.ast",
+    "run there.mcap --broker none --speed max",
+)
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option(
     "--telemetry",
@@ -125,7 +167,11 @@ def run(settings: RunSettings, *, scene: Path, **more: Any) -> int:
     return run_in_terminal(load(scene), settings)
 
 
-@cli.command()
+@command(
+    "Publish a flight, or what a live source says.",
+    "inject flight.srt --now --set takeoff_height_m=650",
+    "inject mavlink:udpin:127.0.0.1:14550 --set ask_hz=5",
+)
 @click.argument("flight", metavar="FLIGHT-or-SOURCE")
 @options_of(InjectSettings, AccessOptions)
 def inject(settings: InjectSettings, access: AccessOptions, flight: str) -> int:
@@ -147,7 +193,12 @@ def inject(settings: InjectSettings, access: AccessOptions, flight: str) -> int:
     return publish_flight(Path(flight), settings, address)
 
 
-@cli.command()
+@command(
+    "Validate a scene; print who sees which drone, and Pd against range.",
+    "check here.toml",
+    "check here.toml --json",
+    "check here.toml --chart here.png",
+)
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option(
     "--rcs-m2",
@@ -179,7 +230,11 @@ def check(scene: Path, **options: Any) -> int:
     return 0
 
 
-@cli.command()
+@command(
+    "Say what a scene needs, and what it can leave out.",
+    "needs here.toml --matters 5% --runs 4 --duration 10",
+    "needs here.toml --runs 4 --duration 10 --lean lean.toml",
+)
 @click.argument("scene", type=click.Path(path_type=Path))
 @options_of(NeedsSettings)
 def needs(settings: NeedsSettings, *, scene: Path) -> int:
@@ -195,7 +250,10 @@ def needs(settings: NeedsSettings, *, scene: Path) -> int:
     return 0
 
 
-@cli.command()
+@command(
+    "Chart speed against accuracy of a scene's choices.",
+    "chart here.toml --runs 4 --duration 10 --chart choices.png",
+)
 @click.argument("scene", type=click.Path(path_type=Path))
 @options_of(ChartSettings)
 def chart(settings: ChartSettings, *, scene: Path) -> int:
@@ -211,7 +269,7 @@ def chart(settings: ChartSettings, *, scene: Path) -> int:
     return 0
 
 
-@cli.command()
+@command("List the scenes that come with plotfeed.", "scenes", "scenes --json")
 @click.option("--json", "as_json", is_flag=True, help="Print them as JSON.")
 def scenes(*, as_json: bool) -> int:
     """List the scenes that come with plotfeed: what each is about, and its file to start from."""
@@ -221,7 +279,7 @@ def scenes(*, as_json: bool) -> int:
     return 0
 
 
-@cli.command()
+@command("List commercial sensors for scenes.", "sensors", "sensors echodyne")
 @click.argument("name", required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print them as JSON.")
 def sensors(name: str | None, *, as_json: bool) -> int:
@@ -235,7 +293,12 @@ def sensors(name: str | None, *, as_json: bool) -> int:
     return 0
 
 
-@cli.command()
+@command(
+    "Print the schema of scenes, messages or topics.",
+    "schema",
+    "schema messages",
+    "schema asyncapi",
+)
 @click.argument(
     "what", metavar="[WHAT]", type=click.Choice(["scene", "messages", "asyncapi"]), default="scene"
 )
@@ -251,7 +314,11 @@ def schema(what: str) -> int:
     return 0
 
 
-@cli.command()
+@command(
+    "Make many runs of scenes, with keys varied.",
+    "sweep here.toml --vary sensor.radar.pfa=1e-6,1e-5 --runs 100",
+    "sweep here.toml there.toml --vary link.latency_ms=0,250 --out two",
+)
 @click.argument("scenes", metavar="SCENE", nargs=-1, required=True, type=click.Path(path_type=Path))
 @options_of(SweepSettings)
 def sweep(settings: SweepSettings, scenes: tuple[Path, ...]) -> int:
@@ -267,7 +334,12 @@ def sweep(settings: SweepSettings, scenes: tuple[Path, ...]) -> int:
     return run_sweep(scenes, settings)
 
 
-@cli.command()
+@command(
+    "Score a tracker against the truth of a run.",
+    "score there.mcap --tracks tracks.csv",
+    "score there.mcap --tracks tracks.csv --out score.html",
+    "score there.mcap --tracks tracks.csv --profile example-f3411",
+)
 @click.argument("recording", metavar="RECORDING-or-SCENE", type=click.Path(path_type=Path))
 @options_of(ScoreOptions, TrackerSettings)
 def score(found: ScoreOptions, trackers: TrackerSettings, recording: Path) -> int:
@@ -298,7 +370,12 @@ def score(found: ScoreOptions, trackers: TrackerSettings, recording: Path) -> in
     return score_tracker(recording, trackers, found)
 
 
-@cli.command()
+@command(
+    "Sum a recording up, or decode messages.",
+    "show there.mcap",
+    "show here.ast --list",
+    "show mqtt://127.0.0.1:1883/plotfeed/#",
+)
 @click.argument("source", metavar="FILE-or-URL")
 @options_of(ShowSettings, AccessOptions)
 def show(settings: ShowSettings, access: AccessOptions, source: str) -> int:
@@ -314,7 +391,11 @@ def show(settings: ShowSettings, access: AccessOptions, source: str) -> int:
     return show_source(source, access.parsed(), settings)
 
 
-@cli.command()
+@command(
+    "Replay a recording to a broker or over UDP.",
+    "replay there.mcap",
+    "replay here.pcap --udp 127.0.0.1:8600 --speed 2",
+)
 @click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
 @options_of(ReplayOptions, AccessOptions)
 def replay(options: ReplayOptions, access: AccessOptions, recording: Path) -> int:
@@ -327,7 +408,11 @@ def replay(options: ReplayOptions, access: AccessOptions, recording: Path) -> in
     return replay_as_asked(recording, access.parsed(), options)
 
 
-@cli.command()
+@command(
+    "Convert a recording to another format.",
+    "convert here.ast here.pcap --date 2026-01-01",
+    "convert there.mcap part.mcap --start 60",
+)
 @click.argument("source", metavar="IN", type=click.Path(path_type=Path))
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
 @options_of(ConvertSettings)
@@ -342,7 +427,11 @@ def convert(settings: ConvertSettings, source: Path, target: Path) -> int:
     return convert_recording(source, target, settings)
 
 
-@cli.command()
+@command(
+    "Record a broker's topics, or datagrams.",
+    "record mqtt://127.0.0.1:1883/plotfeed/# heard.mcap",
+    "record udp://0.0.0.0:8600 udp.mcap",
+)
 @click.argument("source", metavar="URL")
 @click.argument("file", type=NEW_FILE)
 @options_of(RecordSettings, AccessOptions)
@@ -358,7 +447,11 @@ def record(settings: RecordSettings, access: AccessOptions, source: str, file: P
     return record_source(source, file, access.parsed(), settings)
 
 
-@cli.command()
+@command(
+    "Hold what was delivered against what was asked.",
+    "report there.mcap",
+    "report there.mcap --chart there.png",
+)
 @click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print everything as one JSON object.")
 @click.option(
@@ -375,7 +468,7 @@ def report(recording: Path, **options: Any) -> int:
     return print_report(recording, **options)
 
 
-@cli.command()
+@command("Merge recordings of one session.", "merge there.mcap part.mcap all.mcap")
 @click.argument("sources", metavar="IN", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
 @force_option("Replace OUT where it is there already.")
@@ -391,7 +484,11 @@ def merge(sources: tuple[Path, ...], target: Path, **options: Any) -> int:
     return merge_recordings(sources, target, **options)
 
 
-@cli.command()
+@command(
+    "Run a scene by many processes, on one machine or many.",
+    "fleet here.toml --workers 2 --broker mqtt://127.0.0.1:1883",
+    "fleet here.toml --broker mqtt://broker:1883 --kubernetes",
+)
 @click.argument("words", nargs=-1, required=True, metavar="SCENE | status SCENE | stop SCENE")
 @options_of(FleetSettings)
 def fleet(settings: FleetSettings, *, words: tuple[str, ...]) -> int:
