@@ -18,7 +18,8 @@ from playwright.async_api import Browser, Page, ViewportSize, async_playwright
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.page_access import PageAddress
-from plotfeed.feeds.page.run_with_page import PageObserver, alongside
+from plotfeed.feeds.page.page_sessions import PageSessions
+from plotfeed.feeds.page.run_with_page import alongside
 from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.page.server import PageServer, serving
 from plotfeed.feeds.page.shown import tracks_to_show
@@ -50,19 +51,19 @@ THEMES: tuple[Theme, ...] = ("dark", "light")
 async def draw(folders: list[Path]) -> None:
     """Run the scene, look at it."""
     shown, view = example("field-day"), View()
-    observer = PageObserver(view)
+    sessions = PageSessions(shown, view, Path("nowhere"))
     basemap = str(shown.page.basemap)
-    observer.scene(load_basemap(basemap, shown.file(basemap), shown.scene.site))
+    sessions.basemap = load_basemap(basemap, shown.file(basemap), shown.scene.site)
     site = site_frame(shown.scene.site)
 
     def tap(message: Message, _sent_utc_ns: int) -> None:
         if message.topic == TRACKS_TOPIC:
-            view.tracks(tracks_to_show(message.payload, None, observer.now_utc_ns(), site))
+            view.tracks(tracks_to_show(message.payload, None, sessions.now_utc_ns(), site))
 
-    server = PageServer(PageAddress("127.0.0.1", 0), view, observer, observer.now_utc_ns)
+    address = PageAddress("127.0.0.1", 0)
     async with (
-        serving(server) as url,
-        alongside(observer.follow(), "page-follow"),
+        serving(address, view, sessions, sessions.now_utc_ns) as server,
+        alongside(sessions.follow(), "page-follow"),
         async_playwright() as playwright,
     ):
         session = asyncio.create_task(
@@ -71,15 +72,15 @@ async def draw(folders: list[Path]) -> None:
                 clock=WallClock(START_UTC_NS),
                 broker="none",
                 duration_s=SECONDS + 60,
-                observers=[Tap(tap), observer],
+                observers=[Tap(tap), sessions],
             )
         )
         browser = await playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=OPTIONS
         )
-        dark = await _opened(browser, url, WINDOW, "dark")
-        light = await _opened(browser, url, WINDOW, "light")
-        phone = await _opened(browser, url, PHONE, "dark")
+        dark = await _opened(browser, server.url, WINDOW, "dark")
+        light = await _opened(browser, server.url, WINDOW, "light")
+        phone = await _opened(browser, server.url, PHONE, "dark")
         await light.click("#truth")
         await light.get_by_role("button", name="gate").click()
         await asyncio.sleep(SECONDS)
@@ -117,7 +118,7 @@ async def _draw_sizes(browser: Browser, server: PageServer, folder: Path) -> Non
             if window is PHONE and not kind:
                 await page.screenshot(path=folder / f"whole-{name}", full_page=True)
             await page.close()
-        page = await _opened(browser, server.url, window, theme)
+        page = await _opened(browser, url, window, theme)
         await page.click("#help-button")
         await page.click("#connect-button")
         await page.click("#tour-start")

@@ -13,10 +13,11 @@ from plotfeed.feeds.fleet.fleet_watch import FleetWatch, gap_words
 from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab.evidence import plot_topics
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
+from plotfeed.feeds.page.page_sessions import CLOCK_CONTROLS, REAL_TIME
 from plotfeed.feeds.page.recorded_sectors import nobody_s
-from plotfeed.feeds.page.run_with_page import CLOCK_CONTROLS, REAL_TIME, alongside, tracks_of
+from plotfeed.feeds.page.run_with_page import alongside, tracks_of
 from plotfeed.feeds.page.scene_outline import connections
-from plotfeed.feeds.page.server import PageServer, serving
+from plotfeed.feeds.page.server import serving
 from plotfeed.feeds.page.updates import NoControls
 from plotfeed.feeds.page.view import View, tell_settings
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
@@ -39,22 +40,18 @@ async def shown_on_page(
     for library in PAGE_LIBRARIES:
         need_extra(library, "the page", "page")
     view, scene = View(), watch.scene
-    server = PageServer(address, view, NoControls(), lambda: watch.now_utc_ns, tokens=tokens)
-    try:
-        view.scene(scene)
-        for sensor in scene.sensor:
-            tell_settings(view, sensor, watch.now_utc_ns, new_model=True)
-        clock = {"kind": "wall", "paused": False, "speed": 1.0}
-        view.session({"clock": clock, "refuses": REFUSES})
-        view.tell(connect=connections(scene, {"MQTT": str(watch.link.address)}))
-        async with (
-            serving(server),
-            alongside(_tell(view, watch), "page-fleet"),
-            _heard(view, watch),
-        ):
-            yield server.urls
-    finally:
-        server.close()
+    view.scene(scene)
+    for sensor in scene.sensor:
+        tell_settings(view, sensor, watch.now_utc_ns, new_model=True)
+    clock = {"kind": "wall", "paused": False, "speed": 1.0}
+    view.session({"clock": clock, "refuses": REFUSES})
+    view.tell(connect=connections(scene, {"MQTT": str(watch.link.address)}))
+    async with (
+        serving(address, view, NoControls(), lambda: watch.now_utc_ns, tokens=tokens) as server,
+        alongside(_tell(view, watch), "page-fleet"),
+        _heard(view, watch),
+    ):
+        yield server.urls
 
 
 @contextlib.asynccontextmanager

@@ -36,10 +36,8 @@ class PageServer:
         view: View,
         controls: Controls,
         now_utc_ns: Callable[[], int],
-        *,
-        tokens: Tokens = Tokens(),  # noqa: B008 - it does not change
+        tokens: Tokens,
     ) -> None:
-        """`now_utc_ns` tells the session's time; tokens that are not given are drawn if needed."""
         self.viewers: set[Viewer] = set()
         self._server: uvicorn.Server | None = None
         self._view = view
@@ -66,31 +64,22 @@ class PageServer:
         told = {"page": self.url}
         return told | ({"audience": self.audience_url} if self._access.tokens.audience else {})
 
-    def close(self) -> None:
-        """Give up the address, if it was never served."""
-        self._socket.close()
-
-    async def run(self) -> None:
-        """Serve until cancelled."""
-        serving = asyncio.create_task(self._serve(), name="page")
-        serving.add_done_callback(_told_of_failure)
-        try:
-            await self._publish()
-        finally:
-            if self._server is None:
-                serving.cancel()
-            else:
-                self._server.should_exit = True
-            for viewer in self.viewers:
-                viewer.start_again()
-            with contextlib.suppress(asyncio.CancelledError, Exception):
-                await asyncio.wait_for(serving, 2.0)
-            self._socket.close()
-
-    async def _serve(self) -> None:
-        """Serve whoever comes; those who come early wait until it is loaded."""
+    async def serve(self) -> None:
+        """Serve whoever comes, until `end`; those who come early wait until it is loaded."""
         self._server = await asyncio.to_thread(self._loaded)
         await self._server.serve([self._socket])
+
+    async def end(self, serving: asyncio.Task[None]) -> None:
+        """Serve nobody any more, and give up the address."""
+        if self._server is None:
+            serving.cancel()
+        else:
+            self._server.should_exit = True
+        for viewer in self.viewers:
+            viewer.start_again()
+        with contextlib.suppress(asyncio.CancelledError, Exception):
+            await asyncio.wait_for(serving, 2.0)
+        self._socket.close()
 
     def _loaded(self) -> uvicorn.Server:
         """Load the application, in a thread: a session does not wait for the page's libraries."""
@@ -101,7 +90,7 @@ class PageServer:
         )
         return application.server(self._access)
 
-    async def _publish(self) -> None:
+    async def publish(self) -> None:
         """Offer an update to every viewer, ten times a second on absolute deadlines."""
         due_s = time.monotonic()
         while True:
@@ -116,16 +105,30 @@ class PageServer:
 
 
 @contextlib.asynccontextmanager
-async def serving(server: PageServer) -> AsyncIterator[str]:
-    """The page for as long as this lasts; its URL. What goes wrong with it stops nobody."""
-    task = asyncio.create_task(server.run(), name="page-server")
-    task.add_done_callback(_told_of_failure)
+async def serving(
+    address: PageAddress,
+    view: View,
+    controls: Controls,
+    now_utc_ns: Callable[[], int],
+    *,
+    tokens: Tokens = Tokens(),  # noqa: B008 - it does not change
+) -> AsyncIterator[PageServer]:
+    """The view at that address for as long as this lasts; raises `PageError` if it is not free.
+
+    `now_utc_ns` tells the session's time; tokens that are not given are drawn if needed. What goes
+    wrong with the page later stops nobody.
+    """
+    server = PageServer(address, view, controls, now_utc_ns, tokens)
+    serve, publish = (
+        asyncio.create_task(work, name="page") for work in (server.serve(), server.publish())
+    )
+    for task in (serve, publish):
+        task.add_done_callback(_told_of_failure)
     try:
-        yield server.url
+        yield server
     finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError, Exception):
-            await task
+        publish.cancel()
+        await server.end(serve)
 
 
 def _told_of_failure(task: asyncio.Task[None]) -> None:

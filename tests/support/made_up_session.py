@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Mapping
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,7 +18,7 @@ from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import HELD_NS, Message, records
-from plotfeed.feeds.page.run_with_page import OF_SESSION, PageObserver
+from plotfeed.feeds.page.page_sessions import PageSessions
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.changes import ClockCommand, command_of, joined
@@ -29,6 +30,7 @@ from plotfeed.proto.utc import NS
 
 TRUTH_EVERY_NS = NS // 10
 MOST_AT_ONCE_S = 0.25
+OF_SESSION = frozenset({"sensor", "clock", "story", "undo"})  # Commands that the session takes
 TRACKED = 24  # Drones that the imagined tracker has a track of
 
 
@@ -167,9 +169,9 @@ class MadeUpSession:
         self.sensors = {s.id: SimpleNamespace(sensor=s, pointed=None) for s in shown.sensor}
         self._rng = np.random.default_rng(1)
         self._truth_due_ns = self._tracks_due_ns = start_ns
-        self._observer = None if view is None else PageObserver(view)
+        self._observer = None if view is None else PageSessions(shown, view, Path("nowhere"))
         if self._observer is not None and view is not None:
-            self._observer.scene(basemap)
+            self._observer.basemap = basemap
             self._observer.begun(self)  # type: ignore[arg-type]
             view.session(self.session)
 

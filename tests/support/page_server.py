@@ -103,10 +103,9 @@ def served(
         loop, end = asyncio.get_running_loop(), asyncio.Event()
         stop.append(lambda: loop.call_soon_threadsafe(end.set))
         try:
-            server = PageServer(address, view, controls, now_utc_ns, tokens=tokens)
-            async with serving(server) as url:
+            async with serving(address, view, controls, now_utc_ns, tokens=tokens) as server:
                 task = asyncio.create_task(playing()) if playing else None
-                found.append(Served(url, server, loop))
+                found.append(Served(server.url, server, loop))
                 ready.set()
                 await end.wait()
                 if task is not None:

@@ -22,7 +22,7 @@ from support.tools import place_of
 
 from plotfeed import testing
 from plotfeed.feeds.page.page_access import PageAddress
-from plotfeed.feeds.page.server import PageServer, serving
+from plotfeed.feeds.page.server import serving
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.scene import Scene
 
@@ -60,8 +60,8 @@ async def serve(drones: int, *, with_page: bool) -> None:
     playing = asyncio.create_task(stage.run())
     async with contextlib.AsyncExitStack() as stack:
         if view is not None:
-            server = PageServer(PageAddress("127.0.0.1", 0), view, stage, lambda: stage.now_ns)
-            print(await stack.enter_async_context(serving(server)), flush=True)
+            page = serving(PageAddress("127.0.0.1", 0), view, stage, lambda: stage.now_ns)
+            print((await stack.enter_async_context(page)).url, flush=True)
         while await reader.readline():
             print(time.process_time(), flush=True)
         playing.cancel()

@@ -22,7 +22,7 @@ from support.waiting import until
 
 from plotfeed.feeds.page import page_replay
 from plotfeed.feeds.page.page_replay import NOT_NOW, REFUSES
-from plotfeed.feeds.page.session_switch import MAX_LISTED, new_path, recordings_in
+from plotfeed.feeds.page.page_sessions import MAX_LISTED, new_path, recordings_in
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings
 from plotfeed.proto import plotfeed_pb2 as pb

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from support.significance import assert_chance
 
 from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.feeds.link.losses import chain_of
+from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.strips import (
     BINS,
     LOSSES_KEPT,
@@ -26,8 +26,8 @@ from plotfeed.feeds.page.strips import (
 )
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.scene import from_tree
-from plotfeed.models.sensors.sensor_model import NO_PLOTS
-from plotfeed.models.state import Looks, Plots
+from plotfeed.models.beam import Sector
+from plotfeed.models.state import Looks
 
 PROBABILITIES = np.linspace(0, 1, 1001)
 RANDOM = {"kind": "random", "probability": 0.1}
@@ -185,11 +185,6 @@ def test_looks_that_merge_count_once() -> None:
         view = View()
         view.scene(scene)
         view.settings(name, keys)
-        view.settled(Sector(name, both, NO_PLOTS), [])
+        sector = Sector(0, 0, 0, 1, 0.0, 360.0)
+        view.settled(Batch.of_one(sector, looks=both, sensors=[name]), [])
         assert sum(looks_summary(view._looks[0])["looks"]) == expected
-
-
-class Sector(NamedTuple):
-    sensor: str
-    looks: Looks
-    plots: Plots

@@ -1,22 +1,33 @@
-"""Sessions one after the other under one page: restarted, of another scene, recorded, replayed."""
+"""Sessions and replays one after the other: what viewers ask of them, and what the page is told.
+
+A session is restarted, one of another scene begins, one is recorded, a recording is replayed.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import os
+import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plotfeed.feeds.page.scene_outline import Basemap
-from plotfeed.feeds.page.view import View
+from plotfeed.feeds.engine.change_control import told
+from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.page.scene_outline import Basemap, pointing_of
+from plotfeed.feeds.page.view import MAX_REASON, View, model_differs, tell_settings
+from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import Scene, example, load
+from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.feeds.timing.clock import WallClock
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
+from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import DecodeError, PlotfeedError
 from plotfeed.replay.recorded import SUFFIX
 
@@ -27,25 +38,30 @@ if TYPE_CHECKING:
 
 # Recordings and replays are loaded once there is one.
 
-TELL_EVERY_S = 0.5
+MAX_MARKS = 100  # The newest are kept
+TRUTH_EVERY_S = 0.1
+CLOCK_CONTROLS = ("pause", "step", "speed")
+REAL_TIME = "Pause, step and speed need a simulated clock: real time cannot be held or hurried."
+NO_PACE = "A run as fast as possible has no pace to control."
 
 
 def _recorded(method: str) -> Callable[..., None]:
     """A method of an observer that hands on what it is told to a recording, if one runs."""
 
-    def tell(self: SessionSwitch, *told: Any) -> None:
+    def tell(self: PageSessions, *told: Any) -> None:
         if self._recorder is not None:
             getattr(self._recorder, method)(*told)
 
     return tell
 
 
-class SessionSwitch(Observer):
-    """Takes a viewer's commands that concern whole sessions, and records the one that runs."""
+class PageSessions(Observer):
+    """Follows one session after the other, tells what changes when, and does as viewers ask."""
 
     def __init__(self, scene: Scene, view: View, folder: Path) -> None:
         """Recordings are those in `folder`; scenes to choose from are those beside this one."""
         self.scene = scene  # Of the session that runs, or ran before the replay that does
+        self.basemap: Basemap | None = None  # Of the next session
         self.replaying: PageReplay | None = None  # The replay that runs in place of a session
         self.ending = asyncio.Event()  # Set when the session that runs shall end
         self.goes_on = True  # Whether another one follows then
@@ -56,7 +72,14 @@ class SessionSwitch(Observer):
         self._notes: list[str] = []
         self._session: RunningSession | None = None
         self._recorder: SessionRecorder | None = None
-        self._telling: asyncio.Task[None] | None = None
+        self._record_since_s = 0.0
+        self._before: tuple[Sensor, ...] = ()
+        self._refusal = ""
+        self._now_ns = 0
+        self._marks: deque[dict[str, Any]] = deque(maxlen=MAX_MARKS)
+        # Sensors that are otherwise, and since when, of which no command has told yet.
+        self._unexplained: dict[str, int] = {}
+        self._would_undo = ""
 
     def begin(self) -> RecordedSession | None:
         """A session, or that replay, is about to run: the last one, unless another is wanted."""
@@ -84,32 +107,28 @@ class SessionSwitch(Observer):
         finally:
             self.replaying = None
 
-    async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
-        """Do as a viewer asks; commands for a session's sensor or clock come without a session."""
-        if "session" in command:
-            return self._another(command["session"])
-        if "replay" in command:
-            return await self._replay(command["replay"])
-        if self.replaying is not None:
-            return self._in_replay(self.replaying, command)
-        if "record" in command:
-            return await self._record(command["record"])
-        raise PlotfeedError("no session runs")
-
     # What the session tells.
 
     def begun(self, session: RunningSession) -> None:
         """The session stands, and its time begins."""
         self._session = session
+        self._refusal = ""
+        self._view.scene(session.scene, self.basemap)
+        self._view.unseen(session.totals.unseen)
+        self._before = tuple(task.sensor for task in session.sensors.values())
+        for sensor in self._before:
+            self._tell_settings(sensor, new_model=True)
+        self._marks.clear()
+        self._unexplained.clear()
+        self._tell_stories(session)
+        self._tell_clock()
         self._tell_choice()
         self._view.session({"replay": {}, "record": {"on": False}, "notes": self._notes})
-        self._telling = asyncio.create_task(self._tell(), name="page-record")
 
     def ended(self) -> None:
-        """The session is over, and with it its recording."""
+        """The session is over, and with it its recording; the page shows what there was."""
+        self._now_ns = self.now_utc_ns()
         self._session = None
-        if self._telling is not None:
-            self._telling.cancel()
         if self._recorder is not None:
             self._recorder.ended()
             self._recorder.recorder.close()
@@ -118,6 +137,128 @@ class SessionSwitch(Observer):
     received, before_link, after_link, ledger = map(
         _recorded, ("received", "before_link", "after_link", "ledger")
     )
+
+    def settled(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
+        """A sector's messages have their fates."""
+        self._view.settled(batch, sent)
+
+    def settings(self, sensor: Sensor) -> None:
+        """The sensor is so from now on."""
+        before = next((s for s in self._before if s.id == sensor.id), None)
+        self._before = tuple(sensor if s.id == sensor.id else s for s in self._before)
+        self._unexplained[sensor.id] = self.now_utc_ns()
+        self._tell_settings(sensor, new_model=before is None or model_differs(before, sensor))
+
+    def obeyed(self, command: Command, t_utc_ns: int) -> None:
+        """What a command asked for is in force."""
+        if self._session is not None and command.clock is None:
+            kind = "change" if command.story is None else "story"
+            self._mark(kind, self._words(self._session, command), t_utc_ns)
+            self._unexplained.clear()
+            self._tell_stories(self._session)
+
+    # What the page asks.
+
+    def now_utc_ns(self) -> int:
+        """The time that is shown: of the session or replay, or the last one when none runs."""
+        if self.replaying is not None:
+            return self.replaying.now_utc_ns
+        return self._now_ns if self._session is None else self._session.clock.now_ns()
+
+    async def apply(self, command: dict[str, Any]) -> Mapping[str, Any]:
+        """Do as a viewer asks."""
+        if "session" in command:
+            return self._another(command["session"])
+        if "replay" in command:
+            return await self._replay(command["replay"])
+        if self.replaying is not None:
+            return self._in_replay(self.replaying, command)
+        if self._session is None:
+            raise PlotfeedError("no session runs")
+        if "record" in command:
+            return await self._record(command["record"], self._session)
+        in_force = self._session.command(command)
+        self._tell_clock()
+        return in_force
+
+    async def follow(self) -> None:
+        """Tell the view what changes without anybody saying so, until cancelled."""
+        while True:
+            await asyncio.sleep(TRUTH_EVERY_S)
+            if self._session is not None:
+                self._look_at(self._session)
+
+    def _look_at(self, session: RunningSession) -> None:
+        now_ns = session.clock.now_ns()
+        trajectories = session.trajectories
+        state, classes = trajectories.state_at(now_ns), trajectories.signatures.target_class
+        self._view.truth(now_ns, state, trajectories.names, classes)
+        self._view.totals(session.totals)
+        for sensor, at_utc_ns in self._unexplained.items():  # or by a task of SAPIENT
+            self._mark("script", f"{sensor}: by its script", at_utc_ns)
+        if self._unexplained:
+            self._unexplained.clear()
+            self._tell_stories(session)
+        self._view.pointing(
+            {
+                name: pointing_of(task.sensor, pointed)
+                for name, task in session.sensors.items()
+                if (pointed := task.pointed) is not None
+            }
+        )
+        if session.totals.last_refusal != self._refusal:
+            self._refusal = session.totals.last_refusal
+            self._view.tell(refusal=self._refusal[:MAX_REASON])
+        if self._recorder is not None:
+            file = self._recorder.recorder.path.name
+            seconds = round(time.monotonic() - self._record_since_s)
+            self._view.session({"record": {"on": True, "file": file, "seconds": seconds}})
+        self._tell_clock()
+
+    def _tell_clock(self) -> None:
+        """The clock's state, which control may have changed from elsewhere, for what is news."""
+        if self._session is None:
+            return
+        clock, state = self._session.clock, {"kind": "instant", "paused": False, "speed": 1.0}
+        refusals = dict.fromkeys(CLOCK_CONTROLS, NO_PACE)
+        if isinstance(clock, WallClock):
+            kind = "wall" if clock.is_real else "simulated"
+            state = {"kind": kind, "paused": clock.is_paused, "speed": clock.speed}
+            refusals = dict.fromkeys(CLOCK_CONTROLS, REAL_TIME) if clock.is_real else {}
+        self._view.session({"clock": state, "refuses": refusals})
+
+    def _mark(self, kind: str, words: str, at_utc_ns: int) -> None:
+        self._marks.append({"t_utc_ms": at_utc_ns / 1e6, "kind": kind, "words": words})
+        self._view.tell(marks=list(self._marks))
+
+    def _words(self, session: RunningSession, command: Command) -> str:
+        if command.undo:
+            return f"Undone: {self._would_undo}"
+        if command.story is not None:
+            titles = {story.id: story.title for story, _ in session.changes.stories}
+            words = titles.get(command.story) or command.story
+            return f"{words}, taken back" if command.reset else words
+        if command.drone is not None:
+            happens = command.contingency.kind if command.contingency else "claim"
+            return f"{command.drone}: {'as in the scene' if command.reset else happens}"
+        return f"{command.sensor}: {told(command.set) if command.set else 'as in the scene'}"
+
+    def _tell_stories(self, session: RunningSession) -> None:
+        self._would_undo = session.changes.undoes
+        stories = [
+            {
+                "id": story.id,
+                "title": story.title or story.id,
+                "text": story.text,
+                "sensors": list(story.sets),
+                "since_utc_ms": None if since_ns is None else since_ns / 1e6,
+            }
+            for story, since_ns in session.changes.stories
+        ]
+        self._view.tell(stories=stories, undoes=self._would_undo)
+
+    def _tell_settings(self, sensor: Sensor, *, new_model: bool) -> None:
+        tell_settings(self._view, sensor, self.now_utc_ns(), new_model=new_model)
 
     def _another(self, asked: object) -> Mapping[str, Any]:
         """End the session that runs, for the same scene again or for another one."""
@@ -187,28 +328,29 @@ class SessionSwitch(Observer):
         self._view.session({"scenes": list(self._scenes), "recordings": list(recordings)})
         return recordings
 
-    async def _record(self, asked: object) -> Mapping[str, Any]:
+    async def _record(self, asked: object, session: RunningSession) -> Mapping[str, Any]:
+        """Begin or end a recording of the session that runs."""
         if not isinstance(asked, dict) or not ({"start", "stop"} & asked.keys()):
             raise PlotfeedError("record: expected start or stop")
         if asked.get("stop"):
             return await self._stop_recording()
-        if self._session is None or self._recorder is not None:
-            raise PlotfeedError("record: it runs already" if self._session else "no session runs")
+        if self._recorder is not None:
+            raise PlotfeedError("record: it runs already")
         from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 
         path = new_path(self._folder, self.scene.scene.name, datetime.now(UTC))
         try:
             recorder = Recorder(
-                path, attachments=attachments_of(self.scene, self._session.clock.now_ns())
+                path, attachments=attachments_of(self.scene, session.clock.now_ns())
             )
         except (PlotfeedError, OSError) as error:
             raise PlotfeedError(f"record: {error}") from None
         observer = SessionRecorder(recorder, ledger_is_sent=self.scene.mqtt.truth)
-        observer.begun(self._session)
-        for task in self._session.sensors.values():
+        observer.begun(session)
+        for task in session.sensors.values():
             for message in (task.settings, task.description):
-                observer.after_link(message, self._session.clock.now_ns())
-        self._recorder = observer
+                observer.after_link(message, session.clock.now_ns())
+        self._recorder, self._record_since_s = observer, time.monotonic()
         return {"file": path.name}
 
     async def _stop_recording(self) -> Mapping[str, Any]:
@@ -222,24 +364,6 @@ class SessionSwitch(Observer):
         if observer.recorder.failure:
             raise PlotfeedError(observer.recorder.failure)
         return {"file": observer.recorder.path.name}
-
-    async def _tell(self) -> None:
-        """Tell how far the recording is."""
-        loop, began_s = asyncio.get_running_loop(), 0.0
-        while True:
-            await asyncio.sleep(TELL_EVERY_S)
-            if self._recorder is None:
-                began_s = 0.0
-                continue
-            began_s = began_s or loop.time()
-            recorder = self._recorder.recorder
-            told = {
-                "on": True,
-                "file": recorder.path.name,
-                "octets": recorder.octets,
-                "seconds": round(loop.time() - began_s),
-            }
-            self._view.session({"record": told})
 
 
 def one_line(error: Exception) -> str:

@@ -15,7 +15,8 @@ from support.waiting import until
 
 from plotfeed import testing
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.run_with_page import PageObserver, alongside, tracks_of
+from plotfeed.feeds.page.page_sessions import PageSessions
+from plotfeed.feeds.page.run_with_page import alongside, tracks_of
 from plotfeed.feeds.page.updates import SectionKind
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder
@@ -51,7 +52,7 @@ class Show:
 
     def __init__(self, clock: Clock, scene: Scene = SCENE) -> None:
         self.view = View()
-        self.observer = PageObserver(self.view)
+        self.observer = PageSessions(scene, self.view, Path("nowhere"))
         self.messages: list[tuple[Message, int]] = []
         self.frames: list[Frame] = []
         self.others: list[Observer] = []
@@ -232,11 +233,11 @@ async def test_the_page_says_what_other_clocks_do_not_allow(clock: Callable[[], 
 
 
 @pytest.mark.asyncio
-async def test_what_needs_a_session_or_a_runner_is_refused_without_one() -> None:
-    observer = PageObserver(View())
-    for command in ({"sensor": "radar", "reset": True}, {"session": {"restart": True}}):
-        with pytest.raises(PlotfeedError, match="takes no commands"):
-            await observer.apply(command)
+async def test_what_needs_a_session_is_refused_without_one() -> None:
+    sessions = PageSessions(SCENE, View(), Path("nowhere"))
+    for command in ({"sensor": "radar", "reset": True}, {"record": {"start": True}}):
+        with pytest.raises(PlotfeedError, match="no session runs"):
+            await sessions.apply(command)
 
 
 @pytest.mark.asyncio
