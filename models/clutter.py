@@ -22,9 +22,10 @@ from plotfeed.models.accuracy import fold_over_zenith
 from plotfeed.models.beam import Sector, beam_times_ns
 from plotfeed.models.detection import cells_across, whole_cells
 from plotfeed.models.effects.doppler import range_rate_m_s
+from plotfeed.models.fluctuation import mean_over_signals
 from plotfeed.models.frames import enu_to_aer, wrap_180, wrap_360
 from plotfeed.models.numerics import as_floats, nan_without_warnings
-from plotfeed.models.sensors.polar_radar import Hits, PolarRadar, mean_over_signals
+from plotfeed.models.sensors.polar_radar import Hits, PolarRadar
 from plotfeed.models.sensors.sensor_model import NO_PLOTS, Targets
 from plotfeed.models.state import Bools, Floats, Ints, Plots
 

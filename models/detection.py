@@ -97,62 +97,6 @@ CERTAIN = 1 - 1e-12  # What a probability is taken to be at least of, whatever r
 _TAIL = 36.0  # Means of an exponential beyond which 2e-16 of it lies
 
 
-def outlasting(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
-    """Probability that the looks outlast the samples; (...)."""
-    return _chance(snrs, multiplier, n_samples, at_the_end=1.0)
-
-
-def draw_outlasting(
-    snrs: Floats, multiplier: float, n_samples: int, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Sums of looks that outlast their samples, and the sums of these; (n, K) in, (n,) out.
-
-    Look by look: how many samples it outlasts given the success, and then the times. Whatever ends
-    first, the time until then is exponential of mean (1+S)/(multiplier+1+S), in units of the
-    samples, so that times are gamma distributed by the number of ends. Without memory, the look
-    that lasts at the end is from there on as long as a new one.
-    """
-    n = len(snrs)
-    ends, goes_on = _odds(snrs, np.asarray(multiplier))
-    outlasting_them = _Outlasting(ends, goes_on, n_samples)
-    samples_left = np.full(n, n_samples)
-    reference_sum, beyond = np.zeros(n), np.zeros(n)
-    for i, mean in enumerate(1 + snrs.T):
-        outlasted = samples_left
-        if i < len(ends) - 1:
-            outlasted = outlasting_them.draw(i, rng.random((n,)), samples_left)
-        own_end = outlasted < samples_left
-        reference_sum += goes_on[i] * rng.standard_gamma(outlasted + own_end, (n,))
-        samples_left = samples_left - outlasted
-        rest = mean * rng.standard_exponential((n,))
-        beyond += np.where(samples_left == 0, rest, 0.0)
-    return multiplier * reference_sum + beyond, reference_sum
-
-
-def mean_inverse(snrs: Floats, multiplier: Floats, n_samples: int) -> Floats:
-    """Mean of 1/sum over the sums of looks that outlast the samples; (...). Finite SNRs only.
-
-    At x, the sum has the density of the last look lasting there, over 1+S. For a reference sum g
-    and x = y g, the mean of 1/x is the integral of that density over the logarithm of y, from the
-    multiplier on; its average over g is a chance of the chain. Gauss and Legendre integrate, to
-    less than 1e-8.
-    """
-    n_looks = snrs.shape[-1]
-    in_last_look = np.zeros(n_looks)
-    in_last_look[-1] = 1.0
-    # The tail falls exponentially where samples are many, as y**-n_samples where they are few.
-    largest = (1 + snrs.max(axis=-1)) * (n_looks + _TAIL) / n_samples
-    low = np.log(multiplier)
-    width = np.log(np.maximum(largest, multiplier)) + _TAIL / n_samples - low
-    nodes, weights = unit_interval()
-    integral = np.zeros(width.shape)
-    for node, weight in zip(nodes, weights, strict=True):
-        y = np.exp(low + width * node)
-        lasting = _chance(snrs, y, n_samples, at_the_end=in_last_look)
-        integral += weight * width * lasting
-    return integral / (1 + snrs[..., -1]) / outlasting(snrs, multiplier, n_samples)
-
-
 def _chance(snrs: Floats, multiplier: Floats, n_samples: int, *, at_the_end: ArrayLike) -> Floats:
     """Chance of what has those after the last sample within each look, (K,), else none; (...).
 
@@ -293,16 +237,13 @@ def cfar_multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     return _multiplier(pfa, n_reference)
 
 
-@cache
-def _multiplier_of_one(pfa: float, n_reference: int) -> Floats:
-    """Threshold of a radar, which every look asks for."""
-    return _multiplier(pfa, n_reference)
-
-
 @nan_without_warnings
 def _multiplier(pfa: ArrayLike, n_reference: ArrayLike) -> Floats:
     exponent = -np.log(_probability(pfa)) / as_floats(n_reference)
     return as_floats(np.expm1(exponent))  # eq 6 as printed loses digits when N is large
+
+
+_multiplier_of_one = cache(_multiplier)  # Of a radar, which every look asks for
 
 
 @nan_without_warnings
@@ -347,7 +288,7 @@ def pd_noncoherent_unequal_cfar(snrs: ArrayLike, pfa: ArrayLike, n_reference_tot
     """
     power, ratio = _unequal_cfar(snrs, pfa, n_reference_total)
     # Rounding may carry a certainty above one.
-    return np.minimum(outlasting(power, ratio, n_reference_total), 1.0)
+    return np.minimum(_chance(power, ratio, n_reference_total, at_the_end=1.0), 1.0)
 
 
 @nan_without_warnings
@@ -409,11 +350,29 @@ def draw_detected_power_noncoherent(
     """The sums of the looks of cells that were detected, and the thresholds; (n, K) in, (n,) out.
 
     The exact joint law given the hit, of looks of mean `snrs` (0 for a false alarm) and of the sum
-    of their reference samples.
+    of their reference samples. Look by look: how many samples it outlasts given the success, and
+    then the times. Whatever ends first, the time until then is exponential of mean
+    (1+S)/(multiplier+1+S), in units of the samples, so that times are gamma distributed by the
+    number of ends. Without memory, the look that lasts at the end is from there on as long as a new
+    one.
     """
     power, ratio = _unequal_cfar(snrs, pfa, n_reference_total)
-    power_sum, reference_sum = draw_outlasting(power, float(ratio), n_reference_total, rng)
-    return power_sum, as_floats(ratio * reference_sum)
+    n = len(power)
+    ends, goes_on = _odds(power, ratio)
+    outlasting_them = _Outlasting(ends, goes_on, n_reference_total)
+    samples_left = np.full(n, n_reference_total)
+    reference_sum, beyond = np.zeros(n), np.zeros(n)
+    for i, mean in enumerate(1 + power.T):
+        outlasted = samples_left
+        if i < len(ends) - 1:
+            outlasted = outlasting_them.draw(i, rng.random((n,)), samples_left)
+        own_end = outlasted < samples_left
+        reference_sum += goes_on[i] * rng.standard_gamma(outlasted + own_end, (n,))
+        samples_left = samples_left - outlasted
+        rest = mean * rng.standard_exponential((n,))
+        beyond += np.where(samples_left == 0, rest, 0.0)
+    threshold = ratio * reference_sum
+    return threshold + beyond, threshold
 
 
 @nan_without_warnings
@@ -422,11 +381,28 @@ def inverse_detected_power_noncoherent(
 ) -> Floats:
     """Mean of 1/x over detections, x the sum of looks of mean `snrs`; (..., K) in, (...) out.
 
-    A quadrature of the exact law, good to 1e-8: what turns mean signal-to-noise ratios into the
-    rms error of the plots.
+    What turns mean signal-to-noise ratios, which are finite, into the rms error of the plots. At x,
+    the sum has the density of the last look lasting there, over 1+S. For a reference sum g and
+    x = y g, the mean of 1/x is the integral of that density over the logarithm of y, from the
+    threshold's ratio on; its average over g is a chance of the chain. Gauss and Legendre integrate,
+    to less than 1e-8.
     """
     power, ratio = _unequal_cfar(snrs, pfa, n_reference_total)
-    return mean_inverse(power, ratio, n_reference_total)
+    n_looks = power.shape[-1]
+    in_last_look = np.zeros(n_looks)
+    in_last_look[-1] = 1.0
+    # The tail falls exponentially where samples are many, as y to minus their number where few.
+    largest = (1 + power.max(axis=-1)) * (n_looks + _TAIL) / n_reference_total
+    low = np.log(ratio)
+    width = np.log(np.maximum(largest, ratio)) + _TAIL / n_reference_total - low
+    nodes, weights = unit_interval()
+    integral = np.zeros(width.shape)
+    for node, weight in zip(nodes, weights, strict=True):
+        y = np.exp(low + width * node)
+        lasting = _chance(power, y, n_reference_total, at_the_end=in_last_look)
+        integral += weight * width * lasting
+    chance = _chance(power, ratio, n_reference_total, at_the_end=1.0)
+    return np.asarray(integral / (1 + power[..., -1]) / chance)
 
 
 @nan_without_warnings

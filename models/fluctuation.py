@@ -12,22 +12,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from plotfeed.models import special
+from plotfeed.models.chance import of_rows
 from plotfeed.models.detection import (
+    draw_detected_power_noncoherent,
     draw_detected_snr_swerling1,
+    inverse_detected_power_noncoherent,
     inverse_detected_snr,
     pd_cfar_swerling1,
+    pd_noncoherent_unequal_cfar,
     threshold_noncoherent_cfar,
 )
-from plotfeed.models.numerics import as_floats, nan_without_warnings, unit_interval
-from plotfeed.models.state import Bools, Floats
+from plotfeed.models.numerics import nan_without_warnings, unit_interval
+from plotfeed.models.state import Floats, rows_where
 
 STEADY = np.inf  # The order of a target that does not fluctuate, Swerling 0
+# In place of an order: each look's echo fluctuates by itself, about a mean of its own.
+OF_EACH = np.nan
 LONG_TAIL = 60.0  # Terms beyond the last that matters
 SURE = 12.0  # Standard deviations beyond which nothing is left
 NODES = 96
@@ -98,30 +104,15 @@ def _pd(total: Floats, order: float, terms: _Terms) -> Floats:
     return np.minimum(pd, 1.0)
 
 
-def _total(snr: ArrayLike, n_looks: int) -> Floats:
-    ratio = as_floats(snr) * n_looks
-    return np.where(ratio >= 0, ratio, np.nan)
-
-
-@nan_without_warnings
-def pd_fluctuating_cfar(
-    snr: ArrayLike, pfa: float, n_looks: int, n_reference: int, order: float
-) -> Floats:
-    """Probability of detection of a sum of looks against a sum of reference samples; (...)."""
-    total = _total(snr, n_looks)
-    terms = _terms_of_cfar(pfa, n_looks, n_reference)
-    return _pd(total.ravel(), order, terms).reshape(total.shape)
-
-
-def _detected(cfar: FluctuatingCfar, snr: Floats, order: float, u: Floats) -> tuple[Floats, Floats]:
-    """Sums and thresholds of detections by uniform numbers, (3, n).
+def _detected(
+    total: Floats, order: float, law: tuple[float, int, int], u: Floats
+) -> tuple[Floats, Floats]:
+    """Sums and thresholds of detections of such totals, (n,), by uniform numbers, (3, n).
 
     The exact joint law given the hit: the number k by its weight and chance, the share of the
     reference samples in all power below that at the threshold, and all power, a gamma variable.
     """
-    _, n_looks, n_reference = cfar
-    terms = _terms_of_cfar(*cfar)
-    total = _total(snr, n_looks)
+    (_, n_looks, n_reference), terms = law, _terms_of_cfar(*law)
     k = _numbers(total, order, terms, u[0])
     chance = special.betainc(n_reference, n_looks + k, terms.share)
     reference = special.betaincinv(n_reference, n_looks + k, np.maximum(u[1], 1e-300) * chance)
@@ -176,17 +167,13 @@ def _numbers(total: Floats, order: float, terms: _Terms, u: Floats) -> Floats:
     return found
 
 
-@nan_without_warnings
-def inverse_detected_fluctuating(
-    snr: ArrayLike, pfa: float, n_looks: int, n_reference: int, order: float
-) -> Floats:
-    """Mean of 1/x over detections of power x, the sum of all looks; (...).
+def _inverse(total: Floats, order: float, law: tuple[float, int, int]) -> Floats:
+    """Mean of 1/x over detections of power x, the sum of all looks, of such totals; (n,).
 
     Of order n + k, 1/x is 1/(n + k - 1) times the chance of one order less. Beyond the last term
     the weights are smooth, and are integrated.
     """
-    terms = _terms_of_cfar(pfa, n_looks, n_reference)
-    total = _total(snr, n_looks).ravel()
+    (pfa, n_looks, n_reference), terms = law, _terms_of_cfar(*law)
     k = np.arange(len(terms.hit), dtype=np.float64)
     fewer = n_looks - 1 + k
     inverse = special.betainc(n_reference, np.maximum(fewer, 1), terms.share) / np.maximum(fewer, 1)
@@ -201,7 +188,7 @@ def inverse_detected_fluctuating(
     far = np.flatnonzero(_beyond(total, order, len(k) - 1) > 0)
     if len(far):
         found[far] += _inverse_beyond(total[far], order, n_looks, len(k) - 0.5)
-    return np.asarray(found / pd).reshape(np.shape(snr))
+    return np.asarray(found / pd)
 
 
 def _inverse_beyond(total: Floats, order: float, n_looks: int, first: float) -> Floats:
@@ -219,48 +206,95 @@ def _inverse_beyond(total: Floats, order: float, n_looks: int, first: float) -> 
     return np.asarray((density * k / (n_looks + k - 1)) * span @ weights)
 
 
-class FluctuatingCfar(NamedTuple):
-    """A detector of targets each of which fluctuates by an order of its own.
+# Below, one addition after the other is what NumPy's sum along a row does, many times as fast.
+FEW_SIGNALS = 8
 
-    Of one look orders may be None: all are of Swerling's case 1, for which there are closed forms.
+
+def mean_over_signals(snrs: Floats) -> Floats:
+    """The mean ratio of each look (eq 18); (..., K) in, (...) out."""
+    n_signals = snrs.shape[-1]
+    if n_signals == 1:
+        return snrs[..., 0]
+    if n_signals >= FEW_SIGNALS:
+        return np.asarray(snrs.mean(axis=-1))
+    total = snrs[..., 0] + snrs[..., 1]
+    for k in range(2, n_signals):
+        total += snrs[..., k]
+    return np.asarray(total / n_signals)
+
+
+class FluctuatingCfar(NamedTuple):
+    """A detector of the sum of K looks, (..., K), at targets each of an order of its own, (...).
+
+    Without orders, None, all are of the `usual` one: 1 for one look, Swerling's case 1, for which
+    there are closed forms, or `OF_EACH`. Of a target of a stated order the sum of the ratios
+    decides, which is exact for one that is the same to all looks.
     """
 
     pfa: float
     n_looks: int
     n_reference: int
+    usual: float = 1.0
 
-    def pd(self, snr: Floats, order: Floats | None) -> Floats:
-        """Probability of detection; (...) each."""
-        if order is None:
-            return pd_cfar_swerling1(snr, self.pfa, self.n_reference)
-        pd = np.empty(snr.shape)
+    @nan_without_warnings
+    def pd(self, snrs: Floats, order: Floats | None) -> Floats:
+        """Probability of detection (eqs 6 and 7, or 22 and 23); (...)."""
+        if order is None and self.usual == 1.0:
+            return pd_cfar_swerling1(snrs[..., 0], self.pfa, self.n_reference)
+        pd = np.empty(snrs.shape[:-1])
         for one, rows in _by_order(order):
-            pd[rows] = pd_fluctuating_cfar(snr[rows], *self, one)
+            if np.isnan(one):
+                pd[rows] = pd_noncoherent_unequal_cfar(snrs[rows], self.pfa, self.n_reference)
+            else:
+                pd[rows] = _pd(self._total(snrs[rows]), one, _terms_of_cfar(*self[:3]))
         return pd
 
     @nan_without_warnings
     def draw_detected(
-        self, snr: Floats, order: Floats | None, rng: np.random.Generator
+        self, snrs: Floats, order: Floats | None, rng: np.random.Generator
     ) -> tuple[Floats, Floats]:
         """Sums of the looks of detections, and thresholds, (n,); no draw depends on other rows."""
-        if order is None:
-            return draw_detected_snr_swerling1(snr, self.pfa, self.n_reference, rng)
-        u = rng.random((3, len(snr)))
-        power, threshold = np.empty(len(snr)), np.empty(len(snr))
+        if order is None and self.usual == 1.0:
+            return draw_detected_snr_swerling1(snrs[:, 0], self.pfa, self.n_reference, rng)
+        power, threshold = np.empty((2, len(snrs)))
+        is_stated = np.zeros(len(snrs), np.bool_) if order is None else ~np.isnan(order)
+        if not is_stated.all():
+            rows, law = rows_where(~is_stated), (self.pfa, self.n_reference)
+            power[rows], threshold[rows] = draw_detected_power_noncoherent(
+                snrs[rows], *law, of_rows(rng, rows)
+            )
+        u = np.empty((3, len(snrs)))
+        if is_stated.any():
+            u[:, is_stated] = of_rows(rng, rows_where(is_stated)).random((3, is_stated.sum()))
         for one, rows in _by_order(order):
-            power[rows], threshold[rows] = _detected(self, snr[rows], one, u[:, rows])
+            if not np.isnan(one):
+                total = self._total(snrs[rows])
+                power[rows], threshold[rows] = _detected(total, one, self[:3], u[:, rows])
         return power, threshold
 
-    def inverse_detected(self, snr: Floats, order: Floats | None) -> Floats:
-        """Mean of 1/x over detections, x the sum of all looks; (...) each."""
-        if order is None:
-            return inverse_detected_snr(snr, self.pfa, self.n_reference)
-        inverse = np.empty(snr.shape)
+    @nan_without_warnings
+    def inverse_detected(self, snrs: Floats, order: Floats | None) -> Floats:
+        """Mean of 1/x over detections, x the sum of all looks; (...)."""
+        if order is None and self.usual == 1.0:
+            return inverse_detected_snr(snrs[..., 0], self.pfa, self.n_reference)
+        inverse = np.empty(snrs.shape[:-1])
         for one, rows in _by_order(order):
-            inverse[rows] = inverse_detected_fluctuating(snr[rows], *self, one)
+            if np.isnan(one):
+                law = self.pfa, self.n_reference
+                inverse[rows] = inverse_detected_power_noncoherent(snrs[rows], *law)
+            else:
+                inverse[rows] = _inverse(self._total(snrs[rows]), one, self[:3])
         return inverse
 
+    def _total(self, snrs: Floats) -> Floats:
+        ratio = mean_over_signals(snrs) * self.n_looks
+        return np.where(ratio >= 0, ratio, np.nan)
 
-def _by_order(order: Floats) -> Iterator[tuple[float, Bools]]:
+
+def _by_order(order: Floats | None) -> Iterator[tuple[float, Any]]:
+    """Orders, and where each is; without any, `OF_EACH` everywhere."""
+    if order is None:
+        yield OF_EACH, ...
+        return
     for one in np.unique(order).tolist():
-        yield one, order == one
+        yield one, np.isnan(order) if np.isnan(one) else order == one

@@ -11,22 +11,17 @@ of the reference samples of all signals. Positions are measured from the receive
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from plotfeed.models import detection, propagation
-from plotfeed.models.chance import of_rows
+from plotfeed.models import propagation
+from plotfeed.models.fluctuation import OF_EACH
 from plotfeed.models.frames import distance_m
 from plotfeed.models.propagation import C_M_S, NEAREST_M
-from plotfeed.models.sensors.polar_radar import FarTransmitters, PolarRadar, mean_over_signals
+from plotfeed.models.sensors.polar_radar import FarTransmitters, PolarRadar
 from plotfeed.models.sensors.sensor_model import sensor_property
-from plotfeed.models.state import Floats, rows_where
-
-# In place of an order: each signal's echo fluctuates by itself, about a mean of its own.
-OF_EACH = float("nan")
+from plotfeed.models.state import Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,20 +61,6 @@ class ActiveRadar(PolarRadar):
         if not self.is_in_free_space:
             snr *= self.way_factor(position_enu_m, C_M_S / self.frequency_hz) ** 2
         return snr[:, None]
-
-    def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Probability of detection (eqs 6, 7); (n, 1) in, (n,) out."""
-        return self._cfar.pd(snrs[..., 0], order)
-
-    def draw_interval(
-        self, snrs: Floats, rng: np.random.Generator, order: Floats | None
-    ) -> tuple[Floats, Floats]:
-        """Powers and thresholds of detections, given the mean ratios; (n, 1) in, (n,) out."""
-        return self._cfar.draw_detected(snrs[..., 0], order, rng)
-
-    def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Mean of 1/x over detections of power x; (n, 1) in, (n,) out."""
-        return self._cfar.inverse_detected(snrs[..., 0], order)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,59 +110,3 @@ class MimoRadar(FarTransmitters, PolarRadar):
     @sensor_property
     def _noise_density_w_hz(self) -> float:
         return float(propagation.noise_density_w_hz(self.noise_figure_db))
-
-    def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Probability of detection (eqs 22, 23, each echo with its own ratio); (n, K) to (n,).
-
-        Of a target that states how it fluctuates, the sum of the ratios decides, which is exact
-        for one that is the same to all transmitters.
-        """
-        pd = np.empty(len(snrs))
-        for rows, stated in _by_law(order):
-            if stated is None:
-                law = self.pfa, self.n_reference_total
-                pd[rows] = detection.pd_noncoherent_unequal_cfar(snrs[rows], *law)
-            else:
-                pd[rows] = self._cfar.pd(mean_over_signals(snrs[rows]), stated)
-        return pd
-
-    def draw_interval(
-        self, snrs: Floats, rng: np.random.Generator, order: Floats | None
-    ) -> tuple[Floats, Floats]:
-        """Powers a transmitter of detections, and thresholds; (n, K) in, (n,) out."""
-        power, threshold = np.empty((2, len(snrs)))
-        for rows, stated in _by_law(order):
-            own = of_rows(rng, rows)
-            if stated is None:
-                power[rows], threshold[rows] = detection.draw_detected_power_noncoherent(
-                    snrs[rows], self.pfa, self.n_reference_total, own
-                )
-            else:
-                power[rows], threshold[rows] = self._cfar.draw_detected(
-                    mean_over_signals(snrs[rows]), stated, own
-                )
-        return power / self.n_looks, threshold / self.n_looks
-
-    def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Mean of 1/x over detections of power x a transmitter; (n, K) in, (n,) out."""
-        inverse = np.empty(len(snrs))
-        for rows, stated in _by_law(order):
-            if stated is None:
-                law = self.pfa, self.n_reference_total
-                inverse[rows] = detection.inverse_detected_power_noncoherent(snrs[rows], *law)
-            else:
-                mean = mean_over_signals(snrs[rows])
-                inverse[rows] = self._cfar.inverse_detected(mean, stated)
-        return self.n_looks * inverse
-
-
-def _by_law(order: Floats | None) -> Iterator[tuple[Any, Floats | None]]:
-    """Rows of targets whose echoes fluctuate each by itself, None, and of others their orders."""
-    if order is None:
-        yield slice(None), None
-        return
-    of_each = np.isnan(order)
-    for law in (True, False):
-        rows = rows_where(of_each == law)
-        if isinstance(rows, slice) or len(rows):
-            yield rows, None if law else order[rows]

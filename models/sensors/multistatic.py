@@ -180,7 +180,7 @@ class MultistaticRadar(Volume, JointSensor):
         order = self.orders(targets, rows)
         if order is not None:
             order = np.broadcast_to(order[:, None], snrs.shape)
-        return snrs, self._cfar.pd(snrs, order) * self.receivers[0].signals.pd_factor
+        return snrs, self._cfar.pd(snrs[..., None], order) * self.receivers[0].signals.pd_factor
 
     @staticmethod
     def orders(targets: Targets, rows: Ints | slice = EVERY_ROW) -> Floats | None:
@@ -223,7 +223,7 @@ class MultistaticRadar(Volume, JointSensor):
             elevation_deg = np.append(elevation_deg, rng.uniform(low_deg, high_deg, a))
             mean = np.append(snrs[mine, p], np.zeros(a))
             orders = None if order is None else np.append(order[mine], np.ones(a))
-            snr, _ = self._cfar.draw_detected(mean, orders, rng)
+            snr, _ = self._cfar.draw_detected(mean[:, None], orders, rng)
             found.append(
                 self._measured(p, snr, (true_m, azimuth_deg, elevation_deg), rng).but(
                     drone=np.append(drone[mine], np.full(a, FALSE_ALARM))
@@ -303,7 +303,7 @@ class MultistaticRadar(Volume, JointSensor):
         found = []
         for p, (m, k) in enumerate(self.pairs):
             signals = self.receivers[m].signals
-            inverse = self._cfar.inverse_detected(snrs[:, p], order)
+            inverse = self._cfar.inverse_detected(snrs[:, p, None], order)
             with np.errstate(divide="ignore"):
                 weight = np.sqrt(1 / np.maximum(pds[:, p], 1e-12)) * signals.error_factor
             sigmas = self._sigmas(self.receivers[m], k, 1 / inverse)

@@ -174,7 +174,7 @@ class PassiveRadar(Volume, FarTransmitters):
 
     def pd(self, snr: Floats, order: Floats | None = None) -> Floats:
         """Probability of detection (eqs 6, 7), by how targets fluctuate where they state it."""
-        return self.cfar.pd(snr, order)
+        return self.cfar.pd(snr[..., None], order)
 
     def sigmas(
         self, snr: Floats, range_resolution_m: Floats, range_floor_m: Floats
@@ -269,7 +269,7 @@ class PassiveRadar(Volume, FarTransmitters):
     def measured(self, hits: Hits, targets: Targets) -> Plots:
         """Noise on the measured pair by the SNR of each very detection, then the inversion."""
         echoes, columns, rng = hits.echoes, hits.columns, hits.rng
-        snr, _ = self.cfar.draw_detected(echoes.snr, hits.order, rng)
+        snr, _ = self.cfar.draw_detected(echoes.snr[:, None], hits.order, rng)
         sigmas = self.sigmas(
             snr,
             self.of_channel("range_resolution_m", echoes.channel),
@@ -320,7 +320,7 @@ class PassiveRadar(Volume, FarTransmitters):
         order = self.orders(targets)
         order = None if order is None else np.repeat(order, snr.shape[1]).reshape(snr.shape)
         # Error variances go as one over the detection's own power.
-        effective_snr = 1.0 / self.cfar.inverse_detected(snr, order)
+        effective_snr = 1.0 / self.cfar.inverse_detected(snr[..., None], order)
         sigma_excess_m, sigma_azimuth_deg = (
             sigma * self.error_factor
             for sigma in self.sigmas(effective_snr, self.range_resolution_m, self.range_floors_m)
@@ -362,7 +362,7 @@ class PassiveRadar(Volume, FarTransmitters):
 
     def draw_false_snr(self, n: int, rng: np.random.Generator) -> Floats:
         """Ratios of cells of noise that were detected; (n,)."""
-        return self.cfar.draw_detected(np.zeros(n), None, rng)[0]
+        return self.cfar.draw_detected(np.zeros((n, 1)), None, rng)[0]
 
     def draw_false_alarms(self, sector: Sector, rng: np.random.Generator) -> Plots:
         """The false alarms of one sector: binomial over each channel's cells, uniform in them.

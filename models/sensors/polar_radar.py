@@ -19,7 +19,7 @@ from plotfeed.models import accuracy, detection, propagation
 from plotfeed.models.beam import Volume
 from plotfeed.models.chance import of_rows
 from plotfeed.models.detection import cells_across
-from plotfeed.models.fluctuation import FluctuatingCfar
+from plotfeed.models.fluctuation import FluctuatingCfar, mean_over_signals
 from plotfeed.models.frames import distance_m, enu_to_aer
 from plotfeed.models.propagation import C_M_S, NEAREST_M, SPREAD
 from plotfeed.models.sensors.sensor_model import (
@@ -63,23 +63,6 @@ class Hits:
     columns: dict[str, NDArray[Any]]
     rng: np.random.Generator
     order: Floats | None = None
-
-
-# Below, one addition after the other is what NumPy's sum along a row does, many times as fast.
-FEW_SIGNALS = 8
-
-
-def mean_over_signals(snrs: Floats) -> Floats:
-    """The mean ratio of each look (eq 18); (n, K) in, (n,) out."""
-    n_signals = snrs.shape[1]
-    if n_signals == 1:
-        return snrs[:, 0]
-    if n_signals >= FEW_SIGNALS:
-        return np.asarray(snrs.mean(axis=-1))
-    total = snrs[:, 0] + snrs[:, 1]
-    for k in range(2, n_signals):
-        total += snrs[:, k]
-    return np.asarray(total / n_signals)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,27 +300,11 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         """Mean signal-to-noise ratios of each signal, linear; (n, 3) and (n,) in, (n, K) out."""
 
     @property
-    def n_reference_total(self) -> int:
-        """Reference samples of all signals together, in one interval."""
-        return self.n_reference * self.n_looks
-
-    @property
     def _cfar(self) -> FluctuatingCfar:
-        return FluctuatingCfar(self.pfa, self.n_looks, self.n_reference_total)
-
-    @abstractmethod
-    def interval_pd(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Probability of detection of one interval; (n, K) in, (n,) out."""
-
-    @abstractmethod
-    def draw_interval(
-        self, snrs: Floats, rng: np.random.Generator, order: Floats | None
-    ) -> tuple[Floats, Floats]:
-        """Powers a signal of detections in one interval, and thresholds; (n, K) in, (n,) out."""
-
-    @abstractmethod
-    def inverse_interval(self, snrs: Floats, order: Floats | None) -> Floats:
-        """Mean of 1/x over detections of power x in one interval; (n, K) in, (n,) out."""
+        """The detector of an interval, of the reference samples of all signals together."""
+        return FluctuatingCfar(
+            self.pfa, self.n_looks, self.n_reference * self.n_looks, self.usual_order
+        )
 
     @property
     def n_signals(self) -> int:
@@ -347,7 +314,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
     def pd(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Probability that the look detects, or that enough of its intervals do."""
         if self.intervals is None:
-            return self.interval_pd(snrs, order)
+            return self._cfar.pd(snrs, order)
         from plotfeed.models.effects.pulse_intervals import at_least
 
         return at_least(self._pd_each(snrs, order), self.intervals.needed)
@@ -363,18 +330,20 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
             which = chosen(first, rng.random((len(snrs),)))
             by_interval = self._by_interval(snrs)
             snrs = np.take_along_axis(by_interval, which[:, None, None], axis=1)[:, 0]
-        return self.draw_interval(snrs, rng, order)
+        power, threshold = self._cfar.draw_detected(snrs, order, rng)
+        return power / self.n_looks, threshold / self.n_looks
 
     def inverse_detected(self, snrs: Floats, order: Floats | None = None) -> Floats:
         """Mean of 1/x over detections of power x; of several intervals, of the first."""
         if self.intervals is None:
-            return self.inverse_interval(snrs, order)
+            return self.n_looks * self._cfar.inverse_detected(snrs, order)
         from plotfeed.models.effects.pulse_intervals import first_successes
 
         first = first_successes(self._pd_each(snrs, order), self.intervals.needed)
         by_interval = self._by_interval(snrs)
         columns = [
-            self.inverse_interval(by_interval[:, i], order) for i in range(self.intervals.count)
+            self.n_looks * self._cfar.inverse_detected(by_interval[:, i], order)
+            for i in range(self.intervals.count)
         ]
         return np.asarray((first * np.stack(columns, axis=-1)).sum(axis=1))
 
@@ -387,7 +356,7 @@ class PolarRadar(Volume, EchoRadar, CellSensor, ABC):
         each = snrs.reshape(-1, self.n_looks)
         count = snrs.shape[1] // self.n_looks
         orders = None if order is None else np.repeat(order, count)
-        return self.interval_pd(each, orders).reshape(-1, count)
+        return self._cfar.pd(each, orders).reshape(-1, count)
 
     @property
     def furthest_told_m(self) -> float:

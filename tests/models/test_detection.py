@@ -463,7 +463,7 @@ def test_swerlings_cases_are_as_in_sixty_digits() -> None:
     for args, value in values_of("pd_swerling_cfar"):
         case, n = int(args["case"]), int(args["n_looks"])
         cfar = FluctuatingCfar(float(args["pfa"]), n, int(args["n_reference"]))
-        found = cfar.pd(linear([float(args["snr_db"])]), np.array([order_of(case, n)]))
+        found = cfar.pd(linear([[float(args["snr_db"])]]), np.array([order_of(case, n)]))
         assert found[0] == pytest.approx(value, rel=1e-12), args
 
 
@@ -471,12 +471,12 @@ def test_swerlings_cases_are_as_in_sixty_digits() -> None:
 def test_faint_and_strong_echoes_of_many_looks_cost_no_digits(snr: float) -> None:
     """Where the closed form of DiFranco and Rubin is NaN, and terms by the thousand are left."""
     pfa, at = 1e-6, np.array([snr])
-    one = FluctuatingCfar(pfa, 1, 16).pd(at, np.ones(1))
+    one = FluctuatingCfar(pfa, 1, 16).pd(at[:, None], np.ones(1))
     assert one == pytest.approx(detection.pd_cfar_swerling1(at, pfa, 16), rel=1e-12)
-    eight = FluctuatingCfar(pfa, 8, 24).pd(at, np.full(1, 8.0))
+    eight = FluctuatingCfar(pfa, 8, 24).pd(at[:, None], np.full(1, 8.0))
     assert eight == pytest.approx(pd_equal(snr, pfa, 8, 24), rel=1e-12)
     orders = np.array([order_of(case, 100) for case in range(5)])
-    by_case = FluctuatingCfar(pfa, 100, 200).pd(np.full(5, snr), orders)
+    by_case = FluctuatingCfar(pfa, 100, 200).pd(np.full((5, 1), snr), orders)
     assert pfa * (1 - 1e-11) <= min(by_case) <= max(by_case) <= 1.0
 
 
@@ -501,26 +501,26 @@ def test_what_was_detected_is_drawn_as_a_receiver_would_find_it(
     over = float(detection.threshold_noncoherent_cfar(pfa, n_looks, m))
     threshold = over * rng.standard_gamma(m, n)
     hit = power > threshold
-    pd = float(cfar.pd(np.array([snr]), np.array([order]))[0])
+    pd = float(cfar.pd(np.array([[snr]]), np.array([order]))[0])
     assert_sum(hit.sum(), n * pd, n * pd * (1 - pd) + 1e-9, "hits")
     few = min(int(hit.sum()), 2000)
-    drawn, thresholds = cfar.draw_detected(np.full(few, snr), np.full(few, order), rng)
+    drawn, thresholds = cfar.draw_detected(np.full((few, 1), snr), np.full(few, order), rng)
     assert (drawn >= thresholds).all()
     for plain, of_draws, of in ((power, drawn, "power"), (threshold, thresholds, "threshold")):
         assert_chance(float(stats.ks_2samp(of_draws, plain[hit]).pvalue), of)
-    inverse = cfar.inverse_detected(np.array([snr]), np.array([order]))[0]
+    inverse = cfar.inverse_detected(np.array([[snr]]), np.array([order]))[0]
     spread = (1 / power[hit]).std() / np.sqrt(hit.sum())
     assert abs((1 / power[hit]).mean() - inverse) < 5 * spread + 1e-3 * inverse
 
 
 def test_the_mean_inverse_of_one_look_is_that_of_swerling_1() -> None:
-    cfar, snr = FluctuatingCfar(1e-6, 1, 16), np.array([0.1, 1.0, 10.0, 1e3, 1e5])
+    cfar, snr = FluctuatingCfar(1e-6, 1, 16), np.array([[0.1, 1.0, 10.0, 1e3, 1e5]]).T
     stated, usual = (cfar.inverse_detected(snr, order) for order in (np.ones(5), None))
     np.testing.assert_allclose(stated, usual, rtol=1e-4)
 
 
 def test_no_draw_of_a_target_depends_on_how_others_fluctuate() -> None:
-    cfar, snr = FluctuatingCfar(1e-6, 1, 16), np.full(6, 20.0)
+    cfar, snr = FluctuatingCfar(1e-6, 1, 16), np.full((6, 1), 20.0)
     mixed = np.array([1.0, np.inf, 2.0, 1.0, 2.0, np.inf])
     together, alike = (
         cfar.draw_detected(snr, order, np.random.default_rng(3)) for order in (mixed, np.ones(6))

@@ -49,7 +49,7 @@ PATH = {
     "observe": (ActiveRadar, "looks, hits, errors"),
     "heights_m": (Axes, "heights of plots"),
 }
-DETAIL = {"_measure": (ActiveRadar, "errors and plots, within observe")}
+DETAIL = {"measured": (ActiveRadar, "errors and plots, within observe")}
 CHANCE = Chance(1, "random numbers")
 REFERENCES = {
     "reported": "a whole look, false alarms too, with its plots encoded before the next",

@@ -396,7 +396,7 @@ def test_the_mean_of_errors_squared_is_that_of_detections(order: float, snr: flo
     """4,000 draws: the means part by more than 4.5 standard errors once in 150,000."""
     n, law = 4_000, (1e-3, 3, 48)
     _, (expected,) = oracle.fluctuating(np.array([snr]), order, *law)
-    draws = np.random.default_rng(int(10 * snr)), np.full(n, snr), np.full(n, order)
+    draws = np.random.default_rng(int(10 * snr)), np.full((n, 1), snr), np.full(n, order)
     power, _ = FluctuatingCfar(*law).draw_detected(draws[1], draws[2], draws[0])
     inverse = 1 / power
     assert abs(inverse.mean() - expected) < 4.5 * inverse.std() / n**0.5
