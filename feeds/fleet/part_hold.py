@@ -97,6 +97,7 @@ class BrokerHold(PartHold):
         self._silent_s = 0.0
         self._claim = 0
         self._number = 0
+        self._says_next_s = 0.0  # When it says again how it does
         self._said_s: dict[int, float] = {}  # When it said what has those numbers
         self._held_from_s = self._until_s = float("-inf")
         self._taken: dict[str, Any] | None = None
@@ -172,7 +173,10 @@ class BrokerHold(PartHold):
             why = f"{self._other['worker']} no longer sends"
         if self.joined_ns > from_ns:
             self._tell_gap(self._part.sensors, from_ns, self.joined_ns, why)
-        self._say(RUNNING)
+        if self.holds:  # else as soon as it does
+            self._tell_gaps()
+        # Soon, when that is told: it may die as soon as others hear that it runs.
+        self._says_next_s = 0.0
 
     def cut_off(self) -> None:
         """Tell that what was on its way to the broker may be lost: the connection was."""
@@ -201,7 +205,6 @@ class BrokerHold(PartHold):
 
         Raises `PartTakenError` where another process has taken it over.
         """
-        say_s = alive_s()
         while True:
             await asyncio.sleep(LOOK_S)
             self._silent_s = self._silent_s + LOOK_S if self.watch.is_up else 0.0
@@ -209,8 +212,8 @@ class BrokerHold(PartHold):
                 raise PartTakenError(
                     f"part {self._part.name}: {self._taken['worker']} has taken it over"
                 )
-            if self._claim and self.watch.is_up and alive_s() >= say_s:
-                say_s = alive_s() + SAY_EVERY_S
+            if self._claim and self.watch.is_up and alive_s() >= self._says_next_s:
+                self._says_next_s = alive_s() + SAY_EVERY_S
                 self._say(RUNNING if self.joined_ns else JOINING)
 
     def _hear(self, topic: str, payload: bytes, content_type: str | None) -> None:

@@ -84,11 +84,10 @@ class SendQueue:
         self.expire()
         one.since_s = self._now_s()
         key: Hashable = one.topic if one.retain else next(self._numbers)
-        waiting, dropped = self._of_client[one.client], []
+        dropped = []
         superseded = self._take_out(key)[0] if key in self._order else None
-        if self._policy == "drop-oldest":
-            while waiting and not self._has_room(one):
-                dropped.append(self._take_out(next(iter(waiting)))[0])
+        while not self._has_room(one) and (key_of := self._gives_way(one)) is not None:
+            dropped.append(self._take_out(key_of)[0])
         if self._has_room(one):
             self._put(key, one, was_sent=False)
         else:
@@ -132,6 +131,17 @@ class SendQueue:
         """Settle all that waits as not delivered."""
         while self._order:
             self._drop(self._take_out(next(iter(self._order)))[0])
+
+    def _gives_way(self, one: Message) -> Hashable | None:
+        """What of its client gives way to one that has no room, by its key; None for nothing.
+
+        What is retained, such as a status, takes the place of another by any policy.
+        """
+        waiting = self._of_client[one.client]
+        if self._policy == "drop-oldest":
+            return next(iter(waiting), None)
+        passing = (key for key in reversed(waiting) if not waiting[key][0].retain)
+        return next(passing, None) if one.retain else None
 
     def _has_room(self, one: Message) -> bool:
         """Whether its client may have it wait; alone, however large it is."""

@@ -254,6 +254,19 @@ async def test_who_wakes_up_when_another_has_its_part_ends_and_takes_nothing_bac
         await until(lambda: {told["claim"] for told in part.said()[-2:]} == {2})
 
 
+@pytest.mark.asyncio
+async def test_who_joins_late_has_told_what_is_missing_before_it_runs(tmp_path: Path) -> None:
+    """So that it is known even if that process dies at once."""
+    async with a_part(tmp_path) as part:
+        await asyncio.sleep(1.0)
+        part.another()
+        await part.sends(1)
+        said = [m for m in part.client.heard if m.topic.startswith("plotfeed/fleet/1")]
+        first = next(i for i, m in enumerate(said) if b'"RUNNING"' in m.payload and m.qos == 0)
+        (gap,) = next(json.loads(m.payload) for m in said[:first] if m.topic.endswith("/gaps"))
+    assert (gap["from_utc_ns"], gap["why"]) == (part.began_ns, "nobody had begun")
+
+
 def release(network: Proxy) -> None:
     for wire in network._wires:
         wire.open.set()

@@ -148,6 +148,24 @@ def test_a_newer_retained_message_takes_the_room_of_the_older() -> None:
 
 
 @pytest.mark.parametrize("policy", POLICIES)
+def test_what_is_retained_takes_the_place_of_what_passes(
+    policy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(send_queue, "OVERRUN", 0)
+    bench = Bench(policy=policy, messages=3)
+    bench.put(topic="status", retain=True)
+    bench.put(2, topic="x")
+    bench.put(topic="settings", retain=True)
+    gone = {"drop-oldest": 0}.get(policy, 2)
+    assert bench.deliveries.given_up == [gone]
+    assert bench.take_all() == [n for n in range(4) if n != gone]
+    bench = Bench(policy=policy, messages=2)
+    for topic in "abc":
+        bench.put(topic=topic, retain=True)
+    assert bench.deliveries.given_up == [{"drop-oldest": 0}.get(policy, 2)]
+
+
+@pytest.mark.parametrize("policy", POLICIES)
 def test_no_client_takes_the_room_of_another(policy: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(send_queue, "OVERRUN", 0)
     bench = Bench(policy=policy, messages=3)
