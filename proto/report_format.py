@@ -24,7 +24,6 @@ class SentCategory:
 class PlotItems:
     """Paths into the records of a category to what they tell of plots or tracks."""
 
-    time: str  # Path of the time of day, in seconds
     columns: Mapping[str, str]  # The path of each column of `MeasuredPlots`
     # What one is of a column, in the column's own unit, where that is not the layout's.
     units: Mapping[str, float] = field(default_factory=dict)

@@ -17,11 +17,12 @@ import numpy as np
 
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Address, Message, SectorMessage, SectorStamp
+from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
 from plotfeed.models.beam import Sectors
-from plotfeed.models.state import Bools, Ints
+from plotfeed.models.state import Floats, Ints
 from plotfeed.proto.content_types import asterix_content_type
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.report_format import ReportFormat
@@ -263,17 +264,37 @@ def max_block_octets(scene: Scene, sensor: Sensor) -> int:
     return min((udp.max_octets for udp in to), default=MAX_BLOCK_OCTETS)
 
 
-def says_how_it_is(sectors: Sectors) -> Bools:
-    """Whether it is time, within each, for its sensor to say where it stands and that it works."""
-    periods: Ints = sectors.end_ns // SERVICE_PERIOD_NS - sectors.start_ns // SERVICE_PERIOD_NS
-    return periods > 0
+def places_of(scene: Scene, sensors: Sensors) -> Floats:
+    """Latitude and longitude, degrees, and height above the ellipsoid, metres; (n, 3)."""
+    frames = [frame_at(scene.scene.site, sensor.position_enu_m) for sensor in sensors.values()]
+    places = [(each.latitude_deg, each.longitude_deg, each.height_m) for each in frames]
+    return np.array(places, np.float64).reshape(-1, 3)
 
 
-def among(sectors: int, which: Ints, blocks: Sequence[Sequence[bytes]]) -> list[Sequence[bytes]]:
+def says_how_it_is(
+    category: int, sectors: Sectors, numbers: Ints, encode: Callable[[Ints, Ints], Sequence[Any]]
+) -> list[Blocks]:
+    """Blocks by which sensors say every ten seconds where they stand and that they work.
+
+    `numbers` are those of the sensors that do, by their index, and `encode` makes a block, or
+    several, of each time and number. Nothing where no sector has the time for it.
+    """
+    of = numbers[sectors.sensor]
+    periods = sectors.end_ns // SERVICE_PERIOD_NS - sectors.start_ns // SERVICE_PERIOD_NS
+    due = np.flatnonzero((periods > 0) & (of >= 0))
+    if not len(due):
+        return []
+    blocks = encode(sectors.end_ns[due], of[due])
+    return [(category, among(len(sectors), due, blocks))]
+
+
+def among(
+    sectors: int, which: Ints, blocks: Sequence[bytes | Sequence[bytes]]
+) -> list[Sequence[bytes]]:
     """Blocks of so many sectors: those of the ones at these indices, (k,), of the others none."""
     found: list[Sequence[bytes]] = [()] * sectors
     for i, some in zip(which.tolist(), blocks, strict=True):
-        found[i] = some
+        found[i] = [some] if isinstance(some, bytes) else some
     return found
 
 

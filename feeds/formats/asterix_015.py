@@ -12,27 +12,25 @@ from plotfeed.feeds.formats import (
     Blocks,
     Format,
     Sensors,
-    among,
     limits_of,
     numbers_of,
+    places_of,
     plots_in_asterix,
     says_how_it_is,
     sources_of,
 )
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.scene.fields import frame_at, geodetic, site_frame
+from plotfeed.feeds.scene.fields import geodetic
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
-from plotfeed.models.beam import Sectors
-from plotfeed.models.frames import LocalFrame
 from plotfeed.models.state import Ints
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015, Scanning
-from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
-from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
+from plotfeed.proto.asterix.cat016 import SystemEncoder016
+from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, status_025
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
-from plotfeed.proto.asterix.codec.encode import Parts
+from plotfeed.proto.asterix.codec.encode import Parts, Reports
 from plotfeed.proto.utc import NS
 
 EDITIONS = {"full-turn": CAT025, "half-turn": CAT025_HALF_TURN}
@@ -47,30 +45,15 @@ GEOMETRIES = {
 }
 
 
-class Status025:
-    """A status report every ten seconds, for sensors whose own category has none."""
-
-    def __init__(self, scene: Scene, sensors: Sensors) -> None:
-        self._numbers = numbers_of(sensors, len(scene.sensor))
-        places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
-        self._encoder = StatusEncoder025(
-            *sources_of(sensors),
-            latitude_deg=[place.latitude_deg for place in places],
-            longitude_deg=[place.longitude_deg for place in places],
-            height_m=[place.height_m for place in places],
-            geoid_undulation_m=scene.sea_level().undulation_m(
-                [place.latitude_deg for place in places], [place.longitude_deg for place in places]
-            ),
-            category=EDITIONS[scene.asterix.longitude_025],
-        )
-
-    def blocks(self, sectors: Sectors) -> list[Blocks]:
-        """The reports that are due in sectors, if any are."""
-        due = np.flatnonzero(says_how_it_is(sectors) & (self._numbers[sectors.sensor] >= 0))
-        if not len(due):
-            return []
-        blocks = self._encoder.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
-        return [(25, among(len(sectors), due, [[block] for block in blocks]))]
+def status_of(scene: Scene, sensors: Sensors) -> Reports:
+    """Encodes that sensors work, for those whose own category has no word for it."""
+    places = places_of(scene, sensors)
+    return status_025(
+        *sources_of(sensors),
+        places,
+        geoid_undulation_m=scene.sea_level().undulation_m(places[:, 0], places[:, 1]),
+        category=EDITIONS[scene.asterix.longitude_025],
+    )
 
 
 class Asterix015(AsterixFormat):
@@ -90,24 +73,16 @@ class Asterix015(AsterixFormat):
         for number, some in enumerate(manners.values()):
             self._manner[list(some)] = number
         self._plots = [_plots_of(scene, some) for some in manners.values()]
-        self._status = Status025(scene, sensors)
+        self._status = status_of(scene, sensors)
         self._systems = _systems(scene, sensors)
 
     def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 015, then those of 016 and 025 where they are due."""
         sectors = batch.sectors
         found: list[Blocks] = [(15, batch.in_groups(self._manner[sectors.sensor], self._of_plots))]
-        due = says_how_it_is(sectors)
-        if self._systems and due.any():
-            of_sectors: list[list[bytes]] = [[] for _ in range(len(batch))]
-            for of, encoder in self._systems:
-                numbers = of[sectors.sensor]
-                which = np.flatnonzero(due & (numbers >= 0))
-                systems = encoder.blocks_by(sectors.end_ns[which], numbers[which])
-                for i, blocks in zip(which.tolist(), systems, strict=True):
-                    of_sectors[i] = blocks
-            found.append((16, of_sectors))
-        return found + self._status.blocks(sectors)
+        for numbers, encoder in self._systems:
+            found += says_how_it_is(16, sectors, numbers, encoder.blocks)
+        return found + says_how_it_is(25, sectors, self._numbers, self._status.one_each)
 
     def _of_plots(self, manner: int, batch: Batch) -> list[list[bytes]]:
         """Blocks of category 015 of sensors of one geometry that call classes alike."""
@@ -142,7 +117,13 @@ def _systems(scene: Scene, sensors: Sensors) -> list[tuple[Ints, SystemEncoder01
         (
             numbers_of(some, n),
             SystemEncoder016(
-                [_system(scene, sensor) for sensor in some.values()],
+                *sources_of(some),
+                transmitters=[
+                    [geodetic(site, each.place) for each in sensor.illuminators]
+                    for sensor in some.values()
+                ],
+                receivers=places_of(scene, some),
+                reference=(*at_site, site.height_m),
                 period_s=SERVICE_PERIOD_NS // NS,
                 geoid_undulation_m=float(scene.sea_level().undulation_m(*at_site)),
                 max_octets=limits_of(scene, some),
@@ -152,47 +133,18 @@ def _systems(scene: Scene, sensors: Sensors) -> list[tuple[Ints, SystemEncoder01
     ]
 
 
-def _system(scene: Scene, sensor: Sensor) -> System:
-    """A pair for each transmitter, numbered as the channels of plots are; one receiver, 0."""
-    site = scene.scene.site
-    transmitters = [
-        _component(number, LocalFrame(*map(float, geodetic(site, transmitter.place))))
-        for number, transmitter in enumerate(sensor.illuminators)
-    ]
-    return System(
-        sac=sensor.sac,
-        sic=sensor.sic,
-        pairs=[Pair(identity=n, transmitter=n, receiver=0) for n in range(len(transmitters))],
-        transmitters=transmitters,
-        receivers=[_component(0, frame_at(site, sensor.position_enu_m))],
-        reference=_component(0, site_frame(site)),
-    )
-
-
-def _component(identity: int, place: LocalFrame) -> Component:
-    return Component(
-        identity=identity,
-        latitude_deg=place.latitude_deg,
-        longitude_deg=place.longitude_deg,
-        height_m=place.height_m,
-    )
-
-
 class Asterix205(AsterixFormat):
     """Sensor data of 205, a block a bearing, and 025 of sensors that 015 does not bring it of."""
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         super().__init__(scene, sensors)
-        places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
+        places = places_of(scene, sensors)
         self._bearings = BearingEncoder205(
-            *sources_of(sensors),
-            latitude_deg=[place.latitude_deg for place in places],
-            longitude_deg=[place.longitude_deg for place in places],
+            *sources_of(sensors), latitude_deg=places[:, 0], longitude_deg=places[:, 1]
         )
-        told_by_015 = {i for i, sensor in sensors.items() if "asterix-015" in sensor.report}
-        self._status = Status025(
-            scene, {i: sensor for i, sensor in sensors.items() if i not in told_by_015}
-        )
+        untold = {i: each for i, each in sensors.items() if "asterix-015" not in each.report}
+        self._untold = numbers_of(untold, len(self._numbers))
+        self._status = status_of(scene, untold) if untold else None
 
     def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 205, then 025 where it is due."""
@@ -200,7 +152,10 @@ class Asterix205(AsterixFormat):
         parts = Parts(batch.plots_by, self._numbers[sectors.sensor])
         first = sectors.scan * REPORTS_A_SCAN
         bearings = self._bearings.blocks_by(batch.plots, parts, sectors.end_ns, first)
-        return [(205, bearings), *self._status.blocks(sectors)]
+        if self._status is None:
+            return [(205, bearings)]
+        status = says_how_it_is(25, sectors, self._untold, self._status.one_each)
+        return [(205, bearings), *status]
 
 
 FORMAT = Format(facts=REPORT_FORMATS["asterix-015"], maker=Asterix015, plots_in=plots_in_asterix)

@@ -12,6 +12,7 @@ from plotfeed.feeds.formats import (
     among,
     limits_of,
     numbers_of,
+    places_of,
     plots_in_asterix,
     sources_of,
 )
@@ -21,7 +22,7 @@ from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models.frames import LocalFrames, aer_to_enu
 from plotfeed.models.state import Floats
-from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
+from plotfeed.proto.asterix.cat048 import PlotEncoder048, north_markers, sector_crossings
 from plotfeed.proto.asterix.codec.encode import Parts
 
 ALL = slice(None)
@@ -43,16 +44,14 @@ class Asterix048(AsterixFormat):
         turning = {i: sensor for i, sensor in sensors.items() if sensor.scan.rotates}
         self._turning = numbers_of(turning, len(self._numbers))
         self._all_turn = len(turning) == len(sensors)
-        self._service = None
+        self._crossings = None
         if turning:
-            self._service = ServiceEncoder034(
-                *sources_of(turning),
+            source = sources_of(turning)
+            self._crossings = sector_crossings(*source)
+            self._north = north_markers(
+                *source,
                 antenna_period_s=[sensor.scan.period_s for sensor in turning.values()],
-                place=[
-                    (place.latitude_deg, place.longitude_deg, place.height_m)
-                    for sensor, place in zip(sensors.values(), places, strict=True)
-                    if sensor.scan.rotates
-                ],
+                place=places_of(scene, turning),
             )
 
     def blocks(self, batch: Batch) -> list[Blocks]:
@@ -67,16 +66,16 @@ class Asterix048(AsterixFormat):
             latitude_deg, longitude_deg, _ = frames.to_geodetic(aer_to_enu(*there))
             undulation_m = self._sea_level.undulation_m(latitude_deg, longitude_deg)
         plots = self._plots.blocks_by(batch.plots, parts, undulation_m)
-        if self._service is None:
+        if self._crossings is None:
             return [(48, plots)]
         turning = self._turning[sectors.sensor]
         which = ALL if self._all_turn else np.flatnonzero(turning >= 0)
         end_ns, end_deg, turning = sectors.end_ns[which], sectors.end_deg[which], turning[which]
-        crossings = self._service.sector_crossings(end_ns, end_deg % 360.0, turning)
+        crossings = self._crossings.one_each(end_ns, turning, {"I034/020": end_deg % 360.0})
         service = [[block] for block in crossings]
         north = np.flatnonzero(end_deg >= 360.0)
         if len(north):
-            markers = self._service.north_markers(end_ns[north], turning[north])
+            markers = self._north.one_each(end_ns[north], turning[north])
             for i, block in zip(north.tolist(), markers, strict=True):
                 service[i].insert(0, block)
         if isinstance(which, slice):

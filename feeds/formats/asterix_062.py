@@ -9,7 +9,6 @@ from plotfeed.feeds.formats import (
     Blocks,
     Format,
     Sensors,
-    among,
     limits_of,
     says_how_it_is,
     sources_of,
@@ -17,7 +16,7 @@ from plotfeed.feeds.formats import (
 from plotfeed.feeds.messages.batch import Batch, of_parts
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.proto.asterix.cat062 import StatusEncoder063, TrackEncoder062
+from plotfeed.proto.asterix.cat062 import TrackEncoder062, status_063
 from plotfeed.proto.asterix.codec.encode import Parts
 
 
@@ -31,7 +30,7 @@ class Asterix062(AsterixFormat):
         super().__init__(scene, sensors)
         source = sources_of(sensors)
         self._encoder = TrackEncoder062(*source, max_octets=limits_of(scene, sensors))
-        self._service = StatusEncoder063(*source)
+        self._status = status_063(*source)
 
     def blocks(self, batch: Batch) -> list[Blocks]:
         """Blocks of category 062, then 063 where it is due."""
@@ -46,12 +45,8 @@ class Asterix062(AsterixFormat):
                 blocks_by = self._encoder.blocks_by(tracks, parts)
                 for i, blocks in zip(which.tolist(), blocks_by, strict=True):
                     tracks_of[i] = blocks
-        sectors = batch.sectors
-        due = np.flatnonzero(says_how_it_is(sectors))
-        if not len(due):
-            return [(62, tracks_of)]
-        service = self._service.blocks(sectors.end_ns[due], self._numbers[sectors.sensor[due]])
-        return [(62, tracks_of), (63, among(len(batch), due, [[block] for block in service]))]
+        status = says_how_it_is(63, batch.sectors, self._numbers, self._status.one_each)
+        return [(62, tracks_of), *status]
 
 
 FORMAT = Format(facts=REPORT_FORMATS["asterix-062"], maker=Asterix062, plots_in=None)

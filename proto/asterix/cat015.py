@@ -21,7 +21,7 @@ from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
-from plotfeed.proto.units import TIME_LSB_NS, decibels
+from plotfeed.proto.units import decibels
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -148,9 +148,7 @@ FORMAT = asterix(
         25: STATUS,
     },
     layouts=(CAT015, CAT016, CAT025),
-    plot_items=PlotItems(
-        time="I015/145", columns=COLUMNS, plots_alone=("I015/000/MT", (MEASUREMENT_PLOT,))
-    ),
+    plot_items=PlotItems(columns=COLUMNS, plots_alone=("I015/000/MT", (MEASUREMENT_PLOT,))),
 )
 
 
@@ -198,7 +196,6 @@ class PlotEncoder015(ReportEncoder):
                 "I015/020/TTAX": SIMULATED,
                 "I015/020/SCD": scanning,
             },
-            lsb={"I015/145": TIME_LSB_NS},
             deviations=DEVIATIONS,
             max_octets=max_octets,
         )

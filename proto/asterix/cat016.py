@@ -9,16 +9,15 @@ above mean sea level, ALT above the WGS-84 ellipsoid.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Reports, checked_position
+from plotfeed.proto.asterix.codec.encode import UDP_OCTETS, Constant, Reports, checked_places
 from plotfeed.proto.asterix.codec.layout import category
-from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
-from plotfeed.proto.units import TIME_LSB_NS
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from plotfeed.models.state import Ints
 
 CAT016 = category(
@@ -44,122 +43,73 @@ FRN  item      octets  parts: bits, LSB and unit
 SYSTEM, COMPONENTS = 1, 2  # I016/000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Component:
-    """A transmitter or a receiver; its height is above the WGS-84 ellipsoid."""
-
-    identity: int
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
-    """A transmitter and a receiver by their identities; `identity` is what I015/400 refers to."""
-
-    identity: int
-    transmitter: int
-    receiver: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class System:
-    """A multistatic system by its source, and of what it is made.
-
-    `reference` is its reference point, whose height the standard takes from mean sea level.
-    """
-
-    sac: int
-    sic: int
-    pairs: Sequence[Pair]
-    transmitters: Sequence[Component]
-    receivers: Sequence[Component]
-    reference: Component
-
-    @property
-    def numbers(self) -> tuple[int, int, int]:
-        """How many pairs, transmitters and receivers it has."""
-        return len(self.pairs), len(self.transmitters), len(self.receivers)
-
-
 class SystemEncoder016:
     """Two data blocks of one record each a system, the same but for their time of day.
 
     The first says how the system is composed (I016/010, 000, 140, 200, 300, 400, 405), the second
-    where its components are (I016/010, 000, 140, 410, 420). All systems have as many pairs,
-    transmitters and receivers. Mean sea level is `geoid_undulation_m` above the ellipsoid.
+    where its components are (I016/010, 000, 140, 410, 420). A system has a receiver, number 0, and
+    transmitters that count from 0, each of which makes a pair of its own number with it, to which
+    I015/400 refers.
+
+    Places are latitude and longitude, degrees, and height above the WGS-84 ellipsoid, metres: of
+    the transmitters, (n, k, 3), of the receivers, (n, 3), and of the reference point of all, (3,).
+    Mean sea level is `geoid_undulation_m` above the ellipsoid there. The n systems have a SAC, SIC
+    and limit of octets each, in sequences.
     """
 
     def __init__(
         self,
-        systems: Sequence[System],
+        sac: Sequence[int],
+        sic: Sequence[int],
         *,
-        period_s: int,
+        transmitters: ArrayLike,
+        receivers: ArrayLike,
+        reference: ArrayLike,
+        period_s: float,
         geoid_undulation_m: float = 0.0,
         max_octets: int | Sequence[int] = UDP_OCTETS,
     ) -> None:
-        if len({system.numbers for system in systems}) > 1:
-            raise EncodeError("systems of different numbers of components", field="I016")
-        pairs, transmitters, receivers = systems[0].numbers
-        composed = [_composed(system, period_s, geoid_undulation_m) for system in systems]
-        components = [_components(system) for system in systems]
+        of_pairs = np.asarray(transmitters, np.float64).swapaxes(0, 1)
+        each = np.tile(reference, (len(sac), 1))
+        latitude_deg, longitude_deg, height_m = checked_places(each, field="I016/400")
+        composed: dict[str, Constant] = {
+            "I016/000": SYSTEM,
+            "I016/200": period_s,
+            "I016/400/LAT": latitude_deg,
+            "I016/400/LON": longitude_deg,
+            "I016/405": height_m - geoid_undulation_m,
+        }
+        components: dict[str, Constant] = {
+            "I016/000": COMPONENTS,
+            "I016/420/0/RID": 0,
+            **_place("I016/420/0", receivers),
+        }
+        for number, places in enumerate(of_pairs):
+            pair, path = f"I016/300/{number}", f"I016/410/{number}"
+            composed |= {f"{pair}/PID": number, f"{pair}/TID": number, f"{pair}/RID": 0}
+            components |= {f"{path}/TID": number, **_place(path, places)}
+            components |= dict.fromkeys((f"{path}/TTO", f"{path}/ATO", f"{path}/PCI"), 0)
+        pairs = len(of_pairs)
         self._messages = [
             Reports(
                 CAT016,
                 ("I016/010", "I016/000", "I016/140", *items),
-                constants={path: [of[path] for of in constants] for path in constants[0]},
-                lsb={"I016/140": TIME_LSB_NS},
+                constants={"I016/010/SAC": sac, "I016/010/SIC": sic, **constants},
                 max_octets=max_octets,
             )
             for constants, items in (
                 (composed, ("I016/200", f"I016/300*{pairs}", "I016/400", "I016/405")),
-                (components, (f"I016/410*{transmitters}", f"I016/420*{receivers}")),
+                (components, (f"I016/410*{pairs}", "I016/420*1")),
             )
         ]
 
-    def blocks(self, t_utc_ns: int) -> list[bytes]:
-        """The composition of the one system, then its components."""
-        return self.blocks_by(np.array([t_utc_ns]), np.zeros(1, np.int64))[0]
-
-    def blocks_by(self, t_utc_ns: Ints, sources: Ints) -> list[list[bytes]]:
+    def blocks(self, t_utc_ns: ArrayLike, sources: Ints) -> list[list[bytes]]:
         """The composition of systems, by their numbers, then their components, at times (m,)."""
-        of_both = [of.one_each({"I016/140": t_utc_ns}, sources) for of in self._messages]
+        of_both = [of.one_each(t_utc_ns, sources) for of in self._messages]
         return [[first, second] for first, second in zip(*of_both, strict=True)]
 
 
-def _composed(system: System, period_s: int, geoid_undulation_m: float) -> dict[str, float]:
-    constants = _of(system, SYSTEM) | {"I016/200": period_s}
-    for index, pair in enumerate(system.pairs):
-        path = f"I016/300/{index}"
-        constants[f"{path}/PID"] = pair.identity
-        constants[f"{path}/TID"] = pair.transmitter
-        constants[f"{path}/RID"] = pair.receiver
-    constants |= _position("I016/400", system.reference)
-    constants["I016/405"] = system.reference.height_m - geoid_undulation_m
-    return constants
-
-
-def _components(system: System) -> dict[str, float]:
-    constants = _of(system, COMPONENTS)
-    for item, identity, components in (
-        ("I016/410", "TID", system.transmitters),
-        ("I016/420", "RID", system.receivers),
-    ):
-        for index, component in enumerate(components):
-            path = f"{item}/{index}"
-            constants[f"{path}/{identity}"] = component.identity
-            constants[f"{path}/ALT"] = component.height_m
-            constants |= _position(path, component)
-    for index in range(len(system.transmitters)):
-        constants |= {f"I016/410/{index}/{name}": 0 for name in ("TTO", "ATO", "PCI")}
-    return constants
-
-
-def _of(system: System, kind: int) -> dict[str, float]:
-    return {"I016/010/SAC": system.sac, "I016/010/SIC": system.sic, "I016/000": kind}
-
-
-def _position(path: str, component: Component) -> dict[str, float]:
-    checked_position(component.latitude_deg, component.longitude_deg, field=path)
-    return {f"{path}/LAT": component.latitude_deg, f"{path}/LON": component.longitude_deg}
+def _place(path: str, places: ArrayLike) -> dict[str, Constant]:
+    """Where components are."""
+    latitude_deg, longitude_deg, height_m = checked_places(places, field=path)
+    return {f"{path}/LAT": latitude_deg, f"{path}/LON": longitude_deg, f"{path}/ALT": height_m}

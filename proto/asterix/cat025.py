@@ -11,16 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from plotfeed.proto.asterix.codec.encode import Reports, checked_position
+from plotfeed.proto.asterix.codec.encode import Reports, checked_places
 from plotfeed.proto.asterix.codec.layout import Category, category
-from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import SentCategory
-from plotfeed.proto.units import TIME_LSB_NS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from plotfeed.models.state import Ints
+    from plotfeed.models.state import Floats
 
 CAT025 = category(
     25,
@@ -55,47 +53,37 @@ STATUS = SentCategory("that the sensor works, and where it stands")
 SERVICE_AND_SYSTEM_STATUS = 1  # I025/000/RTYP
 
 
-class StatusEncoder025:
-    """Periodic status reports of systems that run, as I025/010, 000, 070, 100, 600 and 610.
+def status_025(
+    sac: int | Sequence[int],
+    sic: int | Sequence[int],
+    place: ArrayLike,
+    *,
+    geoid_undulation_m: float | Floats = 0.0,
+    category: Category = CAT025,
+) -> Reports:
+    """Encodes that systems run, each time as I025/010, 000, 070, 100, 600 and 610.
 
-    The height of the system's reference point is above the WGS-84 ellipsoid, and mean sea level
-    lies `geoid_undulation_m` above that there. `category` is CAT025 or CAT025_HALF_TURN. Several
-    systems have a SAC, SIC, position, height and undulation each, in sequences.
+    `place` is the latitude and longitude of the system's reference point, degrees, and its height
+    above the WGS-84 ellipsoid, metres, (3,); mean sea level lies `geoid_undulation_m` above that
+    there. `category` is CAT025 or CAT025_HALF_TURN. Several systems have a SAC, SIC, place, (n, 3),
+    and undulation each.
     """
-
-    def __init__(
-        self,
-        sac: int | Sequence[int],
-        sic: int | Sequence[int],
-        *,
-        latitude_deg: float | Sequence[float],
-        longitude_deg: float | Sequence[float],
-        height_m: float | Sequence[float],
-        geoid_undulation_m: ArrayLike = 0.0,
-        category: Category = CAT025,
-    ) -> None:
-        checked_position(latitude_deg, longitude_deg, field="I025/600")
-        above_sea_m = np.atleast_1d(np.subtract(height_m, geoid_undulation_m))
-        operational_and_running = ("NOGO", "OPS", "SSTAT", "SYSTAT", "SESTAT")
-        self._reports = Reports(
-            category,
-            (
-                *("I025/010", "I025/000", "I025/070", "I025/100", "I025/100/SYSTAT"),
-                *("I025/600", "I025/610"),
-            ),
-            constants={
-                "I025/010/SAC": sac,
-                "I025/010/SIC": sic,
-                "I025/000/RTYP": SERVICE_AND_SYSTEM_STATUS,
-                "I025/000/RG": 0,
-                **{f"I025/100/{name}": 0 for name in operational_and_running},
-                "I025/600/LAT": latitude_deg,
-                "I025/600/LON": longitude_deg,
-                "I025/610": above_sea_m.tolist(),
-            },
-            lsb={"I025/070": TIME_LSB_NS},
-        )
-
-    def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
-        """A data block for each of these times, (m,), of systems by their numbers, (m,)."""
-        return self._reports.one_each({"I025/070": t_utc_ns}, sources)
+    latitude_deg, longitude_deg, height_m = checked_places(place, field="I025/600")
+    operational_and_running = ("NOGO", "OPS", "SSTAT", "SYSTAT", "SESTAT")
+    return Reports(
+        category,
+        (
+            *("I025/010", "I025/000", "I025/070", "I025/100", "I025/100/SYSTAT"),
+            *("I025/600", "I025/610"),
+        ),
+        constants={
+            "I025/010/SAC": sac,
+            "I025/010/SIC": sic,
+            "I025/000/RTYP": SERVICE_AND_SYSTEM_STATUS,
+            "I025/000/RG": 0,
+            **{f"I025/100/{name}": 0 for name in operational_and_running},
+            "I025/600/LAT": latitude_deg,
+            "I025/600/LON": longitude_deg,
+            "I025/610": height_m - geoid_undulation_m,
+        },
+    )

@@ -15,22 +15,21 @@ from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.codec.encode import (
     UDP_OCTETS,
-    Constant,
     Parts,
     ReportEncoder,
     Reports,
-    checked_position,
+    checked_places,
     measured,
 )
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
-from plotfeed.proto.units import FOOT_M, NM_M, TIME_LSB_NS
+from plotfeed.proto.units import FOOT_M, NM_M
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from plotfeed.models.state import Ints, Plots
+    from plotfeed.models.state import Plots
 
 # Codes of modes 2, 3/A and C are octal and Gray. I048/110 is above mean sea level. Of what ends in
 # EP, a bit says whether the value after it is populated.
@@ -126,7 +125,6 @@ FORMAT = asterix(
     tells_run_lengths=True,
     range_step_m=RHO_LSB_M,
     plot_items=PlotItems(
-        time="I048/140",
         columns={
             "range_m": "I048/040/RHO",
             "azimuth_deg": "I048/040/THETA",
@@ -177,7 +175,7 @@ class PlotEncoder048(ReportEncoder):
                 "I048/020/RAB": 0,
                 "I048/120/CAL/D": 0,
             },
-            lsb={"I048/140": TIME_LSB_NS, "I048/040/RHO": RHO_LSB_M, "I048/110": 25 * FOOT_M},
+            lsb={"I048/040/RHO": RHO_LSB_M, "I048/110": 25 * FOOT_M},
             max_octets=max_octets,
         )
 
@@ -195,54 +193,42 @@ class PlotEncoder048(ReportEncoder):
         }
 
 
-class ServiceEncoder034:
-    """North markers and sector crossings, each a data block of one record.
+def north_markers(
+    sac: int | Sequence[int],
+    sic: int | Sequence[int],
+    *,
+    antenna_period_s: float | Sequence[float],
+    place: ArrayLike,
+) -> Reports:
+    """Encodes when antennas pass north, as I034/010, 000, 030, 041, 120.
 
-    Several radars have a SAC, SIC, antenna period and place each, in sequences. `sources` are the
-    numbers of the radars that the messages are of, as the times (n,). Places are latitude and
-    longitude, degrees, and height above the ellipsoid, metres, (3,) or (n, 3): I034/120 rounds them
-    to 2.1e-5 deg and whole metres.
+    Places are latitude and longitude, degrees, and height above the ellipsoid, metres, (3,) or
+    (n, 3): I034/120 rounds them to 2.1e-5 deg and whole metres. Several radars have a SAC, SIC,
+    antenna period and place each, in sequences.
     """
-
-    def __init__(
-        self,
-        sac: int | Sequence[int],
-        sic: int | Sequence[int],
-        *,
-        antenna_period_s: float | Sequence[float],
-        place: ArrayLike,
-    ) -> None:
-        source: dict[str, Constant] = {"I034/010/SAC": sac, "I034/010/SIC": sic}
-        lsb = {"I034/030": TIME_LSB_NS}
-        latitude_deg, longitude_deg, height_m = np.atleast_2d(np.asarray(place, np.float64)).T
-        checked_position(latitude_deg, longitude_deg, field="I034/120")
-        of_north: dict[str, Constant] = {
+    latitude_deg, longitude_deg, height_m = checked_places(place, field="I034/120")
+    return Reports(
+        CAT034,
+        ("I034/010", "I034/000", "I034/030", "I034/041", "I034/120"),
+        constants={
+            "I034/010/SAC": sac,
+            "I034/010/SIC": sic,
             "I034/000": NORTH_MARKER,
             "I034/041": antenna_period_s,
-            "I034/120/HGT": height_m.tolist(),
-            "I034/120/LAT": latitude_deg.tolist(),
-            "I034/120/LON": longitude_deg.tolist(),
-        }
-        self._north = Reports(
-            CAT034,
-            ("I034/010", "I034/000", "I034/030", "I034/041", "I034/120"),
-            constants=source | of_north,
-            lsb=lsb,
-        )
-        self._sector = Reports(
-            CAT034,
-            ("I034/010", "I034/000", "I034/030", "I034/020"),
-            constants=source | {"I034/000": SECTOR_CROSSING},
-            lsb=lsb,
-        )
+            "I034/120/HGT": height_m,
+            "I034/120/LAT": latitude_deg,
+            "I034/120/LON": longitude_deg,
+        },
+    )
 
-    def north_markers(self, t_utc_ns: ArrayLike, sources: Ints) -> list[bytes]:
-        """Antennas pass north; I034/010, 000, 030, 041, 120."""
-        return self._north.one_each({"I034/030": t_utc_ns}, sources)
 
-    def sector_crossings(
-        self, t_utc_ns: ArrayLike, azimuth_deg: ArrayLike, sources: Ints
-    ) -> list[bytes]:
-        """Antennas pass the azimuths at which sectors end; I034/010, 000, 030, 020."""
-        columns = {"I034/030": t_utc_ns, "I034/020": azimuth_deg}
-        return self._sector.one_each(columns, sources)
+def sector_crossings(sac: int | Sequence[int], sic: int | Sequence[int]) -> Reports:
+    """Encodes when antennas pass the azimuths at which sectors end: I034/010, 000, 030, 020.
+
+    The azimuths are columns of "I034/020", degrees.
+    """
+    return Reports(
+        CAT034,
+        ("I034/010", "I034/000", "I034/030", "I034/020"),
+        constants={"I034/010/SAC": sac, "I034/010/SIC": sic, "I034/000": SECTOR_CROSSING},
+    )

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from plotfeed.proto.asterix.codec.encode import (
     UDP_OCTETS,
-    Constant,
     Parts,
     ReportEncoder,
     Reports,
@@ -22,12 +21,11 @@ from plotfeed.proto.asterix.codec.encode import (
 )
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
-from plotfeed.proto.units import FOOT_M, TIME_LSB_NS
+from plotfeed.proto.units import FOOT_M
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from plotfeed.models.state import Ints
     from plotfeed.proto.tracks.encode_tracks import Tracks
 
 
@@ -154,7 +152,6 @@ FORMAT = asterix(
     layouts=(CAT062, CAT063),
     tells_tracks=True,
     plot_items=PlotItems(
-        time="I062/070",
         columns={
             "track": "I062/040",
             "latitude_deg": "I062/105/LAT",
@@ -211,7 +208,7 @@ class TrackEncoder062(ReportEncoder):
                 "I062/080/MRH": GEOMETRIC_HEIGHT,
                 "I062/080/SIM": 1,
             },
-            lsb={"I062/070": TIME_LSB_NS, "I062/130": ALTITUDE_LSB_M, "I062/220": CLIMB_LSB_M_S},
+            lsb={"I062/130": ALTITUDE_LSB_M, "I062/220": CLIMB_LSB_M_S},
             deviations=DEVIATIONS,
             max_octets=max_octets,
         )
@@ -238,28 +235,18 @@ class TrackEncoder062(ReportEncoder):
         }
 
 
-class StatusEncoder063:
-    """Status of sensors that track, as I063/010, 030, 050 and the first octet of 060: operational.
+def status_063(sac: int | Sequence[int], sic: int | Sequence[int]) -> Reports:
+    """Encodes that sensors that track are operational, each time as I063/010, 030, 050 and 060.
 
-    Who says so is the sensor itself. Several sensors have a SAC and SIC each, in sequences.
+    Of 060 the first octet is sent. Who says so is the sensor itself. Several sensors have a SAC and
+    SIC each, in sequences.
     """
-
-    def __init__(self, sac: int | Sequence[int], sic: int | Sequence[int]) -> None:
-        flags: dict[str, Constant] = {
-            f"I063/060/{name}": 0 for name in ("CON", "PSR", "SSR", "MDS", "ADS", "MLT")
-        }
-        sources = {
-            f"I063/{item}/{name}": code
-            for item in ("010", "050")
-            for name, code in (("SAC", sac), ("SIC", sic))
-        }
-        self._reports = Reports(
-            CAT063,
-            ("I063/010", "I063/030", "I063/050", "I063/060"),
-            constants=flags | sources,
-            lsb={"I063/030": TIME_LSB_NS},
-        )
-
-    def blocks(self, t_utc_ns: Ints, sources: Ints) -> list[bytes]:
-        """A data block for each of these times, (m,), of sensors by their numbers, (m,)."""
-        return self._reports.one_each({"I063/030": t_utc_ns}, sources)
+    flags = {f"I063/060/{name}": 0 for name in ("CON", "PSR", "SSR", "MDS", "ADS", "MLT")}
+    sources = {
+        f"I063/{item}/{name}": code
+        for item in ("010", "050")
+        for name, code in (("SAC", sac), ("SIC", sic))
+    }
+    return Reports(
+        CAT063, ("I063/010", "I063/030", "I063/050", "I063/060"), constants={**flags, **sources}
+    )

@@ -20,7 +20,6 @@ from plotfeed.proto.asterix.codec.encode import Reports, checked_position
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
-from plotfeed.proto.units import TIME_LSB_NS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -75,7 +74,6 @@ class TargetEncoder129:
             (*always, *(path for path in constants if path.count("/") == 1)),
             ("I129/090", "I129/100", "I129/110", "I129/185", "I129/220"),
             constants=constants,
-            lsb={"I129/070": TIME_LSB_NS},
         )
 
     def blocks(
@@ -97,7 +95,6 @@ class TargetEncoder129:
         checked_position(latitude_deg, longitude_deg, field="I129/080")
         columns: dict[str, Any] = {
             "I129/040": [_padded(serial, SERIAL_LENGTH, "I129/040") for serial in serials],
-            "I129/070": t_utc_ns,
             "I129/080/LAT": latitude_deg,
             "I129/080/LON": longitude_deg,
         }
@@ -110,7 +107,7 @@ class TargetEncoder129:
             velocity = np.asarray(velocity_m_s, dtype=np.float64).reshape(-1, 3)
             axes = ("I129/185/VX", "I129/185/VY", "I129/220")
             columns |= dict(zip(axes, velocity.T, strict=True))
-        return self._reports.one_each(columns, np.zeros(len(serials), np.int64))
+        return self._reports.one_each(t_utc_ns, np.zeros(len(serials), np.int64), columns)
 
 
 def _padded(text: str, length: int, path: str) -> str:

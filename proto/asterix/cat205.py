@@ -25,7 +25,7 @@ from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
-from plotfeed.proto.units import TIME_LSB_NS, decibels
+from plotfeed.proto.units import decibels
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -79,7 +79,6 @@ FORMAT = asterix(
     layouts=(CAT205, CAT025),
     needs_azimuth=True,
     plot_items=PlotItems(
-        time="I205/030",
         columns={"azimuth_deg": "I205/070", "elevation_deg": "I205/200", "identity": "I205/090"},
         plots_alone=("I205/000", (Message205.SYSTEM_BEARING, Message205.SENSOR_DATA)),
     ),
@@ -100,8 +99,8 @@ class BearingEncoder205(ReportEncoder):
         sac: int | Sequence[int],
         sic: int | Sequence[int],
         *,
-        latitude_deg: float | Sequence[float],
-        longitude_deg: float | Sequence[float],
+        latitude_deg: float | Floats,
+        longitude_deg: float | Floats,
     ) -> None:
         checked_position(latitude_deg, longitude_deg, field="I205/050")
         self._reports = Reports(
@@ -115,7 +114,6 @@ class BearingEncoder205(ReportEncoder):
                 "I205/050/LAT": latitude_deg,
                 "I205/050/LON": longitude_deg,
             },
-            lsb={"I205/030": TIME_LSB_NS},
             one_a_block=True,
         )
 

@@ -87,9 +87,6 @@ def _told(record: Record, near_utc_ns: int) -> dict[str, Any] | None:
     if part and record.get(part) not in values:
         return None
     told: dict[str, Any] = {"category": record.category}
-    time_s = record.get(items.time)
-    if isinstance(time_s, float):
-        told["t_utc_ns"] = nearest_utc_ns(round(time_s * NS), near_utc_ns)
     is_multistatic = record.get("I015/020/MOMU") == Geometry.MULTISTATIC
     for item, columns in _columns_by_item(record.category).items():
         if item not in record.items:
@@ -98,7 +95,9 @@ def _told(record: Record, near_utc_ns: int) -> dict[str, Any] | None:
             value = record.get(path)
             if value is None:
                 continue
-            if name == "address" and isinstance(value, int):
+            if name == "t_utc_ns" and isinstance(value, float):
+                value = nearest_utc_ns(round(value * NS), near_utc_ns)
+            elif name == "address" and isinstance(value, int):
                 value = f"{value:06X}"
             elif isinstance(value, float):
                 value *= items.units.get(name, 1.0)
@@ -111,7 +110,9 @@ def _columns_by_item(category: int) -> dict[str, list[tuple[str, str]]]:
     """Columns and where they stand, by the items that a record may lack."""
     items = PLOT_ITEMS.get(category) or TRACK_ITEMS[category]
     place = f"I{category:03d}/010"
+    of_all = {"sac": f"{place}/SAC", "sic": f"{place}/SIC"}
+    of_all |= {"t_utc_ns": CATEGORIES[category].time, **items.columns}
     found: dict[str, list[tuple[str, str]]] = {}
-    for name, path in {"sac": f"{place}/SAC", "sic": f"{place}/SIC", **items.columns}.items():
+    for name, path in of_all.items():
         found.setdefault("/".join(path.split("/")[:2]), []).append((name, path))
     return found

@@ -10,7 +10,6 @@ from plotfeed.proto.asterix.codec.encode import Reports, measured
 from plotfeed.proto.asterix.codec.layout import category
 from plotfeed.proto.asterix.decode_plots import plots_in_asterix
 from plotfeed.proto.report_format import PlotItems, SentCategory, asterix
-from plotfeed.proto.units import TIME_LSB_NS
 
 CAT250 = category(
     250,
@@ -34,7 +33,6 @@ class Asterix250(SectorFormat):
             ("I250/010", "I250/020", "I250/030"),
             ("I250/040",),
             constants={"I250/010/SAC": sensor.sac, "I250/010/SIC": sensor.sic},
-            lsb={"I250/020": TIME_LSB_NS},
             max_octets=max_block_octets(scene, sensor),
         )
 
@@ -58,12 +56,11 @@ FORMAT = Format(
         {250: SentCategory("plots of a radar that does not exist")},
         layouts=(CAT250,),
         plot_items=PlotItems(
-            time="I250/020",
             columns={
                 "range_m": "I250/030/R",
                 "azimuth_deg": "I250/030/AZ",
                 "elevation_deg": "I250/040",
-            },
+            }
         ),
         range_step_m=1.0,
     ),

@@ -28,7 +28,7 @@ from plotfeed.proto.asterix.codec.layout import (
 )
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.lazy_numpy import np
-from plotfeed.proto.units import with_rounding
+from plotfeed.proto.units import TIME_LSB_NS, with_rounding
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -41,7 +41,7 @@ UDP_OCTETS = 1400  # A data block of this length goes into one datagram on any c
 MAX_OCTETS = 0xFFFF
 
 # What a part is in all records, or in those of each source that records may be of.
-Constant: TypeAlias = "float | str | Sequence[float] | Sequence[str]"
+Constant: TypeAlias = "float | str | Sequence[float] | Sequence[str] | Floats"
 
 MAX_REPETITIONS = 255  # the octet that counts them holds no more
 # Of a word that ends with the last octet of a part; as many precede a record while it is made.
@@ -499,7 +499,8 @@ class Reports:
     """Data blocks of the items in `always`, and of those in `optional` that have columns.
 
     `constants`, `lsb` and `deviations` are as for Encoder, and may name parts of items that are not
-    sent; `max_octets` too may be one for each source.
+    sent; `max_octets` too may be one for each source. Times of day are whole nanoseconds since
+    1970.
     """
 
     def __init__(
@@ -518,7 +519,7 @@ class Reports:
         self._always = tuple(always)
         self._optional = tuple(optional)
         self._constants = constants
-        self._lsb = lsb or {}
+        self._lsb = {category.time: TIME_LSB_NS, **(lsb or {})}
         self._deviations = deviations
         self._max_octets = [max_octets] if isinstance(max_octets, int) else list(max_octets)
         self._one_a_block = one_a_block
@@ -532,8 +533,14 @@ class Reports:
         rows = len(np.asarray(next(iter(columns.values()))))
         return self.blocks_by(columns, Parts.whole(rows))[0]
 
-    def one_each(self, columns: Mapping[str, ArrayLike], sources: Ints) -> list[bytes]:
-        """A data block for each row of columns by path, (m,), of sources by their numbers, (m,)."""
+    def one_each(
+        self, t_utc_ns: ArrayLike, sources: Ints, further: Mapping[str, ArrayLike] | None = None
+    ) -> list[bytes]:
+        """A data block for each time, (m,), of sources by their numbers, (m,).
+
+        `further` columns are by path, (m,) each.
+        """
+        columns = {self._category.time: t_utc_ns, **(further or {})}
         encoder = self._encoder_for(columns)
         records, length = encoder.records(columns, sources), encoder.record_length
         head = header(encoder.category, length)
@@ -544,6 +551,7 @@ class Reports:
         encoder = self._encoder_for(columns)
         records = encoder.records(columns, parts.of_rows() if encoder.sources > 1 else None)
         number, length = encoder.category, encoder.record_length
+        most = [HEADER_OCTETS + length] if self._one_a_block else self._max_octets
         found: list[list[bytes]] = [[] for _ in range(len(parts))]
         filled = np.flatnonzero(parts.lengths())
         of_filled = zip(
@@ -554,19 +562,12 @@ class Reports:
             strict=True,
         )
         for part, first, after, source in of_filled:
-            of_part, limit = records[first:after], self._limit(source, length)
+            of_part, limit = records[first:after], most[source if len(most) > 1 else 0]
             if len(of_part) > limit - HEADER_OCTETS:
                 found[part] = blocks_of(number, of_part, length, limit)
             else:
                 found[part] = [header(number, len(of_part)) + of_part]
         return found
-
-    def _limit(self, source: int, record_length: int) -> int:
-        """What a data block of a source may hold, in octets."""
-        if self._one_a_block:
-            return HEADER_OCTETS + record_length
-        most = self._max_octets
-        return most[source] if len(most) > 1 else most[0]
 
     def _encoder_for(self, columns: Iterable[str]) -> Encoder:
         key = tuple(columns)
@@ -636,6 +637,16 @@ def measured(columns: Columns, names: Mapping[str, str]) -> dict[str, Floats]:
             elif not np.isnan(column).all():
                 raise EncodeError("NaN in some rows and not in others", field=path)
     return found
+
+
+def checked_places(place: ArrayLike, *, field: str) -> tuple[Floats, Floats, Floats]:
+    """Latitudes and longitudes, degrees, and heights, metres, of places, (3,) or (n, 3); (n,) each.
+
+    Refuses those that are not on the globe.
+    """
+    latitude_deg, longitude_deg, height_m = np.atleast_2d(np.asarray(place, np.float64)).T
+    checked_position(latitude_deg, longitude_deg, field=field)
+    return latitude_deg, longitude_deg, height_m
 
 
 def checked_position(latitude_deg: Any, longitude_deg: Any, *, field: str) -> None:

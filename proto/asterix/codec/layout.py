@@ -203,6 +203,11 @@ class Category:
     # Of 001, that of records that are tracks, as the first bit of their second item says.
     track_uap: tuple[Item | None, ...] = ()
 
+    @property
+    def time(self) -> str:
+        """The name of its first item that tells the time of day; empty for none."""
+        return next((item.name for item in self.uap if item and is_time_of_day(item)), "")
+
 
 _ALPHABETS = {3: OCTAL, 6: CALLSIGN, 8: ASCII}
 _OVERFLOW = {None: Overflow.SATURATE, "refused": Overflow.REFUSE}

@@ -27,7 +27,7 @@ from plotfeed.feeds.scene.scene import load
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN, StatusEncoder025
+from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN, status_025
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.content_types import protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
@@ -388,10 +388,8 @@ def test_the_ledger_says_whose_each_plot_is(messages: list[Message]) -> None:
 
 
 def test_longitudes_of_025_are_read_as_their_sender_wrote_them() -> None:
-    encoder = StatusEncoder025(
-        1, 2, latitude_deg=40.45, longitude_deg=-3.73, height_m=650.0, category=CAT025_HALF_TURN
-    )
-    (block,) = encoder.blocks(np.array([0]), np.array([0]))
+    encoder = status_025(1, 2, (40.45, -3.73, 650.0), category=CAT025_HALF_TURN)
+    (block,) = encoder.one_each([0], np.array([0]))
 
     def longitude_deg(*editions: str) -> float:
         (line,) = message_lines(

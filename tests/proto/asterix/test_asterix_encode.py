@@ -303,7 +303,7 @@ def test_blocks_of_parts_are_those_of_each_by_itself(
 ) -> None:
     lengths, sources = np.array(drawn_parts).T
     by = np.concatenate([[0], np.cumsum(lengths)])
-    times, sics = np.arange(by[-1]) / 128, [7, 8, 9]
+    times, sics = np.arange(by[-1]) * 10**9, [7, 8, 9]
 
     def reports(sic: Any, max_octets: Any) -> Reports:
         constants = {"I048/010/SAC": 1, "I048/010/SIC": sic}

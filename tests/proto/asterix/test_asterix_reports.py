@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -15,14 +14,15 @@ from hypothesis import strategies as st
 from support.asterix_input import numeric_slots, plots, tracks
 
 from plotfeed.proto.asterix.cat015 import CAT015, Geometry, PlotEncoder015, Scanning
-from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
-from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, StatusEncoder025
-from plotfeed.proto.asterix.cat048 import CAT048, PlotEncoder048, ServiceEncoder034
-from plotfeed.proto.asterix.cat062 import CAT062, StatusEncoder063, TrackEncoder062
+from plotfeed.proto.asterix.cat016 import SystemEncoder016
+from plotfeed.proto.asterix.cat025 import CAT025, CAT025_HALF_TURN, status_025
+from plotfeed.proto.asterix.cat048 import CAT048, PlotEncoder048, north_markers
+from plotfeed.proto.asterix.cat062 import CAT062, TrackEncoder062, status_063
 from plotfeed.proto.asterix.cat129 import CAT129, TargetEncoder129
 from plotfeed.proto.asterix.cat205 import CAT205, BearingEncoder205
 from plotfeed.proto.asterix.categories import CATEGORIES
 from plotfeed.proto.asterix.codec.decode import Record, decode
+from plotfeed.proto.asterix.codec.encode import Reports
 from plotfeed.proto.asterix.codec.layout import Category, Overflow, Quantity
 from plotfeed.proto.errors import EncodeError
 from plotfeed.proto.units import FOOT_M, NM_M
@@ -219,32 +219,36 @@ def test_no_rows_make_no_blocks(name: str) -> None:
     assert KINDS[name].encode(**{column: np.empty(0)}) == []
 
 
+MAST = (40.45, -3.73, 700.0)
+SYSTEM: dict[str, Any] = {
+    "sac": [25], "sic": [3], "transmitters": [[MAST]], "receivers": [MAST], "reference": MAST,
+    "period_s": 10,
+}  # fmt: skip
+
+
 def system(**changes: Any) -> SystemEncoder016:
     """Of one transmitter and one receiver, but for the changes."""
-    period_s = changes.pop("period_s", 10)
-    return SystemEncoder016([replace(SYSTEM, **changes)], period_s=period_s)
+    return SystemEncoder016(**SYSTEM | changes)
 
 
-MAST = Component(identity=1, latitude_deg=40.45, longitude_deg=-3.73, height_m=700.0)
-PAIR = Pair(identity=1, transmitter=1, receiver=1)
-SYSTEM = System(sac=25, sic=3, pairs=[PAIR], transmitters=[MAST], receivers=[MAST], reference=MAST)
 MICROPHONES = PlotEncoder015(1, 1, classes={"bird": 512})
 
 
-def radar_at(*place: float, period_s: float = 1.0) -> ServiceEncoder034:
-    return ServiceEncoder034(1, 1, antenna_period_s=period_s, place=place)
+def radar_at(*place: float, period_s: float = 1.0) -> Reports:
+    return north_markers(1, 1, antenna_period_s=period_s, place=place)
 
 
-def status_at(latitude_deg: float, longitude_deg: float, **more: Any) -> StatusEncoder025:
-    place = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "height_m": 0.0}
-    return StatusEncoder025(1, 1, **place | more)
+def status_at(
+    latitude_deg: float, longitude_deg: float, height_m: float = 0.0, **more: Any
+) -> Reports:
+    return status_025(1, 1, (latitude_deg, longitude_deg, height_m), **more)
 
 
 @pytest.mark.parametrize(
     ("encode", "said"),
     [
         *((lambda bad=bad: PlotEncoder048(*bad), "I048/010") for bad in ((256, 0), (0, -1))),
-        (lambda: ServiceEncoder034(0, 256, antenna_period_s=1, place=(0, 0, 0)), "I034/010"),
+        (lambda: north_markers(0, 256, antenna_period_s=1, place=(0, 0, 0)), "I034/010"),
         *((lambda n=n: PlotEncoder048(1, 1, max_octets=n), "max_octets") for n in (20, 70_000)),
         (lambda: PlotEncoder015(1, 1, max_octets=30), "max_octets"),
         (lambda: PlotEncoder015(256, 1), "I015/010/SAC"),
@@ -257,13 +261,12 @@ def status_at(latitude_deg: float, longitude_deg: float, **more: Any) -> StatusE
         *((lambda to=to: BearingEncoder205(1, 1, latitude_deg=to[0], longitude_deg=to[1]),
            "I205/050") for to in ((90.1, 0.0), (0.0, -180.1), (math.nan, 0.0), (0, math.inf))),
         (lambda: system(period_s=math.nan), "I016/200"),
-        (lambda: system(pairs=[replace(PAIR, identity=65_536)]), "I016/300"),
-        (lambda: system(pairs=[PAIR] * 256), "I016/300"),
-        (lambda: system(transmitters=[replace(MAST, latitude_deg=90.1)]), "I016/410"),
-        (lambda: system(receivers=[replace(MAST, height_m=math.nan)]), "I016/420"),
-        (lambda: system(reference=replace(MAST, longitude_deg=math.inf)), "I016/400"),
-        (lambda: system(transmitters=[MAST] * 70), "max_octets"),  # more than a datagram holds
-        (lambda: SystemEncoder016([SYSTEM, replace(SYSTEM, pairs=[])], period_s=10), "different"),
+        (lambda: system(sic=[256]), "I016/010/SIC"),
+        (lambda: system(transmitters=[[MAST] * 256]), "I016/300"),
+        (lambda: system(transmitters=[[(90.1, 0.0, 0.0)]]), "I016/410/0/LAT"),
+        (lambda: system(receivers=[(0.0, 0.0, math.nan)]), "I016/420"),
+        (lambda: system(reference=(0.0, math.inf, 0.0)), "I016/400"),
+        (lambda: system(transmitters=[[MAST] * 70]), "max_octets"),  # more than a datagram holds
         (lambda: TargetEncoder129(country="ESP"), "I129/050"),
         (lambda: TargetEncoder129(country="ES", model="M400"), "I129/030"),
         (lambda: one("015", sigma_elevation_deg=1.0), "I015/628/SDEL: a standard deviation of"),
@@ -333,21 +336,23 @@ def test_a_plot_of_015_says_how_it_was_scanned_and_how_sure_its_class_is() -> No
 @pytest.mark.parametrize("edition", [CAT025, CAT025_HALF_TURN])
 def test_the_north_pole_is_as_near_as_the_item_can_say(edition: Category) -> None:
     pole = status_at(90.0, 0.0, category=edition)
-    assert pole.blocks(FIRST, FIRST)[0].find(bytes.fromhex("7fffffff00000000")) > 0
-    south = status_at(-90.0, 179.0, height_m=-1e6)
-    (record,) = decode(south.blocks(FIRST, FIRST)[0])
+    assert pole.one_each(FIRST, FIRST)[0].find(bytes.fromhex("7fffffff00000000")) > 0
+    south = status_at(-90.0, 179.0, -1e6)
+    (record,) = decode(south.one_each(FIRST, FIRST)[0])
     assert record.get("I025/600") == {"LAT": -90.0, "LON": pytest.approx(179.0, abs=5e-8)}
     assert record.get("I025/610") == -8192.0
 
 
 def test_systems_and_sensors_say_each_for_itself() -> None:
-    both = [SYSTEM, replace(SYSTEM, sic=4, transmitters=[replace(MAST, height_m=900.0)])]
+    each = [{"sic": [3]}, {"sic": [4], "transmitters": [[(40.45, -3.73, 900.0)]]}]
+    both = {name: [*of, *each[1].get(name, of)] for name, of in SYSTEM.items()
+            if name not in ("reference", "period_s")}  # fmt: skip
     times, which = np.array([10**9, 10**9, 2 * 10**9]), np.array([1, 0, 1])
-    assert SystemEncoder016(both, period_s=10).blocks_by(times, which) == [
-        SystemEncoder016([both[i]], period_s=10).blocks(t)
+    assert system(**both).blocks(times, which) == [
+        system(**each[i]).blocks([t], FIRST)[0]
         for i, t in zip(which.tolist(), times.tolist(), strict=True)
     ]
-    sent = StatusEncoder063([25, 26], [3, 4]).blocks(times, which)
+    sent = status_063([25, 26], [3, 4]).one_each(times, which)
     for block, source in zip(sent, which.tolist(), strict=True):
         (record,) = decode(block)
         expected = {"SAC": 25 + source, "SIC": 3 + source}

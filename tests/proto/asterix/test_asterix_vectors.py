@@ -24,10 +24,10 @@ from asterix.generated import (  # type: ignore[import-not-found]
 from support.asterix_input import plots, tracks
 
 from plotfeed.proto.asterix.cat015 import Geometry, PlotEncoder015
-from plotfeed.proto.asterix.cat016 import Component, Pair, System, SystemEncoder016
-from plotfeed.proto.asterix.cat025 import StatusEncoder025
-from plotfeed.proto.asterix.cat048 import PlotEncoder048, ServiceEncoder034
-from plotfeed.proto.asterix.cat062 import StatusEncoder063, TrackEncoder062
+from plotfeed.proto.asterix.cat016 import SystemEncoder016
+from plotfeed.proto.asterix.cat025 import status_025
+from plotfeed.proto.asterix.cat048 import PlotEncoder048, north_markers, sector_crossings
+from plotfeed.proto.asterix.cat062 import TrackEncoder062, status_063
 from plotfeed.proto.asterix.cat205 import BearingEncoder205
 
 OURS = 25, 3
@@ -331,49 +331,51 @@ PERIOD_S = 4.9453125  # 633 / 128
 def test_service_messages_in_034(
     t_utc_ns: int, azimuth_deg: float | None, time_of_day: int, sector: int | None
 ) -> None:
-    encoder = ServiceEncoder034(*OURS, antenna_period_s=PERIOD_S, place=PLACE)
     place = tuple((name, twos(value, bits)) for name, value, bits in SENT_PLACE)
     items: Given = {"010": SOURCE, "030": time_of_day}
     if azimuth_deg is None:
-        found = encoder.north_markers([t_utc_ns], FIRST)
+        encoder = north_markers(*OURS, antenna_period_s=PERIOD_S, place=PLACE)
+        found = encoder.one_each([t_utc_ns], FIRST)
         items |= {"000": 1, "041": 633, "120": place}
     else:
-        found = encoder.sector_crossings([t_utc_ns], [azimuth_deg], FIRST)
+        azimuths = {"I034/020": [azimuth_deg]}
+        found = sector_crossings(*OURS).one_each([t_utc_ns], FIRST, azimuths)
         items |= {"000": 2, "020": sector}
     assert found == [block_of(Cat_034_1_29, items)]
 
 
 def test_systems_in_016() -> None:
     """Of a passive radar with two transmitters."""
-    stations = [
-        Component(identity=10, latitude_deg=40.0, longitude_deg=-3.0, height_m=700.1),
-        Component(identity=11, latitude_deg=-40.0, longitude_deg=180.0, height_m=-9000.0),
-    ]
-    receiver = Component(identity=20, latitude_deg=0.0, longitude_deg=-180.0, height_m=0.0)
-    pairs = [Pair(identity=p, transmitter=t, receiver=20) for p, t in ((1, 10), (2, 11))]
-    system = System(
-        sac=25, sic=3, pairs=pairs, transmitters=stations, receivers=[receiver], reference=receiver
+    receiver = (0.0, -180.0, 0.0)
+    encoder = SystemEncoder016(
+        [25],
+        [3],
+        transmitters=[[(40.0, -3.0, 700.1), (-40.0, 180.0, -9000.0)]],
+        receivers=[receiver],
+        reference=receiver,
+        period_s=10,
+        geoid_undulation_m=52.0,
     )
-    encoder = SystemEncoder016([system], period_s=10, geoid_undulation_m=52.0)
     half_turn, common = 1 << 31, {"010": SOURCE, "140": 128}
     north, south, west = 477_218_588, twos(-477_218_588, 32), twos(-35_791_394, 32)
-    assert encoder.blocks(SECOND_NS) == [
+    (both,) = encoder.blocks([SECOND_NS], FIRST)
+    assert both == [
         block_of(Cat_016_1_0, common | items)
         for items in (
             {
                 "000": 1,
                 "200": 10,
-                "300": [(1, 10, 20), (2, 11, 20)],
+                "300": [(0, 0, 0), (1, 1, 0)],
                 "400": (("LAT", 0), ("LON", half_turn)),
                 "405": twos(-208, 16),
             },
             {
                 "000": 2,
                 "410": [
-                    (10, north, west, 2800, 0, 0, 0, 0),
-                    (11, south, half_turn, twos(-32_768, 16), 0, 0, 0, 0),
+                    (0, north, west, 2800, 0, 0, 0, 0),
+                    (1, south, half_turn, twos(-32_768, 16), 0, 0, 0, 0),
                 ],
-                "420": [(20, 0, half_turn, 0)],
+                "420": [(0, 0, half_turn, 0)],
             },
         )
     ]
@@ -381,7 +383,7 @@ def test_systems_in_016() -> None:
 
 def test_status_in_025_and_063() -> None:
     once = np.array([SECOND_NS]), FIRST
-    system = StatusEncoder025(*OURS, **SITE, height_m=652.0, geoid_undulation_m=52.0)
+    system = status_025(*OURS, (*SITE.values(), 652.0), geoid_undulation_m=52.0)
     status = {
         "010": SOURCE,
         "000": (1, 0),
@@ -390,6 +392,6 @@ def test_status_in_025_and_063() -> None:
         "600": (("LAT", 965_174_595), ("LON", twos(-44_500_633, 32))),
         "610": 2400,
     }
-    assert system.blocks(*once) == [block_of(Cat_025_1_6, status)]
+    assert system.one_each(*once) == [block_of(Cat_025_1_6, status)]
     works = {"010": SOURCE, "030": 128, "050": SOURCE, "060": ((0, 0, 0, 0, 0, 0, None),)}
-    assert StatusEncoder063(*OURS).blocks(*once) == [block_of(Cat_063_1_7, works)]
+    assert status_063(*OURS).one_each(*once) == [block_of(Cat_063_1_7, works)]
