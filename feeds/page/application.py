@@ -209,12 +209,7 @@ class Application:
         if role is Role.PRESENTER:
             hello["audience_url"] = self._audience_url
         await websocket.send_text(json.dumps(hello))
-        viewer = Viewer(
-            lambda: self._view.snapshot(self._now_utc_ns()),
-            role=role,
-            called=self._audience.called(role),
-            is_given_truth=lambda: self._audience.truth,
-        )
+        viewer = Viewer(lambda: self._view.snapshot(self._now_utc_ns()), self._audience, role)
         self._viewers.add(viewer)
         sending = asyncio.create_task(_send(websocket, viewer), name="viewer")
         receiving = asyncio.create_task(self._receive(websocket, viewer), name="viewer-commands")

@@ -19,7 +19,7 @@ from plotfeed.feeds.page.run_with_page import alongside, tracks_of
 from plotfeed.feeds.page.scene_outline import connections
 from plotfeed.feeds.page.server import serving
 from plotfeed.feeds.page.updates import NoControls
-from plotfeed.feeds.page.view import View, tell_settings
+from plotfeed.feeds.page.view import View
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.errors import DecodeError
 
@@ -42,7 +42,7 @@ async def shown_on_page(
     view, scene = View(), watch.scene
     view.scene(scene)
     for sensor in scene.sensor:
-        tell_settings(view, sensor, watch.now_utc_ns, new_model=True)
+        view.settings(sensor, watch.now_utc_ns)
     clock = {"kind": "wall", "paused": False, "speed": 1.0}
     view.session({"clock": clock, "refuses": REFUSES})
     view.tell(connect=connections(scene, {"MQTT": str(watch.link.address)}))

@@ -19,14 +19,14 @@ from plotfeed.feeds.page.recorded_sectors import (
     Told,
 )
 from plotfeed.feeds.page.scene_outline import Basemap
-from plotfeed.feeds.page.view import View, model_differs, tell_settings
+from plotfeed.feeds.page.view import View
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
 from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
 from plotfeed.feeds.replaying.routes import Destinations, open_transports
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.models.state import Looks, TruthState
+from plotfeed.models.state import TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
@@ -49,7 +49,6 @@ class RecordedView:
         self._drones = DroneNumbers()
         self._seen = SeenDrones(recording.scene)
         self._totals = SessionCounters()
-        self._sensors: dict[str, Sensor] = {}
         self._told_ns = recording.start_ns
 
     def open(self, log: McapReader) -> None:
@@ -79,9 +78,7 @@ class RecordedView:
         if leap or t_ns - self._sectors.read_ns > MOST_READ_NS:
             self._sectors = self._from(t_ns - self._glow_ns - LEAD_NS)
         found = self._sectors.until(t_ns)
-        for sensor in {batch.sensor for batch, _ in found}:
-            looks = [batch.looks for batch, _ in found if batch.sensor == sensor]
-            self._seen.take(sensor, Looks.joined(looks))
+        self._seen.take(batch for batch, _ in found)
         return found, self._seen.state_at(t_ns)
 
     def _from(self, from_ns: int) -> RecordedSectors:
@@ -92,14 +89,13 @@ class RecordedView:
         """Count anew from then on."""
         self._totals = SessionCounters()
         self._told_ns = t_ns
-        self._sensors = self._recording.settings.told_at(t_ns)
-        for sensor in self._sensors.values():
-            tell_settings(self._view, sensor, t_ns, new_model=True)
+        for sensor in self._recording.settings.told_at(t_ns).values():
+            self._view.settings(sensor, t_ns)
 
     def _tell(self, batch: Batch, sent: Sequence[pb.Sent], *, leap: bool) -> None:
         if not leap:
-            if self._recording.ledger is not None and batch.sensor in self._sensors:
-                self._tell_link(self._sensors[batch.sensor], batch, sent)
+            if self._recording.ledger is not None and batch.sensor in self._view.in_force:
+                self._tell_link(self._view.in_force[batch.sensor], batch, sent)
             self._count(batch, sent)
         self._view.settled(batch, sent, is_counted=not leap)
 
@@ -107,11 +103,10 @@ class RecordedView:
         """Show keys of sensors that changed, but for links: of those the ledger tells."""
         now = self._recording.settings.told_at(t_ns)
         for sensor in self._recording.settings.told_between(self._told_ns, t_ns):
-            before = self._sensors[sensor]
             after = now[sensor]
             if self._recording.ledger is not None:
-                after = after.model_copy(update={"link": before.link})
-            self._change(before, after, t_ns)
+                after = after.model_copy(update={"link": self._view.in_force[sensor].link})
+            self._view.settings(after, t_ns)
         self._told_ns = max(self._told_ns, t_ns)
 
     def _tell_link(self, before: Sensor, batch: Batch, sent: Sequence[pb.Sent]) -> None:
@@ -124,20 +119,13 @@ class RecordedView:
         except ValueError:
             return
         since_ns = min((one.due_utc_ns for one in sent), default=batch.due_utc_ns)
-        self._change(before, before.model_copy(update={"link": link}), since_ns)
-
-    def _change(self, before: Sensor, after: Sensor, since_ns: int) -> None:
-        self._sensors[after.id] = after
-        tell_settings(self._view, after, since_ns, new_model=model_differs(before, after))
+        self._view.settings(before.model_copy(update={"link": link}), since_ns)
 
     def _count(self, batch: Batch, sent: Sequence[pb.Sent]) -> None:
-        totals, ((_, looks, plots, false_alarms),) = self._totals, batch.counts
-        totals.looks += looks
-        totals.plots += plots
-        totals.false_alarms += false_alarms
+        self._totals.add(batch.counts)
         for one in sent:
             late_ns = one.sent_utc_ns - (one.link_due_utc_ns or one.due_utc_ns)
-            totals.settle(one.fate, one.copy, late_ns, one.octets)
+            self._totals.settle(one.fate, one.copy, late_ns, one.octets)
 
 
 LOOK_EVERY_S = 0.1

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from plotfeed.feeds.engine.change_control import told
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.scene_outline import Basemap, pointing_of
-from plotfeed.feeds.page.view import MAX_REASON, View, model_differs, tell_settings
+from plotfeed.feeds.page.view import MAX_REASON, View
 from plotfeed.feeds.scene.changes import Command
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import Scene, example, load
@@ -73,7 +73,6 @@ class PageSessions(Observer):
         self._session: RunningSession | None = None
         self._recorder: SessionRecorder | None = None
         self._record_since_s = 0.0
-        self._before: tuple[Sensor, ...] = ()
         self._refusal = ""
         self._now_ns = 0
         self._marks: deque[dict[str, Any]] = deque(maxlen=MAX_MARKS)
@@ -115,9 +114,8 @@ class PageSessions(Observer):
         self._refusal = ""
         self._view.scene(session.scene, self.basemap)
         self._view.unseen(session.totals.unseen)
-        self._before = tuple(task.sensor for task in session.sensors.values())
-        for sensor in self._before:
-            self._tell_settings(sensor, new_model=True)
+        for task in session.sensors.values():
+            self._view.settings(task.sensor, self.now_utc_ns())
         self._marks.clear()
         self._unexplained.clear()
         self._tell_stories(session)
@@ -144,10 +142,8 @@ class PageSessions(Observer):
 
     def settings(self, sensor: Sensor) -> None:
         """The sensor is so from now on."""
-        before = next((s for s in self._before if s.id == sensor.id), None)
-        self._before = tuple(sensor if s.id == sensor.id else s for s in self._before)
         self._unexplained[sensor.id] = self.now_utc_ns()
-        self._tell_settings(sensor, new_model=before is None or model_differs(before, sensor))
+        self._view.settings(sensor, self.now_utc_ns())
 
     def obeyed(self, command: Command, t_utc_ns: int) -> None:
         """What a command asked for is in force."""
@@ -256,9 +252,6 @@ class PageSessions(Observer):
             for story, since_ns in session.changes.stories
         ]
         self._view.tell(stories=stories, undoes=self._would_undo)
-
-    def _tell_settings(self, sensor: Sensor, *, new_model: bool) -> None:
-        tell_settings(self._view, sensor, self.now_utc_ns(), new_model=new_model)
 
     def _another(self, asked: object) -> Mapping[str, Any]:
         """End the session that runs, for the same scene again or for another one."""

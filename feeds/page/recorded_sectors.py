@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from bisect import insort
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -33,7 +32,7 @@ from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS
 from plotfeed.models.beam import Sector, Sectors
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import FALSE_ALARM, Bools, Floats, Ints, Looks, Plots, TruthState
-from plotfeed.models.truth import fit_velocity
+from plotfeed.models.truth import LiveSamples, place, slope
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.ledger import LedgerTables, ToldLooks, ToldPlots, rows_told, tables_of
@@ -303,16 +302,9 @@ def _sector(scan: int, index: int, known_ns: int) -> Sector:
     return Sector(scan, index, known_ns, known_ns, np.nan, np.nan)
 
 
-KEPT = 12  # Places of a drone, the latest ones
 # A velocity is fitted to places as if they were known so well, so that it is that of now.
 SIGMA_M = 0.1
 SCANS = 2.5  # A drone that no sensor has looked at for so many of the longest scans is not there
-
-
-class _Seen(NamedTuple):
-    t_ns: int
-    position_ecef_m: Floats
-    velocity_ecef_m_s: Floats
 
 
 class SeenDrones:
@@ -321,48 +313,45 @@ class SeenDrones:
     def __init__(self, scene: Scene) -> None:
         self._frames = {s.id: frame_at(scene.scene.site, s.position_enu_m) for s in scene.sensor}
         longest_s = max(sensor.scan.period_s for sensor in scene.sensor)
-        self._alive_ns = round(max(scene.telemetry.stale_after_s, SCANS * longest_s) * NS)
-        self._places: dict[int, list[tuple[int, Floats]]] = {}
-        self._latest: dict[int, _Seen] = {}
-        self._changed: set[int] = set()  # Drones that were seen since the last were worked out
+        alive_ns = round(max(scene.telemetry.stale_after_s, SCANS * longest_s) * NS)
+        self._places = LiveSamples(stale_after_ns=alive_ns, history_ns=alive_ns)
+        self._last_ns: dict[int, int] = {}  # When each drone was seen last
 
-    def take(self, sensor: str, looks: Looks) -> None:
-        """What a sensor looked at."""
-        if sensor not in self._frames:
-            return
-        geometry = (looks.azimuth_deg, looks.elevation_deg, looks.range_m)
-        there = (looks.drone >= 0) & np.isfinite(geometry).all(axis=0)
-        place_m = self._frames[sensor].to_ecef(aer_to_enu(*(part[there] for part in geometry)))
-        t_utc_ns, drones = looks.t_utc_ns[there], looks.drone[there].tolist()
-        if looks.emitted_utc_ns is not None:
-            emitted_ns = looks.emitted_utc_ns[there]
-            t_utc_ns = np.where(emitted_ns, emitted_ns, t_utc_ns)
-        for drone, t_ns, position in zip(drones, t_utc_ns.tolist(), place_m, strict=True):
-            self._note(drone, t_ns, position)
+    def take(self, batches: Iterable[Batch]) -> None:
+        """What sensors looked at; of a drone nothing that was before what is known of it."""
+        found: list[tuple[int, int, Floats]] = []
+        for batch in batches:
+            looks, frame = batch.looks, self._frames.get(batch.sensor)
+            geometry = (looks.azimuth_deg, looks.elevation_deg, looks.range_m)
+            there = (looks.drone >= 0) & np.isfinite(geometry).all(axis=0)
+            if frame is None or not there.any():
+                continue
+            t_utc_ns = looks.t_utc_ns[there]
+            if looks.emitted_utc_ns is not None:
+                emitted_ns = looks.emitted_utc_ns[there]
+                t_utc_ns = np.where(emitted_ns, emitted_ns, t_utc_ns)
+            place_m = frame.to_ecef(aer_to_enu(*(part[there] for part in geometry)))
+            found += zip(t_utc_ns.tolist(), looks.drone[there].tolist(), place_m, strict=True)
+        new = []
+        for t_ns, drone, place_m in sorted(found, key=itemgetter(0)):
+            if t_ns > self._last_ns.get(drone, 0):
+                self._last_ns[drone] = t_ns
+                new.append((t_ns, drone, place_m))
+        if new:
+            times_ns, drones, places_m = (np.array(column) for column in zip(*new, strict=True))
+            numbers = self._places.add(drones, times_ns, places_m)
+            sigma_m = np.full(len(numbers), SIGMA_M)
+            self._places.fly(numbers, self._places.fitted_velocity(numbers, sigma_m))
 
     def state_at(self, t_utc_ns: int) -> TruthState:
         """Drones that are there then, moved on from where they were seen last."""
-        for drone in self._changed:
-            times, positions = zip(*self._places[drone], strict=True)
-            velocity_m_s = fit_velocity(times, positions, SIGMA_M)
-            self._latest[drone] = _Seen(times[-1], positions[-1], velocity_m_s)
-        self._changed.clear()
-        there = [(k, v) for k, v in self._latest.items() if t_utc_ns - v.t_ns <= self._alive_ns]
-        since_s = np.array([(t_utc_ns - seen.t_ns) / NS for _, seen in there])
-        position_m = np.array([seen.position_ecef_m for _, seen in there]).reshape(-1, 3)
-        velocity_m_s = np.array([seen.velocity_ecef_m_s for _, seen in there]).reshape(-1, 3)
+        drones = np.array(sorted(self._last_ns), np.int64)
+        found = self._places.stretches_at(drones, np.full(len(drones), t_utc_ns))
+        there, way = found.alive, found.coefficients[:, :, found.alive]
+        since_s = (t_utc_ns - found.start_ns[there]) / NS
         return TruthState(
-            drone=np.array([drone for drone, _ in there], np.int64),
-            t_utc_ns=np.full(len(there), t_utc_ns),
-            position_ecef_m=position_m + since_s[:, None] * velocity_m_s,
-            velocity_ecef_m_s=velocity_m_s,
+            drone=drones[there],
+            t_utc_ns=np.full(len(since_s), t_utc_ns),
+            position_ecef_m=place(way, since_s).T,
+            velocity_ecef_m_s=slope(way, since_s).T,
         )
-
-    def _note(self, drone: int, t_ns: int, position_ecef_m: Floats) -> None:
-        """Sensors tell of the same time, and of earlier ones, too."""
-        places = self._places.setdefault(drone, [])
-        if any(t_ns == other_ns for other_ns, _ in places):
-            return
-        insort(places, (t_ns, position_ecef_m), key=itemgetter(0))
-        del places[:-KEPT]
-        self._changed.add(drone)

@@ -6,10 +6,11 @@ from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from plotfeed.feeds.lab.links import p_of_losses
-from plotfeed.feeds.link.losses import LossChain
+from plotfeed.feeds.link.delays import DelayLaw
+from plotfeed.feeds.link.losses import LossChain, chain_of
+from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.models.residuals import LookTally
 from plotfeed.models.state import Floats
 from plotfeed.models.tail_chances import p_of_trials
@@ -65,24 +66,19 @@ class LinkRecord:
     def __init__(self) -> None:
         self.begin()
 
-    def begin(
-        self, asked_ms: ArrayLike = (), since_utc_ns: int = 0, *, loss: LossChain | None = None
-    ) -> None:
-        """Settings changed then; `asked_ms` is a sample of the delays that they ask for.
-
-        `loss` is the chain that decides on losses; None where nothing of them is asked.
-        """
+    def begin(self, asked: LinkSettings | None = None, since_utc_ns: int = 0) -> None:
+        """The link is so since then; nothing is asked of it where that is not told."""
         self._since_utc_ns = since_utc_ns
-        self._loss = loss
+        self._loss: LossChain | None = None  # That decides on losses, if they are losses
+        self._asked_ms: Floats = np.zeros(0)  # Delays at equal steps of probability
+        if asked is not None:
+            self._asked_ms = DelayLaw.of(asked).quantile_ms(np.linspace(0, 1, QUANTILES))
+            self._loss = None if asked.on_loss == "stall" else chain_of(asked.loss)
         self._decided = self._lost_by_chain = 0
         self._judged: tuple[int, int] = (0, 0)
         self._is_off = False
-        sample: Floats = np.asarray(asked_ms, dtype=np.float64)
-        is_asked = len(sample) > 0
-        shares = np.linspace(0, 1, QUANTILES)
-        self._asked_ms: Floats = np.quantile(sample, shares) if is_asked else sample
         # The median of what the link asks for: a message that it loses would have come by then.
-        self.usual_delay_ns = round(1e6 * np.median(sample)) if is_asked else 0
+        self.usual_delay_ns = round(1e6 * np.median(self._asked_ms)) if asked is not None else 0
         self._latency_ms: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._messages = self._lost = self._bursts = self._duplicates = 0
         self._lost_numbers: deque[int] = deque()

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plotfeed.feeds.messages.bounded_queue import BoundedQueue
-from plotfeed.feeds.page.page_access import Role, name_in
+from plotfeed.feeds.page.page_access import Audience, Role, name_in
 from plotfeed.proto.errors import PlotfeedError
 
 MAGIC = b"PLF1"
@@ -229,18 +229,13 @@ class Viewer:
     """What waits to be sent to one browser, and what it looks at."""
 
     def __init__(
-        self,
-        snapshot: Callable[[], Update],
-        *,
-        role: Role = Role.PRESENTER,
-        called: str = "",
-        is_given_truth: Callable[[], bool] = lambda: True,
+        self, snapshot: Callable[[], Update], audience: Audience, role: Role = Role.PRESENTER
     ) -> None:
-        """`called` is what it is called among all viewers."""
+        """`audience` says what its part of the viewers may see, and what this one is called."""
         self.role = role
         self.name = ""
-        self._called = called
-        self._is_given_truth = is_given_truth
+        self._audience = audience
+        self._called = audience.called(role)
         self.sees_truth = False
         self.watched: tuple[str, ...] = ()
         self._snapshot = snapshot
@@ -293,6 +288,6 @@ class Viewer:
         return octets
 
     def _octets_of(self, update: Update) -> bytes:
-        if self.role is Role.AUDIENCE and not self._is_given_truth():
+        if self.role is Role.AUDIENCE and not self._audience.truth:
             return update.public if update.audience is None else update.audience
         return update.public + update.truth if self.sees_truth else update.public

@@ -12,13 +12,10 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.formats import carries_plots
 from plotfeed.feeds.link.counters import SessionCounters
-from plotfeed.feeds.link.delays import DelayLaw
-from plotfeed.feeds.link.losses import LossChain, chain_of
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.page.page_access import CONCEALS, without_truth
 from plotfeed.feeds.page.scene_outline import Basemap, Placements, cover_of, outline
@@ -133,35 +130,25 @@ class View:
         """Tell which drones of the scene no sensor will see, and why."""
         self._drones.unseen, self._drones.changed = why, True
 
-    def settings(
-        self,
-        sensor: str,
-        in_force: Mapping[str, Any],
-        *,
-        asked_latency_ms: ArrayLike = (),
-        asked_loss: LossChain | None = None,
-        since_utc_ns: int = 0,
-        new_model: bool = True,
-    ) -> None:
-        """The keys of a sensor as they are in force since then, its link's among them.
+    def settings(self, sensor: Sensor, since_utc_ns: int) -> None:
+        """Show a sensor as it is since then: its keys, its cover, what its link is asked to do.
 
-        `asked_latency_ms` is a sample of the delays that the link is to make, `asked_loss` what is
-        to decide on losses: messages that it was given before are not judged by that. With
-        `new_model`, detections are counted anew.
+        Messages that its link was given before are not judged by that. Where more than its link is
+        another, detections are counted anew.
         """
-        if (number := self._sensors.get(sensor)) is None:
+        if (number := self._sensors.get(sensor.id)) is None:
             return
-        self.tell(settings={**self._news["settings"], sensor: dict(in_force)})
-        self._links[number].begin(asked_latency_ms, since_utc_ns, loss=asked_loss)
-        self._merges[number] = in_force.get("merging") is not None
-        if new_model:
-            self._looks[number] = new_looks(float(self._placements.range_max_m[number]))
-
-    def cover(self, sensor: Sensor) -> None:
-        """Where a sensor can see, as its keys are now."""
+        before, self.in_force[sensor.id] = self.in_force.get(sensor.id), sensor
+        keys = sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"})
+        self.tell(settings={**self._news["settings"], sensor.id: keys})
         covers = {**self._news["covers"], sensor.id: cover_of(sensor, self._site)}
         if covers != self._news["covers"]:
             self.tell(covers=covers)
+        self._links[number].begin(sensor.link or LinkSettings(), since_utc_ns)
+        self._merges[number] = keys.get("merging") is not None
+        link = {"link", "event"}
+        if before is None or before.model_dump(exclude=link) != sensor.model_dump(exclude=link):
+            self._looks[number] = new_looks(float(self._placements.range_max_m[number]))
 
     def pointing(self, pointing: Mapping[str, Mapping[str, Any]]) -> None:
         """Where mounts and steered beams pointed in their last scans, by sensor."""
@@ -252,21 +239,35 @@ class View:
         self._changed.clear()
         if seconds:
             told["seconds"] = seconds
-        head, marks = header(self._number, now_utc_ns), public_plots + public_tracks
-        drones = {**(self._drones.news() if self._drones.changed else {}), **self._new_score}
+        true_news = {**(self._drones.news() if self._drones.changed else {}), **self._new_score}
         self._drones.changed, self._new_score = False, {}
-        truth = _news(drones, SectionKind.TRUE_NEWS) + true_plots + self._drones.section()
-        return Update(head + _news(told) + marks, truth, False, _audience(head, told, marks))
+        return self._made(now_utc_ns, told, public_plots + public_tracks, true_news, true_plots)
 
     def snapshot(self, now_utc_ns: int) -> Update:
         """An update of all that there is to see, for who comes or has missed something."""
-        plots, plot_truths = self._plots.kept()
+        plots, true_plots = self._plots.kept()
         told = {**self._news, "seconds": list(self._rates.history)}
-        head = header(self._number, now_utc_ns, UpdateFlag.SNAPSHOT)
+        true_news = {**self._drones.news(), **self._score}
         marks = plots + self._tracks.snapshot()
-        names = _news({**self._drones.news(), **self._score}, SectionKind.TRUE_NEWS)
-        truth = names + plot_truths + self._drones.section()
-        return Update(head + _news(told) + marks, truth, True, _audience(head, told, marks))
+        return self._made(now_utc_ns, told, marks, true_news, true_plots, flags=UpdateFlag.SNAPSHOT)
+
+    def _made(
+        self,
+        now_utc_ns: int,
+        told: Mapping[str, Any],
+        marks: bytes,
+        true_news: Mapping[str, Any],
+        true_plots: bytes,
+        *,
+        flags: UpdateFlag = UpdateFlag(0),  # noqa: B008 - it does not change
+    ) -> Update:
+        """An update of news and marks, for everybody and for who sees the truth."""
+        head = header(self._number, now_utc_ns, flags)
+        truth = _news(true_news, SectionKind.TRUE_NEWS) + true_plots + self._drones.section()
+        audience = None
+        if CONCEALS & told.keys():
+            audience = head + _news(without_truth(told)) + marks
+        return Update(head + _news(told) + marks, truth, bool(flags), audience)
 
     def _begin(self, placements: Placements, sensors: Sequence[str]) -> None:
         self._placements = placements
@@ -276,17 +277,13 @@ class View:
         self._links = [LinkRecord() for _ in sensors]
         self._losses: list[Loss] = []
         self._merges = [False] * len(sensors)
+        self.in_force: dict[str, Sensor] = {}  # By id, as `settings` was told last
         self._looks = [new_looks(range_m) for range_m in placements.range_max_m.tolist()]
         self._drones = Drones(placements.site)
         self._tracks = ShownTracks(placements.site)
         self._totals = {}
         self._score = self._new_score = {}
         self._is_new = True
-
-
-def _audience(head: bytes, told: Mapping[str, Any], marks: bytes) -> bytes | None:
-    """The update as an audience has it that is not given the truth; None if it is the same."""
-    return head + _news(without_truth(told)) + marks if CONCEALS & told.keys() else None
 
 
 def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> bytes:
@@ -297,27 +294,3 @@ def _news(told: Mapping[str, Any], kind: SectionKind = SectionKind.NEWS) -> byte
     except ValueError:
         text = json.dumps(finite(told), separators=(",", ":"), default=str)
     return news(text.encode(), kind)
-
-
-PROBABILITIES = np.linspace(0, 1, 1001)
-
-
-def tell_settings(view: View, sensor: Sensor, since_utc_ns: int, *, new_model: bool) -> None:
-    """Show a sensor as it is since then, and the delays that its link is to make."""
-    link = sensor.link or LinkSettings()
-    law = DelayLaw.of(link)
-    view.cover(sensor)
-    view.settings(
-        sensor.id,
-        sensor.model_dump(mode="json", exclude_unset=True, exclude={"event", "scan"}),
-        asked_latency_ms=law.quantile_ms(PROBABILITIES),
-        asked_loss=None if link.on_loss == "stall" else chain_of(link.loss),
-        since_utc_ns=since_utc_ns,
-        new_model=new_model,
-    )
-
-
-def model_differs(before: Sensor, now: Sensor) -> bool:
-    """Tell whether anything but the link is different."""
-    link = {"link", "event"}
-    return before.model_dump(exclude=link) != now.model_dump(exclude=link)

@@ -455,7 +455,7 @@ def test_lenses_beams_and_jammers_are_drawn_where_they_are_and_sensors_named(
     range_m = float(np.hypot(JAMMER["east_m"], JAMMER["north_m"]))
     for jamming, told in (({"jamming": {"east": JAMMER}}, "jammer east: radar"), ({}, "")):
         (sensor,) = testing.scene([radar | jamming], seed=1).sensor
-        served.call(lambda: view.cover(sensor))  # noqa: B023 - at once
+        served.call(lambda: view.settings(sensor, 0))  # noqa: B023 - at once
         until(page, f"{words} === '{told}'")
         ((red, _, _),) = page.evaluate(COLOURS, [[azimuth_deg], range_m])
         assert (red > 200) == bool(told)

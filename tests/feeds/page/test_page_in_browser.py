@@ -37,6 +37,13 @@ def fill(page: Page, **fields: str) -> None:
     press(page, "Apply")
 
 
+def tell_keys(served: Served, **keys: Any) -> None:
+    """Keys of the radar that are in force, whoever asked for them."""
+    view = served.server._view
+    settings = {**view._news["settings"], "radar": keys}
+    served.call(lambda: view.tell(settings=settings))
+
+
 FORM_COMMANDS: list[tuple[dict[str, str], dict[str, Any]]] = [
     ({"Latency": "250"}, {"link": {"latency_ms": 250}}),
     ({"Jitter": "12.5"}, {"link": {"jitter_ms": 12.5}}),
@@ -53,7 +60,6 @@ FORM_COMMANDS: list[tuple[dict[str, str], dict[str, Any]]] = [
 def test_what_is_filled_in_is_asked_of_the_sensor_and_then_in_force(
     page: Page, stage: MadeUpSession, served: Served
 ) -> None:
-    view = served.server._view
     for fields, expected in FORM_COMMANDS:
         fill(page, **fields)
         wait_for_command(page, stage, {"sensor": "radar", "set": expected})
@@ -82,14 +88,14 @@ def test_what_is_filled_in_is_asked_of_the_sensor_and_then_in_force(
         assert not stage.commands
         page.get_by_label(field, exact=True).fill("1e-5" if field == "Pfa" else "120")
     # Figures are told by as many digits as people read.
-    served.call(lambda: view.settings("radar", {"pfa": 1.9999999999999998e-5, "link": None}))
+    tell_keys(served, pfa=1.9999999999999998e-5, link=None)
     page.locator("#pfa-now").get_by_text("2e-5", exact=True).wait_for()
 
 
 def test_what_somebody_fills_in_is_left_alone_until_it_is_asked_for(
     page: Page, stage: MadeUpSession, served: Served
 ) -> None:
-    view, latency = served.server._view, page.get_by_label("Latency", exact=True)
+    latency = page.get_by_label("Latency", exact=True)
     latency.focus()
     page.evaluate("plotfeed.feed.ask({ sensor: 'radar', set: { link: { latency_ms: 77 } } })")
     page.locator("#latency-now").get_by_text("77 ms").wait_for()
@@ -98,7 +104,7 @@ def test_what_somebody_fills_in_is_left_alone_until_it_is_asked_for(
     assert latency.input_value() == "77"
     latency.fill("78")
     latency.blur()
-    served.call(lambda: view.settings("radar", {"link": {"latency_ms": 500}}))
+    tell_keys(served, link={"latency_ms": 500})
     page.locator("#latency-now").get_by_text("500 ms").wait_for()
     assert latency.input_value() == "78"
     assert page.get_by_label("Jitter").input_value() == "0"
@@ -146,7 +152,7 @@ def test_a_sensor_is_switched_off_degraded_and_on_again_and_another_one_chosen(
         state.get_by_text(name.lower(), exact=True).wait_for()
     assert stage.sensors["radar"].sensor.pfa == stage.scene.sensor[0].pfa  # type: ignore[union-attr]
     # No state is chosen of a sensor that is worse than degraded.
-    served.call(lambda: served.server._view.settings("radar", {"loss_db": 90.0}))
+    tell_keys(served, loss_db=90.0)
     page.locator("#sensors").get_by_text("degraded").wait_for()
     assert page.locator("input[name=state]:checked").count() == 0
     page.locator("#sensors").get_by_role("button", name="gate").click()

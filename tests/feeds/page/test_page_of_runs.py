@@ -1,11 +1,10 @@
-"""The page and a whole run: sensors and the clock changed, recorded, replayed, begun anew.
+"""The page and a whole run: sensors and the clock changed, and begun anew.
 
 What the page does is measured on what the broker delivers.
 """
 
 from __future__ import annotations
 
-import re
 import shlex
 import subprocess
 import sys
@@ -23,14 +22,11 @@ from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
 from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.sensors.polar_radar_keys import ActiveRadarKeys
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.replay.mcap import McapReader
-from plotfeed.replay.recorded import Stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 MS = 1_000_000
-STOP = re.compile(r"^Stop \d")  # The button of a recording that runs, with its seconds
 
 
 @pytest.fixture(scope="module")
@@ -117,32 +113,6 @@ def test_what_is_asked_of_a_sensor_is_what_its_messages_meet_until_it_is_taken_b
     run.wait(lambda: len(run.batches(since=since)) > 5)
 
 
-def test_a_story_is_told_by_a_click_and_what_was_asked_is_undone_step_by_step(run: Live) -> None:
-    words = run.page.locator("#undo-words")
-    run.settings_after(lambda: run.press("As in the scene"))
-    _, settings = run.settings_after(lambda: run.press("Outage of radar"))
-    assert settings["controlled"] == {"link": {"down": True}}
-    run.wait(lambda: len(run.sent({"down": True})) > 10)
-    assert {message.fate for message in run.sent({"down": True})} == {pb.OUTAGE}
-    run.page.get_by_role("button", name="Outage of radar", pressed=True).wait_for()
-    since, settings = run.settings_after(lambda: run.press("Outage of radar"))
-    assert settings["controlled"] == {}
-    run.page.get_by_role("button", name="Outage of radar", pressed=False).wait_for()
-    run.wait(lambda: len(run.sent({}, since)) > 10)
-    assert {message.fate for message in run.sent({}, since)} == {pb.SENT}
-    run.page.get_by_label("Latency", exact=True).fill("300")
-    run.settings_after(lambda: run.press("Apply"))
-    words.get_by_text("radar: link.latency_ms 300").wait_for()
-    _, bad = run.settings_after(lambda: run.press("The link goes bad"))
-    assert bad["in_force"]["link"]["latency_ms"] == 600
-    words.get_by_text("The link goes bad", exact=True).wait_for()
-    for controlled in ({"link": {"latency_ms": 300}}, {}):
-        since, undone = run.settings_after(lambda: run.press("Undo"))
-        assert undone["controlled"] == controlled
-    # What the bad link holds has come by then, and lies in no other test's pause.
-    run.wait(lambda: len(run.batches("gate", since)) > 2 * SECTORS)
-
-
 def test_nothing_comes_in_a_pause_a_step_is_all_that_lies_in_it_and_time_runs_as_asked(
     run: Live,
 ) -> None:
@@ -176,52 +146,6 @@ def test_nothing_comes_in_a_pause_a_step_is_all_that_lies_in_it_and_time_runs_as
     first = run.batches(since=since)[0]
     assert (first.scan, first.sector) == sectors_within(now_ns, now_ns + S)[0]
     run.wait(lambda: run.on("plotfeed/session")[-1][1].get("speed") == SPEED)
-
-
-def test_a_recording_holds_what_the_broker_delivered_and_is_replayed_along_its_time_line(
-    run: Live, place: Path
-) -> None:
-    page = run.page
-    run.press("Record")
-    since = run.count
-    run.wait(lambda: len(run.batches(since=since)) > 60)
-    page.get_by_role("button", name=STOP).click()
-    (path,) = place.glob("*.mcap")
-    until(page, "(name) => plotfeed.picture.news.session.recordings.join() === name", path.name)
-    recorded: dict[str, list[bytes]] = {}
-    with McapReader(path) as log:
-        assert not log.damage
-        for message in log.messages(stages=[Stage.AFTER]):
-            recorded.setdefault(message.topic, []).append(message.payload)
-    assert {f"plotfeed/{kind}" for kind in ("radar/plots", "gate/plots", "truth")} <= set(recorded)
-    for topic in ("plotfeed/radar/plots", "plotfeed/gate/plots", "plotfeed/truth"):
-        payloads, heard = recorded[topic], run.client.on(topic)
-        first = heard.index(payloads[0])  # from there message after message, without a gap
-        run.wait(lambda: len(run.client.on(topic)) >= first + len(payloads))  # noqa: B023
-        assert run.client.on(topic)[first : first + len(payloads)] == payloads
-    run.press("Replay")
-    until(page, "plotfeed.picture.news.session.replay.position_s > 0.3")
-    assert page.get_by_role("button", name="Record", exact=True).is_disabled()
-    page.get_by_text("Times are those of the recording").wait_for()
-    page.locator("#hold").click()
-    page.locator("#hold").get_by_text("Play").wait_for()
-    run.settle()
-    heard_before = run.count
-    page.get_by_label("Position in the recording").fill("2.0")
-    until(page, "plotfeed.picture.news.session.replay.position_s === 2")
-    until(page, "plotfeed.picture.plots.end > 0")
-    assert run.count == heard_before
-    page.locator("#hold").click()
-    run.wait(lambda: len(run.batches(since=heard_before)) > 10)
-    again = {batch.SerializeToString() for batch in run.batches(since=heard_before)}
-    sectors = {pb.PlotBatch.FromString(p).sector for p in recorded["plotfeed/radar/plots"]}
-    assert {pb.PlotBatch.FromString(p).sector for p in again} <= sectors
-    assert not run.ledger(since=heard_before)
-    run.press("Back to a session")
-    page.get_by_label("Look back").wait_for()
-    left = run.count
-    run.wait(lambda: run.ledger(since=left))
-    assert page.get_by_role("button", name="Record", exact=True).is_enabled()
 
 
 def begun(run: Live, since: int) -> tuple[int, dict[str, Any]]:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from itertools import groupby
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 from support.links import link
-from support.random_scenes import random_tree
 from support.significance import assert_chance
 
+from plotfeed import testing
 from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.feeds.link.losses import chain_of
 from plotfeed.feeds.messages.batch import Batch
@@ -25,11 +24,9 @@ from plotfeed.feeds.page.strips import (
     new_looks,
 )
 from plotfeed.feeds.page.view import View
-from plotfeed.feeds.scene.scene import from_tree
 from plotfeed.models.beam import Sector
 from plotfeed.models.state import Looks
 
-PROBABILITIES = np.linspace(0, 1, 1001)
 RANDOM = {"kind": "random", "probability": 0.1}
 BURSTS = {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0}
 
@@ -79,19 +76,20 @@ def test_what_is_expected_of_looks_are_their_odds_not_what_was_detected() -> Non
 
 
 @pytest.mark.parametrize(
-    "law",
+    ("latency_ms", "jitter_ms", "distribution"),
     [
-        DelayLaw(250.0, 30.0),
-        DelayLaw(250.0, 200.0),
-        DelayLaw(50.0, 10.0, "uniform"),
-        DelayLaw(50.0, 10.0, "pareto"),
-        DelayLaw(1000.0, 4.0),
-        DelayLaw(0.05, 0.01),
+        *((250.0, jitter_ms, "normal") for jitter_ms in (30.0, 200.0)),
+        *((50.0, 10.0, shape) for shape in ("uniform", "pareto")),
+        (1000.0, 4.0, "normal"),
+        (0.05, 0.01, "normal"),
     ],
 )
-def test_the_asked_histogram_is_that_of_the_law(law: DelayLaw) -> None:
-    record = LinkRecord()
-    record.begin(law.quantile_ms(PROBABILITIES))
+def test_the_asked_histogram_is_that_of_the_law(
+    latency_ms: float, jitter_ms: float, distribution: str
+) -> None:
+    asked = link(latency_ms=latency_ms, jitter_ms=jitter_ms, distribution=distribution)
+    record, law = LinkRecord(), DelayLaw.of(asked)
+    record.begin(asked)
     found = record.summary()
     edges_ms = found["low_ms"] + found["width_ms"] * np.arange(BINS + 1)
     expected = np.diff(law.cdf(edges_ms - 1e-9))
@@ -103,7 +101,7 @@ def test_the_asked_histogram_is_that_of_the_law(law: DelayLaw) -> None:
 def test_delivered_and_asked_share_their_bins() -> None:
     for delivered_ms, asked_ms in ((120.03, 120.0), (10.0, 500.0), (500.0, 10.0)):
         record = LinkRecord()
-        record.begin([asked_ms])
+        record.begin(link(latency_ms=asked_ms))
         for _ in range(50):
             record.sent(0, round(delivered_ms * 1e6), duplicate=False)
         found = record.summary()
@@ -118,7 +116,7 @@ def test_delivered_and_asked_share_their_bins() -> None:
 
 def test_what_was_handed_over_before_a_change_is_not_judged_by_it() -> None:
     record = LinkRecord()
-    record.begin([250.0], since_utc_ns=1000)
+    record.begin(link(latency_ms=250.0), since_utc_ns=1000)
     record.sent(999, 5000, duplicate=False)
     record.lost(4, 999)
     record.sent(999, 6000, duplicate=True)
@@ -134,10 +132,11 @@ OFTEN = 400
 def test_a_strip_calls_what_is_right_off_as_seldom_as_it_says() -> None:
     rng, losses_off, looks_off = np.random.default_rng(12), 0, 0
     for keys in (RANDOM, BURSTS):
-        chain = chain_of(link(loss=keys).loss)
+        asked = link(latency_ms=50.0, loss=keys)
+        chain = chain_of(asked.loss)
         for _ in range(OFTEN):
             record = LinkRecord()
-            record.begin([50.0], loss=chain)
+            record.begin(asked)
             state = int(rng.choice(len(chain.stationary), p=chain.stationary))
             for number in range(300):
                 state = int(rng.random() > chain.steps[state][0])
@@ -158,13 +157,13 @@ def test_a_strip_says_what_is_off() -> None:
     looks.add([500.0] * 200, [0.9] * 200, [True] * 120 + [False] * 80)
     assert looks_summary(looks)["off"]
     record = LinkRecord()
-    record.begin([50.0], loss=chain_of(link(loss=RANDOM).loss))
+    record.begin(link(latency_ms=50.0, loss=RANDOM))
     for number in range(300):
         record.sent(0, 50, duplicate=False)
         record.lost(1000 + number, 0, by_chain=False)  # by an outage: of no weight, so none is lost
     assert record.summary()["loss_off"]
     clear = LinkRecord()
-    clear.begin([50.0], loss=chain_of(None))
+    clear.begin(link(latency_ms=50.0))
     clear.sent(0, 50, duplicate=False)
     assert not clear.summary()["loss_off"]
     clear.lost(1, 0)
@@ -179,12 +178,10 @@ def test_looks_that_merge_count_once() -> None:
         pd=np.full(2, 0.5),
         detected=np.ones(2, np.bool_),
     )
-    scene = from_tree(random_tree(3), Path("a.toml"))
-    name = scene.sensor[0].id
     for keys, expected in (({"merging": {}}, 1), ({}, 2)):
-        view = View()
+        view, scene = View(), testing.scene([testing.radar(**keys)], seed=1)
         view.scene(scene)
-        view.settings(name, keys)
+        view.settings(scene.sensor[0], 0)
         sector = Sector(0, 0, 0, 1, 0.0, 360.0)
-        view.settled(Batch.of_one(sector, looks=both, sensors=[name]), [])
+        view.settled(Batch.of_one(sector, looks=both, sensors=["radar"]), [])
         assert sum(looks_summary(view._looks[0])["looks"]) == expected

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.page_updates import read_frame
 
+from plotfeed.feeds.page.page_access import Audience
 from plotfeed.feeds.page.updates import (
     COUNT_MASK,
     LAYOUTS,
@@ -93,7 +94,7 @@ async def all_of(viewer: Viewer) -> list[bytes]:
 
 @pytest.mark.asyncio
 async def test_a_viewer_begins_with_a_snapshot_and_one_that_was_slow_goes_on_from_another() -> None:
-    viewer = Viewer(lambda: SNAPSHOT)
+    viewer = Viewer(lambda: SNAPSHOT, Audience())
     viewer.offer(update(1))  # the snapshot holds it already
     assert await all_of(viewer) == [b"all"]
     for number in (2, 3):
@@ -116,7 +117,7 @@ async def test_a_viewer_begins_with_a_snapshot_and_one_that_was_slow_goes_on_fro
 @pytest.mark.parametrize("shown", [True, False])
 @pytest.mark.asyncio
 async def test_the_truth_comes_with_a_snapshot_and_goes_with_one(shown: bool) -> None:
-    viewer = Viewer(lambda: SNAPSHOT)
+    viewer = Viewer(lambda: SNAPSHOT, Audience())
     viewer.show_truth(shown=not shown)
     await viewer.next()
     viewer.offer(update(1))

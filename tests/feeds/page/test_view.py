@@ -15,6 +15,7 @@ from plotfeed.feeds.page.shown import MAX_KEPT
 from plotfeed.feeds.page.updates import PlotFlag, SectionKind, Update
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.scene.fields import frame_at
+from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.models.beam import Sector
 from plotfeed.models.frames import aer_to_enu
 from plotfeed.models.state import Looks, Plots, TruthState
@@ -66,10 +67,17 @@ def lost(**changes: Any) -> pb.Sent:
 
 
 def view_of_radar(**changes: Any) -> View:
-    view = View()
-    view.scene(testing.scene([testing.radar(**changes)], seed=1))
+    """That radar as it begins, of which an update has told."""
+    view, scene = View(), testing.scene([testing.radar(**changes)], seed=1)
+    view.scene(scene)
+    view.settings(scene.sensor[0], 0)
     view.update(testing.START_NS, 0.0)
     return view
+
+
+def a_radar(**changes: Any) -> Sensor:
+    """The radar of such a view as its keys are now."""
+    return testing.scene([testing.radar(**changes)], seed=1).sensor[0]
 
 
 def updated(view: View, now_ns: int = testing.START_NS) -> Frame:
@@ -205,7 +213,7 @@ def test_another_scene_begins_with_a_snapshot_of_nothing() -> None:
     assert not view.update(testing.START_NS, 0.0).is_snapshot
     # What is told of the scene before, or of a sensor that nobody knows, is nothing.
     view.settled(report(plots(4)), [sent()])
-    view.settings("radar", {})
+    view.settings(a_radar(), 0)
     view.watch(["radar"])
     frame = updated(view)
     assert not frame.of(SectionKind.PLOTS)
@@ -224,7 +232,7 @@ def test_news_are_told_once_and_again_in_every_snapshot_and_are_json() -> None:
     assert updated(view).news == {}
     again = read_frame(view.snapshot(testing.START_NS).public).news
     assert {"layouts", "scene", "settings", "session", "refusal"} <= again.keys()
-    view.settings("radar", {"pfa": float("nan"), "link": {"latency_ms": float("inf")}})
+    view.tell(settings={"radar": {"pfa": float("nan"), "latency_ms": float("inf")}})
     view.session({"replay": {"position_s": float("nan")}})
     text = view.update(testing.START_NS, 0.0).public.decode("latin-1")
     assert "NaN" not in text
@@ -250,14 +258,14 @@ def test_detections_are_counted_by_range_beside_what_was_predicted() -> None:
     assert [i for i, n in enumerate(found["looks"]) if n] == [0, 1, 24]
     assert found["detected"][24] == found["expected"][24] == 3
     assert found["variance"][0] == 0.75
-    for new_model, kept in ((False, 12), (True, 0)):
-        view.settings("radar", {"pfa": 1e-5}, new_model=new_model)
+    for keys, kept in (({"link": {"latency_ms": 5.0}}, 12), ({"pfa": 1e-5}, 0)):
+        view.settings(a_radar(range_max_m=2500.0, **keys), 0)
         assert sum(details(view)["detections"]["looks"]) == kept
 
 
 def test_links_are_judged_since_their_settings_changed() -> None:
     view = view_of_radar()
-    view.settings("radar", {"link": {"latency_ms": 250.0}}, asked_latency_ms=[240.0, 250.0, 260.0])
+    view.settings(a_radar(link={"latency_ms": 250.0}), 0)
     view.settled(report(plots(1)), [sent(number=i) for i in range(5)])
     view.settled(report(plots(1)), [lost(number=n) for n in (7, 6, 9)])
     view.settled(report(plots(1)), [sent(number=0, copy=1)])
@@ -270,7 +278,7 @@ def test_links_are_judged_since_their_settings_changed() -> None:
     assert link["mean_burst"] == 1.5
     assert link["mean_ms"] == link["asked_mean_ms"] == pytest.approx(250.0)
     assert sum(link["delivered"]) == pytest.approx(1.0)
-    view.settings("radar", {}, asked_latency_ms=[0.0])
+    view.settings(a_radar(), 0)
     assert details(view)["link"]["messages"] == 0
 
 
@@ -307,7 +315,7 @@ def test_after_a_change_of_latency_losses_count_beside_the_deliveries_of_their_t
             )
     for i in range(80):
         if i == 20:
-            view.settings("radar", {}, asked_latency_ms=[2000.0], since_utc_ns=dues_ns[20])
+            view.settings(a_radar(link={"latency_ms": 2000.0}), dues_ns[20])
         view.settled(report(plots(1)), told.get(i, []))
         news = read_frame(view.update(SECTOR.end_ns + i * tenth_ns, (i + 1) / 10).public).news
         counts = [(s["lost"], s["messages"]) for s in news.get("seconds", [])]
