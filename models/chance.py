@@ -47,6 +47,7 @@ class Purpose(IntEnum):
     PAIRS = 11
     SIDELOBES = 12
     CLAIMS = 13
+    OTHERS = 14  # Looks of staring sensors at what is no drone
 
 
 class Chance:
@@ -227,7 +228,10 @@ class DrawsBySensor(_StandIn):
     """Draws of a generator a sensor, each as if it were alone, for looks that stand together."""
 
     def __init__(self, generators: Sequence[Generator], sensor: Ints) -> None:
-        """`sensor` (n,) is the index of the generator of each look, in ascending order."""
+        """`sensor` (n,) is the index of the generator of each look, in ascending order.
+
+        A sensor may have a second one, for looks at what is no drone.
+        """
         self._generators = generators
         self._sensor = sensor
 

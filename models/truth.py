@@ -757,7 +757,7 @@ class Trajectories:
         self.version = 0
         self._index: dict[str, int] = {}
         self._free: list[int] = []  # A heap of rows below the last one in use
-        self._no_drones = 0
+        self._others: list[int] = []  # Rows of what is no drone
         self._live = LiveSamples(
             stale_after_ns=self.stale_after_ns,
             history_ns=round(history_s * NS),
@@ -856,13 +856,13 @@ class Trajectories:
 
     def __len__(self) -> int:
         """How many drones are known."""
-        return len(self._index) - self._no_drones
+        return len(self._index) - len(self._others)
 
     def add_track(self, drone: str, track: KnownTrack, signature: Signature) -> None:
         """All of a drone that has no samples yet."""
         rows = self._rows([drone])
         self._tracks[rows[0]] = TrackChain(track)
-        self._no_drones += OTHER in drone
+        self._others += rows if OTHER in drone else []
         self._changed(np.array(rows), Signatures.of_one(signature))
 
     def add_other(self, name: str) -> int:
@@ -870,6 +870,15 @@ class Trajectories:
         if name not in self._index:
             self.add_track(name, KnownTrack.straight([0, 1], np.zeros((2, 3))), Signature())
         return self._index[name]
+
+    @property
+    def has_others(self) -> bool:
+        """Whether there is anything that is no drone."""
+        return bool(self._others)
+
+    def are_others(self, drones: Ints) -> Bools:
+        """Which of those rows are of no drone, (n,)."""
+        return np.isin(drones, self._others)
 
     def divert(self, drone: str, from_utc_ns: int, track: KnownTrack) -> None:
         """Have a drone of a known path leave it then for another."""

@@ -317,15 +317,14 @@ class SensorGroup:
         if self._at_work.cueing is not None and self.site.is_steered:
             aims = self._at_work.cueing.at(sectors)
             row, truth = row[aims.sees[row]], truth.rows(aims.sees[row])
-        chances, scans = self._at_work.chances, sectors.scan.tolist()
-        generators = [
-            chances[sensor].rng(Purpose.DETECTION, scan)
-            for sensor, scan in zip(sectors.sensor.tolist(), scans, strict=True)
-        ]
+        trajectories = self._at_work.trajectories
+        if self._shares and trajectories.has_others:  # what is no drone comes last
+            order = np.argsort(trajectories.are_others(truth.drone), kind="stable")
+            row, truth = row[order], truth.rows(order)
         targets, row = self._targets(truth, row, sectors.sensor)
         if aims is not None:
             targets = aims.by_mount(targets, row)
-        rng: Any = generators[0]
+        rng: Any = self._generators(sectors, Purpose.DETECTION)[0]
         if isinstance(self._model, DwellingSensor):
             looks, plots, self._agenda = self._model.observe_period(
                 self._agenda, targets, sectors.one(0), rng
@@ -334,7 +333,7 @@ class SensorGroup:
             looks, plots = self._model.observe_scan(targets, sectors.one(0), rng)
         else:
             if self._shares:  # else it may draw as it likes
-                rng = DrawsBySensor(generators, row)
+                rng = self._draws(sectors, targets.drone, row)
             model = self._model.rows(self._place[sectors.sensor[row]])
             looks, plots = model.observe(targets, rng)
         alarms = self._at_work.false_alarms.of_scans(sectors, self.models)
@@ -348,6 +347,19 @@ class SensorGroup:
                 if aims.sees[np.searchsorted(sectors.sensor, sensor)]
             ]
         return self._batch(sectors, looks, plots, alarms)
+
+    def _draws(self, sectors: Sectors, drone: Ints, row: Ints) -> DrawsBySensor:
+        """Draws for looks of scans, by their row: for drones the same whatever else there is."""
+        generators = self._generators(sectors, Purpose.DETECTION)
+        if self._at_work.trajectories.has_others:
+            generators += self._generators(sectors, Purpose.OTHERS)
+            row = row + len(sectors) * self._at_work.trajectories.are_others(drone)
+        return DrawsBySensor(generators, row)
+
+    def _generators(self, sectors: Sectors, purpose: Purpose) -> list[np.random.Generator]:
+        """Generators of each sensor's scan for that purpose."""
+        which = zip(sectors.sensor.tolist(), sectors.scan.tolist(), strict=True)
+        return [self._at_work.chances[sensor].rng(purpose, scan) for sensor, scan in which]
 
     def _turn(self, sectors: Sectors) -> Batch:
         """Looks at the drones that beams pass in their sectors."""

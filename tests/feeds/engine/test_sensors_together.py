@@ -8,14 +8,17 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
+import pytest
 from support.dice import Dice
 from support.random_sensors import SENSOR_MAKERS
 
 from plotfeed import Engine, Scene
+from plotfeed.feeds.engine.simulation import simulate
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.changes import command_of
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.models.state import Plots
 from plotfeed.proto.utc import NS
 from plotfeed.testing import START_NS, radar, rotating, scene, staring, waypoint
 
@@ -151,3 +154,32 @@ def test_control_in_mid_run_changes_that_sensor_alone_from_the_next_sector_on() 
         found[sensor] += messages
     assert {name for name in plain if found[name] != plain[name]} == {"r2"}
     assert max(message.due_utc_ns for message in found["r2"]) <= middle_ns
+
+
+PATH = [{"east_m": e, "north_m": n, "above_site_m": 60.0} for e, n in ((-900, 300), (900, -300))]
+# What moves beside drones, and by how much of their values it may change plots: a turbine stands in
+# the way a little.
+OTHERS: dict[str, tuple[dict[str, Any], float]] = {
+    "birds": ({"id": "gulls", "count": 8, "rcs_m2": 0.3, "path": PATH}, 0.0),
+    "road": ({"id": "a6", "cars_per_h": 600.0, "speed_m_s": 20.0, "path": PATH}, 0.0),
+    "turbine": ({"id": "wt", "radius_m": 50.0, **PATH[0]}, 0.05),
+}
+
+
+# Several receivers join echoes of all that there is to places.
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.startswith("multistatic")])
+def test_drones_draw_the_same_whatever_else_moves(kind: str) -> None:
+    """Else two scenes of which one has birds could not be compared by the same random numbers."""
+
+    def plots(**world: Any) -> Plots:
+        made = scene([KINDS[kind] | {"id": "it"}], drones(3), seed=3, **world)
+        of_all = simulate(made, 6.0, start_utc_ns=START_NS)["it"].plots
+        return of_all.rows((of_all.drone >= 0) & (of_all.drone < 12))
+
+    alone = plots()
+    assert len(alone) > 10
+    for key, (other, within) in OTHERS.items():
+        beside = vars(plots(**{key: [other]}))
+        numbers = {name: of for name, of in vars(alone).items() if of.dtype.kind in "fi"}
+        for name, column in numbers.items():
+            np.testing.assert_allclose(beside[name], column, rtol=within, err_msg=f"{key}: {name}")
