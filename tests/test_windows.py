@@ -171,7 +171,7 @@ def test_commands_that_need_no_network_do_as_ever_and_every_module_can_be_import
     fine: list[tuple[object, ...]] = [
         ("check", SCENE, "--chart", here / "check.png"),
         ("chart", SCENE, "--runs", "2", "--duration", "2", "--chart", here / "chart.png"),
-        ("needs", SCENE, "--runs", "2", "--duration", "2", "--lean", here / "lean.toml"),
+        ("needs", SCENE, "--runs", "2", "--duration", "2", "--write", here / "lean.toml"),
         ("run", SCENE, *quick, "--record", here / "a.mcap", "--write", here / "a.ast"),
         ("run", here / "a.mcap", *quick, "--record", here / "again.mcap"),
         ("demo", *quick, "--json"),

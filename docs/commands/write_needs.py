@@ -32,7 +32,7 @@ from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.scene import example
 
 DOCS = Path(__file__).parents[1]
-USUAL = NeedsSettings(duration=20.0)
+USUAL = NeedsSettings(runs=8, duration=20.0)
 CHARTED = "section-4"
 
 
@@ -91,7 +91,7 @@ def main() -> None:
 
 def write_chart(folder: Path) -> None:
     """Measure the choices of a scene; draw them, and write their rows."""
-    chart = found_of(CHARTED, ChartSettings(), folder, choices=True)
+    chart = found_of(CHARTED, ChartSettings(runs=8), folder, choices=True)
     draw(chart, DOCS / "speed-accuracy.png", on_tracks=False)
     heads = ("the scene", "what changes most", "processor time", "octets")
     head = (

@@ -59,6 +59,8 @@ GONE = {
     "--table": "the end of OUT's name, as in site-looks.parquet,",
     "--column": "--set columns.OURS=THEIRS",
     "--view": "--set view=[LAT,LON,LAT,LON]",
+    "--lean": "--write lean.toml",
+    "--full": "--write full.toml",
     **{
         f"--{key.replace('_', '-')}": f"--set {key}=VALUE"
         for key in (
@@ -233,7 +235,7 @@ def check(scene: Path, **options: Any) -> int:
 @command(
     "Say what a scene needs, and what it can leave out.",
     "needs here.toml --matters 5% --runs 4 --duration 10",
-    "needs here.toml --runs 4 --duration 10 --lean lean.toml",
+    "needs here.toml --runs 4 --duration 10 --write lean.toml",
 )
 @click.argument("scene", type=click.Path(path_type=Path))
 @options_of(NeedsSettings)

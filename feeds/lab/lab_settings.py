@@ -234,9 +234,10 @@ class SweepSettings(RunsAsked):
 class ChartSettings:
     """What `chart` is asked."""
 
-    runs: int = option(
-        8,
-        "Run each variant with so many seeds at most; fewer where it is decided before.",
+    runs: int | None = option(
+        None,
+        "Run each variant with so many seeds at most, fewer where it is decided before; else with "
+        "as many as decide all, or as 90 seconds of processor allow.",
         low=2,
         high=10_000,
     )
@@ -263,12 +264,10 @@ class NeedsSettings(ChartSettings):
         metavar="SHARE",
         tells_default=True,
     )
-    lean: Path | None = option(
-        None,
-        "Write the scene without what can go to this file, with comments that say what changes.",
+    write: tuple[Path, ...] = option(
+        (),
+        "Write the scene without what can go, with comments that say what changes, to a file "
+        "whose name ends in lean.toml, or with what is missing to full.toml; may be repeated.",
         path="file",
         metavar="FILE",
-    )
-    full: Path | None = option(
-        None, "Write the scene with what is missing to this file.", path="file", metavar="FILE"
     )

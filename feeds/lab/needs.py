@@ -3,7 +3,8 @@
 Every variant of a scene runs with the seeds of the scene as it is, so that both draw the same
 random numbers: their difference is that of the effect. Differences are given with intervals by
 Student's t over seeds, which hold all figures of a variant, however often it is looked at, in 95 of
-100 such experiments (Bonferroni). More seeds are run until all is decided, or as many as may be.
+100 such experiments (Bonferroni). More seeds are run until all is decided, or as many as are asked
+for, or as the time allows.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
+from itertools import count
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -59,6 +61,7 @@ from plotfeed.proto.measured_plots import MeasuredPlots
 from plotfeed.proto.utc import NS
 
 FIRST_RUNS = 4  # Looked at after so many runs, after twice as many, and so on
+BUDGET_S = 90.0  # Of processor, after which there are no more runs where nobody says how many
 RISK = 0.05  # Share of experiments in which an interval of a variant does not hold what it should
 CUTOFF_M = 100.0
 FEWEST_PLOTS = 10  # Fewer plots give no errors that can be compared
@@ -343,9 +346,9 @@ def choices_of(scene: Scene) -> list[Variant]:
     for choice, name in read_back.items():
         has = {i: s for i, s in sensors.items() if name in s.formats}
         choices[choice] = {i: s.model_copy(update={"report": (name,)}) for i, s in has.items()}
-    for count in (8, 32, 128):
-        turning = {i: s for i, s in sensors.items() if s.scan.rotates and s.scan.sectors != count}
-        choices[f"{count} sectors"] = scanned(turning, sectors=count)
+    for many in (8, 32, 128):
+        turning = {i: s for i, s in sensors.items() if s.scan.rotates and s.scan.sectors != many}
+        choices[f"{many} sectors"] = scanned(turning, sectors=many)
     for factor in (0.5, 2.0):
         staring = choices[f"staring periods times {factor:g}"] = {}
         for i, s in sensors.items():
@@ -570,17 +573,17 @@ class Needs:
         variants: Sequence[Variant],
         *,
         matters: float,
-        runs: int,
+        runs: int | None,
         duration_s: float,
         seed: int,
         start_utc_ns: int,
-        progress: Callable[[int, int, int], object] = lambda *_: None,
+        progress: Callable[[int, int], object] = lambda *_: None,
     ) -> None:
         """Compare each variant; raises `PlotfeedError`.
 
         `matters` is the share from which a change does. There are at most so many `runs` of each,
-        with seeds from `seed` on; what is decided is not run again. `progress` is told the number
-        of runs that were done, how many there may be, and how many variants are undecided.
+        or as many as `BUDGET_S` allows, with seeds from `seed` on; what is decided is not run
+        again. `progress` is told how many runs were done, and how many variants are undecided.
         """
         if not scene.fleet.names:
             raise PlotfeedError(
@@ -592,19 +595,25 @@ class Needs:
         as_it_is: list[Run] = []
         others: dict[str, list[Run]] = {each.name: [] for each in variants}
         open_, findings = list(variants), dict[str, Finding]()
-        looks = {n for n in (FIRST_RUNS * 2**k for k in range(20)) if n < runs} | {runs}
-        for k in range(runs):
+        looks = [many for k in range(20) if (many := FIRST_RUNS * 2**k) < (runs or math.inf)]
+        began_s, risk = time.process_time(), RISK
+        if runs is not None:  # each look has as large a part of it, else half of what is left
+            risk /= len(looks) + 1
+        for k in count():
             as_it_is.append(Run(base, seed + k, start_utc_ns, duration_s))
             for each in open_:
                 others[each.name].append(Run(each, seed + k, start_utc_ns, duration_s))
-            progress(k + 1, runs, len(open_))
-            if k + 1 not in looks:
+            progress(k + 1, len(open_))
+            is_over = k + 1 >= FIRST_RUNS and time.process_time() - began_s > BUDGET_S
+            is_last = is_over if runs is None else k + 1 == runs
+            if k + 1 not in looks and not is_last:
                 continue
+            risk /= 2 if runs is None else 1
             for each in open_:
                 pairs = list(zip(as_it_is, others[each.name], strict=True))
-                findings[each.name] = Finding(each, scene, pairs, matters, RISK / len(looks))
+                findings[each.name] = Finding(each, scene, pairs, matters, risk)
             open_ = [each for each in open_ if findings[each.name].verdict == "undecided"]
-            if not open_:
+            if is_last or not open_:
                 break
         self.runs = len(as_it_is)
         # Seconds of processor a second of the scene.
@@ -786,21 +795,25 @@ START_UTC_NS = 1_767_268_800 * NS  # Where the scene does not say when it begins
 
 def print_needs(scene: Scene, settings: NeedsSettings) -> None:
     """Say what a scene needs and what it can leave out; raises `PlotfeedError`."""
-    matters = _share(settings.matters)
-    trees = None if settings.full is None else settings.full.with_name(TREES)
-    _check_files(settings, settings.lean, settings.full, trees)
+    matters, asked = _share(settings.matters), {path: _rewriting(path) for path in settings.write}
+    trees = [path.with_name(TREES) for path, verdict in asked.items() if verdict == "missing"]
+    _check_files(settings, *asked, *trees)
     with TemporaryDirectory() as folder:
         found = _found(scene, variants_of(scene, Path(folder)), settings, matters)
-    written = []
-    for path, verdict in ((settings.lean, "can go"), (settings.full, "missing")):
-        if path is not None:
-            path.write_text(rewritten(scene, found, verdict), encoding="utf-8")
-            written.append(path)
-    missing = [each.variant.name for each in found.findings if each.verdict == "missing"]
-    if trees is not None and "with [terrain]" in missing:
-        trees.write_text(trees_about(scene), encoding="utf-8")
-        written.append(trees)
-    _tell(found, settings, _lines(found), written, on_tracks=True)
+    texts = {path: rewritten(scene, found, verdict) for path, verdict in asked.items()}
+    if any((f.verdict, f.variant.name) == ("missing", "with [terrain]") for f in found.findings):
+        texts |= dict.fromkeys(trees, trees_about(scene))
+    for path, text in texts.items():
+        path.write_text(text, encoding="utf-8")
+    _tell(found, settings, _lines(found), [*texts], on_tracks=True)
+
+
+def _rewriting(path: Path) -> str:
+    """The verdict on what changes in a scene that is written there, by the end of the name."""
+    for end, verdict in (("lean.toml", "can go"), ("full.toml", "missing")):
+        if path.name.endswith(end):
+            return verdict
+    raise PlotfeedError(f"--write {path}: expected a name that ends in lean.toml or full.toml")
 
 
 def print_chart(scene: Scene, settings: ChartSettings) -> None:
@@ -825,22 +838,23 @@ def _tell(
     tell(as_values(found), lines, written, as_json=settings.as_json)
 
 
-def _check_files(settings: ChartSettings, *others: Path | None) -> None:
+def _check_files(settings: ChartSettings, *others: Path) -> None:
     if settings.chart is not None:
         need_extra("matplotlib.figure", "a picture", "charts")
-    for path in (settings.chart, *others):
-        if path is not None:
-            refuse_if_there(path, force=settings.force)
+        others = settings.chart, *others
+    for path in others:
+        refuse_if_there(path, force=settings.force)
 
 
 def _found(scene: Scene, variants: Sequence[Any], settings: ChartSettings, matters: float) -> Needs:
     keep_freed()  # as a session does
     began_s = time.monotonic()
 
-    def progress(done: int, most: int, undecided: int) -> None:
+    def progress(done: int, undecided: int) -> None:
         took_s = time.monotonic() - began_s
-        line = f"{done} of {most} runs at most, {undecided} undecided, {took_s:.0f} s"
-        say(line, err=True)
+        most = "" if settings.runs is None else f" of {settings.runs}"
+        runs = f"{done}{most} runs{' at most' if most else ''}"
+        say(f"{runs}, {undecided} undecided, {took_s:.0f} s", err=True)
 
     return Needs(
         scene,

@@ -113,7 +113,7 @@ ENDS = {
     **dict.fromkeys(
         (
             "needs here.toml --matters 5% --runs 4 --duration 10",
-            "needs here.toml --runs 4 --duration 10 --lean lean.toml",
+            "needs here.toml --runs 4 --duration 10 --write lean.toml",
             "chart here.toml --runs 4 --duration 10 --chart choices.png",
         ),
         "--runs 2 --duration 0.5",

@@ -14,7 +14,9 @@ from support.command import plotfeed_here
 from support.doc_commands import DOCS, doc_command
 
 from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.lab import needs
 from plotfeed.feeds.lab.needs import (
+    FIRST_RUNS,
     METRICS,
     WORLD_KEYS,
     Finding,
@@ -223,7 +225,7 @@ def test_the_commands_say_it_in_groups_and_draw_it(tmp_path: Path) -> None:
     (sensor,) = made.pop("sensor")
     path.write_text(f"{toml_of(made)}[[sensor]]\n{toml_of(sensor)}")
     how = ["--runs", "4", "--duration", "5"]
-    files = ["--chart", tmp_path / "n.png", "--lean", lean, "--full", full]
+    files = ["--chart", tmp_path / "n.png", "--write", lean, "--write", full]
     said = plotfeed_here("needs", path, *how, *files)
     needed, goes = said.stdout.index("Needed: without"), said.stdout.index("Can go: without")
     assert needed < said.stdout.index("without degradation") < goes
@@ -241,6 +243,29 @@ def test_the_commands_say_it_in_groups_and_draw_it(tmp_path: Path) -> None:
     assert {"asterix-048 alone", "Pd of looks, in closed form"} <= {f["variant"] for f in told}
     assert all(f["octets"]["low"] <= f["octets"]["ratio"] <= f["octets"]["high"] for f in told)
     assert "Choices; * is on the front" in plotfeed_here("chart", path, *how).stdout
+
+
+def test_runs_go_on_until_all_is_decided_or_the_time_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An effect of 1 %, where 2 % matter, takes some eight runs: not after no time at all."""
+    known = KNOWN["KNOWN"][-1]
+    scene = known.made(tmp_path)
+    (told,) = found(scene, only(scene, f"without {known.without}"), runs=None)
+    assert (told.verdict, told.runs) == ("can go", told.runs_needed)
+    assert told.runs > FIRST_RUNS
+    monkeypatch.setattr(needs, "BUDGET_S", 0.0)
+    (told,) = found(scene, only(scene, f"without {known.without}"), runs=None)
+    assert (told.verdict, told.runs) == ("undecided", FIRST_RUNS)
+    assert told.runs_needed > FIRST_RUNS
+
+
+def test_what_is_written_is_told_by_the_end_of_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "here.toml"
+    path.write_text(toml_of(tree()))
+    said = plotfeed_here("needs", path, "--write", tmp_path / "there.toml")
+    assert said.returncode == 2
+    assert "expected a name that ends in lean.toml or full.toml" in said.stderr
 
 
 @pytest.mark.parametrize("share", ["0", "100%", "much", "-1%"])

@@ -269,16 +269,17 @@ def written_by(tmp_path: Path) -> dict[str, tuple[tuple[Path, ...], Command]]:
     def command(*words: object) -> Command:
         return lambda *more: plotfeed_here(*words, *more)
 
-    raw, log, picture, text = (tmp_path / f"a.{kind}" for kind in ("ast", "mcap", "png", "toml"))
+    raw, log, picture = (tmp_path / f"a.{kind}" for kind in ("ast", "mcap", "png"))
+    lean, full = tmp_path / "lean.toml", tmp_path / "a-full.toml"
     soon = ("--runs", "2", "--duration", "2")
-    needs = command("needs", scene, *soon, "--chart", picture, "--lean", text, "--full", raw)
+    needs = command("needs", scene, *soon, "--chart", picture, "--write", lean, "--write", full)
     return {
         "run": ((raw, log), command("run", scene, *simulated, "--write", raw, "--record", log)),
         "convert": ((raw,), command("convert", record, raw)),
         "check": ((picture,), command("check", scene, "--chart", picture)),
         "report": ((picture,), command("report", record, "--chart", picture)),
         "chart": ((picture,), command("chart", scene, *soon, "--chart", picture)),
-        "needs": ((picture, text, raw), needs),
+        "needs": ((picture, lean, full), needs),
     }
 
 
