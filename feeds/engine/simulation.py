@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -109,42 +109,27 @@ def simulate(
         start_utc_ns = scene.scene.start_utc_ns or time.time_ns()
     engine = Engine(scene, start_utc_ns)
     end_utc_ns = start_utc_ns + round(duration_s * NS)
-    # Of each sensor its looks, plots and sectors, part by part.
-    parts: list[list[_Part]] = [[] for _ in scene.sensor]
-    for before_ns in range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS):
-        _sort(engine.until(before_ns - 1, messages=False), parts)
-    _sort(engine.until(end_utc_ns, messages=False), parts)
-    none = Sectors.of([])
-    no_looks = of_sectors(SimulatedLooks, NO_LOOKS, np.zeros(1, np.int64), none)
-    no_plots = of_sectors(SimulatedPlots, NO_PLOTS, np.zeros(1, np.int64), none)
+    parts: list[list[Batch]] = [[NOTHING] for _ in scene.sensor]  # Of each sensor
+    for before_ns in (*range(start_utc_ns + STRETCH_NS, end_utc_ns, STRETCH_NS), end_utc_ns + 1):
+        for seen in engine.until(before_ns - 1, messages=False):
+            for i in np.unique(seen.sectors.sensor).tolist():
+                parts[i].append(seen.rows(np.flatnonzero(seen.sectors.sensor == i)))
     found = {}
     for sensor, of_sensor in zip(scene.sensor, parts, strict=True):
-        looks, plots, sectors = zip(*(of_sensor or [(no_looks, no_plots, none)]), strict=True)
+        whole = Batch.joined(of_sensor)
         found[sensor.id] = SimulatedSensor(
             sensor=sensor,
-            plots=SimulatedPlots.joined(plots),
-            looks=SimulatedLooks.joined(looks),
-            sectors=Sectors.joined(sectors),
+            plots=of_sectors(SimulatedPlots, whole.plots, whole.plots_by, whole.sectors),
+            looks=of_sectors(SimulatedLooks, whole.looks, whole.looks_by, whole.sectors),
+            sectors=whole.sectors,
             drones=engine.trajectories.names,
         )
     return Simulation(found, engine.trajectories, start_utc_ns)
 
 
 C = TypeVar("C", bound=Columns)
-_Part = tuple[SimulatedLooks, SimulatedPlots, Sectors]
-
-
-def _sort(batches: Iterable[Batch], parts: Sequence[list[_Part]]) -> None:
-    """Add what was seen to the parts of each sensor."""
-    for seen in batches:
-        looks = of_sectors(SimulatedLooks, seen.looks, seen.looks_by, seen.sectors)
-        plots = of_sectors(SimulatedPlots, seen.plots, seen.plots_by, seen.sectors)
-        sensors, first = np.unique(seen.sectors.sensor, return_index=True)
-        ends = [*first[1:].tolist(), len(seen.sectors)]
-        for i, a, b in zip(sensors.tolist(), first.tolist(), ends, strict=True):
-            of_looks = looks.between(seen.looks_by[a], seen.looks_by[b])
-            of_plots = plots.between(seen.plots_by[a], seen.plots_by[b])
-            parts[i].append((of_looks, of_plots, seen.sectors.between(a, b)))
+NO_ROWS = np.zeros(1, np.int64)
+NOTHING = Batch(Sectors.of([]), NO_PLOTS, NO_ROWS, NO_LOOKS, NO_ROWS)
 
 
 def of_sectors(kind: type[C], columns: Columns, offsets: Ints, sectors: Sectors) -> C:

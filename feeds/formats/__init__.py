@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Address, Message, SectorMessage, SectorStamp
+from plotfeed.feeds.messages.message import Address, Message, SectorMessage
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS, LoadedOnUse
 from plotfeed.feeds.scene.scene import Scene
@@ -149,8 +149,9 @@ def key_of_item(item: str, index: int, sensor: Sensor) -> str:
 class SectorFormat(ABC):
     """A format that is made for each sensor, and goes sector by sector: the easy kind."""
 
+    @abstractmethod
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self.topics = Topics(scene, sensor)
+        """What makes the messages of that sensor."""
 
     @classmethod
     def of_sensors(cls, scene: Scene, sensors: Sensors) -> MessageFormat:
@@ -175,7 +176,7 @@ class AsterixFormat(ABC):
     """A format of ASTERIX that encodes what came of all sectors at once, whatever their sensors."""
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
-        self._topics = {i: Topics(scene, sensor) for i, sensor in sensors.items()}
+        self._scene, self._sensors = scene, sensors
         # As encoders know the sensors, by their index in the scene.
         self._numbers = numbers_of(sensors)
         self._addresses: dict[int, dict[int, Address]] = {}  # By category, of each sensor
@@ -199,7 +200,8 @@ class AsterixFormat(ABC):
         for category, blocks in found:
             if category not in self._addresses:
                 self._addresses[category] = {
-                    i: topics.of_category(category) for i, topics in self._topics.items()
+                    i: asterix_address(self._scene, sensor, category)
+                    for i, sensor in self._sensors.items()
                 }
             addresses = self._addresses[category]
             for (messages, sensor, stamp), some in zip(sectors, blocks, strict=True):
@@ -227,35 +229,23 @@ def limits_of(scene: Scene, sensors: Sensors) -> list[int]:
     return [max_block_octets(scene, sensor) for sensor in sensors.values()]
 
 
-class Topics:
-    """Addresses a sensor's messages, with CloudEvents attributes as MQTT 5 user properties."""
+def address_of(scene: Scene, sensor: Sensor, kind: str, content_type: str) -> Address:
+    """Where a sensor's messages of a kind go."""
+    source = f"{scene.mqtt.prefix}/{sensor.id}"
+    return Address(source, sensor.id, kind, content_type, scene.mqtt.qos)
 
-    def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        self._root = f"{scene.mqtt.prefix}/{sensor.id}"
-        self._sensor = sensor.id
-        self._qos = scene.mqtt.qos
-        self._categories: dict[int, Address] = {}
 
-    def asterix(self, stamp: SectorStamp, blocks: Sequence[tuple[int, bytes]]) -> list[Message]:
-        """A message for each data block, given with its category, numbered within its category."""
-        counts: dict[int, int] = {}
-        messages: list[Message] = []
-        for category, block in blocks:
-            counts[category] = index = counts.get(category, -1) + 1
-            messages.append(SectorMessage(self.of_category(category), block, stamp, index))
-        return messages
+def asterix_address(scene: Scene, sensor: Sensor, category: int) -> Address:
+    """Where a sensor's messages of a category of ASTERIX go."""
+    return address_of(scene, sensor, f"asterix/{category:03d}", asterix_content_type(category))
 
-    def of_category(self, category: int) -> Address:
-        """Where its messages of a category of ASTERIX go."""
-        address = self._categories.get(category)
-        if address is None:
-            address = self.address(f"asterix/{category:03d}", asterix_content_type(category))
-            self._categories[category] = address
-        return address
 
-    def address(self, kind: str, content_type: str) -> Address:
-        """Where its messages of a kind go."""
-        return Address(self._root, self._sensor, kind, content_type, self._qos)
+def addresses_in(scene: Scene, sensors: Sensors, facts: ReportFormat) -> dict[int, Address]:
+    """Where the messages of sensors go that hold plots or tracks in a format, by their index."""
+    return {
+        i: address_of(scene, sensor, facts.topic, facts.content_type)
+        for i, sensor in sensors.items()
+    }
 
 
 def max_block_octets(scene: Scene, sensor: Sensor) -> int:

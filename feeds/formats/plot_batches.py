@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats import Format, Sensors, Topics
+from plotfeed.feeds.formats import Format, Sensors, addresses_in
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message, SectorMessage
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -17,10 +17,7 @@ class PlotBatches:
 
     def __init__(self, scene: Scene, sensors: Sensors) -> None:
         self._names = {i: sensor.id for i, sensor in sensors.items()}
-        self._addresses = {
-            i: Topics(scene, sensor).address(PLOTS.topic, PLOTS.content_type)
-            for i, sensor in sensors.items()
-        }
+        self._addresses = addresses_in(scene, sensors, PLOTS)
 
     def messages(self, batch: Batch) -> list[list[Message]]:
         """The batch of each sector."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from plotfeed.feeds.formats import Format, Sensors, Topics
+from plotfeed.feeds.formats import Format, Sensors, addresses_in
 from plotfeed.feeds.formats.sensor_tracks import tracks_keys_of
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message, SectorMessage, SectorStamp
+from plotfeed.feeds.messages.message import Message, SectorStamp, numbered
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
@@ -37,25 +37,19 @@ class TrackMessages:
         facts = REPORT_FORMATS[name]
         self._encoders = {i: encoder() for i in sensors}
         self._origins = {i: origin_of(sensor) for i, sensor in sensors.items()}
-        self._addresses = {
-            i: Topics(scene, sensor).address(facts.topic, facts.content_type)
-            for i, sensor in sensors.items()
-        }
+        self._addresses = addresses_in(scene, sensors, facts)
 
     def messages(self, batch: Batch) -> list[list[Message]]:
         """Messages of each sector; none of one without tracks."""
         by = batch.of_tracks.tolist()
-        found: list[list[Message]] = []
-        for k, (sensor, stamp) in enumerate(
-            zip(batch.sectors.sensor.tolist(), batch.stamps, strict=True)
-        ):
-            payloads: Sequence[bytes] = ()
+        found: list[list[Message]] = [[] for _ in range(len(batch))]
+        of_sectors = zip(batch.sectors.sensor.tolist(), batch.stamps, strict=True)
+        for k, (sensor, stamp) in enumerate(of_sectors):
             if by[k] < by[k + 1]:
                 tracks = batch.tracks.between(by[k], by[k + 1])
                 said = self._encoders[sensor](tracks, self._origins[sensor], stamp)
                 payloads = [said] if isinstance(said, bytes) else said
-            address = self._addresses[sensor]
-            found.append([SectorMessage(address, p, stamp, n) for n, p in enumerate(payloads)])
+                found[k] = numbered(self._addresses[sensor], payloads, stamp)
         return found
 
 

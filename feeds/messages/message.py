@@ -355,6 +355,11 @@ class SectorMessage(Message):
         return stamp.octets(address, index)
 
 
+def numbered(address: Address, payloads: Sequence[bytes], stamp: SectorStamp) -> list[Message]:
+    """Messages of a sector that go there, numbered in their order."""
+    return [SectorMessage(address, payload, stamp, n) for n, payload in enumerate(payloads)]
+
+
 def records(messages: Sequence[Message]) -> list[pb.Sent]:
     """What the ledger says of them, in the order in which they were handed to the link."""
     return [one.record() for one in sorted(messages, key=lambda one: (one.number, one.copy))]

@@ -11,18 +11,12 @@ import re
 from collections.abc import Mapping
 
 from plotfeed.proto.asterix.codec.layout import (
-    DAY_LSB,
+    EXPLICIT,
     Category,
-    Compound,
     Explicit,
-    Extended,
-    Fixed,
-    Group,
     Item,
-    Quantity,
-    Raw,
-    Repetitive,
     Undecoded,
+    item_of,
 )
 
 # A category, its edition, and its items by their field reference numbers, - where none is.
@@ -75,38 +69,30 @@ _ITEMS = """
 """
 _HEAD = re.compile(r"^(\d{3}) \S+( tracks)?:\s", re.MULTILINE)
 _ITEM = re.compile(r"-|(\w+):(\([^)]*\)|\S+)")
-_SOURCE = Group((Raw("SAC", 8), Raw("SIC", 8)))
-_TIME = Group((Quantity("TIME", 24, 1 / 128, "s", modulus=DAY_LSB),))
+# Items that are read, and not only cut.
+_READ = {"s": "SAC 8, SIC 8", "t": "TIME 24: 1/128 s modulo 86400", "e": EXPLICIT}
+
+
+def _parts(form: str) -> str:
+    """An item of that length as layouts write it, its octets as integers without a meaning."""
+    kind, octets = form[0], form[1:]
+    if kind in _READ:
+        return _READ[kind]
+    if kind == "(":
+        each = enumerate(octets[:-1].split(), 1)
+        return "; ".join("-" if word == "-" else f"{n} ({_parts(word)})" for n, word in each)
+    if kind == "x":
+        return " | ".join(f"OCTETS {8 * int(n) - 1}" for n in (octets or "1").split("."))
+    if kind in "rf":
+        return f"repeated: OCTETS {8 * int(octets) - (kind == 'f')}"
+    return f"OCTETS {8 * int(form)}"
 
 
 def _item(name: str, form: str) -> Item:
-    if form == "s":
-        return Fixed(name, _SOURCE)
-    if form == "t":
-        return Fixed(name, _TIME)
-    return Explicit(name) if form == "e" else Undecoded(name, _cut(name, form))
-
-
-def _cut(name: str, form: str) -> Fixed | Extended | Repetitive | Compound:
-    """An item of that length, its octets as integers without a meaning."""
-    if form[0] == "(":
-        each = enumerate(form[1:-1].split(), 1)
-        subfields = (None if word == "-" else _simple(str(n), word) for n, word in each)
-        return Compound(name, tuple(subfields))
-    return _simple(name, form)
-
-
-def _simple(name: str, form: str) -> Fixed | Extended | Repetitive:
-    kind, octets = form[0], form[1:]
-    if kind == "x":
-        return Extended(name, tuple(_group(int(n), fx=True) for n in (octets or "1").split(".")))
-    if kind in "rf":
-        return Repetitive(name, _group(int(octets), fx=kind == "f"))
-    return Fixed(name, _TIME if form == "t" else _group(int(form)))
-
-
-def _group(octets: int, *, fx: bool = False) -> Group:
-    return Group((Raw("OCTETS", 8 * octets - fx),), fx=fx)
+    item = item_of(name, _parts(form))
+    if form in _READ or isinstance(item, Explicit | Undecoded):
+        return item
+    return Undecoded(name, item)
 
 
 def _categories() -> Mapping[int, Category]:

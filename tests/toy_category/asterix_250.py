@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from plotfeed.feeds.formats import Batch, Format, SectorFormat, max_block_octets
-from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.formats import Batch, Format, SectorFormat, asterix_address, max_block_octets
+from plotfeed.feeds.messages.message import Message, numbered
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.asterix.codec.encode import Reports, measured
@@ -27,7 +27,7 @@ class Asterix250(SectorFormat):
     """Plots as I250/010, 020, 030, and 040 if they have elevations, and nothing besides."""
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        super().__init__(scene, sensor)
+        self._address = asterix_address(scene, sensor, 250)
         self._reports = Reports(
             CAT250,
             ("I250/010", "I250/020", "I250/030"),
@@ -47,8 +47,7 @@ class Asterix250(SectorFormat):
             "I250/030/AZ": plots.azimuth_deg,
             **measured(plots, {"I250/040": "elevation_deg"}),
         }
-        blocks = [(250, block) for block in self._reports.blocks(columns)]
-        return self.topics.asterix(batch.stamp, blocks)
+        return numbered(self._address, self._reports.blocks(columns), batch.stamp)
 
 
 FORMAT = Format(

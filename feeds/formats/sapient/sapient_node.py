@@ -8,9 +8,9 @@ from importlib.metadata import version
 
 import numpy as np
 
-from plotfeed.feeds.formats import SectorFormat
+from plotfeed.feeds.formats import SectorFormat, address_of
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message, SectorMessage
+from plotfeed.feeds.messages.message import Message, numbered
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
@@ -288,8 +288,7 @@ class SapientReports(SectorFormat):
     """
 
     def __init__(self, scene: Scene, sensor: Sensor) -> None:
-        super().__init__(scene, sensor)
-        self._address = self.topics.address("sapient", CONTENT_TYPE)
+        self._address = address_of(scene, sensor, "sapient", CONTENT_TYPE)
         self._groups = groups_of(sensor)
         node = node_of(scene, sensor)
         self._encoder = DetectionEncoder(node, manner_of(scene, sensor))
@@ -323,10 +322,7 @@ class SapientReports(SectorFormat):
             self._positions(together),
             None if self._confidence is None else self._confidence.of(together.snr),
         )
-        return [
-            SectorMessage(self._address, payload, batch.stamp, n)
-            for n, payload in enumerate(payloads)
-        ]
+        return numbered(self._address, payloads, batch.stamp)
 
     def _positions(self, plots: Plots) -> Positions | None:
         """Where plots are on the Earth; of those without a direction the sensor's own place.

@@ -213,7 +213,7 @@ _ALPHABETS = {3: OCTAL, 6: CALLSIGN, 8: ASCII}
 _OVERFLOW = {None: Overflow.SATURATE, "refused": Overflow.REFUSE}
 _ROW = re.compile(r"^(\d+) +(\w+/\w+) +(\S+) +(.*(?:\n +.*)*)", re.MULTILINE)
 _HEAD = re.compile(r"^FRN .*", re.MULTILINE)
-_EXPLICIT = "octets behind their count"
+EXPLICIT = "octets behind their count"
 _REPEATED = "repeated: "
 _SUBFIELD = re.compile(r"(\w+) \((.*)\)")
 _SPARE = re.compile(r"_(\d+)")
@@ -233,12 +233,13 @@ def category(number: int, table: str, base: Category | None = None) -> Category:
         raise ValueError(f"{rest!r} is no row of an item")
     items: dict[int, Item | None] = dict(enumerate(base.uap, 1)) if base else {}
     for frn, name, _, parts in _ROW.findall(table):
-        items[int(frn)] = _item(name, " ".join(parts.split()))
+        items[int(frn)] = item_of(name, " ".join(parts.split()))
     return Category(number, tuple(items.get(frn) for frn in range(1, max(items) + 1)))
 
 
-def _item(name: str, text: str) -> Item:
-    if text == _EXPLICIT:
+def item_of(name: str, text: str) -> Item:
+    """The item of those parts; raises `ValueError` for what is not in the notation."""
+    if text == EXPLICIT:
         return Explicit(name)
     if "; " in text:
         return Compound(name, tuple(map(_subfield, text.split("; "))))
