@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from plotfeed.feeds.telemetry.foreign_readers import found_in
+from plotfeed.feeds.telemetry.foreign_files import found_in
 from plotfeed.proto.errors import PlotfeedError
 
 

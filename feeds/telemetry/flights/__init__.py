@@ -21,8 +21,7 @@ from plotfeed.feeds.telemetry.flights.nmea import LOOKS_LIKE, read_nmea
 from plotfeed.feeds.telemetry.flights.smoothed import smoothed
 from plotfeed.feeds.telemetry.flights.srt import read_srt
 from plotfeed.feeds.telemetry.flights.table import read_table
-from plotfeed.feeds.telemetry.foreign_files import file_octets
-from plotfeed.feeds.telemetry.foreign_readers import ULOG_START
+from plotfeed.feeds.telemetry.foreign_files import ULOG_START, file_octets
 from plotfeed.proto.errors import PlotfeedError
 
 EXPORTERS = "Airdata, PhantomHelp or Flight Reader"

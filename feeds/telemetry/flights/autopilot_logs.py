@@ -23,8 +23,7 @@ import numpy as np
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.telemetry.flights.flight import FlightOptions, Log
-from plotfeed.feeds.telemetry.foreign_files import read_apart
-from plotfeed.feeds.telemetry.foreign_readers import ESTIMATE, OLD_PLACE, RECEIVERS
+from plotfeed.feeds.telemetry.foreign_files import ESTIMATE, OLD_PLACE, RECEIVERS, read_apart
 from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, over_ground
 from plotfeed.models.state import AltitudeReference, Floats
 from plotfeed.proto.errors import PlotfeedError

@@ -21,7 +21,7 @@ from plotfeed.proto.errors import PlotfeedError
 
 CONFINED = """
 import json, resource
-from plotfeed.feeds.telemetry.foreign_readers import confine_process
+from plotfeed.feeds.telemetry.foreign_files import confine_process
 confine_process(1 << 30, 7)
 print(json.dumps({"found": {"RLIMIT_AS": resource.getrlimit(resource.RLIMIT_AS)[0],
     "RLIMIT_CPU": resource.getrlimit(resource.RLIMIT_CPU)[0]}}))
