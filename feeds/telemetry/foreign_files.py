@@ -188,11 +188,8 @@ class _Markup:
         self._open.append(name)
         self._text.clear()
         self._elements += 1
-        if (
-            len(self._open) > MARKUP.depth
-            or self._elements > MARKUP.count
-        ):
-            most = f"{FILE_LIMITS['GPX or KML'].depth} elements in each other, and {FILE_LIMITS['GPX or KML'].count} in all"
+        if len(self._open) > MARKUP.depth or self._elements > MARKUP.count:
+            most = f"{MARKUP.depth} elements in each other, and {MARKUP.count} in all"
             raise PlotfeedError(f"at most {most}, are read")
         if name == "trkpt":
             self._point = [attributes.get("lat"), attributes.get("lon"), None, None]
