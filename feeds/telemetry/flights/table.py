@@ -9,9 +9,10 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
+from functools import partial
 
 from plotfeed.feeds.telemetry.flights.file_times import (
     finer_times,
@@ -128,89 +129,211 @@ def plain(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
 
 
-def altitude_column(
-    columns: Sequence[TableColumn],
-    wanted: AltitudeReference | None,
-    named: TableColumn | None,
-    implied: AltitudeReference | None,
-) -> tuple[TableColumn, AltitudeReference] | None:
-    """The column of altitudes, and above what they are: what the user names or wants comes first.
-
-    `implied` is what an exporter's plain "altitude" is above. None where there is no altitude;
-    raises `PlotfeedError` where nobody says above what it is.
-    """
-    of_names = [column for name in ALTITUDES for column in columns if column.name == name]
-    of_names = of_names if named is None else [named]
-    found = [(c, ALTITUDES.get(c.name)) for c in of_names if not c.unit or c.unit in METRES]
-    if not found:
-        return None
-
-    def rank(pair: tuple[TableColumn, AltitudeReference | None]) -> tuple[bool, bool]:
-        reference = pair[1]
-        if wanted is None:
-            return (reference or implied) is None, False
-        return reference is not wanted, reference is not None
-
-    column, stated = min(found, key=rank)
-    reference = stated or wanted or implied
-    if reference is None:
-        raise PlotfeedError(
-            f"column {column.header!r} does not say what its altitudes are measured from; say so "
-            "with --set altitude_reference=above_takeoff, mean_sea_level or ellipsoid"
-        )
-    return column, reference
-
-
-def missing(quantity: str, columns: Sequence[TableColumn]) -> PlotfeedError:
-    """The error of a table that has no column for that."""
-    return PlotfeedError(
-        f"no column found for {quantity}; name it with --set columns.{quantity}=NAME; "
-        f"columns are {headers(columns)}"
-    )
-
-
-def headers(columns: Sequence[TableColumn]) -> str:
-    """What columns are called, in a bounded line."""
-    return ", ".join(column.header for column in columns)[:300]
-
-
 MAX_ELAPSED_NS = 10**6 * NS  # A flight of eleven days: what is more is no time since its beginning
 LOOK_AT = 200  # Rows in which something is looked for, by which a column is judged
+_ACCURACIES = ("horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s")
+# Columns that Litchi's log has beside each other; its altitude is above take-off.
+LITCHI = frozenset({"altitude", "velocityx", "velocityy", "velocityz"})
+MOST_LINES_BEFORE = 3
+REQUIRED = ("latitude_deg", "longitude_deg", "altitude_m")
 
-Row = tuple[int, list[str]]
 Times = list[int | None]
 
 
-def times_of(
-    columns: Sequence[TableColumn],
-    named: Mapping[str, TableColumn],
-    rows: Sequence[Row],
-    options: FlightOptions,
-    log: Log,
-) -> tuple[Times, list[str]]:
-    """UTC of each row, None where it has none, and the cells that it was read from.
+def read_table(text: str, options: FlightOptions, log: Log) -> None:
+    """Take every row that has a time, a position and a height."""
+    table = _Table(text, options, log)
+    found, (altitude, reference) = table.quantities(), table.altitude()
+    times, told = table.times()
+    words = REFERENCE_WORDS[reference]
+    if altitude is None:
+        log.state(f"height {options.height_m:g} m, {words}: no column has one")
+    else:
+        factor = altitude.factor(METRES)
+        found["altitude_m"] = altitude, factor
+        log.state(
+            f"height in {IN_WORDS.get(factor, 'metres')}, {words}: column {altitude.header!r}"
+        )
+    for (line, row), t_utc_ns, cell in zip(table.rows, times, told, strict=True):
+        where = f"line {line}"
+        if t_utc_ns is None:
+            expected = "expected ISO 8601 or seconds since 1970"
+            log.skip(where, f"time is {cell[:40]!r}; {expected}")
+            continue
+        values = {q: _number(cell_of(row, c)) * factor for q, (c, factor) in found.items()}
+        values.setdefault("altitude_m", options.height_m or 0.0)
+        absent = next((q for q in REQUIRED if math.isnan(values[q])), None)
+        if absent is not None:
+            log.skip(where, f"{absent} is missing or no number")
+            continue
+        log.take(
+            where,
+            t_utc_ns,
+            (values["latitude_deg"], values["longitude_deg"]),
+            (values["altitude_m"], reference),
+            velocity_enu_m_s=tuple(values.get(q, math.nan) for q in VELOCITY),
+            **{q: values.get(q, math.nan) for q in _ACCURACIES},
+        )
 
-    Raises `PlotfeedError` for a table without times, or with a count that begins nobody knows when.
-    """
-    clock, cells = _clock(columns, named, rows, options.utc_offset_h, log)
-    count = named.get("elapsed") or _first_of(ELAPSED, columns, lambda c: _counts(rows, c))
-    if count is None:
-        if clock is None:
-            raise missing("time", columns)
-        return clock, cells
-    elapsed = [_elapsed_ns(cell_of(row, count), count) for _, row in rows]
-    if clock is None:
-        if options.start_utc_ns is None:
+
+class _Table:
+    """Columns, those that the user names by quantity, and rows; raises `PlotfeedError`."""
+
+    def __init__(self, text: str, options: FlightOptions, log: Log) -> None:
+        self._options, self._log = options, log
+        rows = list(_rows(text, log))
+        if not rows:
+            raise PlotfeedError("no line of column names that can be read")
+        self.rows = rows[1:]  # Line number and cells of each
+        self._columns = [TableColumn.of(i, name) for i, name in enumerate(rows[0][1])]
+        self._headers = ", ".join(column.header for column in self._columns)[:300]
+        self._named: dict[str, TableColumn] = {}
+        for quantity, name in options.columns.items():
+            if quantity not in USER_QUANTITIES:
+                expected = f"expected one of {', '.join(USER_QUANTITIES)}"
+                raise PlotfeedError(f"columns.{quantity}: no such quantity; {expected}")
+            column = next((c for c in self._columns if c.header == name.strip()), None)
+            if column is None:
+                there = f"columns are {self._headers}"
+                raise PlotfeedError(f"columns.{quantity}={name}: no such column; {there}")
+            self._named[quantity] = column
+
+    def quantities(self) -> dict[str, tuple[TableColumn, float]]:
+        """Columns of positions, velocities and accuracies, with what values are multiplied by."""
+        found = {}
+        for quantity, names in KNOWN_NAMES.items():
+            is_speed = quantity.endswith("_m_s")
+            units = SPEEDS if is_speed else DEGREES if quantity.endswith("_deg") else METRES
+            fitting = [c for name in names for c in self._columns if c.name == name]
+            # Direction and unit of a velocity must be told, and the unit of an accuracy.
+            fitting = [c for c in fitting if (c.unit in units) or (not c.unit and units is DEGREES)]
+            if column := self._named.get(quantity) or next(iter(fitting), None):
+                found[quantity] = column, column.factor(units)
+        for quantity in ("latitude_deg", "longitude_deg"):
+            if quantity not in found:
+                raise self._missing(quantity)
+        return found
+
+    def altitude(self) -> tuple[TableColumn | None, AltitudeReference]:
+        """The column of altitudes, and above what they are: what the user names or wants is first.
+
+        None with the height that the user states where there is no such column.
+        """
+        wanted, named = self._options.altitude_reference, self._named.get("altitude_m")
+        # What an exporter's plain "altitude" is above.
+        implied = ABOVE if {column.name for column in self._columns} >= LITCHI else None
+        of_names = [c for name in ALTITUDES for c in self._columns if c.name == name]
+        of_names = of_names if named is None else [named]
+        found = [(c, ALTITUDES.get(c.name)) for c in of_names if not c.unit or c.unit in METRES]
+        if not found:
+            if self._options.stated_height is None:
+                error = self._missing("altitude_m")
+                raise PlotfeedError(f"{error}; or give one height with --set height_m")
+            return None, self._options.stated_height[1]
+
+        def rank(pair: tuple[TableColumn, AltitudeReference | None]) -> tuple[bool, bool]:
+            reference = pair[1]
+            if wanted is None:
+                return (reference or implied) is None, False
+            return reference is not wanted, reference is not None
+
+        column, stated = min(found, key=rank)
+        reference = stated or wanted or implied
+        if reference is None:
+            raise PlotfeedError(
+                f"column {column.header!r} does not say what its altitudes are measured from; "
+                "say so with --set altitude_reference=above_takeoff, mean_sea_level or ellipsoid"
+            )
+        return column, reference
+
+    def times(self) -> tuple[Times, list[str]]:
+        """UTC of each row, None where it has none, and the cells that it was read from.
+
+        Raises `PlotfeedError` without times, or with a count that begins nobody knows when.
+        """
+        clock, cells = self._clock()
+        count = self._named.get("elapsed") or self._first_of(
+            ELAPSED, lambda c: c.unit in SECONDS and self._holds(c, partial(_elapsed_ns, c.unit))
+        )
+        if count is None:
+            if clock is None:
+                raise self._missing("time")
+            return clock, cells
+        counted = self._cells(count)
+        elapsed = [_elapsed_ns(count.unit, cell) for cell in counted]
+        if clock is not None:
+            self._log.state(f"parts of seconds: column {count.header!r}")
+            return finer_times(clock, elapsed, start_ns=None), cells
+        start_ns = self._options.start_utc_ns
+        if start_ns is None:
             raise PlotfeedError(
                 f"column {count.header!r} counts from the beginning, and nothing says when that "
                 "was (start_utc_ns)"
             )
-        log.state(f"time since the beginning: column {count.header!r}")
-        nothing: Times = [None] * len(rows)
-        found = finer_times(nothing, elapsed, start_ns=options.start_utc_ns)
-        return found, [cell_of(row, count) for _, row in rows]
-    log.state(f"parts of seconds: column {count.header!r}")
-    return finer_times(clock, elapsed, start_ns=None), cells
+        self._log.state(f"time since the beginning: column {count.header!r}")
+        return finer_times([None] * len(counted), elapsed, start_ns=start_ns), counted
+
+    def _clock(self) -> tuple[Times | None, list[str]]:
+        """What a clock says for each row, if there is one, and the cells that it was read from."""
+        offset_h = self._options.utc_offset_h
+        whole = self._named.get("time") or self._first_of(
+            TIME, lambda c: self._holds(c, lambda cell: parse_time_ns(cell, offset_h))
+        )
+        if whole is None:
+            dates = self._first_of(DATE, lambda c: self._holds(c, midnight_ns))
+            of_day = self._first_of(TIME_OF_DAY, lambda c: self._holds(c, time_of_day_ns))
+            if dates is not None and of_day is not None:
+                return self._dated(dates, of_day)
+            # What cannot be read in the first row may be read further down.
+            whole = self._first_of(TIME, lambda c: c.unit not in SECONDS)
+            if whole is None:
+                return None, []
+        is_utc = "utc" in f"{whole.name}_{whole.unit}".split("_")
+        self._log.state(f"time: column {whole.header!r}")
+        cells = self._cells(whole)
+        return [parse_time_ns(cell, 0.0 if is_utc else offset_h) for cell in cells], cells
+
+    def _dated(self, dates: TableColumn, of_day: TableColumn) -> tuple[Times, list[str]]:
+        """A date and a time of day in two columns."""
+        days, cells, offset_h = self._cells(dates), self._cells(of_day), self._options.utc_offset_h
+        day_first = is_day_first(days)
+        first = next((day for day in days if day), "")
+        if day_first is None and midnight_ns(first) != midnight_ns(first, day_first=True):
+            self._log.assume(f"dates such as {first} have the month first")
+        self._log.state(f"time: columns {dates.header!r} and {of_day.header!r}")
+        is_utc = "utc" in (dates.unit, of_day.unit)
+        if not is_utc:
+            self._log.assume(f"times are {offset_h:+g} h from UTC (utc_offset_h)")
+        ahead_ns = 0 if is_utc else round(offset_h * 3600 * NS)
+        found: Times = []
+        for day, cell in zip(days, cells, strict=True):
+            midnight, since = midnight_ns(day, day_first=bool(day_first)), time_of_day_ns(cell)
+            is_known = midnight is not None and since is not None
+            found.append((midnight or 0) + (since or 0) - ahead_ns if is_known else None)
+        return found, [f"{day} {cell}" for day, cell in zip(days, cells, strict=True)]
+
+    def _first_of(
+        self, names: Sequence[str], fits: Callable[[TableColumn], bool]
+    ) -> TableColumn | None:
+        """The first column of the first name that fits."""
+        return next(
+            (c for name in names for c in self._columns if c.name == name and fits(c)), None
+        )
+
+    def _holds(self, column: TableColumn, read: Callable[[str], int | None]) -> bool:
+        """Whether what stands first in that column can be read."""
+        cells = (cell_of(row, column) for _, row in self.rows[:LOOK_AT])
+        return read(next((cell for cell in cells if cell), "")) is not None
+
+    def _cells(self, column: TableColumn) -> list[str]:
+        return [cell_of(row, column) for _, row in self.rows]
+
+    def _missing(self, quantity: str) -> PlotfeedError:
+        """The error of a table that has no column for that."""
+        name_it = f"name it with --set columns.{quantity}=NAME"
+        return PlotfeedError(
+            f"no column found for {quantity}; {name_it}; columns are {self._headers}"
+        )
 
 
 def cell_of(row: Sequence[str], column: TableColumn) -> str:
@@ -218,131 +341,8 @@ def cell_of(row: Sequence[str], column: TableColumn) -> str:
     return row[column.index].strip() if column.index < len(row) else ""
 
 
-def _clock(
-    columns: Sequence[TableColumn],
-    named: Mapping[str, TableColumn],
-    rows: Sequence[Row],
-    offset_h: float,
-    log: Log,
-) -> tuple[Times | None, list[str]]:
-    """What a clock says for each row, if there is one, and the cells that it was read from."""
-    whole = named.get("time") or _first_of(
-        TIME, columns, lambda c: _holds(rows, c, lambda cell: parse_time_ns(cell, offset_h))
-    )
-    if whole is None:
-        dates = _first_of(DATE, columns, lambda c: _holds(rows, c, midnight_ns))
-        of_day = _first_of(TIME_OF_DAY, columns, lambda c: _holds(rows, c, time_of_day_ns))
-        if dates is not None and of_day is not None:
-            return _dated(dates, of_day, rows, offset_h, log)
-        # What cannot be read in the first row may be read further down.
-        whole = _first_of(TIME, columns, lambda c: c.unit not in SECONDS)
-        if whole is None:
-            return None, []
-    is_utc = "utc" in f"{whole.name}_{whole.unit}".split("_")
-    log.state(f"time: column {whole.header!r}")
-    cells = [cell_of(row, whole) for _, row in rows]
-    return [parse_time_ns(cell, 0.0 if is_utc else offset_h) for cell in cells], cells
-
-
-def _dated(
-    dates: TableColumn, of_day: TableColumn, rows: Sequence[Row], offset_h: float, log: Log
-) -> tuple[Times, list[str]]:
-    """A date and a time of day in two columns."""
-    days = [cell_of(row, dates) for _, row in rows]
-    day_first = is_day_first(days)
-    first = next((day for day in days if day), "")
-    if day_first is None and midnight_ns(first) != midnight_ns(first, day_first=True):
-        log.assume(f"dates such as {first} have the month first")
-    log.state(f"time: columns {dates.header!r} and {of_day.header!r}")
-    is_utc = "utc" in (dates.unit, of_day.unit)
-    if not is_utc:
-        log.assume(f"times are {offset_h:+g} h from UTC (utc_offset_h)")
-    ahead_ns = 0 if is_utc else round(offset_h * 3600 * NS)
-    found: Times = []
-    cells = [cell_of(row, of_day) for _, row in rows]
-    for day, cell in zip(days, cells, strict=True):
-        midnight, since = midnight_ns(day, day_first=bool(day_first)), time_of_day_ns(cell)
-        is_known = midnight is not None and since is not None
-        found.append((midnight or 0) + (since or 0) - ahead_ns if is_known else None)
-    return found, [f"{day} {cell}" for day, cell in zip(days, cells, strict=True)]
-
-
-def _counts(rows: Sequence[Row], column: TableColumn) -> bool:
-    """Whether a column counts from the beginning, in a unit that its name tells."""
-    if column.unit not in SECONDS:
-        return False
-    return _holds(rows, column, lambda cell: _elapsed_ns(cell, column))
-
-
-def _elapsed_ns(cell: str, column: TableColumn) -> int | None:
-    try:
-        value = Decimal(cell.strip())
-    except InvalidOperation:
-        return None
-    if not value.is_finite() or not 0 <= value <= MAX_ELAPSED_NS:
-        return None
-    elapsed_ns = round(value * SECONDS.get(column.unit, NS))
-    return elapsed_ns if elapsed_ns <= MAX_ELAPSED_NS else None
-
-
-def _first_of(
-    names: Sequence[str], columns: Sequence[TableColumn], fits: Callable[[TableColumn], bool]
-) -> TableColumn | None:
-    """The first column of the first name that fits."""
-    return next((c for name in names for c in columns if c.name == name and fits(c)), None)
-
-
-def _holds(rows: Sequence[Row], column: TableColumn, read: Callable[[str], int | None]) -> bool:
-    """Whether what stands first in that column can be read."""
-    cells = (cell_of(row, column) for _, row in rows[:LOOK_AT])
-    return read(next((cell for cell in cells if cell), "")) is not None
-
-
-_ACCURACIES = ("horizontal_accuracy_m", "vertical_accuracy_m", "velocity_accuracy_m_s")
-# Columns that Litchi's log has beside each other; its altitude is above take-off.
-LITCHI = frozenset({"altitude", "velocityx", "velocityy", "velocityz"})
-MOST_LINES_BEFORE = 3
-REQUIRED = ("latitude_deg", "longitude_deg", "altitude_m")
-Place = tuple[TableColumn, float]  # A column, and what its values are multiplied by
-
-
-def read_table(text: str, options: FlightOptions, log: Log) -> None:
-    """Take every row that has a time, a position and a height."""
-    columns, rows = _rows(text, log)
-    named = _named(columns, options.columns)
-    found = _quantities(columns, named)
-    is_litchi = {column.name for column in columns} >= LITCHI
-    implied = AltitudeReference.ABOVE_TAKEOFF if is_litchi else None
-    altitude = altitude_column(
-        columns, options.altitude_reference, named.get("altitude_m"), implied
-    )
-    if altitude is None and options.stated_height is None:
-        error = missing("altitude_m", columns)
-        raise PlotfeedError(f"{error}; or give one height with --set height_m")
-    times, cells = times_of(columns, named, rows, options, log)
-    reference = AltitudeReference.ABOVE_TAKEOFF
-    if altitude is not None:
-        column, reference = altitude
-        factor = column.factor(METRES)
-        found["altitude_m"] = column, factor
-        words = f"{IN_WORDS.get(factor, 'metres')}, {REFERENCE_WORDS[reference]}"
-        log.state(f"height in {words}: column {column.header!r}")
-    elif options.stated_height is not None:
-        height_m, reference = options.stated_height
-        log.state(f"height {height_m:g} m, {REFERENCE_WORDS[reference]}: no column has one")
-    for (line, row), t_utc_ns, cell in zip(rows, times, cells, strict=True):
-        where = f"line {line}"
-        if t_utc_ns is None:
-            expected = "expected ISO 8601 or seconds since 1970"
-            log.skip(where, f"time is {cell[:40]!r}; {expected}")
-        else:
-            values = {q: _number(cell_of(row, c)) * factor for q, (c, factor) in found.items()}
-            values.setdefault("altitude_m", options.height_m or 0.0)
-            _take(where, t_utc_ns, values, reference, log)
-
-
-def _rows(text: str, log: Log) -> tuple[list[TableColumn], list[Row]]:
-    """Columns, and line number and cells of every row below that is not empty.
+def _rows(text: str, log: Log) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of every row that is not empty, that of the columns' names first.
 
     Some exporters have a line before that of the names, which is the first with a latitude.
     """
@@ -357,74 +357,29 @@ def _rows(text: str, log: Log) -> tuple[list[TableColumn], list[Row]]:
         if names & set(KNOWN_NAMES["latitude_deg"]):
             start = i
             break
-    delimiter = max(",;\t", key=lines[start].count)
-    reader = csv.reader(lines[start:], delimiter=delimiter)
-    rows: list[Row] = []
+    reader = csv.reader(lines[start:], delimiter=max(",;\t", key=lines[start].count))
     while True:
         try:
             row = next(reader)
         except StopIteration:
-            break
+            return
         except csv.Error as error:
             log.skip(f"line {start + reader.line_num}", str(error))
             continue
         if any(cell.strip() for cell in row):
-            rows.append((start + reader.line_num, row))
-    if not rows:
-        raise PlotfeedError("no line of column names that can be read")
-    return [TableColumn.of(i, name) for i, name in enumerate(rows[0][1])], rows[1:]
+            yield start + reader.line_num, row
 
 
-def _named(columns: Sequence[TableColumn], named: Mapping[str, str]) -> dict[str, TableColumn]:
-    """Columns that the user names, by quantity."""
-    found = {}
-    for quantity, name in named.items():
-        if quantity not in USER_QUANTITIES:
-            expected = ", ".join(USER_QUANTITIES)
-            raise PlotfeedError(f"columns.{quantity}: no such quantity; expected one of {expected}")
-        column = next((c for c in columns if c.header == name.strip()), None)
-        if column is None:
-            raise PlotfeedError(
-                f"columns.{quantity}={name}: no such column; columns are {headers(columns)}"
-            )
-        found[quantity] = column
-    return found
-
-
-def _quantities(
-    columns: Sequence[TableColumn], named: Mapping[str, TableColumn]
-) -> dict[str, Place]:
-    """Place and factor of the columns of positions, velocities and accuracies."""
-    found = {}
-    for quantity, names in KNOWN_NAMES.items():
-        is_speed = quantity.endswith("_m_s")
-        units = SPEEDS if is_speed else DEGREES if quantity.endswith("_deg") else METRES
-        fitting = [c for name in names for c in columns if c.name == name]
-        # Direction and unit of a velocity must be told, and the unit of an accuracy.
-        fitting = [c for c in fitting if (c.unit in units) or (not c.unit and units is DEGREES)]
-        if column := named.get(quantity) or next(iter(fitting), None):
-            found[quantity] = column, column.factor(units)
-    for quantity in ("latitude_deg", "longitude_deg"):
-        if quantity not in found:
-            raise missing(quantity, columns)
-    return found
-
-
-def _take(
-    where: str, t_utc_ns: int, values: Mapping[str, float], reference: AltitudeReference, log: Log
-) -> None:
-    for quantity in REQUIRED:
-        if math.isnan(values[quantity]):
-            log.skip(where, f"{quantity} is missing or no number")
-            return
-    log.take(
-        where,
-        t_utc_ns,
-        (values["latitude_deg"], values["longitude_deg"]),
-        (values["altitude_m"], reference),
-        velocity_enu_m_s=tuple(values.get(q, math.nan) for q in VELOCITY),
-        **{q: values.get(q, math.nan) for q in _ACCURACIES},
-    )
+def _elapsed_ns(unit: str, cell: str) -> int | None:
+    """A count since the beginning; None for what is none, or too large to be one."""
+    try:
+        value = Decimal(cell.strip())
+    except InvalidOperation:
+        return None
+    if not value.is_finite() or not 0 <= value <= MAX_ELAPSED_NS:
+        return None
+    elapsed_ns = round(value * SECONDS.get(unit, NS))
+    return elapsed_ns if elapsed_ns <= MAX_ELAPSED_NS else None
 
 
 def _number(cell: str) -> float:
