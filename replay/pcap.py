@@ -293,19 +293,28 @@ class KeptPacket(NamedTuple):
     length: int | None
     payload_crc: int
 
-    def with_payload(self, payload: bytes) -> tuple[bytes, int]:
-        """The packet, and its octets before it was cut.
+    def carrying(
+        self, payload: bytes, source: Place, to: Place, link_type: int
+    ) -> tuple[bytes, int] | None:
+        """The packet, and its octets before it was cut; None where it is another or too long.
 
-        With another payload, lengths and checksums are of that, and there is no tail. No octets
-        if that makes no packet, or one that is longer than those of its file may be.
+        With another payload, lengths and checksums are of that, and there is no tail.
         """
         if crc32(payload) == self.payload_crc:
             packet = self.head + payload + self.tail
-            return packet, len(packet) if self.length is None else self.length
-        packet = with_payload(self.header.link_type, self.head, payload)
-        if 0 < self.header.snap_octets < len(packet):
-            return b"", 0
-        return packet, len(packet)
+            length, most = self.length, MAX_PACKET_OCTETS
+        else:
+            packet = with_payload(self.header.link_type, self.head, payload)
+            length = None
+            most = min(self.header.snap_octets or MAX_PACKET_OCTETS, MAX_PACKET_OCTETS)
+        try:
+            found = datagram_in(self.header.link_type, packet)
+        except DecodeError:
+            return None
+        fits = found is not None and found[:3] == (source, to, payload) and len(packet) <= most
+        if self.header.link_type != link_type or not fits:
+            return None
+        return packet, len(packet) if length is None else length
 
 
 def kept_in(properties: tuple[tuple[str, str], ...]) -> KeptPacket | None:
@@ -394,9 +403,6 @@ class PcapReader(PacketReader):
             self.damage.add(0, f"a header of {len(beginning)} octets; it has {HEADER_OCTETS}")
             return
         self.check_link_type(header.link_type, 20)
-        yield from self._records(header)
-
-    def _records(self, header: PcapHeader) -> Iterator[Recorded]:
         while True:
             at = self.at
             record = self.take(RECORD_OCTETS)
@@ -450,8 +456,8 @@ class PcapWriter(RecordingWriter):
         if header.link_type == (ONLY_IPV6 if len(place[0]) == 4 else ONLY_IPV4):
             return f"of an IP that link type {header.link_type} of the capture does not hold"
         source = _source_of(message, place[0])
-        found = _as_it_was(header, message.payload, source, place, kept)
-        if found is None:
+        found = kept and kept.carrying(message.payload, source, place, header.link_type)
+        if not found:
             packet = frame(header.link_type, source, place, message.payload)
             if 0 < header.snap_octets < len(packet):
                 return f"longer than the capture's {header.snap_octets} octets of a packet"
@@ -506,21 +512,6 @@ def place_of(text: str) -> Place | None:
         return (ip_address(host).packed, number) if number < 1 << 16 else None
     except ValueError:
         return None
-
-
-def _as_it_was(
-    header: PcapHeader, payload: bytes, source: Place, to: Place, kept: KeptPacket | None
-) -> tuple[bytes, int] | None:
-    """The packet that a payload was in and its octets before it was cut, if it still fits."""
-    if kept is None or kept.header.link_type != header.link_type:
-        return None
-    packet, length = kept.with_payload(payload)
-    try:
-        found = datagram_in(header.link_type, packet)
-    except DecodeError:
-        return None
-    fits = found is not None and found[:3] == (source, to, payload)
-    return (packet, length) if fits and len(packet) <= MAX_PACKET_OCTETS else None
 
 
 def _source_of(message: Recorded, destination: bytes) -> Place:

@@ -196,7 +196,6 @@ class OctetsReader(RecordingReader):
         self._buffer = b""
         self._start = 0  # offset of the buffer in the file
         self._next = 0  # of the buffer
-        self._ended = False
 
     @property
     def at(self) -> int:
@@ -211,8 +210,11 @@ class OctetsReader(RecordingReader):
 
     def peek(self, octets: int, *, ahead: int = 0) -> bytes:
         """Octets that stay: so many that begin `ahead` of the next one; fewer at the end."""
-        if self._next + ahead + octets > len(self._buffer) and not self._ended:
-            self._fill(ahead + octets)
+        if self._next + ahead + octets > len(self._buffer):
+            self._start += self._next
+            self._buffer, self._next = self._buffer[self._next :], 0
+            while len(self._buffer) < ahead + octets and (piece := self._file.read(CHUNK_OCTETS)):
+                self._buffer += piece
         begin = self._next + ahead
         return self._buffer[begin : begin + octets]
 
@@ -235,15 +237,3 @@ class OctetsReader(RecordingReader):
             if len(self.peek(len(mark))) < len(mark):
                 self._next = len(self._buffer)
                 return False
-
-    def _fill(self, octets: int) -> None:
-        """Let the buffer begin at the next octet and have so many, or end with the file."""
-        pieces = [self._buffer[self._next :]]
-        have = len(pieces[0])
-        while have < octets and not self._ended:
-            pieces.append(self._file.read(CHUNK_OCTETS))
-            have += len(pieces[-1])
-            self._ended = not pieces[-1]
-        self._start += self._next
-        self._next = 0
-        self._buffer = b"".join(pieces)

@@ -319,9 +319,14 @@ def decode(
         raise Refused(Reason.OVERSIZED, detail)
     if (kind := _kind(payload, content_type)) is Kind.ASTERIX:
         report = _from_129(payload, now_utc_ns)
+    elif kind is Kind.JSON:
+        report = PositionReport.of(_from_json(payload))
     else:
-        read = _from_json if kind is Kind.JSON else _from_protobuf
-        report = PositionReport.of(read(payload))
+        try:
+            report = PositionReport.of(pb.Telemetry.FromString(payload))
+        except (ProtobufDecodeError, ValueError) as error:
+            detail = "payload is not a protobuf message plotfeed.v1.Telemetry"
+            raise Refused(Reason.UNDECODABLE, detail) from error
     check(report)
     return report
 
@@ -477,14 +482,6 @@ def kind_of_media(content_type: str) -> Kind | None:
     return kind
 
 
-def _from_protobuf(payload: bytes) -> pb.Telemetry:
-    try:
-        return pb.Telemetry.FromString(payload)
-    except (ProtobufDecodeError, ValueError) as error:
-        detail = "payload is not a protobuf message plotfeed.v1.Telemetry"
-        raise Refused(Reason.UNDECODABLE, detail) from error
-
-
 def _from_json(payload: bytes) -> pb.Telemetry:
     try:
         fields = json.loads(
@@ -540,22 +537,18 @@ def _from_129(payload: bytes, now_utc_ns: int | None) -> PositionReport:
 
 
 def _report_of(uas: UasReport, now_utc_ns: int) -> PositionReport:
+    """The report of one aircraft; a height above ground is no altitude: nobody knows the ground."""
+    if math.isnan(uas.altitude_m):
+        if math.isnan(uas.height_m):
+            raise Refused(Reason.MISSING, "I129/090, the altitude above mean sea level, is missing")
+        detail = "I129/100 is a height above ground; expected I129/090, above mean sea level"
+        raise Refused(Reason.ALTITUDE, detail)
     return PositionReport(
         t_utc_ns=nearest_utc_ns(round(uas.t_of_day_s * NS), now_utc_ns),
         latitude_deg=uas.latitude_deg,
         longitude_deg=uas.longitude_deg,
-        altitude_m=_altitude_m(uas),
+        altitude_m=uas.altitude_m,
         altitude_reference=AltitudeReference.MEAN_SEA_LEVEL,
         velocity_enu_m_s=(uas.velocity_east_m_s, uas.velocity_north_m_s, uas.climb_m_s),
         horizontal_accuracy_m=uas.accuracy_m / HALF_OF_POSITIONS,
     )
-
-
-def _altitude_m(uas: UasReport) -> float:
-    """What I129/090 says; a height above ground is none, where nobody knows the ground."""
-    if not math.isnan(uas.altitude_m):
-        return uas.altitude_m
-    if math.isnan(uas.height_m):
-        raise Refused(Reason.MISSING, "I129/090, the altitude above mean sea level, is missing")
-    detail = "I129/100 is a height above ground; expected I129/090, above mean sea level"
-    raise Refused(Reason.ALTITUDE, detail)

@@ -230,29 +230,19 @@ def courses(reports: Sequence[PositionReport], max_speed_m_s: float = MAX_SPEED_
         elif lasts(chain):
             second += len(chain)
     taken = sorted(i for chain in flown for i in chain)
-    refused = {
-        i: _why(reports, where_m, taken, i) for i in set(range(len(reports))).difference(taken)
-    }
+
+    def why(i: int) -> str:
+        """The speed that it takes to fly there from the nearest report in time that is kept."""
+        after = bisect_left(taken, i)
+        apart_ns, near = min(
+            (abs(reports[i].t_utc_ns - reports[j].t_utc_ns), j)
+            for j in taken[max(0, after - 1) : after + 1]
+        )
+        away_m = dist(where_m[near], where_m[i])
+        return f"implausible: {away_m:.0f} m away in {apart_ns / NS:.3g} s"
+
+    refused = {i: why(i) for i in set(range(len(reports))).difference(taken)}
     return Courses(refused, tuple(sorted(chain[0] for chain in flown))[1:], second)
-
-
-def _why(
-    reports: Sequence[PositionReport],
-    where_m: Sequence[Sequence[float]],
-    taken: Sequence[int],
-    i: int,
-) -> str:
-    """The speed that it takes to fly here from the nearest report in time that is kept."""
-    after = bisect_left(taken, i)
-    near = min(taken[max(0, after - 1) : after + 1], key=lambda j: _apart_ns(reports, i, j))
-    return (
-        f"implausible: {dist(where_m[near], where_m[i]):.0f} m away in "
-        f"{_apart_ns(reports, i, near) / NS:.3g} s"
-    )
-
-
-def _apart_ns(reports: Sequence[PositionReport], i: int, j: int) -> int:
-    return abs(reports[i].t_utc_ns - reports[j].t_utc_ns)
 
 
 def longest_increasing(times: Sequence[int]) -> list[int]:

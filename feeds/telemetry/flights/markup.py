@@ -58,33 +58,26 @@ def read_kml(text: str, options: FlightOptions, log: Log) -> None:
     found = _points(text, log)
     for before, whens, places in found["uneven"]:
         log.skip(f"point {before + 1}", f"{whens} times of {places} coordinates")
-    for number, (when, place, mode) in enumerate(found["kml"], start=1):
-        _take_point(f"point {number}", when, place, mode, options, log)
     if not found["kml"]:
         raise PlotfeedError(
             "no positions with times: expected a gx:Track, or placemarks with a TimeStamp; "
             "a LineString says where and not when"
         )
-
-
-def _take_point(  # noqa: PLR0917
-    where: str, when: str, place: list[str], mode: str, options: FlightOptions, log: Log
-) -> None:
-    """A time beside longitude, latitude and altitude."""
-    try:
-        t_utc_ns = utc_ns(datetime.fromisoformat(when.strip()), options.utc_offset_h)
-        longitude_deg, latitude_deg, *more = (float(number) for number in place)
-    except (ValueError, OverflowError):
-        log.skip(where, "no time or position that can be read")
-        return
-    reference = options.altitude_reference or _MODES.get(mode)
-    altitude_m = more[0] if more and mode in _MODES else None
-    if altitude_m is None and options.stated_height is not None:
-        altitude_m, reference = options.stated_height
-    if altitude_m is None or reference is None:
-        log.skip(where, f"no height: altitudeMode is {mode or 'clampToGround'}; give height_m")
-        return
-    log.state(f"height in metres, {REFERENCE_WORDS[reference]}: altitudeMode {mode or 'none'}")
-    if mode == "relativeToGround" and options.altitude_reference is None:
-        log.assume("heights above the ground are taken as above take-off (altitude_reference)")
-    log.take(where, t_utc_ns, (latitude_deg, longitude_deg), (altitude_m, reference))
+    for number, (when, place, mode) in enumerate(found["kml"], start=1):
+        where = f"point {number}"
+        try:
+            t_utc_ns = utc_ns(datetime.fromisoformat(when.strip()), options.utc_offset_h)
+            longitude_deg, latitude_deg, *more = map(float, place)
+        except (ValueError, OverflowError):
+            log.skip(where, "no time or position that can be read")
+            continue
+        height = options.stated_height
+        if more and mode in _MODES:
+            height = more[0], options.altitude_reference or _MODES[mode]
+        if height is None:
+            log.skip(where, f"no height: altitudeMode is {mode or 'clampToGround'}; give height_m")
+            continue
+        log.state(f"height in metres, {REFERENCE_WORDS[height[1]]}: altitudeMode {mode or 'none'}")
+        if mode == "relativeToGround" and options.altitude_reference is None:
+            log.assume("heights above the ground are taken as above take-off (altitude_reference)")
+        log.take(where, t_utc_ns, (latitude_deg, longitude_deg), height)
