@@ -138,7 +138,7 @@ class RawReader(_DatedReader):
 
     def messages(self) -> Iterator[Recorded]:
         """Each data block, on the topic asterix/CATEGORY."""
-        timed = ((block, time_of_day_ns(block)) for block, _ in self.blocks())
+        timed = ((block, time_of_day_ns(block)) for block in self._blocks())
         for block, time_ns in _without_outliers(timed):
             if time_ns is not None:
                 self._last_utc_ns = max(self._last_utc_ns, self._clock.utc_ns(time_ns))
@@ -150,8 +150,8 @@ class RawReader(_DatedReader):
                 content_type=asterix_content_type(block[0]),
             )
 
-    def blocks(self) -> Iterator[tuple[bytes, int]]:
-        """The data blocks with their headers, and where they begin."""
+    def _blocks(self) -> Iterator[bytes]:
+        """The data blocks with their headers."""
         while True:
             at = self.at
             header = self.peek(HEADER_OCTETS)
@@ -167,7 +167,7 @@ class RawReader(_DatedReader):
             if len(block) < length:
                 self.damage.add(at, f"a data block of {length} octets, {len(block)} are there")
                 return
-            yield block, at
+            yield block
 
 
 def _without_outliers(timed: Iterable[Timed]) -> Iterator[Timed]:

@@ -27,7 +27,6 @@ from plotfeed.feeds.telemetry.foreign_files import (
     why_not,
 )
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.asterix_files import RawReader
 from plotfeed.replay.files import FileFormat, format_of, reading
 from plotfeed.replay.recorded import (
     LATEST_NS,
@@ -55,8 +54,6 @@ class Wanted(NamedTuple):
     date_utc_ns: int = 0  # Midnight of the day on which a file without dates begins
     start_ns: int | None = None  # Messages of log times from here on
     end_ns: int | None = None  # and before here
-    # Of raw ASTERIX data blocks in place of messages, with places in the file for their log times.
-    blocks: bool = False
     attachment: str = ""  # That one, and no messages
 
 
@@ -240,12 +237,10 @@ def _write(
 
 
 def _messages(reader: RecordingReader, asked: Wanted) -> Iterator[Recorded]:
-    """What is asked for, as messages: of blocks with their places in place of times."""
+    """What is asked for, as messages."""
     if asked.attachment:
         found = reader.attachment(asked.attachment)
         return iter([Recorded(found.media_type, found.data, found.log_time_ns, 0)] if found else [])
-    if asked.blocks and isinstance(reader, RawReader):
-        return (Recorded("", octets, at, 0) for octets, at in reader.blocks())
     if asked.form == FileFormat.MCAP:
         return reader.messages(asked.start_ns, asked.end_ns)  # type: ignore[call-arg]
     first, end = asked.start_ns or 0, LATEST_NS + 1 if asked.end_ns is None else asked.end_ns

@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -33,7 +33,7 @@ from plotfeed.replay.asterix_files import (
     trailer_octets,
 )
 from plotfeed.replay.files import FORMATS, FileFormat
-from plotfeed.replay.recorded import Damages, Recorded, Stage
+from plotfeed.replay.recorded import Recorded, RecordingReader, Stage
 
 MAX_SERIES = 10_000
 OTHERS = "(others)"  # In place of the topic when there are more
@@ -287,7 +287,7 @@ def show_file(path: Path, settings: ShowSettings) -> int:
     """
     count = settings.count
     is_listed = settings.listed or settings.verbose or count is not None
-    with ForeignReader(path, blocks=is_listed) as reader:
+    with ForeignReader(path) as reader:
         if is_listed:
             # In a terminal lines are printed as they come, else many in one write.
             at_once, said = 1 if sys.stdout.isatty() else LINES_AT_ONCE, 0
@@ -323,8 +323,7 @@ def _lines(reader: ForeignReader, settings: ShowSettings) -> Iterator[str]:
     """Lines of every message; records of raw ASTERIX stand for themselves."""
     if reader.format is FileFormat.RAW:
         if not settings.stages or Stage.RECEIVED in settings.stages:
-            blocks = ((each.payload, each.log_time_ns) for each in reader.messages())
-            yield from _raw_lines(blocks, reader.damage, settings)
+            yield from _raw_lines(reader, settings)
         return
     facts = FORMATS[reader.format]
     # Where one stage is asked for, every line would have the same.
@@ -340,22 +339,23 @@ def _lines(reader: ForeignReader, settings: ShowSettings) -> Iterator[str]:
                 yield f"{when}  {stage}{line}"
 
 
-def _raw_lines(
-    blocks: Iterable[tuple[bytes, int]], damage: Damages, settings: ShowSettings
-) -> Iterator[str]:
-    """Lines of the records in data blocks, each with its place in the file."""
+def _raw_lines(reader: RecordingReader, settings: ShowSettings) -> Iterator[str]:
+    """Lines of the records in a file's data blocks, which lie back to back."""
     chosen = [n for n in range(256) if is_chosen(raw_topic(n), settings.topics)]
-    for octets, at in blocks:
+    end = 0
+    for message in reader.messages():
+        octets = message.payload
+        at, end = end + HEADER_OCTETS, end + len(octets)
         if octets[0] not in chosen:
             continue
-        block = Block(octets[0], octets[HEADER_OCTETS:], at + HEADER_OCTETS)
+        block = Block(octets[0], octets[HEADER_OCTETS:], at)
         try:
             for record in records_in(block, settings.categories):
                 told = record_told(record, settings.categories, settings.style)
                 yield json.dumps(told) if settings.as_json else told
         except DecodeError as error:
             where = block.at_octet if error.at_octet is None else error.at_octet
-            damage.add(where, str(error).removeprefix(f"octet {where}: "))
+            reader.damage.add(where, str(error).removeprefix(f"octet {where}: "))
 
 
 def _content_lines(message: Recorded, settings: ShowSettings) -> Iterator[str]:

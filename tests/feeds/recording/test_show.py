@@ -222,7 +222,7 @@ def test_records_and_errors_of_a_raw_file_are_those_of_its_octets(blocks: list[b
     data = b"".join(blocks)
     records, errors = decode_lenient(data)
     reader = RawReader(io.BytesIO(data))
-    lines = list(_raw_lines(reader.blocks(), reader.damage, ShowSettings(as_json=True)))
+    lines = list(_raw_lines(reader, ShowSettings(as_json=True)))
     assert [json.loads(line)["category"] for line in lines] == [r.category for r in records]
     assert [each.offset for each in reader.damage] == [error.at_octet for error in errors]
 
