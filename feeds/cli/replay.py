@@ -32,7 +32,7 @@ from plotfeed.feeds.replaying.replay_settings import (
     Stamps,
     TopicRule,
 )
-from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
+from plotfeed.feeds.replaying.replayer import Replayer
 from plotfeed.feeds.replaying.routes import Destinations, ReplayCounters, open_transports
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.output_keys import UdpDestination
@@ -47,29 +47,29 @@ SKIP_S = 10.0
 HELP = "space pauses, left and right seek 10 s, + and - change the speed, q ends"
 
 
-def _hurry(control: ReplayControl, factor: Fraction) -> None:
-    control.set_speed(min(max(control.speed * factor, MIN_SPEED), MAX_SPEED))
+def _hurry(replayer: Replayer, factor: Fraction) -> None:
+    replayer.set_speed(min(max(replayer.speed * factor, MIN_SPEED), MAX_SPEED))
 
 
 # What a terminal sends, and what is done then; the arrows first, for they hold other keys.
-KEYS: dict[bytes, Callable[[ReplayControl], object]] = {
-    b"\x1b[C": lambda control: control.skip(SKIP_S),
-    b"\x1b[D": lambda control: control.skip(-SKIP_S),
-    b" ": lambda control: control.toggle(),
-    b"+": lambda control: _hurry(control, Fraction(2)),
-    b"=": lambda control: _hurry(control, Fraction(2)),
-    b"-": lambda control: _hurry(control, Fraction(1, 2)),
-    b"q": lambda control: control.stop(),
+KEYS: dict[bytes, Callable[[Replayer], object]] = {
+    b"\x1b[C": lambda replayer: replayer.skip(SKIP_S),
+    b"\x1b[D": lambda replayer: replayer.skip(-SKIP_S),
+    b" ": lambda replayer: replayer.toggle(),
+    b"+": lambda replayer: _hurry(replayer, Fraction(2)),
+    b"=": lambda replayer: _hurry(replayer, Fraction(2)),
+    b"-": lambda replayer: _hurry(replayer, Fraction(1, 2)),
+    b"q": lambda replayer: replayer.stop(),
 }
 
 
-def press(control: ReplayControl, typed: bytes) -> None:
+def press(replayer: Replayer, typed: bytes) -> None:
     """Do what keys ask for; what is no key of ours is passed over."""
     while typed:
         key = next((key for key in KEYS if typed.startswith(key)), typed[:1])
         typed = typed[len(key) :]
         if key in KEYS:
-            KEYS[key](control)
+            KEYS[key](replayer)
 
 
 MAX_OCTETS = 1 << 20  # Of a file with the keys of a link
@@ -155,18 +155,19 @@ async def _replay(
     *,
     as_json: bool,
 ) -> int:
-    control, totals = ReplayControl(), ReplayCounters()
+    totals = ReplayCounters()
+    replayer = Replayer(settings, totals=totals)
     async with open_transports(to, waits=settings.fastest) as outs:
-        keys = keys_of(sys.stdin, partial(press, control))
-        with stopped_by_signals(control.stop) as signals, keys as has_keys:
+        keys = keys_of(sys.stdin, partial(press, replayer))
+        with stopped_by_signals(replayer.stop) as signals, keys as has_keys:
             if not as_json:
                 _introduce(path, to, has_keys=has_keys)
             status = asyncio.create_task(
-                show_status(lambda: _position(control, totals), quiet=as_json), name="status"
+                show_status(lambda: _position(replayer, totals), quiet=as_json), name="status"
             )
             began_s = time.monotonic()
             try:
-                await Replayer(source, outs, settings, control=control, totals=totals).run()
+                await replayer.run(source, outs)
             finally:
                 status.cancel()
                 await asyncio.gather(status, return_exceptions=True)
@@ -183,7 +184,7 @@ async def _replay(
     say_damage(path, found)
     if signal.SIGINT in signals:
         return INTERRUPTED
-    is_silent = not (totals.messages or totals.lost or totals.undelivered or control.stopped)
+    is_silent = not (totals.messages or totals.lost or totals.undelivered or replayer.stopped)
     if is_silent:
         say(f"plotfeed: nothing of {path} was sent: no message is of what was asked for", err=True)
     return FAILED if totals.undelivered or is_silent else 0
@@ -202,10 +203,10 @@ def _introduce(path: Path, to: Destinations, *, has_keys: bool) -> None:
     sys.stdout.flush()
 
 
-def _position(control: ReplayControl, totals: ReplayCounters) -> str:
-    lap, position_ns = control.position
-    where = f"{iso_utc(position_ns)[11:23]}  lap {lap + 1}  x{float(control.speed):g}"
-    return f"{where}{'  paused' if control.is_paused else ''}  messages {totals.messages}"
+def _position(replayer: Replayer, totals: ReplayCounters) -> str:
+    lap, position_ns = replayer.position
+    where = f"{iso_utc(position_ns)[11:23]}  lap {lap + 1}  x{float(replayer.speed):g}"
+    return f"{where}{'  paused' if replayer.is_paused else ''}  messages {totals.messages}"
 
 
 def _line(totals: ReplayCounters, settings: ReplaySettings, took_s: float) -> str:

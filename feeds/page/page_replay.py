@@ -21,7 +21,7 @@ from plotfeed.feeds.page.recorded_sectors import (
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.view import View
 from plotfeed.feeds.replaying.replay_settings import Moment, ReplaySettings, Stamps
-from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
+from plotfeed.feeds.replaying.replayer import Replayer
 from plotfeed.feeds.replaying.routes import Destinations, open_transports
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.sensors import Sensor
@@ -144,7 +144,13 @@ class PageReplay:
         self.recording = recording
         self._view = view
         self._shown = RecordedView(recording, view)
-        self._control = ReplayControl()
+        self._replayer = Replayer(
+            ReplaySettings(
+                start=Moment(utc_ns=recording.start_ns),
+                stands_at_ns=recording.end_ns,
+                stamps=Stamps(to_now=True),
+            )
+        )
         # The time that is shown until the view has followed a leap.
         self._leapt_from_ns: int | None = None
         self._leaps = 0
@@ -154,11 +160,6 @@ class PageReplay:
     ) -> None:
         """Replay it until told to end; raises `PlotfeedError` and `OSError`."""
         self._view.scene(self.recording.scene, basemap)
-        settings = ReplaySettings(
-            start=Moment(utc_ns=self.recording.start_ns),
-            stands_at_ns=self.recording.end_ns,
-            stamps=Stamps(to_now=True),
-        )
         to = Destinations(brokers=tuple(addresses))
         path = self.recording.path
         with (  # which takes its time where a file has no index
@@ -168,9 +169,7 @@ class PageReplay:
             self._shown.open(shown)
             self._tell()
             async with open_transports(to, waits=False) as outs:
-                await self._play(
-                    Replayer(sent, outs, settings, control=self._control).run(), ending
-                )
+                await self._play(self._replayer.run(sent, outs), ending)
 
     async def _play(self, replaying: Coroutine[Any, Any, object], ending: asyncio.Event) -> None:
         """Replay until told to end; raises what goes wrong."""
@@ -182,7 +181,7 @@ class PageReplay:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             if following.done():
                 following.result()
-            self._control.stop()
+            self._replayer.stop()
             await work
         finally:
             for task in tasks:
@@ -196,14 +195,14 @@ class PageReplay:
 
     def recorded_ns(self, t_utc_ns: int) -> int:
         """When what was sent at a time had been recorded."""
-        pace = self._control.pace
+        pace = self._replayer.pace
         return t_utc_ns if pace is None else pace.position(t_utc_ns)
 
     def apply(self, asked: object) -> Mapping[str, Any]:
         """Pause, go on, hurry, or go elsewhere."""
         if not isinstance(asked, dict) or not asked or not asked.keys() <= REPLAY_CONTROLS.keys():
             raise PlotfeedError(EXPECTED)
-        if self._control.pace is None:
+        if self._replayer.pace is None:
             raise PlotfeedError("replay: it has not begun yet")
         wanted = {}
         for name, value in asked.items():
@@ -218,27 +217,27 @@ class PageReplay:
     def _obey(self, wanted: Mapping[str, Any]) -> None:
         """A position comes before a pause, so that it is there that it ends."""
         if "speed" in wanted:
-            self._control.set_speed(wanted["speed"])
+            self._replayer.set_speed(wanted["speed"])
         if "position_s" in wanted:
             self._seek(self.recording.start_ns + round(wanted["position_s"] * NS))
         if "skip_s" in wanted:
             self._seek(self._reached_ns + round(wanted["skip_s"] * NS))
         if wanted.get("paused"):
-            self._control.pause()
-        elif "paused" in wanted and self._control.is_paused:
+            self._replayer.pause()
+        elif "paused" in wanted and self._replayer.is_paused:
             if self._reached_ns >= self.recording.end_ns:
                 self._seek(self.recording.start_ns)
-            self._control.resume()
+            self._replayer.resume()
 
     def _seek(self, recorded_ns: int) -> None:
         self._leapt_from_ns, self._leaps = self.now_utc_ns, self._leaps + 1
-        self._control.seek(min(max(recorded_ns, self.recording.start_ns), self.recording.end_ns))
+        self._replayer.seek(min(max(recorded_ns, self.recording.start_ns), self.recording.end_ns))
 
     @property
     def _reached_ns(self) -> int:
-        if self._control.pace is None:
+        if self._replayer.pace is None:
             return self.recording.start_ns
-        _, position_ns = self._control.position
+        _, position_ns = self._replayer.position
         return min(max(position_ns, self.recording.start_ns), self.recording.end_ns)
 
     async def _follow(self) -> None:
@@ -257,12 +256,12 @@ class PageReplay:
             "file": self.recording.path.name,
             "position_s": round((self._reached_ns - self.recording.start_ns) / NS, 1),
             "duration_s": round((self.recording.end_ns - self.recording.start_ns) / NS, 1),
-            "paused": self._control.is_paused,
+            "paused": self._replayer.is_paused,
         }
 
     def _tell(self) -> None:
-        control = self._control
-        clock = {"kind": "replay", "paused": control.is_paused, "speed": float(control.speed)}
+        replayer = self._replayer
+        clock = {"kind": "replay", "paused": replayer.is_paused, "speed": float(replayer.speed)}
         notes = [*self.recording.notes, WHOSE_TIME]
         self._view.session({"clock": clock, "replay": self._state(), "record": {"on": False}})
         self._view.session({"refuses": REFUSES, "notes": notes})

@@ -1,6 +1,6 @@
 """A recording replayed, lap after lap: every message at its time, through its link, and away.
 
-What steers it while it runs, and how the times inside messages are moved.
+What may be asked of it while it runs, and how the times inside messages are moved.
 """
 
 from __future__ import annotations
@@ -32,108 +32,6 @@ from plotfeed.proto.utc import NS
 from plotfeed.replay.files import RepeatableRecording
 from plotfeed.replay.pacing import Laps, Pace, lap_period_ns
 from plotfeed.replay.recorded import UDP_TOPIC, Recorded, Stage, next_messages
-
-SEEK_NS = NS // 10  # A replay goes on so long after a seek, for what is there has to be read first
-
-
-class ReplayControl:
-    """What may be asked of a replay, from within its loop, and where it is.
-
-    Before the replay has begun and after it has ended nothing can be asked.
-    """
-
-    def __init__(self) -> None:
-        self.pace: Pace | None = None  # None before it has begun and after it has ended
-        self.begin_ns = 0  # Recorded time at which each lap begins
-        self.stopped = False
-        self._replayer: Replayer | None = None
-
-    def begin(self, replayer: Replayer, pace: Pace, begin_ns: int) -> None:
-        """The replay begins, and is told what is asked of it."""
-        self._replayer, self.pace, self.begin_ns = replayer, pace, begin_ns
-
-    def end(self) -> None:
-        """The replay has ended."""
-        self.pace = None
-
-    @property
-    def is_paused(self) -> bool:
-        """Whether it stands still."""
-        return self.pace is not None and self.pace.paused
-
-    @property
-    def speed(self) -> Fraction:
-        """Times its own tempo."""
-        return Fraction(1) if self.pace is None else self.pace.speed
-
-    @property
-    def position(self) -> tuple[int, int]:
-        """Lap, of which the first is 0, and recorded time that it has reached."""
-        if self.pace is None:
-            return 0, self.begin_ns
-        reached_ns = max(self.pace.position(self._now_ns()), self.begin_ns)
-        laps = self._replayer and self._replayer.laps
-        return laps.rolled(reached_ns) if laps else (0, reached_ns)
-
-    def pause(self) -> None:
-        """Stand still; what links hold arrives all the same."""
-        if self.pace is not None and not self.pace.paused:
-            self._set(self.pace.pause(self._now_ns()))
-
-    def resume(self) -> None:
-        """Go on."""
-        if self.pace is not None and self.pace.paused:
-            self._set(self.pace.resume(self._now_ns()))
-
-    def toggle(self) -> None:
-        """Pause or resume."""
-        if self.is_paused:
-            self.resume()
-        else:
-            self.pause()
-
-    def set_speed(self, speed: Fraction) -> None:
-        """Go on at that speed."""
-        if self.pace is not None:
-            self._set(self.pace.at_speed(speed, self._now_ns()))
-
-    def seek(self, recorded_ns: int) -> None:
-        """Go on with what was recorded then, in the lap that it is in."""
-        if self.pace is None or self._replayer is None:
-            return
-        (lap, _), laps = self.position, self._replayer.laps
-        recorded_ns = max(recorded_ns, self.begin_ns)
-        unrolled_ns = laps.unrolled(lap, recorded_ns) if laps else recorded_ns
-        self.pace = self.pace.seek(unrolled_ns, self._now_ns() + SEEK_NS)
-        self._replayer.sought(lap, recorded_ns)
-
-    def skip(self, seconds: float) -> None:
-        """Go on so much later, or earlier, than it is."""
-        self.seek(self.position[1] + round(seconds * NS))
-
-    def stand(self, end_ns: int) -> int | None:
-        """Stand still at that recorded time, the end; when that will be, None if it stands."""
-        if self.pace is None or self.pace.paused:
-            return None
-        now_ns, due_ns = self._now_ns(), self.pace.due(end_ns)
-        if now_ns < due_ns:
-            return due_ns
-        self._set(replace(self.pace, recorded_ns=end_ns, due_ns=now_ns, paused=True))
-        return None
-
-    def stop(self) -> None:
-        """End it."""
-        self.stopped = True
-        self._set(self.pace)
-
-    def _set(self, pace: Pace | None) -> None:
-        self.pace = pace
-        if self._replayer is not None:
-            self._replayer.repaced()
-
-    def _now_ns(self) -> int:
-        return 0 if self._replayer is None else self._replayer.clock.now_ns()
-
 
 log = logging.getLogger(__name__)
 
@@ -378,6 +276,7 @@ class ReadAhead:
             self._on_news()
 
 
+SEEK_NS = NS // 10  # A replay goes on so long after a seek, for what is there has to be read first
 # A message is made ready this long before it is due, so that only sending is left.
 READY_NS = 20_000_000
 SPARE_NS = 100_000  # Less than this before a deadline, nothing else is made ready
@@ -388,42 +287,123 @@ FAREWELL_S, PATIENT_FAREWELL_S = 1.0, 10.0
 
 
 class Replayer:
-    """One schedule for what is due and for what links delay, and a queue of what comes next."""
+    """A replay, what may be asked of it from within its loop, and where it is.
+
+    One schedule for what is due and for what links delay, and a queue of what comes next. Before it
+    has begun and after it has ended nothing can be asked of it.
+    """
 
     def __init__(
         self,
-        source: RepeatableRecording,
-        transports: Sequence[Transport],
-        settings: ReplaySettings,
+        settings: ReplaySettings | None = None,
         *,
-        control: ReplayControl | None = None,
         clock: Clock | None = None,
         totals: ReplayCounters | None = None,
     ) -> None:
         """`clock` is else one of real time, or simulated with `fastest`; `totals` are filled in."""
-        self._transports = transports
-        self._settings = settings
+        self.pace: Pace | None = None  # None before it has begun and after it has ended
+        self.begin_ns = 0  # Recorded time at which each lap begins
+        self.stopped = False
+        self._settings = settings = settings or ReplaySettings()
         self._own_clock = InstantClock() if settings.fastest else WallClock()
         self.clock = clock or self._own_clock
         self._totals = totals = totals or ReplayCounters()
-        self._control = control or ReplayControl()
         self._schedule = Schedule()
-        self._routes = Routes(
-            transports, settings, clock=self.clock, schedule=self._schedule, totals=totals
-        )
         self._restamper = Restamper(totals.left)
         self._news = asyncio.Event()
-        self._reader = ReplayReader(source, settings)
-        self._ahead = ReadAhead(self._reader, self._wake)
         # What is on the schedule, and can be taken back until it leaves.
         self._ready: dict[int, ReplayItem] = {}
         self._numbers = count()
 
-    async def run(self) -> ReplayCounters:
+    @property
+    def is_paused(self) -> bool:
+        """Whether it stands still."""
+        return self.pace is not None and self.pace.paused
+
+    @property
+    def speed(self) -> Fraction:
+        """Times its own tempo."""
+        return Fraction(1) if self.pace is None else self.pace.speed
+
+    @property
+    def position(self) -> tuple[int, int]:
+        """Lap, of which the first is 0, and recorded time that it has reached."""
+        if self.pace is None:
+            return 0, self.begin_ns
+        reached_ns = max(self.pace.position(self.clock.now_ns()), self.begin_ns)
+        laps = self._reader.laps  # Of a recording whose end has been read
+        return laps.rolled(reached_ns) if laps else (0, reached_ns)
+
+    def pause(self) -> None:
+        """Stand still; what links hold arrives all the same."""
+        if self.pace is not None and not self.pace.paused:
+            self._repace(self.pace.pause(self.clock.now_ns()))
+
+    def resume(self) -> None:
+        """Go on."""
+        if self.pace is not None and self.pace.paused:
+            self._repace(self.pace.resume(self.clock.now_ns()))
+
+    def toggle(self) -> None:
+        """Pause or resume."""
+        if self.is_paused:
+            self.resume()
+        else:
+            self.pause()
+
+    def set_speed(self, speed: Fraction) -> None:
+        """Go on at that speed."""
+        if self.pace is not None:
+            self._repace(self.pace.at_speed(speed, self.clock.now_ns()))
+
+    def seek(self, recorded_ns: int) -> None:
+        """Go on with what was recorded then, in the lap that it is in."""
+        if self.pace is None:
+            return
+        (lap, _), laps = self.position, self._reader.laps
+        recorded_ns = max(recorded_ns, self.begin_ns)
+        unrolled_ns = laps.unrolled(lap, recorded_ns) if laps else recorded_ns
+        self.pace = self.pace.seek(unrolled_ns, self.clock.now_ns() + SEEK_NS)
+        self._ready.clear()
+        self._ahead.go_on(lap, recorded_ns)
+        self._wake()
+
+    def skip(self, seconds: float) -> None:
+        """Go on so much later, or earlier, than it is."""
+        self.seek(self.position[1] + round(seconds * NS))
+
+    def stand(self, end_ns: int) -> int | None:
+        """Stand still at that recorded time, the end; when that will be, None if it stands."""
+        if self.pace is None or self.pace.paused:
+            return None
+        now_ns, due_ns = self.clock.now_ns(), self.pace.due(end_ns)
+        if now_ns < due_ns:
+            return due_ns
+        self._repace(replace(self.pace, recorded_ns=end_ns, due_ns=now_ns, paused=True))
+        return None
+
+    def stop(self) -> None:
+        """End it."""
+        self.stopped = True
+        self._wake()
+
+    async def run(
+        self, source: RepeatableRecording, transports: Sequence[Transport]
+    ) -> ReplayCounters:
         """Replay the recording over open transports, until its end or until it is stopped.
 
         Raises what reading the source raises, and `ReplayError`.
         """
+        self._transports = transports
+        self._routes = Routes(
+            transports,
+            self._settings,
+            clock=self.clock,
+            schedule=self._schedule,
+            totals=self._totals,
+        )
+        self._reader = ReplayReader(source, self._settings)
+        self._ahead = ReadAhead(self._reader, self._wake)
         try:
             with undisturbed():
                 if self._settings.fastest and isinstance(self.clock, InstantClock):
@@ -431,12 +411,12 @@ class Replayer:
                 else:
                     await self._play_while_reading()
                 self._routes.flush()
-                patient = self._settings.fastest and not self._control.stopped
+                patient = self._settings.fastest and not self.stopped
                 for transport in self._transports:
                     await transport.drain(PATIENT_FAREWELL_S if patient else FAREWELL_S)
         finally:
             self._routes.end()
-            self._control.end()
+            self.pace = None
             self._own_clock.close()
         return self._totals
 
@@ -456,17 +436,17 @@ class Replayer:
 
     async def _play(self, rush: InstantClock | None) -> None:
         """Play until nothing is left, or it is stopped; with `rush`, without deadlines."""
-        while not self._control.stopped:
+        while not self.stopped:
             self._news.clear()
             if rush is not None:
                 self._ahead.read_now()
-            if self._control.pace is None:
+            if self.pace is None:
                 self._begin()
             next_ns = self._work() if rush is None else self._rush(rush)
             if next_ns is None and self._ahead.finished and self._ahead.peek() is None:
                 if self._settings.stands_at_ns is None or rush is not None:
                     return
-                next_ns = self._control.stand(self._settings.stands_at_ns)
+                next_ns = self.stand(self._settings.stands_at_ns)
             is_reading = self._ahead.peek() is None and not self._ahead.finished
             if next_ns is None or (is_reading and rush is None and self.clock.can_wait):
                 await self._news.wait()  # what comes next may be due before what is ready
@@ -483,15 +463,15 @@ class Replayer:
         if self._ahead.peek() is None or begin_ns is None:
             return
         start_utc_ns = self.clock.start() + READY_NS
-        pace = Pace(recorded_ns=begin_ns, due_ns=start_utc_ns, speed=self._settings.speed)
         self._routes.later_ns = start_utc_ns - begin_ns
-        self._control.begin(self, pace, begin_ns)
+        self.begin_ns = begin_ns
+        self.pace = Pace(recorded_ns=begin_ns, due_ns=start_utc_ns, speed=self._settings.speed)
 
     def _work(self) -> int | None:
         """Do what is due, make ready what is due soon; when more will be, None if not known."""
         for _, action in self._schedule.due_by(self.clock.now_ns()):
             action()
-        pace = self._control.pace
+        pace = self.pace
         if pace is None:
             return None
         while not pace.paused and (item := self._ahead.peek()) is not None:
@@ -519,7 +499,7 @@ class Replayer:
     def _rush(self, clock: InstantClock) -> int | None:
         """Do some of what comes next at once; the time that it is, or None if nothing is left."""
         for _ in range(AT_ONCE):
-            pace = self._control.pace
+            pace = self.pace
             item = None if pace is None or pace.paused else self._ahead.peek()
             soonest_ns = self._schedule.next_due_ns()
             if pace is not None and item is not None:
@@ -530,7 +510,7 @@ class Replayer:
                         send()
                     continue
             if soonest_ns is None:
-                waits = self._control.is_paused or self._ahead.finished
+                waits = self.is_paused or self._ahead.finished
                 return None if waits else clock.now_ns()
             clock.jump(soonest_ns)
             for _, action in self._schedule.due_by(soonest_ns):
@@ -542,7 +522,7 @@ class Replayer:
         self._routes.flush()
         await asyncio.sleep(0)
         for broker in (t for t in self._transports if isinstance(t, MqttTransport)):
-            while broker.is_full and not self._control.stopped:
+            while broker.is_full and not self.stopped:
                 self._news.clear()
                 waits = [asyncio.create_task(x) for x in (broker.room(), self._news.wait())]
                 await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
@@ -579,23 +559,11 @@ class Replayer:
             transport.prepare((message,))
         return partial(self._routes.send, message, route.over)
 
-    @property
-    def laps(self) -> Laps | None:
-        """Laps of a recording whose end has been read; else None."""
-        return self._reader.laps
-
-    def repaced(self) -> None:
-        """Take back what has not left: it is due at other times now."""
-        pace = self._control.pace
-        if pace is not None:
-            back = [n for n, item in self._ready.items() if item.unrolled_ns > pace.recorded_ns]
-            self._ahead.put_back([self._ready.pop(number) for number in back])
-        self._wake()
-
-    def sought(self, lap: int, from_ns: int) -> None:
-        """Go on elsewhere."""
-        self._ready.clear()
-        self._ahead.go_on(lap, from_ns)
+    def _repace(self, pace: Pace) -> None:
+        """Go on so: what has not left is taken back, as it is due at other times now."""
+        self.pace = pace
+        back = [n for n, item in self._ready.items() if item.unrolled_ns > pace.recorded_ns]
+        self._ahead.put_back([self._ready.pop(number) for number in back])
         self._wake()
 
     def _wake(self) -> None:

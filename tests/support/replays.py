@@ -12,7 +12,7 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import ReplayControl, Replayer
+from plotfeed.feeds.replaying.replayer import Replayer
 from plotfeed.feeds.replaying.routes import ReplayCounters
 from plotfeed.feeds.timing.clock import Clock, InstantClock
 from plotfeed.proto.utc import iso_utc
@@ -121,16 +121,13 @@ async def simulated(
     messages: Sequence[Recorded],
     settings: ReplaySettings | None = None,
     *,
-    control: ReplayControl | None = None,
+    replayer: Replayer | None = None,
     on_message: Callable[[Message], object] = lambda _: None,
     begin_utc_ns: int = REPLAYED,
 ) -> tuple[Ears, ReplayCounters]:
     """What leaves in a replay under a clock that jumps from deadline to deadline."""
-
-    clock = InstantClock(begin_utc_ns)
-    ears = Ears(clock, on_message=on_message)
+    replayer = replayer or Replayer(settings, clock=InstantClock(begin_utc_ns))
+    ears = Ears(replayer.clock, on_message=on_message)
     async with asyncio.timeout(PATIENCE_S):
-        totals = await Replayer(
-            Memory(messages), [ears], settings or ReplaySettings(), control=control, clock=clock
-        ).run()
+        totals = await replayer.run(Memory(messages), [ears])
     return ears, totals

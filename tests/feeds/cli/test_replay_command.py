@@ -24,9 +24,9 @@ from plotfeed.feeds.cli.main import cli
 from plotfeed.feeds.cli.options import udp_destination
 from plotfeed.feeds.cli.replay import press
 from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.replaying import destinations
+from plotfeed.feeds.replaying import routes
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
-from plotfeed.feeds.replaying.replayer import AT_ONCE, ReplayControl, Replayer
+from plotfeed.feeds.replaying.replayer import AT_ONCE, Replayer
 from plotfeed.feeds.replaying.routes import ReplayMqtt
 from plotfeed.feeds.scene.output_keys import UdpDestination
 from plotfeed.proto.errors import PlotfeedError
@@ -96,7 +96,7 @@ def _all_of(terminal: int, process: subprocess.Popen[bytes]) -> str:
 def test_other_keys_do_nothing() -> None:
     asked: list[str] = []
 
-    class Noting(ReplayControl):
+    class Noting(Replayer):
         def toggle(self) -> None:
             asked.append("toggle")
 
@@ -159,7 +159,7 @@ def test_a_mistake_is_one_line_that_names_it(
         assert wanted in refused(path, "--link", f"plotfeed={link}")
     odd.write_bytes(b"hello")
     assert f"{odd}: " in refused(odd, "--udp", "127.0.0.1:9")
-    monkeypatch.setattr(destinations, "CONNECT_S", 0.5)
+    monkeypatch.setattr(routes, "CONNECT_S", 0.5)
     assert "MQTT broker" in refused(path, "--broker", f"mqtt://127.0.0.1:{free_port()}")
 
 
@@ -185,10 +185,9 @@ async def test_a_broker_that_never_has_room_can_be_left() -> None:
             assert timeout_s <= 1
 
     async with asyncio.timeout(PATIENCE_S):
-        full, control = Full(), ReplayControl()
-        asyncio.get_running_loop().call_later(0.05, control.stop)
-        endless = ReplaySettings(fastest=True, laps=None)
-        await Replayer(Memory(SESSION), [full], endless, control=control).run()
+        full, replayer = Full(), Replayer(ReplaySettings(fastest=True, laps=None))
+        asyncio.get_running_loop().call_later(0.05, replayer.stop)
+        await replayer.run(Memory(SESSION), [full])
     assert 0 < full.taken <= AT_ONCE
 
 
@@ -210,7 +209,7 @@ def test_what_is_whole_of_a_damaged_file_is_replayed(tmp_path: Path) -> None:
 
 
 def test_nothing_can_be_asked_of_a_replay_that_is_not_there() -> None:
-    control = ReplayControl()
+    control = Replayer()
     for ask in (control.pause, control.resume, control.toggle, lambda: control.seek(5),
                 lambda: control.skip(1), lambda: control.set_speed(control.speed)):  # fmt: skip
         ask()

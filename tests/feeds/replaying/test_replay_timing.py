@@ -27,14 +27,7 @@ from support.waiting import PATIENCE_S
 
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.replaying.replay_settings import LinkRule, Moment, ReplaySettings
-from plotfeed.feeds.replaying.replayer import (
-    AHEAD,
-    BATCH,
-    READY_NS,
-    SEEK_NS,
-    ReplayControl,
-    Replayer,
-)
+from plotfeed.feeds.replaying.replayer import AHEAD, BATCH, READY_NS, SEEK_NS, Replayer
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.timing.clock import InstantClock, WallClock
 from plotfeed.replay.recorded import Recorded, Stage
@@ -139,7 +132,7 @@ async def test_without_deadlines_everything_leaves_in_order_at_simulated_times()
     clock = InstantClock(REPLAYED)
     ears = Ears(clock)
     settings = ReplaySettings(fastest=True, laps=2)
-    await Replayer(Memory(REGULAR), [ears], settings, clock=clock).run()
+    await Replayer(settings, clock=clock).run(Memory(REGULAR), [ears])
     dues = [m.due_utc_ns for _, m in ears.heard]
     assert [due - dues[0] for due in dues] == [i * 100 * MS for i in range(20)]
     assert ears.payloads() == [r.payload for r in REGULAR] * 2
@@ -160,10 +153,10 @@ class Endless:
 @pytest.mark.asyncio
 async def test_no_more_is_read_ahead_than_there_is_room_for() -> None:
     async with asyncio.timeout(PATIENCE_S):
-        source, control = Endless(), ReplayControl()
-        ears = Ears(InstantClock(REPLAYED))
-        ears.on_message = lambda _: control.stop() if len(ears.heard) == 10 else None
-        await Replayer(source, [ears], ReplaySettings(), clock=ears.clock, control=control).run()
+        source, ears = Endless(), Ears(InstantClock(REPLAYED))
+        replayer = Replayer(clock=ears.clock)
+        ears.on_message = lambda _: replayer.stop() if len(ears.heard) == 10 else None
+        await replayer.run(source, [ears])
     assert source.read <= AHEAD + 2 * BATCH
 
 
@@ -184,7 +177,7 @@ async def test_simulated_time_waits_for_what_is_still_being_read() -> None:
     slow = LinkRule("p/a", LinkSettings(latency_ms=1000.0))
     ears = Ears(InstantClock(REPLAYED))
     settings = ReplaySettings(links=(slow,))
-    await Replayer(SlowlyRead(recorded), [ears], settings, clock=ears.clock).run()
+    await Replayer(settings, clock=ears.clock).run(SlowlyRead(recorded), [ears])
     assert len(ears.heard) == 2 * BATCH
     for t_ns, one in ears.heard:
         assert t_ns - one.due_utc_ns == (1000 * MS if one.topic == "p/a/plots" else 0)
@@ -199,7 +192,7 @@ async def test_what_reading_raises_ends_the_replay() -> None:
 
     for fastest in (False, True):
         with pytest.raises(OSError, match="Input/output"):
-            await Replayer(Torn(), [], ReplaySettings(fastest=fastest)).run()
+            await Replayer(ReplaySettings(fastest=fastest)).run(Torn(), [])
 
 
 @pytest.mark.asyncio
@@ -208,7 +201,7 @@ async def test_real_time_keeps_the_order_and_is_never_early() -> None:
 
     clock = WallClock()
     ears = Ears(clock)
-    totals = await Replayer(Memory(recorded), [ears], ReplaySettings(), clock=clock).run()
+    totals = await Replayer(clock=clock).run(Memory(recorded), [ears])
     clock.close()
     assert totals.messages == 50
     assert ears.payloads() == [r.payload for r in recorded]
@@ -220,30 +213,30 @@ async def test_real_time_keeps_the_order_and_is_never_early() -> None:
 
 
 async def steered(
-    steps: dict[int, Callable[[ReplayControl], object]],
+    steps: dict[int, Callable[[Replayer], object]],
     recorded: list[Recorded] = REGULAR,
     settings: ReplaySettings | None = None,
-) -> tuple[Ears, ReplayControl]:
+) -> tuple[Ears, Replayer]:
     """A replay in which something is asked for right after so many messages."""
-    control, numbers = ReplayControl(), count(1)
+    replayer, numbers = Replayer(settings, clock=InstantClock(REPLAYED)), count(1)
 
     def left(_: Message) -> None:
         step = steps.get(next(numbers))
         if step is not None:
-            step(control)
+            step(replayer)
 
-    return (await simulated(recorded, settings, control=control, on_message=left))[0], control
+    return (await simulated(recorded, replayer=replayer, on_message=left))[0], replayer
 
 
 @pytest.mark.asyncio
 async def test_nothing_leaves_in_a_pause_and_all_of_it_afterwards() -> None:
-    def pause(control: ReplayControl) -> None:
+    def pause(control: Replayer) -> None:
         control.pause()
         assert control.is_paused
         assert control.position == (0, RECORDED + 300 * MS)
         asyncio.get_running_loop().call_later(0.01, resume, control)
 
-    def resume(control: ReplayControl) -> None:
+    def resume(control: Replayer) -> None:
         assert control.position == (0, RECORDED + 300 * MS)
         control.resume()
 
@@ -255,7 +248,7 @@ async def test_nothing_leaves_in_a_pause_and_all_of_it_afterwards() -> None:
 async def test_what_was_made_ready_is_taken_back_by_a_pause() -> None:
     crowded = [message(i * MS) for i in range(40)]
 
-    def pause(control: ReplayControl) -> None:
+    def pause(control: Replayer) -> None:
         control.pause()
         asyncio.get_running_loop().call_soon(control.resume)
 
@@ -297,7 +290,7 @@ async def test_a_seek_goes_back_too_and_not_before_the_beginning() -> None:
 async def test_a_seek_stays_in_its_lap() -> None:
     laps: list[tuple[int, int]] = []
 
-    def seek(control: ReplayControl) -> None:
+    def seek(control: Replayer) -> None:
         laps.append(control.position)
         control.seek(RECORDED + 800 * MS)
 
@@ -315,7 +308,7 @@ async def test_a_seek_beyond_the_end_ends_it() -> None:
 
 @pytest.mark.asyncio
 async def test_a_pause_before_a_seek_lasts() -> None:
-    def pause(control: ReplayControl) -> None:
+    def pause(control: Replayer) -> None:
         control.pause()
         control.seek(RECORDED + 500 * MS)
         asyncio.get_running_loop().call_later(0.01, control.toggle)
@@ -330,7 +323,7 @@ async def test_one_stands_at_its_end_until_it_is_sought_or_stopped(silence_ms: i
     end_ns = RECORDED + (900 + silence_ms) * MS
     stood: list[tuple[int, int]] = []
 
-    class Standing(ReplayControl):
+    class Standing(Replayer):
         def stand(self, end_ns: int) -> int | None:
             stood_before, due_ns = self.is_paused, super().stand(end_ns)
             if self.is_paused and not stood_before:
@@ -342,9 +335,8 @@ async def test_one_stands_at_its_end_until_it_is_sought_or_stopped(silence_ms: i
             self.resume()
             self.seek(RECORDED + (7000 if len(stood) == 2 else 700) * MS)
 
-    control = Standing()
-    settings = ReplaySettings(stands_at_ns=end_ns)
-    ears, totals = await simulated(REGULAR, settings, control=control)
+    standing = Standing(ReplaySettings(stands_at_ns=end_ns), clock=InstantClock(REPLAYED))
+    ears, totals = await simulated(REGULAR, replayer=standing)
     assert ears.payloads() == [r.payload for r in [*REGULAR, *REGULAR[7:], *REGULAR[7:]]]
     assert stood == [(0, end_ns)] * 4
     assert totals.laps == 1
@@ -359,8 +351,9 @@ async def test_it_stops_when_it_is_asked_to() -> None:
 @pytest.mark.asyncio
 async def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
     async with asyncio.timeout(PATIENCE_S):
-        clock, control, held = InstantClock(REPLAYED), ReplayControl(), list[int]()
+        clock, held = InstantClock(REPLAYED), list[int]()
         ears = Ears(clock)
+        control = Replayer(ReplaySettings(fastest=True, laps=None), clock=clock)
 
         def resume() -> None:
             held.append(len(ears.heard))
@@ -374,7 +367,6 @@ async def test_a_replay_without_deadlines_can_be_stopped_and_paused() -> None:
                 control.stop()
 
         ears.on_message = left
-        settings = ReplaySettings(fastest=True, laps=None)
-        await Replayer(Memory(REGULAR), [ears], settings, clock=clock, control=control).run()
+        await control.run(Memory(REGULAR), [ears])
     assert held == [10]  # as many as a lap has leave in one go
     assert ears.payloads() == [r.payload for r in REGULAR] * 3

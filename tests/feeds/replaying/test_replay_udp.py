@@ -29,7 +29,7 @@ ANYWHERE = UdpDestination(destination="239.0.0.0:1")
 async def sent_over(
     outs: Sequence[Transport], recorded: Sequence[Recorded], settings: ReplaySettings | None = None
 ) -> ReplayCounters:
-    running = Replayer(Memory(recorded), outs, settings or ReplaySettings(speed=100)).run()  # type: ignore[arg-type]
+    running = Replayer(settings or ReplaySettings(speed=100)).run(Memory(recorded), outs)  # type: ignore[arg-type]
     return await asyncio.wait_for(running, PATIENCE_S)
 
 
