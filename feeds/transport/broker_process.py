@@ -18,7 +18,8 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 from plotfeed.feeds.console.posix import allow_many_files
@@ -104,10 +105,10 @@ async def serve(
     anonymous = Rights() if orders["anonymous"] else None
     limits = BrokerLimits(**orders["limits"])
     broker = Broker(limits, users, anonymous=anonymous, tell=lines.tell)
-    clients = set[_Client]()
-    await loop.create_server(lambda: _Client(broker, orders, clients), sock=mqtt, backlog=BACKLOG)
+    attend = partial(_Client, broker, orders, set[_Client]())
+    await loop.create_server(attend, sock=mqtt, backlog=BACKLOG)
     if websocket is not None:
-        await _serve_websocket(broker, orders, websocket)
+        await _serve_websocket(attend, orders, websocket)
     ports = [each.getsockname()[1] for each in (mqtt, websocket) if each is not None]
     lines.tell(json.dumps({"ports": ports}))
     while True:
@@ -215,38 +216,33 @@ class _Client(asyncio.Protocol):
         self._transport.close()
 
 
-async def _serve_websocket(broker: Broker, orders: dict[str, Any], at: socket.socket) -> None:
-    """MQTT in WebSocket, for pages of the origins named and for who is no browser."""
+async def _serve_websocket(
+    attend: Callable[[], _Client], orders: dict[str, Any], at: socket.socket
+) -> None:
+    """MQTT in WebSocket, for pages of the origins named and for who is no browser.
+
+    Its octets go through a pair of sockets, so that they are a client's like those of others.
+    """
     from websockets.asyncio.server import serve
     from websockets.typing import Origin, Subprotocol
 
     async def pass_on(client: ServerConnection) -> None:
-        out = asyncio.Queue[bytes | None]()
-        waiting = 0
+        ours, theirs = socket.socketpair()
+        await asyncio.get_running_loop().connect_accepted_socket(attend, theirs)
+        said, writer = await asyncio.open_connection(sock=ours)
 
-        def write(octets: bytes) -> None:
-            nonlocal waiting
-            waiting += len(octets)
-            out.put_nowait(octets)
-            if waiting > MAX_UNSENT_OCTETS:
-                connection.resume(has_room=False)
-
-        async def send() -> None:
-            nonlocal waiting
-            while (octets := await out.get()) is not None:
+        async def tell() -> None:
+            while octets := await said.read(MAX_BEHIND_OCTETS):
                 await client.send(octets)
-                waiting -= len(octets)
-                if not connection.has_room and waiting < MAX_UNSENT_OCTETS // 2:
-                    connection.resume(has_room=True)
             await client.close()
 
-        connection = broker.connect(write, lambda: out.put_nowait(None))
-        sending = asyncio.create_task(send())
+        telling = asyncio.create_task(tell())
         with contextlib.suppress(Exception):  # its connection is lost
             async for data in client:
-                connection.receive(data.encode() if isinstance(data, str) else data)
-        connection.end()
-        sending.cancel()
+                writer.write(data.encode() if isinstance(data, str) else data)
+                await writer.drain()
+        telling.cancel()
+        writer.close()
 
     server = await serve(
         pass_on,
