@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -19,7 +18,6 @@ from websockets.exceptions import InvalidStatus
 
 from plotfeed.feeds.scene.scene import Scene, SceneError
 from plotfeed.feeds.timing.clock import WallClock
-from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.testing import START_NS, flown, radar, scene, waypoint
 
 REPORT = ["air-traffic", "cot", "geojson"]
@@ -75,16 +73,6 @@ async def test_a_websocket_lets_in_pages_that_are_named_and_those_who_ask_for_th
                     pass
             refused.append(error.value.response.status_code)
     assert refused == [403, 403]
-
-
-@pytest.mark.asyncio
-async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
-    server = await asyncio.start_server(lambda _r, _w: None, "127.0.0.1", 0)
-    port = server.sockets[0].getsockname()[1]
-    with pytest.raises(TransportError, match=r"websocket\[0\].port"):
-        async with at_work(made(websocket=[{"port": port}]), None, clock=clock()):
-            pass
-    server.close()
 
 
 @pytest.mark.parametrize(

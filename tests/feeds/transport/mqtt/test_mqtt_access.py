@@ -1,8 +1,13 @@
-"""Getting into brokers that ask who comes, and not into those that are not what they say."""
+"""Getting into brokers that ask who comes, and not into those that are not what they say.
+
+A link does, and whole commands, whose keys are in a scene or in a file.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import json
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.brokers import free_port, has_ipv6, mosquitto, password_file
 from support.certificates import Certificates, Pair
-from support.command import plotfeed_here
+from support.command import plotfeed, plotfeed_here, running
 from support.own_time import in_own_time
-from support.scene_files import scene_file, scene_text
+from support.scene_files import radar, scene_file, scene_text
 from support.waiting import kept_up, until
 
 from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
@@ -29,8 +34,11 @@ from plotfeed.feeds.transport.mqtt.address import (
 )
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.connection import MqttError
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.testing import MqttReceiver
 
 ME, PASSWORD = "surveyor", "open sesame"
+ABOUT = {"status", "settings", "description"}
 
 
 @dataclass(frozen=True)
@@ -84,11 +92,13 @@ def brokers(
         "tls": anyone + ours,
         "tls-password": asks + ours,
         "mutual": f"{anyone}{ours}cafile {certificates.ca}\nrequire_certificate true\n",
+        "both": f"{asks}{ours}cafile {certificates.ca}\nrequire_certificate true\n",
         "expired": anyone + expired,
         "elsewhere": anyone + elsewhere,
     }
     ports = {place: free_port() for place in settings}
     text = "".join(f"listener {ports[p]} 127.0.0.1\n{settings[p]}" for p in settings)
+    text += "max_queued_messages 0\n"
     with mosquitto(folder, ports["anyone"], text):
         yield Brokers(ports, certificates)
 
@@ -343,3 +353,96 @@ def test_a_file_of_credentials_holds_what_a_scene_can_say_and_the_scene_stands_b
     path.write_text('version = "4"\n')
     with pytest.raises(AccessError, match=r"version: expected one of 5, 3\.1\.1, any"):
         BrokerAccess().with_credentials(path, {})
+
+
+# Whole commands, through a broker that asks for a certificate and a password.
+
+
+def keys_in(folder: Path, brokers: Brokers, **changes: object) -> Path:
+    """A file of credentials that holds all but what is None."""
+    ours = brokers.certificates
+    keys = {
+        "username": ME,
+        "password": PASSWORD,
+        "ca_file": ours.ca,
+        "client_certificate_file": ours.client.certificate,
+        "client_key_file": ours.client.key,
+    }
+    text = "".join(f'{key} = "{value}"\n' for key, value in (keys | changes).items() if value)
+    (folder / "keys.toml").write_text(text)
+    return folder / "keys.toml"
+
+
+def scene_with_keys(folder: Path, brokers: Brokers, name: str, more: str) -> Path:
+    """A scene that names its files relative to itself, as they lie beside it."""
+    ours = brokers.certificates
+    files = {
+        "ca_file": ours.ca,
+        "client_certificate_file": ours.client.certificate,
+        "client_key_file": ours.client.key,
+        "credentials_file": keys_in(folder, brokers, **dict.fromkeys(("ca_file", *CLIENT))),
+    }
+    beside = "".join(f'{key} = "{os.path.relpath(file, folder)}"\n' for key, file in files.items())
+    mqtt = f'broker = "{brokers.address("both")}"\nprefix = "{name}"\n{beside}{more}\n'
+    return scene_file(folder, scene_text(sensors=radar(period_s=0.2, sectors=8), mqtt=mqtt))
+
+
+CLIENT = ("client_certificate_file", "client_key_file")
+
+
+@pytest.mark.parametrize(("version", "properties"), [("5", True), ("3.1.1", False)])
+def test_a_session_publishes_through_tls(
+    brokers: Brokers, tmp_path: Path, version: str, properties: bool
+) -> None:
+    prefix, url = f"a/session/of/{version}", brokers.address("both")
+    scene = scene_with_keys(tmp_path, brokers, prefix, f'version = "{version}"')
+    with (
+        MqttReceiver(brokers.ports["anyone"], 5, f"{prefix}/#") as ears,
+        running("run", scene) as session,
+    ):
+        batch = ears.wait_for(lambda m: m.topic == f"{prefix}/radar/plots")
+        status = ears.wait_for(lambda m: m.topic == f"{prefix}/radar/status")
+        assert f"  MQTT        {url}" in session.introduction
+        words = ("show", f"{url}/{prefix}/#", "--count", "3", "--credentials")
+        shown = plotfeed(*words, keys_in(tmp_path, brokers))
+        assert (len(shown.stdout.splitlines()), shown.stderr) == (3, "")
+        session.process.kill()  # its last will says it, then
+        ears.wait_for(lambda m: m.topic == status.topic and b"OFFLINE" in m.payload)
+        truth = ears.wait_for(lambda m: m.topic == f"{prefix}/truth")
+    assert (batch.qos, truth.qos, status.qos) == (0, 0, 1)
+    assert pb.PlotBatch.FromString(batch.payload).sensor == "radar"
+    assert json.loads(status.payload)["state"] == "ONLINE"
+    assert bool(batch.user_properties) == properties == (batch.content_type is not None)
+
+
+def test_qos_1_brings_every_message_however_fast_they_come(
+    brokers: Brokers, tmp_path: Path
+) -> None:
+    # Mosquitto takes 20 unacknowledged messages at a time; simulated time waits for nobody.
+    scene = scene_with_keys(tmp_path, brokers, "surely", "qos = 1")
+    options = ("--speed", "max", "--duration", "12", "--json")
+    topics = ("surely/radar/+", "surely/radar/asterix/+")
+    with MqttReceiver(brokers.ports["anyone"], 5, *topics) as ears:
+        done = plotfeed("run", scene, *options)
+        totals = json.loads(done.stdout)
+        ears.wait_for(lambda m: b"OFFLINE" in m.payload)
+        reports = [m for m in ears.heard if m.topic.rpartition("/")[2] not in ABOUT]
+    assert (done.returncode, done.stderr) == (0, "")
+    assert totals["undelivered"] == 0
+    assert totals["messages"] == len(reports) > 800
+    assert {m.qos for m in ears.heard} == {1}
+
+
+def test_a_command_that_is_not_let_in_says_so_in_a_line_without_secrets(
+    brokers: Brokers, tmp_path: Path
+) -> None:
+    url, wrong = brokers.address("both"), "open barley"
+    done = plotfeed("show", url, "--credentials", keys_in(tmp_path, brokers, password=wrong))
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert done.stderr.startswith(f"plotfeed: MQTT broker {url}: it refuses: not authori")
+    assert wrong not in done.stderr
+    scene = scene_with_keys(tmp_path, brokers, "refused", "")
+    scene.write_text(scene.read_text().replace("keys.toml", "absent.toml"))
+    done = plotfeed_here("run", scene)
+    assert done.returncode == 2
+    assert done.stderr.endswith("absent.toml: No such file or directory\n")
