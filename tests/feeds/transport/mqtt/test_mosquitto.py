@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-import signal
 import tomllib
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from support.brokers import (
     wait_until_listening,
 )
 from support.certificates import Certificates
-from support.command import plotfeed, running
+from support.command import plotfeed
 from support.cut_proxy import proxied
 from support.own_time import LoopClock, in_own_time
 from support.scene_files import radar, scene_file, scene_text
@@ -28,7 +26,6 @@ from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.scene.scene import from_tree, load
 from plotfeed.feeds.transport.brokers import broker_address
 from plotfeed.feeds.transport.mqtt.address import VERSIONS, BrokerAddress
-from plotfeed.testing import MqttReceiver
 
 DOCS = Path(__file__).parents[4] / "docs"
 REST = """
@@ -85,9 +82,6 @@ def test_the_settings_for_mosquitto_are_settings_of_mosquitto(tmp_path: Path) ->
     assert str(BrokerAddress.parse("mqtts://broker.example")).endswith(":8883")
 
 
-DOCUMENTED = Path(__file__).parents[4] / "docs" / "mqtt.md"
-
-
 @pytest.fixture(autouse=True)
 def credentials(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", "plotfeed")
@@ -97,24 +91,6 @@ def credentials(monkeypatch: pytest.MonkeyPatch) -> None:
 def scene(folder: Path, version: str = "any") -> Path:
     mqtt = f'prefix = "north/site/7"\nversion = "{version}"'
     return scene_file(folder, scene_text(sensors=radar(period_s=0.2, sectors=8), mqtt=mqtt))
-
-
-def test_the_access_list_of_the_documentation_is_enough(tmp_path: Path) -> None:
-    (access,) = re.findall(r"^user plotfeed\n.*?(?=^```)", DOCUMENTED.read_text(), re.M | re.S)
-    with (
-        mosquitto_with(tmp_path, access) as port,
-        MqttReceiver(port, 5, "north/#") as client,
-        running("run", scene(tmp_path, "3.1.1"), "--broker", f"mqtt://127.0.0.1:{port}") as session,
-    ):
-        client.wait_for(lambda m: m.topic.endswith("/plots"))
-        command = b'{"sensor": "radar", "set": {"enabled": false}}'
-        client.publish("north/site/7/control", command)
-        client.wait_for(
-            lambda m: m.topic.endswith("/settings") and bool(json.loads(m.payload)["controlled"])
-        )
-        client.publish("north/site/7/telemetry/x", b"rubbish")
-        client.wait_for(lambda m: m.topic.endswith("/errors"))
-        assert session.end(signal.SIGTERM)[2] == ""
 
 
 def test_topics_that_may_not_be_written_are_named(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ With mosquitto, of which it is learned that it refuses without a word, and with 
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 from dataclasses import asdict
 from pathlib import Path
@@ -28,6 +29,7 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.broker import Rights, User
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
+from plotfeed.testing import MqttReceiver
 
 FAST = radar("north", period_s=0.2, sectors=8) + radar("south", period_s=0.2, sectors=8)
 # For own time, in which what a session works out is all that costs anything.
@@ -93,16 +95,23 @@ async def test_plots_that_an_access_list_of_mosquitto_refuses_are_told_of_in_a_l
 @pytest.mark.parametrize(("version", "qos"), [("5", 1), ("3.1.1", 0)])
 @pytest.mark.usefixtures("impatient")
 @pytest.mark.asyncio
-async def test_the_access_list_of_the_documentation_lets_a_session_hear_itself(
+async def test_the_access_list_of_the_documentation_is_enough(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, version: str, qos: int
 ) -> None:
-    (access,) = re.findall(r"^user plotfeed\n(.*?)\n\n", DOCUMENTED.read_text(), re.M | re.S)
+    """For all that a session sends and takes, and to hear itself."""
+    (access,) = re.findall(r"^user plotfeed\n.*?(?=^```)", DOCUMENTED.read_text(), re.M | re.S)
     access = access.replace("north/site/7", "plotfeed")
-    with mosquitto_with(tmp_path, f"user plotfeed\n{access}") as port:
+    with mosquitto_with(tmp_path, access) as port, MqttReceiver(port, 5, "plotfeed/#") as client:
         async with at_work(scene(tmp_path, version, qos), port) as session:
             await samples(session, heard=8)
-    assert (complaints(caplog), session.totals.not_heard_back) == ([], 0)
-    assert (session.totals.refused, session.totals.telemetry) == (0, 0)
+            totals = session.totals
+            assert (totals.refused, totals.telemetry, totals.not_heard_back) == (0, 0, 0)
+            client.publish("plotfeed/control", b'{"sensor": "north", "set": {"enabled": false}}')
+            settings = "plotfeed/north/settings"
+            await until(lambda: json.loads(client.on(settings)[-1])["controlled"])
+            client.publish("plotfeed/telemetry/x", b"rubbish")
+            await until(lambda: client.on("plotfeed/errors"))
+    assert caplog.messages == []
 
 
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
