@@ -17,8 +17,7 @@ from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.printed import aligned, say
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.fleet.fleet_watch import SILENT, UNKNOWN, FleetWatch, gap_words
-from plotfeed.feeds.fleet.part_asked import check_scene, start_of
-from plotfeed.feeds.fleet.partition import partition
+from plotfeed.feeds.fleet.parts import check_scene, partition, start_of
 from plotfeed.feeds.fleet.starters import LocalParts, manifests, start_parts, stop_parts
 from plotfeed.feeds.page.page_access import PageAddress, fixed_tokens
 from plotfeed.feeds.scene.scene import Scene, load

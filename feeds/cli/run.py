@@ -279,7 +279,7 @@ def _part_and_clock(
         if settings.start is not None:
             raise PlotfeedError("--start is for parts of a scene, with --part K/N")
         return None, _clock(start_utc_ns, settings)
-    from plotfeed.feeds.fleet.part_asked import part_asked
+    from plotfeed.feeds.fleet.parts import part_asked
 
     for option, value in {"--page": settings.page, "--telemetry": settings.telemetry}.items():
         if value not in (None, NO_PAGE):

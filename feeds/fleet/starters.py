@@ -20,8 +20,8 @@ from typing import Any
 
 from plotfeed.feeds.console import INTERRUPTED
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed
-from plotfeed.feeds.fleet.part_asked import part_asked
 from plotfeed.feeds.fleet.part_hold import run_part
+from plotfeed.feeds.fleet.parts import part_asked
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto.errors import PlotfeedError

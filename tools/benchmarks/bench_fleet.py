@@ -31,7 +31,7 @@ from support.scene_files import DRONE, scene_file, scene_text  # noqa: E402
 from support.scene_files import radar as radar_text  # noqa: E402
 
 from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
-from plotfeed.feeds.fleet.partition import partition  # noqa: E402
+from plotfeed.feeds.fleet.parts import partition  # noqa: E402
 from plotfeed.feeds.scene.scene import Scene  # noqa: E402
 from plotfeed.feeds.session.observer import Observer, RunningSession  # noqa: E402
 from plotfeed.feeds.session.part import SessionPart  # noqa: E402

@@ -12,7 +12,7 @@ from support.fleet_oracle import judged, reference
 from support.fleet_scenes import by_topic, drones, mixed
 from support.sessions import AtWork, StallingClock
 
-from plotfeed.feeds.fleet.partition import load_of, partition, together
+from plotfeed.feeds.fleet.parts import load_of, partition, together
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.scene import Scene, example
 from plotfeed.feeds.session.observer import Observer, Tap

@@ -21,7 +21,7 @@ from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.fleet import part_hold
 from plotfeed.feeds.fleet.part_hold import NOT_HELD, PartTakenError, run_part
-from plotfeed.feeds.fleet.partition import partition
+from plotfeed.feeds.fleet.parts import partition
 from plotfeed.feeds.scene.scene import Scene, example
 from plotfeed.feeds.session import session
 from plotfeed.feeds.session.part import SessionPart

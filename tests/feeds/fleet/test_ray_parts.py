@@ -15,7 +15,7 @@ from support.brokers import free_port, mosquitto
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.waiting import wait_until
 
-from plotfeed.feeds.fleet.part_asked import start_of
+from plotfeed.feeds.fleet.parts import start_of
 from plotfeed.feeds.fleet.starters import start_parts, stop_parts
 from plotfeed.feeds.lab.runs import QUIET
 from plotfeed.feeds.scene.scene import load
