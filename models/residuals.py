@@ -13,9 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from plotfeed.models.effects.merging import REACH, near_pairs
-from plotfeed.models.numerics import joined_by_pairs
-from plotfeed.models.plain_tracker import least_sum
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.tail_chances import p_of_normal, p_of_poisson, p_of_squares, p_of_trials
 
@@ -152,12 +149,11 @@ class ErrorSums:
         self._own, self._next = np.zeros((k, 3, 3)), np.zeros((k, 3, 3))
         self._kurtosis = np.zeros(k)
         self._pairs = np.zeros(k, np.int64)
-        self._extra_squares, self._extra_fourths = np.zeros((2, k))
         self.count = np.zeros(k, np.int64)
         self.plots = 0
 
-    def add(self, r: Residuals, false_hits: float = 0.0, gate: Floats | None = None) -> None:
-        """Take plots, so many of them of nobody, anywhere in gates with those half widths (k,)."""
+    def add(self, r: Residuals) -> None:
+        """Take plots."""
         r = r.rows(np.lexsort((r.t_s, r.target)))
         has = np.isfinite(r.error) & np.isfinite(r.sigma) & (r.sigma > 0)
         share = np.where(has, 1 / np.where(has, r.sigma, 1.0), 0.0)
@@ -172,11 +168,7 @@ class ErrorSums:
             self._pairs[i] += len(same)
             self._kurtosis[i] += r.kurtosis[there, i].sum()
             self.count[i] += of.shape[1]
-            if gate is not None:
-                extra = min(false_hits, float(of.shape[1]))
-                self._extra_squares[i] += extra * (gate[i] ** 2 / 3 - 1)
-                self._extra_fourths[i] += extra * gate[i] ** 4 / 5
-        self.plots += len(r)
+        self.plots += int(has.any(axis=1).sum())
 
     def checks(self, no_time: str = "") -> list[Check]:
         """Systematic errors, lateness, and spreads, of what was measured; of all if nothing was.
@@ -272,18 +264,16 @@ class _Fit:
         if not self._is_enough(i):
             return replace(blank, why_not=self.too_few(n))
         free, rho = float(self._free[i]), float(self._rho[i])
-        # Plots of nobody lie anywhere in the gate: uniform numbers, of which squares are known.
-        mean = free + float(sums._extra_squares[i])
         varied = float(sums._kurtosis[i] - n) * free / n
         if varied < 1e-6 * free:  # what is told as one of two steps does not vary
             return replace(blank, why_not="its steps are too coarse")
-        variance = varied * (1 + rho**2) / (1 - rho**2) + float(sums._extra_fourths[i])
+        variance = varied * (1 + rho**2) / (1 - rho**2)
         squares = float(self._squares[i])
         return replace(
             blank,
             found=math.sqrt(squares / free),
             sigma=math.sqrt(variance) / (2 * free),
-            p=p_of_squares(squares, mean, variance),
+            p=p_of_squares(squares, free, variance),
         )
 
     def _is_enough(self, i: int) -> bool:
@@ -371,18 +361,16 @@ class LookSums:
 
     def __init__(self) -> None:
         self.tally = LookTally(CELL_M, MAX_CELLS)
-        self._expected = self._squares = self._after = 0.0
+        self._squares = self._after = 0.0
         self._pairs = 0
 
-    def add(self, looks: LookOdds, range_m: Floats, false_per_look: float = 0.0) -> None:
-        """Take looks at those ranges, in whose gates are so many plots of nobody; (n,) each."""
+    def add(self, looks: LookOdds, range_m: Floats) -> None:
+        """Take looks at those ranges, (n,)."""
         order = np.lexsort((looks.t_s, looks.target))
-        pd, hit, target = looks.pd[order], looks.hit[order], looks.target[order]
-        p = 1 - (1 - np.clip(pd, 0.0, 1.0)) * (1 - min(false_per_look, 1.0))
-        left, same = hit - p, target[1:] == target[:-1]
+        pd, hit, target = np.clip(looks.pd[order], 0.0, 1.0), looks.hit[order], looks.target[order]
+        left, same = hit - pd, target[1:] == target[:-1]
         off = None if looks.off is None else looks.off[order]
-        self.tally.add(range_m[order], p, hit, off)
-        self._expected += float(pd.sum())
+        self.tally.add(range_m[order], pd, hit, off)
         self._squares += float(left @ left)
         self._after += float((left[1:] * left[:-1])[same].sum())
         self._pairs += int(same.sum())
@@ -396,7 +384,7 @@ class LookSums:
             return Check(
                 name="Pd", expected=math.nan, why_not="no target was looked at that it tells apart"
             )
-        blank = Check(name="Pd", expected=self._expected / n, of=round(n))
+        blank = Check(name="Pd", expected=total / n, of=round(n))
         if variance <= 0 and hits == round(total):
             return replace(blank, why_not="every look is certain, one way or the other")
         rho = _correlation(self._squares, self._after, round(n), self._pairs)
@@ -410,150 +398,16 @@ class LookSums:
         return replace(blank, found=hits / n, sigma=math.sqrt(variance) / n, p=chance)
 
 
-def clutter_check(left: int, expected: float, scans: float, false_hits: float = 0.0) -> Check:
-    """Plots that no target has, beside how many false alarms are expected in all scans."""
-    mean = max(expected - false_hits, 0.0)
-    blank = Check(name="false alarms", unit="a scan", expected=math.nan, of=left)
-    if not scans > 0:
-        return replace(blank, why_not="no scan was seen")
+def clutter_check(count: int, expected: float, scans: float, why_not: str = "") -> Check:
+    """False alarms beside how many are expected in all scans; or why they are not judged."""
+    blank = Check(name="false alarms", unit="a scan", expected=math.nan, of=count)
+    if why_not or not scans > 0:
+        return replace(blank, why_not=why_not or "no scan was seen")
     return replace(
         blank,
         expected=expected / scans,
-        found=(left + false_hits) / scans,
-        sigma=math.sqrt(max(mean, 1.0)) / scans,
-        p=p_of_poisson(left, mean),
-        of=max(left, round(mean)),
+        found=count / scans,
+        sigma=math.sqrt(max(expected, 1.0)) / scans,
+        p=p_of_poisson(count, expected),
+        of=max(count, round(expected)),
     )
-
-
-GATE = 5.0  # Half its width, in standard deviations
-WIDER = 1.3  # Spread of residuals, over the claimed one, from which on the gate is made wider
-# Share of false plots among those in gates from which on their spread tells nothing.
-MOST_FALSE = 0.3
-ROUNDS = 8
-# Half the width of the window that looks for the commonest residual, in standard deviations.
-WINDOW = 2.0
-# Half widths of the gate by which gates are displaced to count what is false.
-OFFSETS = (-2.5, 2.5, -4.0, 4.0, -5.5, 5.5)
-TO_NORMAL = 1.4826  # Standard deviation over the median of absolute deviations, of normal numbers
-
-
-@dataclass(frozen=True, kw_only=True)
-class Candidates(Columns):
-    """Pairs of a plot and a look of one sector that may belong together, by their numbers; (n,).
-
-    `error` is what was measured less what was true, `sigma` its claimed standard deviation, both
-    (n, k) in the units of k quantities, NaN where a plot does not measure one.
-    """
-
-    plot: Ints
-    look: Ints
-    error: Floats
-    sigma: Floats
-
-
-class PlotPairs(NamedTuple):
-    """Which candidates are pairs, and the gate by which they were found."""
-
-    chosen: Ints  # Rows of candidates; no plot and no look twice
-    centre: Floats  # Of the gate, (k,), in units of the quantities
-    gate: Floats  # Half its width in claimed standard deviations, (k,)
-    false_per_look: float  # Mean number of plots of nobody in a gate
-
-
-def plot_pairs(found: Candidates, reach: Floats, looks: int) -> PlotPairs:
-    """The pairs among candidates; residuals up to `reach` (k,) and 12 gates are looked for.
-
-    The first quantity is the one by which gates are displaced to count false plots. `looks` is how
-    many there are.
-    """
-    quantities = found.error.shape[1]
-    # Medians; 0 of a quantity that is nowhere measured.
-    usual = np.array([np.median([0.0] if not len(of := c[np.isfinite(c)]) else of)
-                      for c in found.sigma.T])  # fmt: skip
-    reach = np.fmax(reach, 4 * GATE * usual)
-    has = np.isfinite(found.error)
-    far = np.abs(found.error) > np.fmax(reach, 4 * GATE * found.sigma)
-    near = np.flatnonzero(~far.any(axis=1) & has.any(axis=1))
-    error, sigma, has = found.error[near], found.sigma[near], has[near]
-    plot, look = found.plot[near], found.look[near]
-    centre, gate = np.zeros(quantities), np.full(quantities, GATE)
-    within = np.ones(len(near), np.bool_)
-    for k in range(quantities):
-        centre[k] = _commonest(error[within & has[:, k], k], usual[k])
-        within &= (np.abs(error[:, k] - centre[k]) <= GATE * sigma[:, k]) | ~has[:, k]
-    ratio = np.where(has, (error - centre) / sigma, 0.0)
-    chosen, false_per_look = _NONE, 0.0
-    for _ in range(ROUNDS):
-        # Pairs within the gate, by the least sum of squares.
-        inside = np.flatnonzero((np.abs(ratio / gate) <= 1).all(axis=1))
-        cost = ((ratio / gate)[inside] ** 2).sum(axis=1) - quantities - 1.0
-        chosen = inside[least_sum(plot[inside], look[inside], cost)]
-        others = ~np.isin(plot, plot[chosen])
-        false_per_look = _false_per_look(ratio[others], sigma[others, 0], gate, reach[0], looks)
-        if false_per_look * looks > MOST_FALSE * max(len(chosen), 1):
-            break
-        wider = np.array(
-            [_wanted(ratio[chosen, k][has[chosen, k]], gate[k]) for k in range(quantities)]
-        )
-        if (wider <= 1.05 * gate).all():
-            break
-        gate = wider
-    return PlotPairs(near[chosen], centre, gate, false_per_look)
-
-
-def look_groups(axes: Sequence[tuple[Floats, float]]) -> Ints:
-    """A number of each look, (n,), which looks share that plots may not tell from each other.
-
-    Each axis is places along it, (n,), over the distance from which plots do tell, and the period
-    after which it is the same again, or 0.
-    """
-    n = len(axes[0][0])
-    if n < 2:
-        return np.zeros(n, np.int64)
-    first, second, _ = near_pairs([(place * REACH, period * REACH) for place, period in axes])
-    return joined_by_pairs(first, second, n)[1]
-
-
-def _commonest(error: Floats, sigma: float) -> float:
-    """The residual about which most are, unless about 0 there are nearly as many."""
-    width = 2 * WINDOW * sigma
-    values = np.sort(error)
-    if not len(values):
-        return 0.0
-    ends = np.searchsorted(values, values + width, side="right")
-    counts = ends - np.arange(len(values))
-    best = int(counts.argmax())
-    about_zero = int((np.abs(values) <= WINDOW * sigma).sum())
-    most = int(counts[best])
-    if most <= about_zero + 3 * np.sqrt(most):
-        return 0.0
-    middle = float(np.median(values[best : ends[best]]))
-    for _ in range(3):  # the window's own edges are chosen by chance
-        middle = float(np.median(values[np.abs(values - middle) <= width]))
-    return middle
-
-
-def _false_per_look(ratio: Floats, sigma: Floats, gate: Floats, reach: float, looks: int) -> float:
-    """Mean number of plots of nobody in gates that are displaced from where a target was."""
-    if not looks or not len(ratio):
-        return 0.0
-    usual = float(np.median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
-    rest: Bools = np.asarray((np.abs(ratio[:, 1:]) <= gate[1:]).all(axis=1))
-    counts = [
-        int((rest & (np.abs(ratio[:, 0] - offset * gate[0]) <= gate[0])).sum())
-        for offset in OFFSETS
-        if (abs(offset) + 1) * gate[0] * usual <= reach
-    ]
-    return float(np.mean(counts)) / looks if counts else 0.0
-
-
-def _wanted(ratio: Floats, gate: float) -> float:
-    """The gate that residuals ask for that lie within one."""
-    if len(ratio) < 4:
-        return gate
-    spread = TO_NORMAL * float(np.median(np.abs(ratio - np.median(ratio))))
-    return max(gate, GATE * spread) if spread > WIDER else gate
-
-
-_NONE: Ints = np.zeros(0, np.int64)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
+from itertools import chain, groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -393,15 +393,13 @@ class WaitingPlots:
         """Count the plots of a sector."""
         return sum(map(len, self._sectors.get(key, {}).values()))
 
-    def take(self, key: SectorKey, t_utc_ns: Ints | None = None) -> list[SectorPlots] | None:
+    def take(self, key: SectorKey, t_utc_ns: Ints) -> list[SectorPlots] | None:
         """Plots of a sector, in order, which wait no longer; None if those times are of others.
 
         The sensor's clock may be ahead, but of all its plots by as much.
         """
         messages = self._forget(key)
         parts = [messages[n] for n in sorted(messages)]
-        if t_utc_ns is None:
-            return parts
         if sum(map(len, parts)) != len(t_utc_ns):
             return None
         ahead_ns, at = set(), 0
@@ -419,22 +417,26 @@ class WaitingPlots:
 
 
 class EvidencePart(NamedTuple):
-    """What some messages of a recording tell: entries that are new, and plots."""
+    """What some messages of a recording tell: entries that are new, and the plots of each."""
 
     told: LedgerTables
     keys: Sequence[SectorKey]  # Of the entries
-    plots: Sequence[SectorPlots]
+    # In the order of what is true of them; None where none came, or others than the entry tells of.
+    plots: Sequence[Sequence[SectorPlots] | None]
+    contradicted: Bools  # Of which entries others came
 
-    def by_sensor(self) -> Iterator[tuple[tuple[str, str], LedgerTables, list[SectorKey]]]:
-        """Entries of each prefix and sensor."""
+    def rows(self, which: Ints) -> EvidencePart:
+        """The entries at ascending indices."""
+        keys, plots = ([each[row] for row in which.tolist()] for each in (self.keys, self.plots))
+        return EvidencePart(self.told.of(which), keys, plots, self.contradicted[which])
+
+    def by_sensor(self) -> Iterator[tuple[tuple[str, str], EvidencePart]]:
+        """The entries of each prefix and sensor."""
         rows: dict[tuple[str, str], list[int]] = {}
         for row, key in enumerate(self.keys):
             rows.setdefault(key[:2], []).append(row)
         for whose, which in rows.items():
-            yield whose, self.told.of(np.array(which)), [self.keys[row] for row in which]
-
-
-NO_EVIDENCE = EvidencePart(tables_of(()), (), ())
+            yield whose, self.rows(np.array(which))
 
 
 class Evidence:
@@ -492,7 +494,26 @@ class Evidence:
         self.asked = {s.id: AskedByTime(scene, s, settings, start_utc_ns) for s in scene.sensor}
 
     def parts(self) -> Iterator[EvidencePart]:
-        """All of it, in the order of the file, some messages at a time."""
+        """All of it, in the order of the file, some messages at a time.
+
+        Plots count that come before their entry, or among the messages that are read next.
+        """
+        waiting = WaitingPlots()
+        for part, _ in pairwise(chain(self._told(waiting), [None])):
+            if part is None:
+                continue
+            told, keys = part
+            truths, plots = told.plots, list[Sequence[SectorPlots] | None]()
+            contradicted = np.zeros(len(told), np.bool_)
+            ends = np.searchsorted(truths.entry, np.arange(len(told) + 1)).tolist()
+            for n, (key, of) in enumerate(zip(keys, pairwise(ends), strict=True)):
+                has_some = waiting.count(key) > 0
+                plots.append(waiting.take(key, truths.t_utc_ns[slice(*of)]))
+                contradicted[n] = has_some and plots[-1] is None
+            yield EvidencePart(told, keys, plots, contradicted)
+
+    def _told(self, waiting: WaitingPlots) -> Iterator[tuple[LedgerTables, list[SectorKey]]]:
+        """Entries that are new, of some messages at a time, whose plots then wait."""
         series = {*self._truths, *self.carriers}
         found = self.log.messages(topics={t for t, _ in series}, stages={s for _, s in series})
         octets = self._path.stat().st_size
@@ -501,9 +522,9 @@ class Evidence:
             of = [(message.topic, message.stage) for message in several]
             ledgers = [m for m, key in zip(several, of, strict=True) if key in self._truths]
             carried = (m for m, key in zip(several, of, strict=True) if key in self.carriers)
-            told, keys = self._new(ledgers)
-            plots = sector_plots(carried, lambda m: self.carriers[m.topic, m.stage])
-            yield EvidencePart(told, keys, list(plots))
+            for plots in sector_plots(carried, lambda m: self.carriers[m.topic, m.stage]):
+                waiting.add(plots)
+            yield self._new(ledgers)
 
     def _new(self, ledgers: Sequence[Recorded]) -> tuple[LedgerTables, list[SectorKey]]:
         """Entries that were not there before."""

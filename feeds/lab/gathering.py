@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryFile
-from typing import Any, BinaryIO, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,20 +20,18 @@ from plotfeed.feeds.lab.evidence import (
     AskedByTime,
     AskedSensor,
     Evidence,
+    EvidencePart,
     SectorKey,
-    SectorPlots,
-    WaitingPlots,
     are_targets,
     names_of,
     plots_in_rows,
 )
-from plotfeed.feeds.lab.laws import CELLS, TrueEchoes, TruePlots
+from plotfeed.feeds.lab.laws import CELLS
 from plotfeed.feeds.lab.links import CURVE, LinkFigures, Order, Setting, link_checks, orders_of
-from plotfeed.models.clutter import CLUTTER, SIDELOBE
 from plotfeed.models.residuals import Check
-from plotfeed.models.state import OTHER, Bools, Ints, Texts
+from plotfeed.models.state import OTHER, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
-from plotfeed.proto.ledger import LedgerTables, ToldMessages, ToldPlots
+from plotfeed.proto.ledger import LedgerTables, ToldMessages
 from plotfeed.proto.utc import iso_utc
 from plotfeed.replay.recorded import SCENE_NAME, WHAT_LEFT, Stage
 
@@ -43,11 +40,9 @@ MAX_LINKS = 100
 MAX_SENSORS = 10_000
 MOST_HELD = 400_000  # Looks and plots, of all sensors together, that are held until they are judged
 FEWEST_HELD = 2000  # Of one sensor, from which on they are judged, however many sensors there are
-MOST_WAITING = 20_000  # Plots that wait, until all are judged by the ledger
 MOST_RUNS = 1000  # In a row, of which is looked which are lacking although the sensor was at work
 WRITTEN_TOGETHER = 4096  # Of a sensor, which takes so many times 32 octets
 STAGES: Mapping[judge.Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
-NOT_CLAIMED = "clutter that the scene has beside, or side lobes bring, is not claimed"
 # Of messages: the number of their link's setting in place of their entry's, and what else is told.
 KEPT = np.dtype(
     [
@@ -56,15 +51,6 @@ KEPT = np.dtype(
         *((name, np.int8) for name in ("entry", "fate", "copy", "flipped_bit")),
     ]
 )
-
-
-class _Part(NamedTuple):
-    """Sectors that wait until all their plots are there."""
-
-    told: LedgerTables
-    keys: Sequence[SectorKey]
-    expected: list[int]  # The number of what is expected in each
-    is_read: Bools  # Whether its plots are looked for
 
 
 def runs_of(ends: Ints) -> Ints:
@@ -85,13 +71,11 @@ def lacking_of(ends: Ints) -> list[range]:
 
 
 class KeptMessages:
-    """What became of a sensor's messages, in a file that all share: hours of them are gigabytes."""
+    """What became of a sensor's messages, in a file of its own: hours of them are gigabytes."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-        self._pieces: list[tuple[int, int]] = []  # Where in the file, and octets
+    def __init__(self, path: Path) -> None:
+        self._path = path
         self._last: list[NDArray[Any]] = []  # That are not in the file yet
-        self._waiting = 0
 
     def add(self, sent: ToldMessages) -> None:
         """Keep more; raises `OSError`."""
@@ -99,20 +83,15 @@ class KeptMessages:
         for name in KEPT.names or ():
             rows[name] = getattr(sent, name)
         self._last.append(rows)
-        self._waiting += len(rows)
-        if self._waiting >= WRITTEN_TOGETHER:
-            data = np.concatenate(self._last).tobytes()
-            self._pieces.append((self._file.seek(0, io.SEEK_END), len(data)))
-            self._file.write(data)
-            self._last, self._waiting = [], 0
+        if sum(map(len, self._last)) >= WRITTEN_TOGETHER:
+            with self._path.open("ab") as file:
+                file.write(np.concatenate(self._last).tobytes())
+            self._last = []
 
     def all(self) -> ToldMessages:
         """All of them, with the columns that are kept."""
-        data = bytearray()
-        for at, octets in self._pieces:
-            self._file.seek(at)
-            data += self._file.read(octets)
-        rows = np.concatenate([np.frombuffer(data, KEPT), *self._last])
+        written = np.fromfile(self._path, KEPT) if self._path.exists() else np.empty(0, KEPT)
+        rows = np.concatenate([written, *self._last])
         return ToldMessages.holding({name: rows[name].copy() for name in KEPT.names or ()})
 
 
@@ -123,11 +102,10 @@ class Gathering:
         self,
         against: judge.Against,
         asked: AskedByTime | None,
-        waiting: WaitingPlots,
         kept: KeptMessages,
-        topic: str | None,
+        carrier: tuple[str, Stage] | None,
     ) -> None:
-        """Plots of its sectors come to `waiting`, by the topic that ends so; None: none come."""
+        """`carrier` is the topic and the stage of its plots; None where none come."""
         self.tally = judge.FeedTally(against)
         self.asked = asked
         self.entries = self.plots = self.contradicted = self.lost = self.left_out = 0
@@ -135,36 +113,32 @@ class Gathering:
         self.of_others: Counter[str] = Counter()
         # By the JSON of their keys, in the order in which they came into force.
         self.links: dict[str, Setting] = {}
-        self._against, self._waiting, self._topic = against, waiting, topic
-        self._kept = kept
+        self._against, self._kept, self._carrier = against, kept, carrier
         self._runs: Ints = np.zeros((2, 0), np.int64)  # Of sectors that are there, by number
         self._joined_runs = 0
-        self._numbers: dict[str, int] = {}  # Of targets, by name
+        # Number, what was asked and what is expected, by the identity of what was asked.
         self._expected: dict[int, tuple[int, AskedSensor | None, AskedSensor | None]] = {}
-        self._parts: list[_Part] = []
-        self._overdue = self.held = 0
+        self._parts: list[EvidencePart] = []  # That are to be judged
+        self.held = 0
 
-    def take(self, told: LedgerTables, keys: Sequence[SectorKey], spoilt: set[int]) -> None:
-        """Take entries, of which the plots of some are spoilt: of these nothing can be compared."""
+    def take(self, part: EvidencePart) -> None:
+        """Take entries, and the plots of those that the link neither lost nor changed."""
+        spoilt = self._spoilt(part.told.messages)
         if self._against == "asked":
-            self._take_messages(told)
+            self._take_messages(part.told)
         else:
-            sent = told.messages
-            failed = (~sent.delivered | (sent.flipped_bit >= 0)) & (sent.copy == 0)
-            failed &= np.array([t == self._topic for t in sent.topic], np.bool_)
-            arrived = np.setdiff1d(np.arange(len(told)), sent.entry[failed])
-            self.lost += len(told) - len(arrived)
-            told, keys = told.of(arrived), [keys[i] for i in arrived.tolist()]
+            arrived = np.setdiff1d(np.arange(len(part.told)), spoilt)
+            self.lost += len(spoilt)
+            part, spoilt = part.rows(arrived), spoilt[:0]
+        told = part.told
         self.entries += len(told)
-        names = names_of(told.plots)
-        is_target = are_targets(names)
+        is_target = are_targets(names_of(told.plots))
         self.plots += int(is_target.sum())
         self.of_others.update(name.partition(OTHER)[0] for name in told.plots.other if name)
-        in_plots = names[is_target] if self._against == "asked" else ()
-        for name in dict.fromkeys([*in_plots, *names_of(told.looks)]):
-            self._numbers.setdefault(name, len(self._numbers))
-        is_read = np.full(len(told), self._topic is not None)
-        is_read[list(spoilt)] = False
+        contradicted, plots = part.contradicted.copy(), [*part.plots]
+        for n in spoilt.tolist():
+            contradicted[n], plots[n] = False, None
+        self.contradicted += int(contradicted[told.plots.entry[is_target]].sum())
         if self.asked is not None:
             entries = told.entries
             numbers = entries.scan * self.asked.sectors + entries.sector
@@ -173,8 +147,46 @@ class Gathering:
                 self._runs = runs_of(self._runs)
                 self._joined_runs = self._runs.shape[1]
         held = replace(told, messages=told.messages.rows(np.zeros(0, np.int64)))  # They are kept
-        self._parts.append(_Part(held, keys, [self._number(key) for key in keys], is_read))
+        self._parts.append(part._replace(told=held, plots=plots))
         self.held += len(told.looks) + len(told.plots)
+
+    def _spoilt(self, sent: ToldMessages) -> Ints:
+        """Entries whose very plots the link changed on their way to where they are found.
+
+        Beside claims, also those of which it delivered none.
+        """
+        topic, stage = self._carrier or ("", None)
+        flipped = sent.flipped_bit >= 0
+        if self._against == "asked":
+            spoilt = flipped & (stage in WHAT_LEFT)
+        else:
+            spoilt = (~sent.delivered | flipped) & (sent.copy == 0)
+        spoilt &= np.array([each == topic for each in sent.topic], np.bool_)
+        return np.unique(sent.entry[spoilt])
+
+    def settle(self) -> None:
+        """Judge all that is held."""
+        parts, self._parts, self.held = self._parts, [], 0
+        if not parts:
+            return
+        told = LedgerTables.joined([part.told for part in parts])
+        plots = [each for part in parts for each in part.plots]
+        came = np.array([each is not None for each in plots], np.bool_)
+        numbers = [self._number(key) for part in parts for key in part.keys]
+        looks = told.looks
+        if self._against == "claimed":  # by what came
+            looks = looks.but(detected=looks.detected & came[looks.entry])
+        self.tally.take(
+            judge.SensorFeed(
+                looks=looks,
+                truths=told.plots,
+                plots=plots_in_rows(each for several in plots for each in several or ()),
+                came=came[told.plots.entry],
+                keys_of_sector=np.array(numbers, np.int64),
+                expected=[expected for *_, expected in self._expected.values()],
+                scans=len(told) / (1 if self.asked is None else self.asked.sectors),
+            )
+        )
 
     def _number(self, key: SectorKey) -> int:
         """The number of what is expected in a sector."""
@@ -183,67 +195,6 @@ class Gathering:
             expected = asked if asked is None or self._against == "asked" else asked.claimed
             self._expected[id(asked)] = (len(self._expected), asked, expected)
         return self._expected[id(asked)][0]
-
-    def _targets(self, names: Texts) -> Ints:
-        """Numbers of targets, (n,)."""
-        return np.array([self._numbers[name] for name in names.tolist()], np.int64)
-
-    def settle(self, *, at_end: bool = False) -> None:
-        """Judge sectors whose plots are all there, or have been waited for since the last time."""
-        due: list[_Part] = []
-        left: list[_Part] = []
-        for i, part in enumerate(self._parts):
-            counts = np.bincount(part.told.plots.entry, minlength=len(part.keys))
-            there = [self._waiting.count(key) for key in part.keys]
-            is_there = bool((counts <= there)[part.is_read].all())
-            (due if at_end or i < self._overdue or is_there else left).append(part)
-        self._parts, self._overdue = left, len(left)
-        self.held = sum(len(p.told.looks) + len(p.told.plots) for p in left)
-        if due:
-            self._judge(due)
-
-    def _judge(self, parts: Sequence[_Part]) -> None:
-        told = LedgerTables.joined([part.told for part in parts])
-        keys, is_asked = [key for part in parts for key in part.keys], self._against == "asked"
-        names = names_of(told.plots)
-        is_target, is_kept = are_targets(names), np.zeros(len(names), np.bool_)
-        plots: list[SectorPlots] = []
-        sectors: list[Ints] = [np.zeros(0, np.int64)]
-        ends = np.searchsorted(told.plots.entry, np.arange(len(told) + 1)).tolist()
-        for row in np.flatnonzero(np.concatenate([part.is_read for part in parts])).tolist():
-            of = slice(ends[row], ends[row + 1])
-            is_there = self._waiting.count(keys[row]) > 0
-            found = self._waiting.take(keys[row], told.plots.t_utc_ns[of] if is_asked else None)
-            if found is None:
-                self.contradicted += int(is_target[of].sum()) if is_there else 0
-                continue
-            is_kept[of] = True
-            plots += found
-            sectors.append(np.full(sum(map(len, found)), row))
-        truths = None
-        if is_asked:
-            truths = truths_of(told, is_target, self._targets(names[is_target])).rows(is_kept)
-        has_clutter = bool(self.of_others[CLUTTER] or self.of_others[SIDELOBE]) and not is_asked
-        self.tally.take(
-            judge.SensorFeed(
-                looks=judge.FeedLooks(
-                    sector=told.looks.entry,
-                    target=self._targets(names_of(told.looks)),
-                    emitted_utc_ns=told.looks.emitted_utc_ns,
-                    counts=np.ones(len(told.looks), np.bool_),
-                    **{name: getattr(told.looks, name) for name in judge.OF_LOOKS},
-                ),
-                plots=plots_in_rows(plots),
-                plot_sector=np.concatenate(sectors),
-                keys_of_sector=np.array([n for part in parts for n in part.expected], np.int64),
-                expected=[expected for *_, expected in self._expected.values()],
-                scans=len(told) / (1 if self.asked is None else self.asked.sectors),
-                names=list(self._numbers),
-                told=truths,
-                false_alarms=int((names == "").sum()),
-                why_no_clutter=NOT_CLAIMED if has_clutter else "",
-            )
-        )
 
     def missed(self) -> int:
         """Sectors that are lacking although the sensor was at work."""
@@ -283,97 +234,35 @@ class Gathering:
         return found
 
 
-def truths_of(told: LedgerTables, is_target: Bools, target: Ints) -> judge.ToldTruth:
-    """What is true of plots, of which those are of targets, with these numbers."""
-    plots = told.plots.rows(is_target)
-    merged = np.fromiter(map(len, plots.merged_drones), np.int64, len(plots))
-    return judge.ToldTruth(
-        is_target,
-        TruePlots(
-            t_utc_ns=plots.t_utc_ns,
-            target=target,
-            drones=1 + merged,
-            range_rate_m_s=plots.range_rate_m_s,
-        ),
-        echoes_of(told, plots),
-    )
-
-
-def echoes_of(told: LedgerTables, plots: ToldPlots) -> TrueEchoes:
-    """Where the drones in plots were: by the looks, where a plot's truth is another."""
-    looks, names, look_names = told.looks, names_of(plots), names_of(told.looks)
-    place = np.stack([plots.azimuth_deg, plots.elevation_deg, plots.range_m])
-    looked = np.stack([looks.azimuth_deg, looks.elevation_deg, looks.range_m])
-    if looks.emitted_utc_ns.any():
-        columns = (looks.entry.tolist(), look_names.tolist(), looks.t_utc_ns.tolist())
-        heard = np.flatnonzero(looks.emitted_utc_ns).tolist()
-        row_of = {tuple(column[row] for column in columns): row for row in reversed(heard)}
-        keys = zip(plots.entry.tolist(), names.tolist(), plots.t_utc_ns.tolist(), strict=True)
-        for n, key in enumerate(keys):
-            if key in row_of:
-                place[:, n] = looked[:, row_of[key]]
-    is_merged = np.array([bool(each) for each in plots.merged_drones], np.bool_)
-    alone = np.flatnonzero(~is_merged)
-    number, row = [alone], [np.zeros(0, np.int64)]
-    for n in np.flatnonzero(is_merged).tolist():
-        first, end = np.searchsorted(looks.entry, [plots.entry[n], plots.entry[n] + 1])
-        for drone in (names[n], *plots.merged_drones[n]):
-            row.append(first + np.flatnonzero(look_names[first:end] == drone))
-            number.append(np.full(len(row[-1]), n))
-    rows, numbers = np.concatenate(row), np.concatenate(number)
-    order = np.argsort(numbers, kind="stable")
-    azimuth_deg, elevation_deg, range_m = np.column_stack([place[:, alone], looked[:, rows]])
-    found = TrueEchoes(
-        plot=numbers,
-        channel=np.append(np.full(len(alone), -1), looks.channel[rows]),
-        azimuth_deg=azimuth_deg,
-        elevation_deg=elevation_deg,
-        range_m=range_m,
-        weight=np.append(np.ones(len(alone)), 10 ** (looks.snr_db[rows] / 10)),
-    )
-    return found if len(alone) == len(plots) else found.rows(order)
-
-
 def _gathered(
-    evidence: Evidence, against: judge.Against, spare: BinaryIO
+    evidence: Evidence, against: judge.Against, spare: Path
 ) -> dict[tuple[str, str], Gathering]:
     """What came of each sensor, by prefix and id; beside claims, of those with plots alone.
 
-    `spare` is an empty file, for what would fill the memory.
+    `spare` is an empty folder, for what would fill the memory.
     """
-    carriers = {whose: topic for (topic, _), whose in evidence.carriers.items()}
+    carriers = {whose: carrier for carrier, whose in evidence.carriers.items()}
     found: dict[tuple[str, str], Gathering] = {}
-    waiting = WaitingPlots()
 
     def of(whose: tuple[str, str]) -> Gathering:
         if whose not in found:
-            asked, kept = evidence.asked.get(whose[1]), KeptMessages(spare)
-            found[whose] = Gathering(against, asked, waiting, kept, carriers.get(whose))
+            kept = KeptMessages(spare / f"{len(found)}")
+            asked = evidence.asked.get(whose[1])
+            found[whose] = Gathering(against, asked, kept, carriers.get(whose))
         return found[whose]
 
     for whose in carriers if against == "claimed" else ():
         of(whose)
     for part in evidence.parts():
-        for plots in part.plots:
-            waiting.add(plots)
-        for whose, told, keys in part.by_sensor():
+        for whose, own in part.by_sensor():
             if whose not in found and (against == "claimed" or len(found) >= MAX_SENSORS):
                 continue
-            # Entries of which the link has flipped a bit of the very plots that are to be read.
-            flipped = told.messages.rows((told.messages.flipped_bit >= 0) & (against == "asked"))
-            spoilt = {
-                entry
-                for entry, topic in zip(flipped.entry.tolist(), flipped.topic, strict=True)
-                if any(evidence.carriers.get((topic, stage)) == whose for stage in WHAT_LEFT)
-            }
-            of(whose).take(told, keys, spoilt)
-        crowded = against == "asked" and waiting.total >= MOST_WAITING
-        most = 1 if crowded else max(MOST_HELD // max(len(found), 1), FEWEST_HELD)
+            of(whose).take(own)
         for each in found.values():
-            if each.held >= most:
+            if each.held >= max(MOST_HELD // len(found), FEWEST_HELD):
                 each.settle()
     for each in found.values():
-        each.settle(at_end=True)
+        each.settle()
     return found
 
 
@@ -411,11 +300,11 @@ class FeedReport:
 
     def __init__(self, path: Path, against: judge.Against) -> None:
         """Judge a recording; raises `PlotfeedError` if it holds no ledger, and `OSError`."""
-        with Evidence.of(path, STAGES[against]) as evidence, TemporaryFile() as spare:
+        with Evidence.of(path, STAGES[against]) as evidence, TemporaryDirectory() as spare:
             attached = (attachment.name for attachment in evidence.log.attachments())
             if against == "claimed" or SCENE_NAME in attached:
                 evidence.ask()
-            self._take(path, evidence, against, _gathered(evidence, against, spare))
+            self._take(path, evidence, against, _gathered(evidence, against, Path(spare)))
 
     def _take(
         self,

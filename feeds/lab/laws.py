@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,8 +15,9 @@ from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import bistatic_range
 from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution
-from plotfeed.models.state import Bools, Columns, Floats, Ints
+from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.proto.asterix.decode_plots import steps_of
+from plotfeed.proto.ledger import ToldLooks, ToldPlots
 from plotfeed.proto.measured_plots import MeasuredPlots
 
 if TYPE_CHECKING:
@@ -105,25 +105,15 @@ def over(values: Floats, weights: Floats) -> Expected:
     return Expected(mean, variance, np.asarray(excess**4 @ weights / variance**2))
 
 
-def with_rounding(law: Expected, step: float) -> Expected:
-    """The law of values with an error of rounding to steps beside, about the unrounded mean.
-
-    Sheppard's: to whoever does not know where in a step the mean is, however coarse that is.
-    """
+def in_steps(law: Expected, step: float) -> Expected:
+    """The law of values that are rounded to steps: Sheppard's, or a sum where steps are coarse."""
     if not step:
         return law
     mean, variance, kurtosis, _ = law
     uniform = step**2 / 12
     fourth = kurtosis * variance**2 + 6 * variance * uniform + step**4 / 80
-    return Expected(mean.copy(), variance + uniform, fourth / (variance + uniform) ** 2, step)
-
-
-def in_steps(law: Expected, step: float) -> Expected:
-    """The law of values that are rounded to steps: Sheppard's, or a sum where steps are coarse."""
-    if not step:
-        return law
-    told = with_rounding(law, step)
-    mean, variance = law.mean, law.variance
+    kurtosis = fourth / (variance + uniform) ** 2
+    told = Expected(mean.copy(), variance + uniform, kurtosis, step)
     coarse = np.sqrt(variance) < step
     if not coarse.any():
         return told
@@ -157,35 +147,6 @@ MOST_BENT = 0.1
 STRAIGHT = (2.5, 4.0)  # Kurtosis of what is nearly linear in noise
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrueEchoes(Columns):
-    """The drones in plots, a row a drone: the number of the plot, and where the drone was, truly.
-
-    `weight` is that of the echo in the place of a plot that holds several; `channel` is -1 where
-    the drone is in the plot by whatever channel it is.
-    """
-
-    plot: Ints
-    channel: Ints
-    azimuth_deg: Floats
-    elevation_deg: Floats
-    range_m: Floats
-    weight: Floats
-
-
-@dataclass(frozen=True, kw_only=True)
-class TruePlots(Columns):
-    """Plots of drones as the ledger has them: the number of a drone in each, and how many are.
-
-    Of one drone, how fast it is.
-    """
-
-    t_utc_ns: Ints
-    target: Ints
-    drones: Ints
-    range_rate_m_s: Floats
-
-
 class Comparison(NamedTuple):
     """What was measured less what was expected, of all quantities, (n, k), and the law of that.
 
@@ -204,25 +165,21 @@ class Comparison(NamedTuple):
 
 @nan_without_warnings
 def compared(
-    asked: AskedSensor | None,
-    echoes: TrueEchoes,
-    plots: TruePlots,
-    measured: MeasuredPlots,
-    rounded: Callable[[Expected, float], Expected] = in_steps,
-    *,
-    keeps_ends: bool = False,
+    asked: AskedSensor | None, echoes: ToldLooks, truths: ToldPlots, measured: MeasuredPlots
 ) -> Comparison:
     """Plots of drones, (n,), of one category, beside what a sensor was asked for; None: unknown.
 
-    `keeps_ends` compares also those that noise may have made no plots, near the ends of range.
+    `echoes` are the looks of which they are, with numbers of plots in place of those of entries.
     """
     category = int(measured.category[0]) if len(measured) else 0
     steps = steps_of(category)
     channel = np.where(measured.channel >= 0, measured.channel, 0)
-    place, is_whole = _places(asked, echoes, plots, channel)
+    drones = 1 + np.fromiter(map(len, truths.merged_drones), np.int64, len(truths))
+    place, is_whole = _places(asked, echoes, truths.t_utc_ns, drones, channel)
     sigmas = _sigmas(asked, measured, channel, steps)
-    expected = _expected(asked, place, plots, channel, sigmas)
-    left_out = ~is_whole if keeps_ends else ~is_whole | _near_an_end(asked, place, channel, sigmas)
+    rate_m_s = np.where(drones == 1, truths.range_rate_m_s, np.nan)
+    expected = _expected(asked, place, rate_m_s, channel, sigmas)
+    left_out = ~is_whole | _near_an_end(asked, place, channel, sigmas)
     # What is told in steps is the altitude above mean sea level.
     level_m: Floats | float = 0.0
     if asked is not None and np.isfinite(measured.altitude_m).any():
@@ -239,7 +196,7 @@ def compared(
         step = steps.get("altitude_m" if name == "height" else column, 0.0)
         datum = level_m if name == "height" else 0.0
         law = expected[name]
-        law = rounded(law._replace(mean=law.mean - datum), step)
+        law = in_steps(law._replace(mean=law.mean - datum), step)
         error = values[name] - (law.mean + datum)
         if name == "azimuth":
             error = wrap_180(error)
@@ -256,7 +213,7 @@ def compared(
     found.off["time"] = 0
     if asked is not None and category != TIME_OF_SENDING:
         most_ns = TIME_STEP_NS // 2 + 1 if category else 0
-        times = zip(measured.t_utc_ns.tolist(), plots.t_utc_ns.tolist(), strict=True)
+        times = zip(measured.t_utc_ns.tolist(), truths.t_utc_ns.tolist(), strict=True)
         found.off["time"] = sum(
             t_ns is None or abs(t_ns - true_ns - asked.clock_ahead_ns) > most_ns
             for t_ns, true_ns in times
@@ -279,14 +236,15 @@ class Place(NamedTuple):
 
 
 def _places(
-    asked: AskedSensor | None, echoes: TrueEchoes, plots: TruePlots, channel: Ints
+    asked: AskedSensor | None, echoes: ToldLooks, t_utc_ns: Ints, drones: Ints, channel: Ints
 ) -> tuple[Place, Bools]:
-    """The places of plots as they are read, and of which all drones are known."""
-    mine = (echoes.channel < 0) | (echoes.channel == channel[echoes.plot])
-    if not mine.all():
-        echoes = echoes.rows(mine)
-    n = len(plots)
-    of = echoes.plot
+    """The places of plots as they are read, by so many drones in each, and which are known."""
+    # A drone is alone in a plot by whatever channel it was looked at.
+    mine = (drones == 1)[echoes.entry] | (echoes.channel == channel[echoes.entry])
+    echoes, n = echoes.rows(mine), len(t_utc_ns)
+    of = echoes.entry
+    if not len(of):
+        return Place(*np.full((3, n), np.nan)), np.zeros(n, np.bool_)
     azimuth_deg, elevation_deg, range_m = echoes.azimuth_deg, echoes.elevation_deg, echoes.range_m
     if asked is not None:
         true_enu_m = aer_to_enu(azimuth_deg, elevation_deg, range_m)
@@ -294,28 +252,27 @@ def _places(
             azimuth_deg, elevation_deg, _ = enu_to_aer(true_enu_m @ asked.own_axes.T)
         if asked.is_bistatic:
             range_m = bistatic_range(true_enu_m, asked.from_enu_m(channel[of]))
-    is_whole = np.bincount(of, minlength=n) == plots.drones
-    first = np.searchsorted(of, np.arange(n)).clip(max=max(len(of) - 1, 0))
-    if len(of) == n:
-        place = Place(azimuth_deg[first], elevation_deg[first], range_m[first])
-    else:
-        whole = np.bincount(of, echoes.weight, n)
+    first = np.searchsorted(of, np.arange(n)).clip(max=len(of) - 1)
+    # Of several drones the place is the mean of theirs, by the strengths of their echoes.
+    weight = np.where(drones[of] == 1, 1.0, 10 ** (echoes.snr_db / 10))
+    whole = np.bincount(of, weight, n)
 
-        def mean(values: Floats, excess: Floats) -> Floats:
-            return np.asarray(values[first] + np.bincount(of, echoes.weight * excess, n) / whole)
+    def mean(values: Floats, excess: Floats) -> Floats:
+        return np.asarray(values[first] + np.bincount(of, weight * excess, n) / whole)
 
-        place = Place(
-            mean(azimuth_deg, wrap_180(azimuth_deg - azimuth_deg[first][of])),
-            mean(elevation_deg, elevation_deg - elevation_deg[first][of]),
-            mean(range_m, range_m - range_m[first][of]),
-        )
+    place = Place(
+        mean(azimuth_deg, wrap_180(azimuth_deg - azimuth_deg[first][of])),
+        mean(elevation_deg, elevation_deg - elevation_deg[first][of]),
+        mean(range_m, range_m - range_m[first][of]),
+    )
     if asked is not None:  # means with what the sensor reads in place of them
         azimuth_deg, elevation_deg, range_m = asked.model.mean_place(*place)
         if asked.readings is not None:
             longer_m = range_m - place.range_m
-            range_m = asked.readings.range_m(place.range_m, plots.t_utc_ns) + longer_m
-            azimuth_deg = asked.readings.azimuth_deg(azimuth_deg, plots.t_utc_ns)
+            range_m = asked.readings.range_m(place.range_m, t_utc_ns) + longer_m
+            azimuth_deg = asked.readings.azimuth_deg(azimuth_deg, t_utc_ns)
         place = Place(azimuth_deg, elevation_deg, range_m)
+    is_whole = np.bincount(of, minlength=n) == drones
     return place, is_whole & np.isfinite(place.azimuth_deg)
 
 
@@ -351,7 +308,7 @@ def _sigmas(
 def _expected(
     asked: AskedSensor | None,
     place: Place,
-    plots: TruePlots,
+    rate_m_s: Floats,
     channel: Ints,
     sigmas: Mapping[str, Floats],
 ) -> dict[str, Expected]:
@@ -359,7 +316,6 @@ def _expected(
     azimuth_deg, elevation_deg, range_m = place
     sigma_azimuth_deg = sigmas["azimuth_deg"]
     known_deg = np.where(sigma_azimuth_deg <= WIDEST_DEG, sigma_azimuth_deg, np.nan)
-    rate_m_s = np.where(plots.drones == 1, plots.range_rate_m_s, np.nan)
     found = {
         "azimuth": gauss(azimuth_deg, known_deg),
         "elevation": gauss(elevation_deg, sigmas["elevation_deg"]),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from plotfeed.feeds.lab.evidence import NO_EVIDENCE, Evidence, WaitingPlots, plots_in_rows
+from plotfeed.feeds.lab.evidence import Evidence, plots_in_rows
 from plotfeed.feeds.lab.flights import FlightsTally, Truths, scene_of, stands_of
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings
 from plotfeed.feeds.lab.track_reports import LATEST_NS, UNKNOWN_NS, ReportedTracks, TracksRead
@@ -83,26 +82,23 @@ def read_run(path: Path, scene: Scene | None = None) -> RecordedRun:
     and `OSError`.
     """
     known: list[KnownPlots] = []
-    placeless, waiting = 0, WaitingPlots()
+    placeless = 0
     with Evidence.of(path) as evidence:
         scene = scene or scene_of(path)
         frames, longest_s = stands_of(evidence.log, scene)
         tally = FlightsTally(frames, longest_s)
-        for part, later in pairwise(chain([NO_EVIDENCE], evidence.parts(), [NO_EVIDENCE])):
-            tally.add(later.told)
-            for plots in later.plots:  # those of a part may come a little later
-                waiting.add(plots)
+        for part in evidence.parts():
+            tally.add(part.told)
             truths, sent = part.told.plots, part.told.messages
             came_ns = np.full(len(part.keys), LATEST_NS)  # When the first message of a sector left
             np.minimum.at(came_ns, sent.entry[sent.delivered], sent.sent_utc_ns[sent.delivered])
             came_ns[came_ns == LATEST_NS] = UNKNOWN_NS
             ends = np.searchsorted(truths.entry, np.arange(len(part.keys) + 1)).tolist()
-            for n, key in enumerate(part.keys):
-                own = truths.between(ends[n], ends[n + 1])
-                found = waiting.take(key, own.t_utc_ns) if len(own) else None
-                if found is not None and key.sensor in frames:
-                    measured, frame = plots_in_rows(found), frames[key.sensor]
-                    of_drones, without = plots_of(own.drone, measured, frame, int(came_ns[n]))
+            for n, (key, found) in enumerate(zip(part.keys, part.plots, strict=True)):
+                if found and key.sensor in frames:
+                    drones, frame = truths.drone[ends[n] : ends[n + 1]], frames[key.sensor]
+                    measured, left_ns = plots_in_rows(found), int(came_ns[n])
+                    of_drones, without = plots_of(drones, measured, frame, left_ns)
                     known.append(of_drones)
                     placeless += without
         wrong, damage = evidence.unreadable, len(evidence.log.damage)

@@ -11,7 +11,6 @@ from scipy.signal import lfilter
 from support.significance import assert_chance, assert_sum
 
 from plotfeed.models.residuals import (
-    Candidates,
     Check,
     ErrorSums,
     LookOdds,
@@ -20,8 +19,6 @@ from plotfeed.models.residuals import (
     Residuals,
     always_valid,
     clutter_check,
-    look_groups,
-    plot_pairs,
     wrong_at,
 )
 from plotfeed.models.verdicts import (
@@ -136,10 +133,10 @@ def test_what_is_not_known_of_odds_is_no_fault_and_what_is_beyond_that_is() -> N
     rng = np.random.default_rng(9)
     of = odds(rng, np.full(2000, 0.9), 0.92)
     open_to = (np.full(2000, off) for off in (0.0, 0.01, 0.2))
-    sure, nearly, wide = (detection_check(of.but(off=each), 0.0).p for each in open_to)
+    sure, nearly, wide = (detection_check(of.but(off=each)).p for each in open_to)
     assert sure < nearly < 1e-4
     assert wide > 0.5
-    assert detection_check(of.but(off=None), 0.0).p == sure
+    assert detection_check(of.but(off=None)).p == sure
 
 
 def odds(rng: np.random.Generator, pd: np.ndarray, factor: float = 1.0) -> LookOdds:
@@ -152,29 +149,29 @@ def odds(rng: np.random.Generator, pd: np.ndarray, factor: float = 1.0) -> LookO
     )
 
 
-def detection_check(looks: LookOdds, false_per_look: float) -> Check:
+def detection_check(looks: LookOdds) -> Check:
     sums = LookSums()
-    sums.add(looks, np.linspace(100.0, 9000.0, len(looks)), false_per_look)
+    sums.add(looks, np.linspace(100.0, 9000.0, len(looks)))
     return sums.check()
 
 
 def test_detections_fail_as_often_as_is_said_and_where_they_are_fewer() -> None:
     rng = np.random.default_rng(7)
     pd = rng.uniform(0.8, 0.999, 60)
-    p = np.array([detection_check(odds(rng, pd), 0.0).p for _ in range(400)])
+    p = np.array([detection_check(odds(rng, pd)).p for _ in range(400)])
     assert_chance(float(stats.binom.sf((p < 0.01).sum() - 1, 400, 0.01)), "too often")
-    fewer = [detection_check(odds(rng, pd, 0.6), 0.0).p for _ in range(100)]
+    fewer = [detection_check(odds(rng, pd, 0.6)).p for _ in range(100)]
     assert sum(each < 1e-3 for each in fewer) >= 95
-    certain = detection_check(odds(rng, np.ones(10)), 0.0)
+    certain = detection_check(odds(rng, np.ones(10)))
     assert math.isnan(certain.p)
-    assert detection_check(odds(rng, np.ones(10), 0.5), 0.0).p == 0.0
+    assert detection_check(odds(rng, np.ones(10), 0.5)).p == 0.0
 
 
 def test_false_alarms_are_counted_by_poisson() -> None:
-    assert clutter_check(10, 10.0, 5.0, 0.0).p > 0.5
-    assert clutter_check(40, 10.0, 5.0, 0.0).p < 1e-9
-    assert clutter_check(0, 10.0, 5.0, 0.0).p < 1e-3
-    assert clutter_check(0, 0.0, 5.0, 0.0).p == 1.0
+    assert clutter_check(10, 10.0, 5.0).p > 0.5
+    assert clutter_check(40, 10.0, 5.0).p < 1e-9
+    assert clutter_check(0, 10.0, 5.0).p < 1e-3
+    assert clutter_check(0, 0.0, 5.0).p == 1.0
 
 
 def test_who_looks_time_and_again_is_wrong_no_more_often() -> None:
@@ -200,88 +197,6 @@ def _bound(n: int, rate: float) -> float:
         )
         low, high = (low, z) if always_valid(check, rate) else (z, high)
     return high
-
-
-# Pairs of plots and looks: found wherever the plots are off, and not made of clutter.
-
-
-REACH = np.array([8.0, 500.0])
-
-
-def candidates(
-    rng: np.random.Generator,
-    looks: int = 120,
-    *,
-    off: tuple[float, float] = (0.0, 0.0),
-    spread: float = 1.0,
-    pd: float = 0.9,
-    clutter: float = 0.2,
-) -> tuple[Candidates, int]:
-    """Plots of looks, errors of 0.1 degrees and 5 m, and clutter about each; how many are real."""
-    hit = np.flatnonzero(rng.random(looks) < pd)
-    real = np.array(off) + spread * np.array([0.1, 5.0]) * rng.standard_normal((len(hit), 2))
-    around = np.repeat(np.arange(looks), rng.poisson(clutter, looks))
-    false = rng.uniform(-1, 1, (len(around), 2)) * [8.0, 500.0]
-    error = np.concatenate([real, false])
-    return (
-        Candidates(
-            plot=np.arange(len(error)),
-            look=np.concatenate([hit, around]),
-            error=error,
-            sigma=np.tile([0.1, 5.0], (len(error), 1)),
-        ),
-        len(hit),
-    )
-
-
-@pytest.mark.parametrize("clutter", [0.0, 0.2, 2.0])
-@pytest.mark.parametrize("off", [(0.0, 0.0), (2.0, 0.0), (0.0, 120.0), (-3.0, -60.0)])
-def test_plots_are_found_however_far_they_are_off(off: tuple[float, float], clutter: float) -> None:
-    found, real = candidates(np.random.default_rng(1), off=off, clutter=clutter)
-    pairs = plot_pairs(found, REACH, 120)
-    assert (pairs.chosen < real).sum() >= real - 1  # five standard deviations, seldom more
-    assert (pairs.chosen >= real).sum() <= 3
-    assert (np.abs(pairs.centre - off) <= [0.2, 10.0]).all()
-
-
-def test_a_gate_is_as_wide_as_errors_are_and_no_wider_for_clutter() -> None:
-    rng = np.random.default_rng(2)
-    wide, real = candidates(rng, spread=2.5)
-    pairs = plot_pairs(wide, REACH, 120)
-    assert (pairs.chosen < real).sum() >= real - 1
-    assert (pairs.gate > 9).all()
-    dense, _ = candidates(rng, pd=0.2, clutter=20.0)
-    assert (plot_pairs(dense, REACH, 120).gate == 5.0).all()
-
-
-def test_what_is_false_in_gates_is_counted_beside_them() -> None:
-    rng = np.random.default_rng(3)
-    found, _ = candidates(rng, looks=4000, pd=0.5, clutter=5.0)
-    pairs = plot_pairs(found, REACH, 4000)
-    expected = 5.0 * (1.0 / 16.0) * (50.0 / 1000.0)  # the gate's share of the area
-    assert abs(pairs.false_per_look / expected - 1) < 0.15
-
-
-def test_plots_of_a_coarse_channel_are_looked_for_as_far_as_their_own_errors_go() -> None:
-    """Errors of 300 m beside many of 5 m, of which the usual one is."""
-    rng = np.random.default_rng(5)
-    sigma = np.repeat([[0.1, 5.0], [0.1, 300.0]], [300, 100], axis=0)
-    found = Candidates(
-        plot=np.arange(400),
-        look=np.arange(400),
-        error=sigma * rng.standard_normal((400, 2)),
-        sigma=sigma,
-    )
-    assert len(plot_pairs(found, REACH, 400).chosen) == 400
-
-
-def test_looks_form_groups_within_the_widths_that_plots_do_not_tell_apart() -> None:
-    azimuth_deg = np.array([359.9, 0.3, 1.0, 90.0, 0.2])
-    range_m = np.array([100.0, 103.0, 106.0, 100.0, 500.0])
-    group = look_groups([(azimuth_deg / 1.0, 360.0), (range_m / 10.0, 0.0)])
-    assert group[0] == group[1] == group[2]  # over north, the ends by what is between
-    assert len({*group.tolist()}) == 3
-    assert look_groups([(np.zeros(1), 0.0)]).tolist() == [0]
 
 
 # Verdicts on limits, with the risks that they state.
