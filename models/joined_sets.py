@@ -36,26 +36,22 @@ LOST = 1e12  # Standard deviation, in units of a row, of what was not measured
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sightings:
-    """What pairs measured of places, (h, p), NaN for what they did not; stations are (p, 3).
+    """What pairs measured of places, (h, p, 3), and standard deviations; stations are (p, 3).
 
-    Directions are seen from the receivers, in degrees. Heights are expected above the origin.
+    That is the sum of ranges, m, and directions seen from the receivers, azimuth and elevation,
+    degrees; NaN for what they did not measure. Heights are expected above the origin.
     """
 
     transmitters_m: Floats
     receivers_m: Floats
-    sum_m: Floats
-    sigma_sum_m: Floats
-    azimuth_deg: Floats
-    sigma_azimuth_deg: Floats
-    elevation_deg: Floats
-    sigma_elevation_deg: Floats
+    measured: Floats
+    sigmas: Floats
     height_m: float
     sigma_height_m: float
 
-    def rows(self) -> Floats:
+    def rows(self) -> Ints:
         """How many rows each place has beyond the three that it takes; (h,)."""
-        measured = [self.sum_m, self.azimuth_deg, self.elevation_deg]
-        return np.asarray(sum((~np.isnan(m)).sum(axis=1) for m in measured) + 1 - 3)
+        return np.count_nonzero(~np.isnan(self.measured), axis=(1, 2)) + 1 - 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,18 +114,15 @@ def linearised(place_m: Floats, seen: Sightings) -> tuple[Floats, Floats]:
     )
     h = len(place_m)
     up = np.broadcast_to([0.0, 0.0, 1.0], (h, 1, 3))
+    sum_m, azimuth_deg, elevation_deg = np.moveaxis(seen.measured, -1, 0)
+    sigma_sum_m, *of_angles_deg = np.moveaxis(seen.sigmas, -1, 0)
+    sigma_azimuth, sigma_elevation = np.radians(of_angles_deg)
+    off_azimuth = np.radians(wrap_180(azimuth_deg - np.degrees(azimuth)))
+    off_elevation = np.radians(elevation_deg - np.degrees(elevation))
     parts = [
-        (toward + from_tx / other_m[..., None], seen.sum_m - range_m - other_m, seen.sigma_sum_m),
-        (
-            right / ground_m[..., None],
-            np.radians(wrap_180(seen.azimuth_deg - np.degrees(azimuth))),
-            np.radians(seen.sigma_azimuth_deg),
-        ),
-        (
-            above / range_m[..., None],
-            np.radians(seen.elevation_deg - np.degrees(elevation)),
-            np.radians(seen.sigma_elevation_deg),
-        ),
+        (toward + from_tx / other_m[..., None], sum_m - range_m - other_m, sigma_sum_m),
+        (right / ground_m[..., None], off_azimuth, sigma_azimuth),
+        (above / range_m[..., None], off_elevation, sigma_elevation),
         (up, seen.height_m - place_m[:, 2:], np.full((h, 1), seen.sigma_height_m)),
     ]
     known = [np.where(np.isnan(part[1]), LOST, part[2]) for part in parts]
@@ -176,15 +169,10 @@ NONE = -1  # In a set, of a pair that does not belong to it
 
 @dataclass(frozen=True, kw_only=True)
 class Detections(Columns):
-    """What pairs measured in a scan, a row a detection."""
+    """What a pair measured in a scan, (n, 3) as in `Sightings`, a row a detection."""
 
-    pair: Ints
-    sum_m: Floats
-    sigma_sum_m: Floats
-    azimuth_deg: Floats
-    sigma_azimuth_deg: Floats
-    elevation_deg: Floats
-    sigma_elevation_deg: Floats
+    measured: Floats
+    sigmas: Floats
     snr: Floats
     drone: Ints
 
@@ -235,16 +223,13 @@ class SetFinder:
 
     def sightings(self, found: list[Detections], sets: Ints) -> Sightings:
         """What sets of detections measured: (h, p) indices by pair, `NONE` for none."""
-        columns = {}
-        for name in ("sum_m", "azimuth_deg", "elevation_deg"):
-            for column in (name, f"sigma_{name}"):
-                columns[column] = _of_sets([getattr(f, column) for f in found], sets, np.nan)
         return Sightings(
             transmitters_m=self.transmitters_m,
             receivers_m=self.receivers_m,
+            measured=_of_sets([f.measured for f in found], sets, np.nan),
+            sigmas=_of_sets([f.sigmas for f in found], sets, np.nan),
             height_m=self.height_m,
             sigma_height_m=self.sigma_height_m,
-            **columns,
         )
 
     def joined(self, found: list[Detections]) -> JoinedSets | None:
@@ -292,12 +277,12 @@ class SetFinder:
 
     def _ellipses(self, detections: Detections, pair: int) -> _Ellipses:
         """Where the targets of a pair's detections may be, in and about their bearings."""
-        width_deg = np.minimum(4 * detections.sigma_azimuth_deg + 1.0, 180.0)
+        width_deg = np.minimum(4 * detections.sigmas[:, 1] + 1.0, 180.0)
         share = np.linspace(-1.0, 1.0, SEARCHED)
-        azimuth_deg = detections.azimuth_deg[:, None] + width_deg[:, None] * share
+        azimuth_deg = detections.measured[:, 1, None] + width_deg[:, None] * share
         receiver_m = self.receivers_m[pair]
         baseline_m = self.transmitters_m[pair] - receiver_m
-        excess_m = detections.sum_m[:, None] - np.linalg.norm(baseline_m)
+        excess_m = detections.measured[:, :1] - np.linalg.norm(baseline_m)
         ground_m = ground_range_m(
             np.broadcast_to(excess_m, azimuth_deg.shape),
             azimuth_deg,
@@ -318,9 +303,9 @@ class SetFinder:
         one, other = found[a], found[b]
         sums_m = range_sums_m(of.points_m, self.transmitters_m[[b]], self.receivers_m[[b]])
         bearing_deg = enu_to_aer(of.points_m - self.receivers_m[b])[0]
-        off = (other.sum_m[:, None] - sums_m[:, None, :, 0]) / other.sigma_sum_m[:, None]
-        turned = wrap_180(other.azimuth_deg[:, None] - bearing_deg[:, None])
-        square = off**2 + (np.nan_to_num(turned) / other.sigma_azimuth_deg[:, None]) ** 2
+        off = (other.measured[:, :1] - sums_m[:, None, :, 0]) / other.sigmas[:, :1]
+        turned = wrap_180(other.measured[:, 1, None] - bearing_deg[:, None])
+        square = off**2 + (np.nan_to_num(turned) / other.sigmas[:, 1, None]) ** 2
         missed = np.where(of.is_there[:, None], square, np.inf)
         missed[~self._look_alike(one, other, a, b)] = np.inf
         return np.asarray(missed)
@@ -332,8 +317,8 @@ class SetFinder:
         """
         if (self.receivers_m[a] != self.receivers_m[b]).any():
             return np.ones((len(one), len(other)), np.bool_)
-        off_deg = wrap_180(one.azimuth_deg[:, None] - other.azimuth_deg)
-        most_deg = SURE * np.hypot(one.sigma_azimuth_deg[:, None], other.sigma_azimuth_deg)
+        off_deg = wrap_180(one.measured[:, 1, None] - other.measured[:, 1])
+        most_deg = SURE * np.hypot(one.sigmas[:, 1, None], other.sigmas[:, 1])
         return np.asarray(np.abs(off_deg) <= most_deg)
 
     def _nearest(
@@ -350,7 +335,7 @@ class SetFinder:
         """
         a, b, c = triple
         to_b, to_c = misses[a, b], misses[a, c]
-        sigma_b_m, sigma_c_m = found[b].sigma_sum_m, found[c].sigma_sum_m
+        sigma_b_m, sigma_c_m = found[b].sigmas[:, 0], found[c].sigmas[:, 0]
         longest_m, least_b, least_c = of.step_m.max(axis=1), to_b.min(axis=2), to_c.min(axis=2)
         # First what two of them exclude, by the longest step and the least error there may be.
         finest_m = min(sigma_b_m.min(), sigma_c_m.min())
@@ -378,7 +363,7 @@ class SetFinder:
                 continue
             stations_m = self.transmitters_m[[p]], self.receivers_m[[p]]
             sums_m = range_sums_m(place_m[open_rows], *stations_m)
-            nearest = np.abs(found[p].sum_m - sums_m).argmin(axis=1)
+            nearest = np.abs(found[p].measured[:, 0] - sums_m).argmin(axis=1)
             trial = sets[open_rows].copy()
             trial[:, p] = nearest
             seen = self.sightings(found, trial)
@@ -397,8 +382,9 @@ def _allowed(step_m: Floats, sigma_m: Floats | float) -> Floats:
 
 
 def _of_sets(columns: list[NDArray[Any]], sets: Ints, nothing: float) -> NDArray[Any]:
-    """Values of detections of sets, a column a pair; (h, p)."""
-    values = [np.append(column, nothing) for column in columns]
+    """Values of detections of sets, a column a pair; (h, p, ...)."""
+    nobody = np.full((1, *columns[0].shape[1:]), nothing)
+    values = [np.concatenate([column, nobody]) for column in columns]
     return np.stack([v[s] for v, s in zip(values, sets.T, strict=True)], axis=1)
 
 

@@ -224,44 +224,30 @@ class MultistaticRadar(Volume, JointSensor):
             mean = np.append(snrs[mine, p], np.zeros(a))
             orders = None if order is None else np.append(order[mine], np.ones(a))
             snr, _ = self._cfar.draw_detected(mean[:, None], orders, rng)
+            sigmas = self._sigmas(each, k, snr)
+            errors = rng.standard_normal((3, len(snr))) * signals.error_factor * sigmas
             found.append(
-                self._measured(p, snr, (true_m, azimuth_deg, elevation_deg), rng).but(
-                    drone=np.append(drone[mine], np.full(a, FALSE_ALARM))
+                Detections(
+                    measured=(np.array([true_m, azimuth_deg, elevation_deg]) + errors).T,
+                    sigmas=sigmas.T,
+                    snr=snr,
+                    drone=np.append(drone[mine], np.full(a, FALSE_ALARM)),
                 )
             )
         return found
 
-    def _measured(
-        self, pair: int, snr: Floats, true: tuple[Floats, Floats, Floats], rng: np.random.Generator
-    ) -> Detections:
-        """Sums and directions with errors by each detection's own ratio; drones come later."""
-        m, k = self.pairs[pair]
-        each = self.receivers[m]
-        sigmas = self._sigmas(each, k, snr)
-        errors = rng.standard_normal((3, len(snr))) * each.signals.error_factor
-        return Detections(
-            pair=np.full(len(snr), pair, np.int64),
-            sum_m=true[0] + errors[0] * sigmas[0],
-            sigma_sum_m=sigmas[0],
-            azimuth_deg=true[1] + errors[1] * sigmas[1],
-            sigma_azimuth_deg=sigmas[1],
-            elevation_deg=true[2] + errors[2] * sigmas[2],
-            sigma_elevation_deg=sigmas[2],
-            snr=snr,
-            drone=np.full(len(snr), FALSE_ALARM),
-        )
-
     @staticmethod
-    def _sigmas(receiver: Receiver, k: int, snr: Floats) -> tuple[Floats, Floats, Floats]:
-        """Standard deviations of sum, azimuth and elevation, NaN where that is not measured."""
+    def _sigmas(receiver: Receiver, k: int, snr: Floats) -> Floats:
+        """Standard deviations of sum, azimuth and elevation, NaN where not measured; (3, n)."""
         signals = receiver.signals
         width_m, floor_m = (cells[k] for cells in receiver.cells_m)
         sigma_m, of_angle = accuracy.sigma_range_m(snr, width_m, floor_m), accuracy.sigma_angle_deg
         azimuth_deg = of_angle(snr, signals.azimuth_beamwidth_deg, signals.azimuth_floor_deg)
-        if isinstance(signals, PassiveRadar) or not signals.measures_elevation:
-            return sigma_m, azimuth_deg, np.full(len(snr), np.nan)
-        elevation = signals.elevation_beamwidth_deg, signals.elevation_floor_deg
-        return sigma_m, azimuth_deg, of_angle(snr, *elevation)
+        elevation_deg = np.full(len(snr), np.nan)
+        if isinstance(signals, MimoRadar) and signals.measures_elevation:
+            width_deg, floor_deg = signals.elevation_beamwidth_deg, signals.elevation_floor_deg
+            elevation_deg = of_angle(snr, width_deg, floor_deg)
+        return np.array([sigma_m, azimuth_deg, elevation_deg])
 
     def _plots(self, joined: JoinedSets, end_ns: int) -> Plots:
         """Plots in space, with errors along range and directions to first order."""
@@ -306,19 +292,15 @@ class MultistaticRadar(Volume, JointSensor):
             inverse = self._cfar.inverse_detected(snrs[:, p, None], order)
             with np.errstate(divide="ignore"):
                 weight = np.sqrt(1 / np.maximum(pds[:, p], 1e-12)) * signals.error_factor
-            sigmas = self._sigmas(self.receivers[m], k, 1 / inverse)
-            found.append([sigma * weight for sigma in sigmas])
-        sums, azimuths, elevations = (np.stack(part, axis=1) for part in zip(*found, strict=True))
-        zero = np.zeros(sums.shape)
+            found.append((self._sigmas(self.receivers[m], k, 1 / inverse) * weight).T)
+        sigmas = np.stack(found, axis=1)
+        measured = np.zeros_like(sigmas)
+        measured[..., 2] = 0 * sigmas[..., 2]  # NaN where elevations are not measured
         seen = Sightings(
             transmitters_m=self.stations_m[0],
             receivers_m=self.stations_m[1],
-            sum_m=zero,
-            sigma_sum_m=sums,
-            azimuth_deg=zero,
-            sigma_azimuth_deg=azimuths,
-            elevation_deg=zero + 0 * elevations,
-            sigma_elevation_deg=elevations,
+            measured=measured,
+            sigmas=sigmas,
             height_m=self.expected_height_m,
             sigma_height_m=self.sigma_height_m,
         )

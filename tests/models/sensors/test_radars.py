@@ -296,11 +296,14 @@ PLACE_M = np.array([1500.0, 2000.0, 100.0])
 
 
 def sightings(sum_m: Floats, sigma_m: float = 20.0, **more: Any) -> Sightings:
-    nothing = np.full(sum_m.shape, np.nan)
-    angles = ("azimuth_deg", "sigma_azimuth_deg", "elevation_deg", "sigma_elevation_deg")
-    usual = dict.fromkeys(angles, nothing) | {
-        "transmitters_m": MASTS_M, "receivers_m": np.zeros((3, 3)), "sum_m": sum_m,
-        "sigma_sum_m": np.full(sum_m.shape, sigma_m), "height_m": 100.0, "sigma_height_m": 1e9,
+    """Sums of ranges, and no directions unless more is said."""
+    of_sums = [
+        np.stack([sums, *[np.full(sum_m.shape, np.nan)] * 2], -1)
+        for sums in (sum_m, np.full(sum_m.shape, sigma_m))
+    ]
+    usual = {
+        "transmitters_m": MASTS_M, "receivers_m": np.zeros((3, 3)), "measured": of_sums[0],
+        "sigmas": of_sums[1], "height_m": 100.0, "sigma_height_m": 1e9,
     }  # fmt: skip
     return Sightings(**(usual | more))
 
@@ -349,10 +352,9 @@ def test_a_covariance_of_bearings_a_millionth_of_a_radian_apart_keeps_its_digits
 
 def test_gradients_are_those_of_what_is_measured() -> None:
     full = sightings(
-        np.full((1, 3), 2e4), 7.0, sigma_height_m=35.0, azimuth_deg=np.full((1, 3), 20.0),
-        sigma_azimuth_deg=np.full((1, 3), 1.5), elevation_deg=np.full((1, 3), 3.0),
+        np.full((1, 3), 2e4), sigma_height_m=35.0, measured=np.tile([2e4, 20.0, 3.0], (1, 3, 1)),
         receivers_m=np.array([[0.0, 0.0, 0.0], [3000.0, 0.0, 5.0], [0.0, -2000.0, 0.0]]),
-        sigma_elevation_deg=np.full((1, 3), 2.0),
+        sigmas=np.tile([7.0, 1.5, 2.0], (1, 3, 1)),
     )  # fmt: skip
     jacobian, before = linearised(PLACE_M[None], full)
     for axis in range(3):
