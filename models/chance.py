@@ -20,11 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from plotfeed.models.state import Floats, Ints, renamed
+from plotfeed.models.state import FEWEST_ROWS, Floats, Ints, renamed
 
 Generator = np.random.Generator
 Draw = Callable[[Generator, tuple[int, ...]], Floats]
-FEWEST_ROWS = 16
 # Scans of a sensor whose draws are kept: the one under way, and the one before or after it.
 FEWEST_SLOTS = 2
 NO_SCAN = np.iinfo(np.int64).min

@@ -51,7 +51,8 @@ class Sightings:
 
     def rows(self) -> Ints:
         """How many rows each place has beyond the three that it takes; (h,)."""
-        return np.count_nonzero(~np.isnan(self.measured), axis=(1, 2)) + 1 - 3
+        measured: Ints = np.count_nonzero(~np.isnan(self.measured), axis=(1, 2))
+        return measured + 1 - 3
 
 
 @dataclass(frozen=True, slots=True)

@@ -325,16 +325,16 @@ class AltitudeReference(StrEnum):
     ABOVE_TAKEOFF = "above_takeoff"
 
 
+FEWEST_ROWS = 16
+
+
 def with_room(column: NDArray[Any], rows: int) -> NDArray[Any]:
-    """A column of at least 16 and so many rows, new ones zero; it at least doubles if it grows."""
-    more = max(rows, 16) - len(column)
+    """A column of `FEWEST_ROWS` and so many at least, new ones zero; it doubles if it grows."""
+    more = max(rows, FEWEST_ROWS) - len(column)
     if more <= 0:
         return column
     room = np.zeros((max(more, len(column)), *column.shape[1:]), column.dtype)
     return np.concatenate([column, room])
-
-
-FEWEST_ROWS = 16
 
 
 def trimmed(column: NDArray[Any], rows: int) -> NDArray[Any]:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from plotfeed.models.frames import axes_enu, geodetic_to_ecef
 from plotfeed.models.state import (
+    FEWEST_ROWS,
     NS,
     OTHER,
     Bools,
@@ -221,6 +222,7 @@ NONE = -1  # The number of no sample
 SIGMA_VELOCITY_M_S = 1.0
 MAX_FIT_SAMPLES = 20
 MAX_FIT_S = 6.0  # Longer than this a drone does not fly straight
+FITTED_AT_ONCE = 1 << 14  # Of the samples of a recorded flight
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,11 +245,78 @@ class Stretches:
             coefficients=np.zeros((4, 3, m)),
         )
 
-    def put(self, which: Ints, found: Stretches) -> None:
+    def put(self, which: Ints | slice, found: Stretches) -> None:
         """Fill in those."""
         self.start_ns[which], self.end_ns[which] = found.start_ns, found.end_ns
         self.alive[which] = found.alive
         self.coefficients[:, :, which] = found.coefficients
+
+    def rows(self, which: Ints | slice) -> Stretches:
+        """Some of them."""
+        at = self.coefficients[:, :, which]
+        return Stretches(self.start_ns[which], self.end_ns[which], self.alive[which], at)
+
+    def with_room(self, m: int) -> Stretches:
+        """Columns of their own for them and, up to so many, for others."""
+        made = Stretches.none(m)
+        made.put(slice(len(self.start_ns)), self)
+        return made
+
+    def places_m(self, t_utc_ns: Ints) -> Floats:
+        """ECEF positions at times within them, (m,), or of one stretch at any, (k,); (..., 3)."""
+        return place(self.coefficients, (t_utc_ns - self.start_ns) / NS).T
+
+    def between(self, start_ns: ArrayLike, end_ns: ArrayLike) -> Stretches:
+        """The parts of them that lie between those times."""
+        from_ns = np.maximum(self.start_ns, start_ns)
+        is_cut = self.alive & (from_ns > self.start_ns)
+        tau_s = np.where(is_cut, from_ns - self.start_ns, 0) / NS
+        _, c1, c2, c3 = self.coefficients
+        moved = [place(self.coefficients, tau_s), (3 * c3 * tau_s + 2 * c2) * tau_s + c1]
+        moved += [3 * c3 * tau_s + c2, c3]
+        coefficients = np.where(is_cut, np.stack(moved), self.coefficients)
+        return Stretches(from_ns, np.minimum(self.end_ns, end_ns), self.alive, coefficients)
+
+
+def stretches_between(  # noqa: PLR0917
+    t_utc_ns: Ints,
+    at: Ints,
+    after: Ints,
+    samples: tuple[Ints, Floats, Floats, Bools],
+    max_gap_ns: Ints | int,
+    tail_ns: Ints | int,
+) -> Stretches:
+    """The stretches that hold times (m,), each between two samples by their numbers, or `NONE`.
+
+    Of samples there are times (n,), positions and velocities (n, 3), and whether no path leads to
+    them from the one before. A longer gap than `max_gap_ns` is not bridged: the drone was gone
+    meanwhile. It lives on past its last sample for `tail_ns`.
+    """
+    times_ns, position_m, velocity_m_s, starts = samples
+    start_ns, next_ns = times_ns[at], np.where(after >= 0, times_ns[after], FOREVER_NS)
+    known = at >= 0
+    bridged = known & (after >= 0) & (next_ns - start_ns <= max_gap_ns) & ~starts[after]
+    gone_ns = np.minimum(start_ns + np.minimum(FOREVER_NS - start_ns, tail_ns), next_ns)
+    alive = known & (bridged | (t_utc_ns < gone_ns))
+    coefficients = np.zeros((4, 3, len(t_utc_ns)))
+    coefficients[0] = np.where(alive, position_m[at].T, 0.0)
+    coefficients[1] = np.where(alive, velocity_m_s[at].T, 0.0)
+    if bridged.any():
+        which = np.flatnonzero(bridged)
+        duration_s = (next_ns[which] - start_ns[which]) / NS
+        p0, v0 = coefficients[:2, :, which]
+        p1, v1 = position_m[after[which]].T, velocity_m_s[after[which]].T
+        mean_velocity = (p1 - p0) / duration_s
+        coefficients[2, :, which] = ((3 * mean_velocity - 2 * v0 - v1) / duration_s).T
+        # By Python's own power: NumPy's square differs in the last bit.
+        squares_s2 = np.array([s**2 for s in duration_s.tolist()])
+        coefficients[3, :, which] = ((v0 + v1 - 2 * mean_velocity) / squares_s2).T
+    return Stretches(
+        start_ns=np.where(alive, start_ns, np.where(known, gone_ns, -FOREVER_NS)),
+        end_ns=np.where(alive & ~bridged, gone_ns, next_ns),
+        alive=alive,
+        coefficients=coefficients,
+    )
 
 
 class LiveSamples:
@@ -335,9 +404,8 @@ class LiveSamples:
             if (before < 0).all():
                 break
             chain[:, i - 1] = before
-        counts = (chain >= 0).sum(axis=1)
-        t_s = (self._t_utc_ns[chain] - self._t_utc_ns[numbers][:, None]) / NS
-        fitted = fit_velocities(t_s, self._position_ecef_m[chain], counts, sigma_m)
+        of_chain = self._t_utc_ns[chain], self._position_ecef_m[chain]
+        fitted = fit_velocities(*of_chain, (chain >= 0).sum(axis=1), sigma_m)
         return within_speed(fitted, self._max_speed_m_s)
 
     def stretches_at(self, drones: Ints, t_utc_ns: Ints) -> Stretches:
@@ -349,38 +417,9 @@ class LiveSamples:
             at[later] = self._before[at[later]]
             later = later[at[later] >= 0]
             later = later[t_utc_ns[later] < self._t_utc_ns[at[later]]]
-        known = at >= 0
-        start_ns = self._t_utc_ns[at]
-        next_ns = np.where(after >= 0, self._t_utc_ns[after], FOREVER_NS)
-        bridged = known & (after >= 0) & (next_ns - start_ns <= self._stale_after_ns)
-        if self._any_starts:
-            bridged &= ~self._starts[after]
-        tail_ns = np.minimum(FOREVER_NS - start_ns, self._stale_after_ns)
-        gone_ns = np.minimum(start_ns + tail_ns, next_ns)
-        alive = known & (bridged | (t_utc_ns < gone_ns))
-        coefficients = np.zeros((4, 3, len(drones)))
-        coefficients[0] = np.where(alive, self._position_ecef_m[at].T, 0.0)
-        coefficients[1] = np.where(alive, self._velocity_ecef_m_s[at].T, 0.0)
-        if bridged.any():
-            which = np.flatnonzero(bridged)
-            coefficients[2:, :, which] = self._bends(at[which], after[which])
-        return Stretches(
-            start_ns=np.where(alive, start_ns, np.where(known, gone_ns, -FOREVER_NS)),
-            end_ns=np.where(alive & ~bridged, gone_ns, next_ns),
-            alive=alive,
-            coefficients=coefficients,
-        )
-
-    def _bends(self, first: Ints, second: Ints) -> Floats:
-        """The higher coefficients of the cubics through samples (m,) and later ones; (2, 3, m)."""
-        duration_s = (self._t_utc_ns[second] - self._t_utc_ns[first]) / NS
-        p0, p1 = self._position_ecef_m[first].T, self._position_ecef_m[second].T
-        v0, v1 = self._velocity_ecef_m_s[first].T, self._velocity_ecef_m_s[second].T
-        mean_velocity = (p1 - p0) / duration_s
-        c2 = (3 * mean_velocity - 2 * v0 - v1) / duration_s
-        # By Python's own power, as for a track alone: NumPy's square differs in the last bit.
-        c3 = (v0 + v1 - 2 * mean_velocity) / np.array([s**2 for s in duration_s.tolist()])
-        return np.stack([c2, c3])
+        samples = self._t_utc_ns, self._position_ecef_m, self._velocity_ecef_m_s, self._starts
+        stale_ns = self._stale_after_ns
+        return stretches_between(t_utc_ns, at, after, samples, stale_ns, stale_ns)
 
     def forget(self, drones: Ints, rows: int) -> None:
         """Forget all samples of those drones; of others there are none beyond so many rows."""
@@ -433,26 +472,15 @@ def within_speed(velocity_m_s: Floats, max_speed_m_s: float) -> Floats:
     return slowed
 
 
-def fit_velocity(
-    t_utc_ns: Sequence[int] | Ints, position_m: Sequence[Floats] | Floats, sigma_m: float
-) -> Floats:
-    """Slope of the straight line through the latest positions, m/s; zero for a single one.
+def fit_velocities(t_utc_ns: Ints, position_m: Floats, counts: Ints, sigma_m: Floats) -> Floats:
+    """Slopes of the straight lines through the latest positions, m/s; zero through a single one.
 
-    It reaches back over as many samples as bring its standard deviation, sigma/sqrt(sum (t - mean
+    Each reaches back over as many samples as bring its standard deviation, sigma/sqrt(sum (t - mean
     t)^2), under `SIGMA_VELOCITY_M_S`: two where positions are fine, many where they are coarse, so
-    that the steps of a quantised position are not taken for speed.
+    that the steps of a quantised position are not taken for speed. Times (m, k) and positions
+    (m, k, 3) in, of which the last `counts` are known; (m, 3) out.
     """
-    t_s = (np.asarray(t_utc_ns, dtype=np.int64) - t_utc_ns[-1]) / NS
-    positions, counts = np.asarray(position_m), np.array([len(t_s)])
-    fitted: Floats = fit_velocities(t_s[None], positions[None], counts, np.array([sigma_m]))[0]
-    return fitted
-
-
-def fit_velocities(t_s: Floats, position_m: Floats, counts: Ints, sigma_m: Floats) -> Floats:
-    """Slopes as `fit_velocity` finds them, by times (m, k) and positions (m, k, 3); (m, 3), m/s.
-
-    Times are relative to the last of each; the last `counts` of each are known.
-    """
+    t_s = (t_utc_ns - t_utc_ns[:, -1:]) / NS
     slopes = np.zeros((len(t_s), position_m.shape[-1]))
     open_ = np.flatnonzero(counts >= 2)
     for n in range(2, t_s.shape[1] + 1):
@@ -471,36 +499,8 @@ def fit_velocities(t_s: Floats, position_m: Floats, counts: Ints, sigma_m: Float
 # Paths that are known to their end: scripted ones, recorded flights, and one after another.
 
 
-@dataclass(frozen=True, slots=True)
-class Segment:
-    """A stretch of time in which a drone's position is one cubic in the time since its start."""
-
-    start_ns: int
-    end_ns: int
-    alive: bool
-    coefficients: Floats  # (4, 3): metres, m/s, m/s2, m/s3
-
-    def position_m(self, t_utc_ns: ArrayLike) -> Floats:
-        """Where the drone is at times within; (..., 3)."""
-        tau_s = (np.asarray(t_utc_ns, np.int64) - self.start_ns)[..., None] / NS
-        c0, c1, c2, c3 = self.coefficients
-        position_m: Floats = ((c3 * tau_s + c2) * tau_s + c1) * tau_s + c0
-        return position_m
-
-    def between(self, start_ns: int, end_ns: int) -> Segment:
-        """The part of it that lies between those times."""
-        end_ns = min(end_ns, self.end_ns)
-        if start_ns <= self.start_ns or not self.alive:
-            return replace(self, start_ns=max(start_ns, self.start_ns), end_ns=end_ns)
-        tau_s = (start_ns - self.start_ns) / NS
-        _, c1, c2, c3 = self.coefficients
-        moved = [self.position_m(start_ns), (3 * c3 * tau_s + 2 * c2) * tau_s + c1]
-        return Segment(start_ns, end_ns, True, np.stack([*moved, 3 * c3 * tau_s + c2, c3]))
-
-
 # One after another of a drone that are kept: who diverts it more often loses what was first.
 MAX_TRACKS = 256
-_NOWHERE = np.zeros((4, 3))
 
 
 @dataclass(slots=True, eq=False)
@@ -554,35 +554,9 @@ class KnownTrack:
         """The times of the first and the last sample."""
         return self.t_utc_ns[0], self.t_utc_ns[-1]
 
-    def segment_at(self, t_utc_ns: int) -> Segment:
-        """The stretch that holds a time."""
-        times = self.t_utc_ns
-        shift_ns = 0
-        if self.period_ns and t_utc_ns >= times[0]:
-            shift_ns = (t_utc_ns - times[0]) // self.period_ns * self.period_ns
-        k = bisect_right(times, t_utc_ns - shift_ns) - 1
-        if k < 0:
-            return Segment(-FOREVER_NS, times[0], False, _NOWHERE)
-        start_ns, last = times[k], k == len(times) - 1
-        goes_on = not last and k + 1 not in self.starts
-        if goes_on and times[k + 1] - start_ns <= self.max_gap_ns:
-            return Segment(start_ns + shift_ns, times[k + 1] + shift_ns, True, self._hermite(k))
-        next_ns = FOREVER_NS if last else times[k + 1]
-        gone_ns = min(start_ns + self.tail_ns, next_ns)
-        if t_utc_ns >= gone_ns:
-            return Segment(gone_ns, next_ns, False, _NOWHERE)
-        straight = np.stack([self.position_ecef_m[k], self.velocity_ecef_m_s[k], *_NOWHERE[:2]])
-        return Segment(start_ns, gone_ns, True, straight)
-
-    def _hermite(self, k: int) -> Floats:
-        """The cubic through samples k and k+1, in the time since k; (4, 3)."""
-        duration_s = (self.t_utc_ns[k + 1] - self.t_utc_ns[k]) / NS
-        p0, p1 = self.position_ecef_m[k : k + 2]
-        v0, v1 = self.velocity_ecef_m_s[k : k + 2]
-        mean_velocity = (p1 - p0) / duration_s
-        c2 = (3 * mean_velocity - 2 * v0 - v1) / duration_s
-        c3 = (v0 + v1 - 2 * mean_velocity) / duration_s**2
-        return np.stack([p0, v0, c2, c3])
+    def stretch_at(self, t_utc_ns: int) -> Stretches:
+        """The stretch that holds a time; (1,)."""
+        return stretches_of([TrackChain(self)], [t_utc_ns])
 
 
 class TrackChain:
@@ -611,14 +585,36 @@ class TrackChain:
         """The times of the first sample and the last."""
         return self._tracks[0].span_ns(drone)[0], self._tracks[-1].span_ns(drone)[1]
 
-    def segment_at(self, t_utc_ns: int) -> Segment:
-        """The stretch that holds a time."""
-        k = bisect_right(self._from_ns, t_utc_ns) - 1
-        segment = self._tracks[k].segment_at(t_utc_ns)
-        if len(self._tracks) == 1:
-            return segment
-        until_ns = self._from_ns[k + 1] if k + 1 < len(self._tracks) else FOREVER_NS
-        return segment.between(self._from_ns[k], until_ns)
+    def track_at(self, t_utc_ns: int) -> tuple[KnownTrack, int, int]:
+        """The track that is followed at a time, from when on, and until when."""
+        k = bisect_right(self._from_ns, t_utc_ns)
+        return self._tracks[k - 1], self._from_ns[k - 1], (*self._from_ns[k:], FOREVER_NS)[0]
+
+
+def stretches_of(chains: Sequence[TrackChain], t_utc_ns: Sequence[int]) -> Stretches:
+    """The stretches of chains (m,) that hold times (m,)."""
+    m = len(chains)
+    from_ns, until_ns, max_gap_ns, tail_ns = np.zeros((4, m), np.int64)
+    at, after = np.full((2, m), NONE)
+    # The samples before those times, and the ones after them.
+    times_ns, starts = np.zeros(2 * m, np.int64), np.zeros(2 * m, np.bool_)
+    position_m, velocity_m_s = np.zeros((2, 2 * m, 3))
+    for i, (chain, t) in enumerate(zip(chains, t_utc_ns, strict=True)):
+        track, from_ns[i], until_ns[i] = chain.track_at(t)
+        max_gap_ns[i], tail_ns[i] = track.max_gap_ns, track.tail_ns
+        shift_ns = 0
+        if track.period_ns and t >= track.t_utc_ns[0]:
+            shift_ns = (t - track.t_utc_ns[0]) // track.period_ns * track.period_ns
+        following = bisect_right(track.t_utc_ns, t - shift_ns)
+        for number, k, row in ((at, following - 1, i), (after, following, m + i)):
+            if 0 <= k < len(track.t_utc_ns):
+                number[i], times_ns[row] = row, track.t_utc_ns[k] + shift_ns
+                position_m[row] = track.position_ecef_m[k]
+                velocity_m_s[row] = track.velocity_ecef_m_s[k]
+                starts[row] = k in track.starts
+    samples = times_ns, position_m, velocity_m_s, starts
+    found = stretches_between(np.array(t_utc_ns), at, after, samples, max_gap_ns, tail_ns)
+    return found.between(from_ns, until_ns)
 
 
 # The stretch of each drone's path that was asked for last, so that most lookups are arithmetic.
@@ -630,33 +626,26 @@ class StretchesAtHand:
     def __init__(self, looked_up: Callable[[Ints, Ints], Stretches]) -> None:
         """`looked_up` finds the stretches that hold times (m,), of rows (m,)."""
         self._looked_up = looked_up
-        self._start_ns: Ints = np.zeros(0, np.int64)
-        self._end_ns: Ints = np.zeros(0, np.int64)
-        self._alive: Bools = np.zeros(0, np.bool_)
-        self._coefficients: Floats = np.zeros((4, 3, 0))
+        self._held = Stretches.none(0)
 
     def make_room(self, rows: int) -> None:
         """Have so many rows at least."""
-        if rows <= len(self._start_ns):
-            return
-        for name in ("_start_ns", "_end_ns", "_alive"):
-            setattr(self, name, with_room(getattr(self, name), rows))
-        more = len(self._start_ns) - self._coefficients.shape[2]
-        self._coefficients = np.pad(self._coefficients, ((0, 0), (0, 0), (0, more)))
+        room = len(self._held.start_ns)
+        if rows > room:
+            self._held = self._held.with_room(max(rows, FEWEST_ROWS, 2 * room))
 
     def forget(self, rows: Ints, n: int) -> None:
         """Have nobody in those rows, and not much more room than for the first n."""
-        self._start_ns[rows], self._end_ns[rows] = -FOREVER_NS, FOREVER_NS
-        self._alive[rows] = False
-        self._coefficients[:, :, rows] = 0.0
-        for name in ("_start_ns", "_end_ns", "_alive"):
-            setattr(self, name, trimmed(getattr(self, name), n))
-        if len(self._start_ns) < self._coefficients.shape[2]:
-            self._coefficients = self._coefficients[:, :, : len(self._start_ns)].copy()
+        held = self._held
+        held.start_ns[rows], held.end_ns[rows] = -FOREVER_NS, FOREVER_NS
+        held.alive[rows], held.coefficients[:, :, rows] = False, 0.0
+        kept = len(trimmed(held.start_ns, n))
+        if kept < len(held.start_ns):
+            self._held = held.rows(np.arange(kept))
 
     def drop(self, rows: Ints) -> None:
         """Look those up when they are next asked for: they are others now."""
-        self._end_ns[rows] = self._start_ns[rows]
+        self._held.end_ns[rows] = self._held.start_ns[rows]
 
     def at(
         self, t_utc_ns: Ints, rows: Ints, *, everybody: bool = False
@@ -665,21 +654,16 @@ class StretchesAtHand:
 
         (m,), (m,) and coefficients (4, 3, m). With `everybody`, rows are all from 0 on.
         """
-        which: Ints | slice = slice(len(rows)) if everybody else rows
-        start_ns, there = self._start_ns[which], self._alive[which]
-        coefficients = self._coefficients[:, :, which]
-        outside = np.flatnonzero((t_utc_ns < start_ns) | (t_utc_ns >= self._end_ns[which]))
+        held = self._held.rows(slice(len(rows)) if everybody else rows)
+        outside = np.flatnonzero((t_utc_ns < held.start_ns) | (t_utc_ns >= held.end_ns))
         if len(outside):
             found = self._looked_up(t_utc_ns[outside], rows[outside])
-            start_ns, there, coefficients = start_ns.copy(), there.copy(), coefficients.copy()
-            start_ns[outside], there[outside] = found.start_ns, found.alive
-            coefficients[:, :, outside] = found.coefficients
+            held = held.with_room(len(rows)) if everybody else held
+            held.put(outside, found)
             # Of a drone asked for at several times, one stretch stays at hand, whole.
             kept, first = np.unique(rows[outside], return_index=True)
-            self._start_ns[kept], self._end_ns[kept] = found.start_ns[first], found.end_ns[first]
-            self._alive[kept] = found.alive[first]
-            self._coefficients[:, :, kept] = found.coefficients[:, :, first]
-        return there, (t_utc_ns - start_ns) / NS, coefficients
+            self._held.put(kept, found.rows(first))
+        return held.alive, (t_utc_ns - held.start_ns) / NS, held.coefficients
 
     def position_at(self, t_utc_ns: Ints, rows: Ints) -> Floats:
         """ECEF positions of rows (m,) at times (m,), metres; (m, 3), NaN for one not there."""
@@ -694,11 +678,12 @@ class StretchesAtHand:
         if len(t_utc_ns) == 1:
             return self.position_at(np.full(rows.shape, t_utc_ns[0]), rows)[None]
         self.at(np.broadcast_to(t_utc_ns[0], rows.shape), rows)
-        one_piece = (t_utc_ns[0] >= self._start_ns[rows]) & (t_utc_ns[-1] < self._end_ns[rows])
-        alive, coefficients = self._alive[:n], self._coefficients[:, :, :n]
+        held = self._held.rows(slice(n))
+        one_piece = (t_utc_ns[0] >= held.start_ns) & (t_utc_ns[-1] < held.end_ns)
+        alive, coefficients = held.alive, held.coefficients
         if not alive.all():
             coefficients = np.where(alive, coefficients, np.nan)
-        tau_s = (t_utc_ns[:, None] - self._start_ns[:n]) / NS
+        tau_s = (t_utc_ns[:, None] - held.start_ns) / NS
         positions_m: Floats = np.moveaxis(place(coefficients[:, :, None], tau_s), 0, -1)
         others = np.flatnonzero(~one_piece)
         if len(others):
@@ -813,11 +798,15 @@ class Trajectories:
         """All samples (n,) of a drone that has none yet, as `add_samples`; none is forgotten."""
         position_ecef_m = geodetic_to_ecef(latitude_deg, longitude_deg, height_m)
         to_fit = np.flatnonzero(np.isnan(velocity_enu_m_s).any(axis=1))
-        fitted = np.zeros((len(to_fit), 3))
-        for i, (last, sigma) in enumerate(zip(to_fit, _or_default(sigma_m[to_fit]), strict=True)):
-            start = max((k for k in starts if k <= last), default=0)
-            near = slice(max(start, last + 1 - MAX_FIT_SAMPLES), last + 1)
-            fitted[i] = fit_velocity(t_utc_ns[near], position_ecef_m[near], float(sigma))
+        begins = np.zeros(len(t_utc_ns), np.int64)
+        begins[list(starts)] = starts
+        counts = (to_fit + 1 - np.maximum.accumulate(begins)[to_fit]).clip(max=MAX_FIT_SAMPLES)
+        sigma_m, fitted = _or_default(sigma_m[to_fit]), np.zeros((len(to_fit), 3))
+        for first in range(0, len(to_fit), FITTED_AT_ONCE):
+            part = slice(first, first + FITTED_AT_ONCE)
+            near = (to_fit[part, None] + np.arange(1 - MAX_FIT_SAMPLES, 1)).clip(min=0)
+            of_near = t_utc_ns[near], position_ecef_m[near]
+            fitted[part] = fit_velocities(*of_near, counts[part], sigma_m[part])
         fitted = within_speed(fitted, self._max_speed_m_s)
         axes = axes_enu(latitude_deg, longitude_deg)
         velocity_ecef_m_s = _velocity_ecef(axes, velocity_enu_m_s, to_fit, fitted)
@@ -887,9 +876,9 @@ class Trajectories:
         self._at_hand.drop(np.array([row]))
         self.version += 1
 
-    def segment_at(self, drone: str, t_utc_ns: int) -> Segment:
-        """The stretch of a known path that holds a time."""
-        return self._tracks[self._index[drone]].segment_at(t_utc_ns)
+    def stretch_at(self, drone: str, t_utc_ns: int) -> Stretches:
+        """The stretch of a known path that holds a time; (1,)."""
+        return stretches_of([self._tracks[self._index[drone]]], [t_utc_ns])
 
     def put_off(self, by_ns: int) -> None:
         """Have all known paths begin so much later."""
@@ -960,25 +949,20 @@ class Trajectories:
         self.version += 1
 
     def _looked_up(self, t_utc_ns: Ints, rows: Ints) -> Stretches:
-        """The segments of rows (m,) that hold times (m,)."""
+        """The stretches of rows (m,) that hold times (m,)."""
         if not self._tracks:
             return self._live.stretches_at(rows, t_utc_ns)
-        found, live = Stretches.none(len(rows)), []
-        before: tuple[int, Segment] | None = None
-        for i, (row, t) in enumerate(zip(rows.tolist(), t_utc_ns.tolist(), strict=True)):
-            track = self._tracks.get(row)
-            if track is None:
-                live.append(i)
-                continue
-            if before is None or before[0] != row or not before[1].start_ns <= t < before[1].end_ns:
-                before = row, track.segment_at(t)
-            segment = before[1]
-            found.start_ns[i], found.end_ns[i] = segment.start_ns, segment.end_ns
-            found.alive[i] = segment.alive
-            found.coefficients[:, :, i] = segment.coefficients
-        if live:
-            which = np.array(live)
-            found.put(which, self._live.stretches_at(rows[which], t_utc_ns[which]))
+        chains = [self._tracks.get(row) for row in rows.tolist()]
+        is_live = np.array([chain is None for chain in chains])
+        found, live, others = (
+            Stretches.none(len(rows)),
+            *(np.flatnonzero(which) for which in (is_live, ~is_live)),
+        )
+        if len(live):
+            found.put(live, self._live.stretches_at(rows[live], t_utc_ns[live]))
+        if len(others):
+            tracks = [chain for chain in chains if chain is not None]
+            found.put(others, stretches_of(tracks, t_utc_ns[others].tolist()))
         return found
 
 

@@ -35,7 +35,7 @@ from plotfeed.feeds.telemetry.position_report import LATEST_UTC_NS, AltitudeDatu
 from plotfeed.models.flight_plan import FlightPlan, level_from_ecef, level_velocity, to_ecef
 from plotfeed.models.frames import LocalFrame, geodetic_to_ecef
 from plotfeed.models.state import DRONE, Bools, Emitter, Floats, Ints, Signature
-from plotfeed.models.truth import FOREVER_NS, MAX_TRACKS, KnownTrack, Segment, Trajectories
+from plotfeed.models.truth import FOREVER_NS, MAX_TRACKS, KnownTrack, Stretches, Trajectories
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 
@@ -377,8 +377,8 @@ class _FlyingDrone:
         """Leave its way then, or whatever it does instead."""
         name, before = self._drone.id, self._conduct_at(at_ns)
         at_utc_ns = self.start_ns + at_ns
-        segment = self._trajectories.segment_at(name, at_utc_ns)
-        if not segment.alive:
+        stretch = self._trajectories.stretch_at(name, at_utc_ns)
+        if not stretch.alive:
             raise PlotfeedError(f"drone {name!r}: {happening.kind}: it is not there then")
         is_on_route = at_ns >= before.back_ns
         if is_on_route and isinstance(happening, Resume):
@@ -392,7 +392,7 @@ class _FlyingDrone:
         )
         if doing or isinstance(happening, FlyAway):
             now = replace(now, fence=None)
-        position_m, velocity_m_s = segment.between(at_utc_ns, segment.end_ns).coefficients[:2]
+        position_m, velocity_m_s, *_ = stretch.between(at_utc_ns, FOREVER_NS).coefficients[:, :, 0]
         frame = self._space.frame
         plan = FlightPlan(
             self._drone.limits.model(),
@@ -461,10 +461,10 @@ class _FlyingDrone:
 
     def _on_route_m(self, t_ns: int) -> Floats:
         """Where its route is after so long; at its end, the last place."""
-        segment = self._route.track.segment_at(t_ns)
-        if not segment.alive:
-            segment = self._route.track.segment_at(t_ns - 1)
-        return level_from_ecef(self._space.frame, segment.position_m(t_ns))
+        stretch = self._route.track.stretch_at(t_ns)
+        if not stretch.alive:
+            stretch = self._route.track.stretch_at(t_ns - 1)
+        return level_from_ecef(self._space.frame, stretch.places_m(np.array(t_ns))[0])
 
     def _mind_fence(self, from_ns: int) -> None:
         """Let it do from then on what it does when it has left its geofence, if it does."""
@@ -476,40 +476,41 @@ class _FlyingDrone:
             last_ns = max(from_ns, conduct.base_ns, conduct.back_ns)
             until_ns = self.start_ns + last_ns + period_ns
         while t_ns < until_ns:
-            segment = self._trajectories.segment_at(self._drone.id, t_ns)
-            if segment.end_ns == FOREVER_NS and not segment.alive:
+            stretch = self._trajectories.stretch_at(self._drone.id, t_ns)
+            end_ns = int(stretch.end_ns[0])
+            if end_ns == FOREVER_NS and not stretch.alive:
                 return
-            if segment.alive:
-                crossed_ns = self._crossing_ns(segment.between(t_ns, until_ns), conduct.fence)
+            if stretch.alive:
+                crossed_ns = self._crossing_ns(stretch.between(t_ns, until_ns), conduct.fence)
                 if crossed_ns is not None:
                     crossed_ns -= self.start_ns
                     self._leave(WITHIN[conduct.fence.does], crossed_ns, "geofence")
                     return
-            t_ns = segment.end_ns
+            t_ns = end_ns
 
-    def _crossing_ns(self, segment: Segment, fence: GeofenceKeys) -> int | None:
+    def _crossing_ns(self, stretch: Stretches, fence: GeofenceKeys) -> int | None:
         """The time of leaving the fence in that stretch, to the microsecond; None if there is none.
 
         Looked for at places along it: a straight way does not leave a cylinder twice.
         """
         # Counted from its start, so that it is the same whenever the session begins.
-        after_ns = np.linspace(0, segment.end_ns - segment.start_ns, FENCE_LOOKS)
-        times_ns = segment.start_ns + after_ns.astype(np.int64)
-        within = self._is_within(segment, times_ns, fence)
+        after_ns = np.linspace(0, int(stretch.end_ns[0] - stretch.start_ns[0]), FENCE_LOOKS)
+        times_ns = stretch.start_ns + after_ns.astype(np.int64)
+        within = self._is_within(stretch, times_ns, fence)
         leaves = np.flatnonzero(within[:-1] & ~within[1:])
         if not len(leaves):
             return None
         inside_ns, outside_ns = (int(times_ns[leaves[0] + i]) for i in (0, 1))
         while outside_ns - inside_ns > NS_IN_US:
             middle_ns = (inside_ns + outside_ns) // 2
-            if self._is_within(segment, np.array([middle_ns]), fence)[0]:
+            if self._is_within(stretch, np.array([middle_ns]), fence)[0]:
                 inside_ns = middle_ns
             else:
                 outside_ns = middle_ns
         return outside_ns
 
-    def _is_within(self, segment: Segment, times_ns: Ints, fence: GeofenceKeys) -> Bools:
-        away_m = level_from_ecef(self._space.frame, segment.position_m(times_ns)) - self._home_m()
+    def _is_within(self, stretch: Stretches, times_ns: Ints, fence: GeofenceKeys) -> Bools:
+        away_m = level_from_ecef(self._space.frame, stretch.places_m(times_ns)) - self._home_m()
         within: Bools = np.hypot(away_m[:, 0], away_m[:, 1]) <= fence.radius_m
         if fence.above_home_m is not None:
             within &= away_m[:, 2] <= fence.above_home_m

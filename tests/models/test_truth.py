@@ -30,7 +30,14 @@ from plotfeed.models.state import (
     renamed,
 )
 from plotfeed.models.tracks import TrackLives, TrackRule
-from plotfeed.models.truth import EmitterTable, KnownTrack, TrackChain, Trajectories, fit_velocity
+from plotfeed.models.truth import (
+    EmitterTable,
+    KnownTrack,
+    TrackChain,
+    Trajectories,
+    fit_velocities,
+    stretches_of,
+)
 
 T0 = 1_700_000_000 * NS
 HOME = LocalFrame(40.45, -3.73, 650.0)
@@ -270,8 +277,9 @@ def test_the_fitted_velocity_of_straight_noise_free_flight_is_exact(
 ) -> None:
     t_ms = np.concatenate([[0], np.cumsum(steps_ms)])
     positions = t_ms[:, None] / 1e3 * np.array(velocity)
-    fitted = fit_velocity((T0 + t_ms * 1_000_000).tolist(), list(positions), sigma_m)
-    np.testing.assert_allclose(fitted, velocity, atol=1e-8)
+    counts, sigmas_m = np.array([len(t_ms)]), np.array([sigma_m])
+    fitted = fit_velocities((T0 + t_ms * 1_000_000)[None], positions[None], counts, sigmas_m)
+    np.testing.assert_allclose(fitted, [velocity], atol=1e-8)
 
 
 def test_steps_of_coarse_positions_are_not_taken_for_speed() -> None:
@@ -629,7 +637,7 @@ def sampled(knots: FlightKnots, step_s: float = 0.02) -> tuple[Floats, Floats, F
         [round(t * NS) for t in knots.t_s.tolist()], knots.position_m, knots.velocity_m_s
     )
     times = np.arange(0, track.t_utc_ns[-1] - 1, round(step_s * NS))
-    places = np.array([track.segment_at(t).position_m(t) for t in times.tolist()])
+    places = stretches_of([TrackChain(track)] * len(times), times.tolist()).places_m(times)
     velocity = np.diff(places, axis=0) / step_s
     return places, velocity, np.diff(velocity, axis=0) / step_s
 
@@ -688,8 +696,8 @@ def test_flight_at_one_height_follows_the_curved_earth() -> None:
     knots = to_ecef(HOME, plan.knots())
     times = [round(t * NS) for t in knots.t_s.tolist()]
     track = KnownTrack.smooth(times, knots.position_m, knots.velocity_m_s)
-    asked = np.linspace(0, times[-1] - 1, 500).astype(np.int64).tolist()
-    places = np.array([track.segment_at(t).position_m(t) for t in asked])
+    asked = np.linspace(0, times[-1] - 1, 500).astype(np.int64)
+    places = stretches_of([TrackChain(track)] * 500, asked.tolist()).places_m(asked)
     assert np.abs(ecef_to_geodetic(places)[2] - 750.0).max() < 1e-3
 
 
@@ -700,22 +708,23 @@ def test_a_chain_follows_one_track_after_another_without_a_step() -> None:
         np.array([[1.0] * 3, [9.0, 0.0, 0.0]]),
     )
     at_ns = 4 * NS
-    left = first.segment_at(at_ns).between(at_ns, 10 * NS).coefficients
+    left = first.stretch_at(at_ns).between(at_ns, 10 * NS).coefficients[:, :, 0]
     second = KnownTrack.smooth(
         [at_ns, 6 * NS], np.array([left[0], [0.0, 0.0, 7.0]]), np.array([left[1], [0.0] * 3])
     )
     chain = TrackChain(first)
     chain.then(at_ns, second)
-    before, after = (chain.segment_at(at_ns + d) for d in (-1, 0))
-    assert (before.end_ns, after.start_ns) == (at_ns, at_ns)
-    assert before.position_m(at_ns) == pytest.approx(after.position_m(at_ns), abs=1e-9)
-    same = first.segment_at(0).position_m(2 * NS)
-    assert chain.segment_at(2 * NS).position_m(2 * NS) == pytest.approx(same)
-    assert not chain.segment_at(6 * NS).alive
+    found = stretches_of([chain] * 2, [at_ns - 1, at_ns])
+    assert (found.end_ns[0], found.start_ns[1]) == (at_ns, at_ns)
+    border_ns, soon_ns = np.full(2, at_ns), np.array([2 * NS])
+    np.testing.assert_allclose(*found.places_m(border_ns), atol=1e-9)
+    same = first.stretch_at(0).places_m(soon_ns)
+    np.testing.assert_allclose(stretches_of([chain], [2 * NS]).places_m(soon_ns), same)
+    assert not stretches_of([chain], [6 * NS]).alive
     assert chain.span_ns(0) == (0, 6 * NS)
     chain.then(5 * NS, first.later(5 * NS))
     chain.then(at_ns, second)  # what was to come later does not
-    assert not chain.segment_at(7 * NS).alive
+    assert not stretches_of([chain], [7 * NS]).alive
 
 
 # Structures of arrays: rows and joins keep every column, those that are not there included.
