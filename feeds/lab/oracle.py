@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from itertools import pairwise, product
 from pathlib import Path
@@ -75,8 +75,7 @@ class LooksGiven:
     `drone` are names, those of what is no drone ("bird/ID-1") among them. All looks of the sensor
     belong here, as echoes of targets side by side merge. Of velocities, (n, 3), rows of NaN are not
     known; without any they follow from a target's looks before and after. `field_deg` are the
-    fields of view of a camera that zooms, NaN where not known. `signatures` are those of targets
-    that the scene does not name, such as drones of telemetry.
+    fields of view of a camera that zooms, NaN where not known.
     """
 
     t_utc_ns: Ints
@@ -88,7 +87,6 @@ class LooksGiven:
     velocity_enu_m_s: Floats | None = None
     emitted_utc_ns: Ints | None = None
     field_deg: Floats | None = None
-    signatures: Mapping[str, TargetSignature] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t_utc_ns)
@@ -152,22 +150,6 @@ def _asked(scene: Scene, sensor: Sensor, looks: LooksGiven) -> Asked:
     return Asked(**found, known=look.known, why_not="; ".join(look.doubts))
 
 
-def false_alarms_per_scan(scene: Scene, sensor: Sensor) -> tuple[float, str]:
-    """Mean number of plots of nothing in a scan (eq 9); NaN, and why, where that is not known.
-
-    Those of a scene's clutter and side lobes are of something, and not counted.
-    """
-    try:
-        worse = 1.0 if sensor.degradation is None else sensor.degradation.false_alarm_factor
-        return _alarms(scene, sensor) * worse, ""
-    except _NotKnownError as error:
-        return np.nan, str(error)
-
-
-class _NotKnownError(Exception):
-    """What is not known of a sensor's false alarms."""
-
-
 def stated_sigmas(sensor: Any, snr: Floats, channel: Ints) -> dict[str, Floats]:
     """What plots of a radar state of their errors, each by its own ratio, linear; (n,) each.
 
@@ -190,22 +172,6 @@ def stated_sigmas(sensor: Any, snr: Floats, channel: Ints) -> dict[str, Floats]:
 
 def _or(stated: Any, usual: Any) -> Any:
     return usual if stated is None else stated
-
-
-def claims_of(sensor: Any, target_class: str) -> dict[str, tuple[float, float]]:
-    """What a classifier calls targets of a class: by claim, how often, and how surely it says so.
-
-    That is how often the claim would be right were all classes of its matrix as frequent. Nothing
-    where nothing is claimed.
-    """
-    keys: Any = getattr(sensor, "classifier", None)
-    row = None if keys is None else keys.confusion.get(target_class, keys.otherwise)
-    if row is None:
-        return {}
-    said = np.sum(list(keys.confusion.values()), axis=0)
-    right = [keys.confusion.get(c, np.zeros(len(said)))[k] for k, c in enumerate(keys.claims)]
-    sure = np.divide(right, said, out=np.zeros(len(said)), where=said > 0)
-    return dict(zip(keys.claims, zip(row, sure.tolist(), strict=True), strict=True))
 
 
 # Places on the Earth.
@@ -526,7 +492,7 @@ class _Look:
         known = _SIGNATURES[id(scene)][1]
         for name in {*self.names.tolist()} - known.keys():
             known[name] = signature_of(scene, name)
-        found = [looks.signatures.get(n) or known[n] for n in self.names.tolist()]
+        found = [known[n] for n in self.names.tolist()]
         strange = np.array([each is None for each in found])
         self.doubt("drones that the scene does not name", strange[self.of])
         self.signatures = [TargetSignature() if each is None else each for each in found]
@@ -937,7 +903,7 @@ def _pattern(sensor: Any, keys: Any, azimuth_deg: Floats, elevation_deg: Floats)
     return linear(-np.minimum(lost_db, keys.sidelobe_db))
 
 
-def _on_the_way(look: _Look) -> Floats:
+def _on_the_way(look: _Look, receiver_m: Floats) -> Floats:
     """What is left of echoes by beams, cells, weather, jammers and aspect; (n, 1) or (n, K)."""
     sensor: Any = look.sensor
     azimuth_deg, elevation_deg, _ = directions(look.own_m)
@@ -974,7 +940,7 @@ def _on_the_way(look: _Look) -> Floats:
             left = left / (1 + _rain_over_noise(look, weather, float(db_km[0])))[:, None]
     if sensor.jamming:
         left = left / (1 + _jamming(look))
-    return left * _aspects(look)
+    return left * _aspects(look, receiver_m)
 
 
 def _jamming(look: _Look) -> Floats:
@@ -1031,7 +997,7 @@ def _jammer_over(
     return np.asarray(share * jammer.eirp_w / jammer.bandwidth_hz * linear(gain_db) * spread)
 
 
-def _aspects(look: _Look, receiver_m: ArrayLike = 0.0) -> Floats:
+def _aspects(look: _Look, receiver_m: Floats) -> Floats:
     """Cross-sections by the side that is seen; between receiver and transmitter, if they part."""
     left = np.ones((len(look.range_m), max(len(look.sent_m), 1)))
     course_deg = np.degrees(np.arctan2(look.velocity[:, 0], look.velocity[:, 1]))
@@ -1122,13 +1088,13 @@ def _order(case: int | None, looks: int) -> float:
     return orders.get(case, 1.0)
 
 
-def _passed(look: _Look, rate_m_s: Floats, legs: int, wavelength_m: Any) -> Floats:
+def _passed(look: _Look, rate_m_s: Floats, wavelength_m: Floats) -> Floats:
     """Share of Pd that the notch leaves, of rates as they fold or are told apart."""
     keys = look.sensor.doppler  # type: ignore[attr-defined]
-    prf_hz = None if legs == 1 else _folding_prf_hz(look.sensor)
+    prf_hz = None if _is_passive(look.sensor) else _folding_prf_hz(look.sensor)
     seen = rate_m_s
     if prf_hz is not None:
-        span = wavelength_m * prf_hz / legs
+        span = wavelength_m * prf_hz / 2
         seen = rate_m_s - span * np.round(rate_m_s / span)
     left: Floats = np.ones(len(seen))
     if keys.notch_m_s:
@@ -1166,33 +1132,52 @@ def _merged(look: _Look) -> None:
     look.doubt("merging with another target", near)
 
 
-def _polar(look: _Look) -> dict[str, Floats]:
-    """An active or MIMO radar (eqs 1 to 23)."""
+def _radar(look: _Look) -> dict[str, Floats]:
+    """A radar (eqs 1 to 36), by the sum of its signals or by each of them, a channel a signal.
+
+    Of several receivers each pair with a transmitter detects alone; places are not judged.
+    """
     sensor: Any = look.sensor
-    snrs = _echoes(look, np.zeros(3)) * _on_the_way(look)
+    is_passive, is_steered = _is_passive(sensor), sensor.scan.kind == "electronic"
+    pulses, several = getattr(sensor, "pulses", None), getattr(sensor, "receivers", None)
+    ends_m = [np.zeros(3), *map(look.offset_m, several or ())]
+    snrs = np.concatenate([_echoes(look, m) * _on_the_way(look, m) for m in ends_m], axis=1)
+    rows, frequency_hz = np.arange(len(snrs)), _signals_hz(sensor)[0]
+    channel = look.channel if is_passive else 0 * look.channel
+    if is_passive:  # behind the correlator, where an echo disturbs itself: BT is the most (eq 25)
+        samples = sensor.integration_s * np.tile(_signals_hz(sensor)[1], len(ends_m))
+        snrs = samples / (1 + 1 / snrs)
+    if is_passive or several is not None:
+        snrs = snrs[rows, look.channel][:, None]
     every = _intervals(look)[:, :, None] * snrs[:, None]
     n, count, signals = every.shape
     if getattr(sensor, "mount", None) is not None and (sensor.antenna or sensor.jamming):
         look.doubt("where a mount turns an antenna")
-    if sensor.scan.kind == "electronic":
+    if is_steered:
         searched = every * _search_gain(look)[:, None, None]
         steered = _steered(look, every[:, 0, 0], searched[:, 0, 0])
         every = searched
     found = [_detected(look, every[:, i], signals) for i in range(count)]
     each, inverse = (np.stack(column, axis=1) for column in zip(*found, strict=True))
-    needed = 1 if sensor.pulses is None else sensor.pulses.needed
+    needed = 1 if pulses is None else pulses.needed
     pd = at_least(each, needed)
     if count > 1:
         inverse = inverse * _first_hits(each, needed)
     if sensor.doppler is not None:
-        pd = pd * _passed(look, look.rate_m_s(), 2, LIGHT_M_S / sensor.frequency_hz)
-    if sensor.scan.kind == "electronic":
+        rate_m_s = look.rate_m_s()
+        if is_passive:
+            of_sent = np.stack([look.rate_m_s(m) for m in look.sent_m], axis=-1)
+            rate_m_s = rate_m_s + of_sent[rows, channel]
+        pd = pd * _passed(look, rate_m_s, (LIGHT_M_S / frequency_hz)[channel])
+    told = {"snr_db": 10 * np.log10(every.reshape(n, -1).mean(axis=1))}
+    if is_steered:
         pd = np.where(look.channel == 0, pd, steered)
+        told["pd_off"] = OF_AIM * (look.channel > CONFIRMATION)
     _merged(look)
-    snr_db = 10 * np.log10(every.reshape(n, -1).mean(axis=1))
-    # Of errors that go as 1/x, the mean square is that at the mean of 1/x.
-    sigmas = stated_sigmas(sensor, 1 / inverse.sum(axis=1), look.channel)
-    return {"pd": pd, "snr_db": snr_db, "pd_off": OF_AIM * (look.channel > CONFIRMATION)} | sigmas
+    if several is None:
+        # Of errors that go as 1/x, the mean square is that at the mean of 1/x.
+        told |= stated_sigmas(sensor, 1 / inverse.sum(axis=1), look.channel)
+    return told | {"pd": pd}
 
 
 def _first_hits(pd: Floats, needed: int) -> Floats:
@@ -1294,38 +1279,6 @@ def _aim_variance(look: _Look) -> Floats:
         doubted[mine] |= (n < 4) | (lag_deg > LAGS * sensor.azimuth_beamwidth_deg)
     look.doubt("where a steered beam pointed", doubted)
     return found
-
-
-def _passive(look: _Look) -> dict[str, Floats]:
-    """A passive radar (eqs 24 to 36), a channel a transmitter."""
-    sensor: Any = look.sensor
-    power = _echoes(look, np.zeros(3)) * _on_the_way(look)
-    rows = np.arange(len(power))
-    snr = _correlated(sensor, power)[rows, look.channel]
-    pd, inverse = _detected(look, snr[:, None], 1)
-    if sensor.doppler is not None:
-        of_sent = np.stack([look.rate_m_s(m) for m in look.sent_m], axis=-1)[rows, look.channel]
-        wavelength_m = (LIGHT_M_S / _signals_hz(sensor)[0])[look.channel]
-        pd = pd * _passed(look, look.rate_m_s() + of_sent, 1, wavelength_m)
-    _merged(look)
-    sigmas = stated_sigmas(sensor, 1 / inverse, look.channel)
-    return {"pd": pd, "snr_db": 10 * np.log10(snr)} | sigmas
-
-
-def _correlated(sensor: Any, power: Floats) -> Floats:
-    """Ratios behind the correlator: an echo disturbs itself, so that BT is the most (eq 25)."""
-    return np.asarray(sensor.integration_s * _signals_hz(sensor)[1] / (1 + 1 / power))
-
-
-def _several(look: _Look) -> dict[str, Floats]:
-    """Several receivers: a channel a pair, each of which detects alone; places are not judged."""
-    sensor: Any = look.sensor
-    pairs = []
-    for each_m in (np.zeros(3), *map(look.offset_m, sensor.receivers)):
-        power = _echoes(look, each_m) * _aspects(look, each_m)
-        pairs.append(_correlated(sensor, power) if _is_passive(sensor) else power)
-    snr = np.concatenate(pairs, axis=1)[np.arange(len(look.range_m)), look.channel]
-    return {"pd": _detected(look, snr[:, None], 1)[0], "snr_db": 10 * np.log10(snr)}
 
 
 # Microphones.
@@ -1637,12 +1590,12 @@ def _gate(look: _Look) -> dict[str, Floats]:
 KINDS: dict[str, Callable[[_Look], dict[str, Floats]]] = {
     "acoustic": _acoustic,
     "acoustic_pair": _pair,
-    "active_radar": _polar,
+    "active_radar": _radar,
     "camera": _camera,
-    "mimo_radar": _polar,
-    "multistatic_mimo": _several,
-    "multistatic_passive": _several,
-    "passive_radar": _passive,
+    "mimo_radar": _radar,
+    "multistatic_mimo": _radar,
+    "multistatic_passive": _radar,
+    "passive_radar": _radar,
     "range_gate": _gate,
     "rf": _rf,
 }
@@ -1651,17 +1604,30 @@ KINDS: dict[str, Callable[[_Look], dict[str, Floats]]] = {
 # False alarms.
 
 
+def false_alarms_per_scan(scene: Scene, sensor: Any) -> tuple[float, str]:
+    """Mean number of plots of nothing in a scan (eq 9); NaN, and why, where that is not known.
+
+    Cells of what a sensor resolves times the chance that one alarms. Plots of a scene's clutter and
+    of side lobes are of something, and not counted.
+    """
+    why = ""
+    if sensor.type in {"acoustic_pair", "multistatic_mimo", "multistatic_passive"}:
+        why = "ghosts: detections that are joined wrongly"
+    elif sensor.type not in KINDS:
+        why = f"sensors of type {sensor.type}"
+    elif sensor.type == "range_gate" or sensor.scan.kind == "electronic":  # which confirms none
+        return 0.0, ""
+    elif getattr(sensor, "mount", None) is not None:
+        why = "scans in which a mount turns"
+    if why:
+        return np.nan, why
+    worse = 1.0 if sensor.degradation is None else sensor.degradation.false_alarm_factor
+    return _alarms(scene, sensor) * worse, ""
+
+
 def _alarms(scene: Scene, sensor: Any) -> float:
-    """Cells of what a sensor resolves times the chance that one alarms."""
+    """False alarms of a scan of a sensor as it was built."""
     kind = sensor.type
-    if kind in {"acoustic_pair", "multistatic_mimo", "multistatic_passive"}:
-        raise _NotKnownError("ghosts: detections that are joined wrongly")
-    if kind not in KINDS:
-        raise _NotKnownError(f"sensors of type {kind}")
-    if kind == "range_gate" or sensor.scan.kind == "electronic":  # which confirms none
-        return 0.0
-    if getattr(sensor, "mount", None) is not None:
-        raise _NotKnownError("scans in which a mount turns")
     if kind == "camera":
         return float(sensor.false_alarms_per_frame)
     span_deg = min(sensor.azimuth_max_deg - sensor.azimuth_min_deg, 360.0)

@@ -15,6 +15,7 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from support.significance import assert_sum
 
 from plotfeed.feeds.engine.simulation import simulate
+from plotfeed.feeds.scene.sensors.effect_keys import ClassifierKeys
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.testing import START_NS, Feed, fly, held, radar, scene, staring
 
@@ -59,6 +60,14 @@ def test_plots_claim_what_the_matrix_says() -> None:
     certain = {p.kind: p.kind_probability for p in plots}
     assert certain["drone"] == pytest.approx(0.9 / 1.15)
     assert certain["bird"] == pytest.approx(0.75 / 0.85)
+
+
+def test_a_claim_that_is_of_no_class_is_never_sure() -> None:
+    keys = ClassifierKeys(
+        claims=("drone", "bird", "plane"),
+        confusion={"drone": (0.7, 0.2, 0.1), "bird": (0.1, 0.9, 0.0)},
+    )
+    np.testing.assert_allclose(keys.model().certainties, [7 / 8, 9 / 11, 0.0])
 
 
 def test_category_015_says_class_and_probability() -> None:

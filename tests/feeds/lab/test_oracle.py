@@ -10,7 +10,6 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from plotfeed.feeds.scene.examples import summaries
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene, example, from_tree, load
 from plotfeed.feeds.scene.sensors import Sensor
-from plotfeed.feeds.scene.sensors.effect_keys import ClassifierKeys, DopplerKeys
+from plotfeed.feeds.scene.sensors.effect_keys import DopplerKeys
 from plotfeed.feeds.scene.sensors.scan_keys import ElectronicScan
 from plotfeed.feeds.scene.world_keys import HORIZONS
 from plotfeed.models import fluctuation
@@ -272,23 +271,6 @@ def test_velocities_follow_from_looks_before_and_after_and_turns_are_not_judged(
         np.testing.assert_allclose(asked.pd[asked.known], looks.pd[asked.known], atol=0.02)
 
 
-def test_a_classifier_claims_by_its_matrix() -> None:
-    keys = ClassifierKeys(
-        claims=("drone", "bird", "plane"),
-        confusion={"drone": (0.7, 0.2, 0.1), "bird": (0.1, 0.9, 0.0)},
-        otherwise=(0.5, 0.5, 0.0),
-    )
-    sensor = SimpleNamespace(classifier=keys)
-    assert oracle.claims_of(sensor, "drone") == {
-        "drone": (0.7, pytest.approx(7 / 8)),
-        "bird": (0.2, pytest.approx(9 / 11)),
-        "plane": (0.1, 0.0),
-    }
-    sure = [each for _, each in oracle.claims_of(sensor, "kite").values()]
-    np.testing.assert_allclose(keys.model().certainties, sure)
-    assert oracle.claims_of(SimpleNamespace(), "drone") == {}
-
-
 def test_what_it_does_not_know_is_not_judged() -> None:
     scene = example("section-4")
     for sensor, _, _, given in sensors_of(scene, 2):
@@ -296,9 +278,6 @@ def test_what_it_does_not_know_is_not_judged() -> None:
         asked = oracle.asked(scene, sensor, strange)
         assert not asked.known.any()
         assert asked.why_not == "drones that the scene does not name"
-        own = {f"{n}-of-telemetry": oracle.signature_of(scene, n) for n in given.drone}
-        said = oracle.LooksGiven(**{**vars(strange), "signatures": own})
-        assert oracle.asked(scene, sensor, said).known.all()
 
 
 NOWHERE = zlib.compress(struct.pack("<I4d", 1, float("nan"), 0.0, 0.0, 1440.0))
