@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -103,6 +104,19 @@ class Viewer:
             while not holds():
                 await self._heard()
 
+    async def settled(self, client: MqttReceiver) -> int:
+        """How many messages have come once no more do; what left before a pause has come by then.
+
+        What is shown meanwhile is read: who reads nothing is cut off.
+        """
+        count = -1
+        while count != len(client.heard):
+            count = len(client.heard)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(0.3):
+                    await self.until(lambda: False)
+        return count
+
     async def load(self, name: str = "session.mcap") -> None:
         """Until it plays."""
         await self.done(replay={"load": name})
@@ -131,12 +145,3 @@ class Viewer:
 
 def of_lab(client: MqttReceiver, since: int = 0) -> list[MqttMessage]:
     return [m for m in client.heard[since:] if m.topic.startswith("lab/") and m.topic != TRACKS]
-
-
-async def settled(client: MqttReceiver) -> int:
-    """How many messages have come once no more do: what left before a pause has come by then."""
-    count = -1
-    while count != len(client.heard):
-        count = len(client.heard)
-        await asyncio.sleep(0.3)
-    return count

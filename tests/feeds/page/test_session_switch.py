@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 from mcap.writer import Writer
-from support.page_replays import SESSION_S, TRACKS, Act, Begun, Viewer, of_lab, settled
+from support.page_replays import SESSION_S, TRACKS, Act, Begun, Viewer, of_lab
 from support.waiting import until
 
 from plotfeed.feeds.page import page_replay
@@ -242,7 +242,7 @@ async def test_a_pause_holds_everything_and_a_seek_goes_on_from_there(
         await viewer.until(lambda: viewer.replay["position_s"] >= 2.0)
         await viewer.done(clock={"paused": True, "speed": 1})
         await viewer.until(lambda: viewer.session["clock"]["paused"])
-        heard, position_s = await settled(client), viewer.replay["position_s"]
+        heard, position_s = await viewer.settled(client), viewer.replay["position_s"]
         viewer.frames.clear()
         await viewer.until(lambda: len(viewer.frames) > 10)
         assert len({frame.now_ms for frame in viewer.frames}) == 1
@@ -291,12 +291,14 @@ async def test_at_its_end_a_replay_stands_and_can_be_moved_back_or_played_again(
         await viewer.load("silent.mcap")
         await viewer.until(lambda: viewer.is_at_end)
         assert viewer.replay["duration_s"] > 1.0
-        await viewer.done(replay={"paused": False})
-        await viewer.until(lambda: 0 < viewer.replay["position_s"] < 0.9)
+        await viewer.settled(client)
+        heard = len(of_lab(client))
+        await viewer.done(replay={"paused": False})  # once more, however soon it is over
+        await viewer.until(lambda: len(of_lab(client)) > heard)
         await viewer.load()
         await viewer.done(replay={"position_s": 1e6})
         await viewer.until(lambda: viewer.is_at_end)
-        await settled(client)
+        await viewer.settled(client)
         heard = len(of_lab(client))
         await viewer.done(replay={"position_s": 2.0})
         assert viewer.session["clock"]["paused"]
@@ -304,9 +306,9 @@ async def test_at_its_end_a_replay_stands_and_can_be_moved_back_or_played_again(
         await viewer.until(lambda: viewer.replay["position_s"] == SESSION_S - 1)
         await viewer.done(replay={"paused": False})
         await viewer.until(lambda: viewer.is_at_end)
-        await until(lambda: len(of_lab(client)) > heard)
+        await viewer.until(lambda: len(of_lab(client)) > heard)
         await viewer.done(replay={"paused": False})  # once more from the beginning
-        await viewer.until(lambda: 0 < viewer.replay["position_s"] < 5)
+        await viewer.until(lambda: 0 < viewer.replay["position_s"] < SESSION_S - 1)
 
     await play(act)
 
