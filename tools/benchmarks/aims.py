@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import statistics
 import subprocess
+import sys
 import time
 import venv
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))  # What benchmarks share with tests
 
 
 def aim(what: str, limit: str, found: str, *, is_met: bool) -> str:
@@ -80,6 +84,14 @@ def cpu_s(pid: int) -> float:
     # Fields 14 and 15, counted from after the name, which may hold blanks; see proc(5).
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def processor_s(command: Sequence[object], **how: Any) -> float:
+    """Processor time of a command, which is to end well."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([str(word) for word in command], check=True, **how)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
 
 YARDSTICK = """A yardstick is a fixed piece of work, half of it Python's and half NumPy's, measured

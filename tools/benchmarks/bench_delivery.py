@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import statistics
-import sys
 import tempfile
 import time
 from contextlib import ExitStack
@@ -19,9 +18,6 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-
 from aims import YARDSTICK, aim, ratios, spread, yardstick_us
 from bench_engine import a_broker
 from support.waiting import PATIENCE_S

@@ -26,26 +26,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from aims import YARDSTICK, aim, cpu_s, ratios, spread, yardstick_us
+from demo_process import COMMAND
+from support.arrivals import Arrivals
+from support.brokers import free_port, mosquitto, own_broker
+from support.nanosleep import nanosleep_late_us
+from support.tools import place_of
+from support.waiting import wait_until
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests"))
-
-from aims import YARDSTICK, aim, cpu_s, ratios, spread, yardstick_us  # noqa: E402
-from demo_process import COMMAND  # noqa: E402
-from support.arrivals import Arrivals  # noqa: E402
-from support.brokers import free_port, mosquitto, own_broker  # noqa: E402
-from support.nanosleep import nanosleep_late_us  # noqa: E402
-from support.tools import place_of  # noqa: E402
-from support.waiting import wait_until  # noqa: E402
-
-from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
-from plotfeed.feeds.scene.scene import Scene, from_tree  # noqa: E402
-from plotfeed.feeds.session.loop import SessionLoop  # noqa: E402
-from plotfeed.feeds.session.observer import Observer  # noqa: E402
-from plotfeed.feeds.session.session import Session, run  # noqa: E402
-from plotfeed.feeds.testing.built_scene import toml_of  # noqa: E402
-from plotfeed.feeds.timing.clock import InstantClock, Schedule, WallClock  # noqa: E402
-from plotfeed.testing import MqttReceiver, flown, radar, rotating, staring, waypoint  # noqa: E402
+from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed
+from plotfeed.feeds.scene.scene import Scene, from_tree
+from plotfeed.feeds.session.loop import SessionLoop
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.session import Session, run
+from plotfeed.feeds.testing.built_scene import toml_of
+from plotfeed.feeds.timing.clock import InstantClock, Schedule, WallClock
+from plotfeed.testing import MqttReceiver, flown, radar, rotating, staring, waypoint
 
 SECONDS, RUNS = 12.0, 3
 RADARS, SECTORS, DRONES = 200, 32, 50

@@ -21,23 +21,20 @@ import tempfile
 import time
 from pathlib import Path
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests"))
+from aims import aim, cpu_s, ratios, spread
+from support.brokers import free_port, mosquitto
+from support.fleet_process import Fleet, fleet
+from support.scene_files import DRONE, scene_file, scene_text
+from support.scene_files import radar as radar_text
 
-from aims import aim, cpu_s, ratios, spread  # noqa: E402
-from support.brokers import free_port, mosquitto  # noqa: E402
-from support.fleet_process import Fleet, fleet  # noqa: E402
-from support.scene_files import DRONE, scene_file, scene_text  # noqa: E402
-from support.scene_files import radar as radar_text  # noqa: E402
-
-from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
-from plotfeed.feeds.fleet.parts import partition  # noqa: E402
-from plotfeed.feeds.scene.scene import Scene  # noqa: E402
-from plotfeed.feeds.session.observer import Observer, RunningSession  # noqa: E402
-from plotfeed.feeds.session.part import SessionPart  # noqa: E402
-from plotfeed.feeds.session.session import run_over  # noqa: E402
-from plotfeed.feeds.timing.clock import InstantClock  # noqa: E402
-from plotfeed.testing import START_NS, radar, rotating, scene  # noqa: E402
+from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed
+from plotfeed.feeds.fleet.parts import partition
+from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.feeds.session.part import SessionPart
+from plotfeed.feeds.session.session import run_over
+from plotfeed.feeds.timing.clock import InstantClock
+from plotfeed.testing import START_NS, radar, rotating, scene
 
 RADARS, DRONES, SIMULATED_S, RUNS = 100, 50, 60.0, 4
 SPEEDUP, MOST_TAKE_OVER_S = 1.8, 1.0
@@ -169,7 +166,7 @@ def telemetry_cost(folder: Path, drones: int) -> float:
     path = scene_file(folder, scene_text(sensors=sensors, drones=""))
     with mosquitto(folder, port), fleet(path, port, "--workers", "2") as at_work:
         at_work.wait(lambda: at_work.sends(2), "it never began")
-        elsewhere = str(HERE / "bench_scaling.py")
+        elsewhere = str(Path(__file__).with_name("bench_scaling.py"))
         flying = subprocess.Popen([sys.executable, elsewhere, "fly", str(port), str(drones)])
         try:
             time.sleep(4.0)

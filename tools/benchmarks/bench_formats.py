@@ -10,15 +10,10 @@ a sector, its plots in category 048 and the crossing in 034; the others have one
 from __future__ import annotations
 
 import statistics
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-
 from aims import YARDSTICK, ratios, spread, yardstick_us
 from support.seen_sectors import scene_of, seen
 

@@ -17,20 +17,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests"))
+from aims import YARDSTICK, ratios, spread, yardstick_us
+from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]
+from support.brokers import free_port
+from support.scene_files import radar, scene_text
 
-from aims import YARDSTICK, ratios, spread, yardstick_us  # noqa: E402
-from pymavlink.dialects.v20 import common  # type: ignore[import-untyped]  # noqa: E402
-from support.brokers import free_port  # noqa: E402
-from support.scene_files import radar, scene_text  # noqa: E402
-
-from plotfeed.feeds.scene.scene import Scene, parsed  # noqa: E402
-from plotfeed.feeds.session.observer import Observer  # noqa: E402
-from plotfeed.feeds.session.session import Session, run  # noqa: E402
-from plotfeed.feeds.telemetry.live.mavlink import MavlinkReports  # noqa: E402
-from plotfeed.feeds.telemetry.position_report import PositionReport  # noqa: E402
-from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
+from plotfeed.feeds.scene.scene import Scene, parsed
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.session import Session, run
+from plotfeed.feeds.telemetry.live.mavlink import MavlinkReports
+from plotfeed.feeds.telemetry.position_report import PositionReport
+from plotfeed.feeds.timing.clock import WallClock
 
 NS = 1_000_000_000
 NOW_NS = 1_767_268_800 * NS

@@ -11,17 +11,12 @@ the machine can do at all.
 from __future__ import annotations
 
 import statistics
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-
 from aims import aim, ratios, spread
 from section_4_crowd import START_NS, scene_of
 from support.station import Station

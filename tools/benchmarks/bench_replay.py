@@ -388,7 +388,6 @@ def _spread(values: Sequence[float]) -> str:
 def main(repeats: int) -> None:
     """Measures and prints."""
     python_with(OTHER, AST_TOOL)
-    sys.path.insert(0, str(PROJECT / "tests"))
     with tempfile.TemporaryDirectory() as folder:
         long = recorded(Path(folder), DRIFT_SECONDS)
         short = [m for m in long if m.log_time_ns < long[0].log_time_ns + SECONDS * S]

@@ -26,26 +26,23 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests"))
+from aims import YARDSTICK, ratios, spread, yardstick_us
+from bench_engine import a_broker, radars, scene_tree
+from by_room import NAMES, sampled_rooms
 
-from aims import YARDSTICK, ratios, spread, yardstick_us  # noqa: E402
-from bench_engine import a_broker, radars, scene_tree  # noqa: E402
-from by_room import NAMES, sampled_rooms  # noqa: E402
-
-from plotfeed.feeds.console.process import (  # noqa: E402
+from plotfeed.feeds.console.process import (
     GARBAGE_OF_SESSION,
     keep_freed,
     leave_alone_what_is_there,
     undisturbed,
 )
-from plotfeed.feeds.scene.scene import from_tree  # noqa: E402
-from plotfeed.feeds.session.observer import Observer, RunningSession  # noqa: E402
-from plotfeed.feeds.session.session import run  # noqa: E402
-from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
-from plotfeed.testing import MqttReceiver, radar, staring  # noqa: E402
+from plotfeed.feeds.scene.scene import from_tree
+from plotfeed.feeds.session.observer import Observer, RunningSession
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.testing import MqttReceiver, radar, staring
 
-PICTURE = HERE.parents[1] / "docs" / "scaling.png"
+PICTURE = Path(__file__).parents[2] / "docs" / "scaling.png"
 # Seconds before the first look, and how many of a second each follow; in so many processes.
 SETTLED_S, WINDOWS, RUNS = 1.5, 3, 3
 TELEMETRY_HZ, TELEMETRY_RADARS, SOME_DRONES = 10, 20, 50

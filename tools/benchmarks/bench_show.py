@@ -12,16 +12,15 @@ from __future__ import annotations
 
 import os
 import platform
-import resource
 import statistics
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from subprocess import DEVNULL
 
 import numpy as np
-from aims import aim, ratios, spread
+from aims import aim, processor_s, ratios, spread
 from asterix_cases import CASES, SAC, SIC
 
 from plotfeed.proto.asterix.categories import CATEGORIES
@@ -85,14 +84,6 @@ def file_of(number: int, records: int) -> bytes:
     return b"".join(blocks_of(number, octets, length, 3 + ROWS_A_BLOCK * length))
 
 
-def processor_s(command: Sequence[object]) -> float:
-    """Processor time of a command that prints into nothing."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([str(word) for word in command], stdout=subprocess.DEVNULL, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
-
-
 def main(records: int) -> None:
     """Measures and prints a table."""
     has_theirs = DECODER.exists()
@@ -109,9 +100,9 @@ def main(records: int) -> None:
             for what, (ours, options, theirs) in STEPS.items():
                 mine, others = [], []
                 for _ in range(REPEATS):
-                    mine.append(processor_s([*ours, path, *options]))
+                    mine.append(processor_s([*ours, path, *options], stdout=DEVNULL))
                     if theirs and has_theirs:
-                        others.append(processor_s([*theirs, path]))
+                        others.append(processor_s([*theirs, path], stdout=DEVNULL))
                 print(_line(number, what, mine, others), flush=True)
                 if what == "decode" and others:
                     aims.append(_aim(number, mine, others))

@@ -17,16 +17,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests"))
+from aims import YARDSTICK, aim, ratios, spread, yardstick_us
+from bench_engine import radars, scene_tree
 
-from aims import YARDSTICK, aim, ratios, spread, yardstick_us  # noqa: E402
-from bench_engine import radars, scene_tree  # noqa: E402
-
-from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed  # noqa: E402
-from plotfeed.feeds.scene.scene import from_tree  # noqa: E402
-from plotfeed.feeds.session.session import run  # noqa: E402
-from plotfeed.feeds.timing.clock import InstantClock  # noqa: E402
+from plotfeed.feeds.console.process import GARBAGE_OF_SESSION, keep_freed, undisturbed
+from plotfeed.feeds.scene.scene import from_tree
+from plotfeed.feeds.session.session import run
+from plotfeed.feeds.timing.clock import InstantClock
 
 REPEATS, AIM = 5, 1500
 # Radars, drones, and simulated seconds.

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import resource
 import statistics
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from aims import aim, ratios, spread
+from aims import aim, processor_s, ratios, spread
 from bench_engine import radars, scene_text
 from demo_process import COMMAND, demo, subscriber
 
@@ -41,14 +40,6 @@ def wall_s(command: Sequence[object]) -> float:
     start = time.perf_counter()
     subprocess.run([str(word) for word in command], check=True, capture_output=True)
     return time.perf_counter() - start
-
-
-def processor_s(command: Sequence[object]) -> float:
-    """Processor time of one run of a command."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([str(word) for word in command], check=True, capture_output=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def modules(scene: Path) -> int:
@@ -106,9 +97,9 @@ def _measure() -> None:
         alone, starts, beside_start = zip(
             *(
                 (
-                    processor_s([COMMAND, "run", one, *how]),
-                    processor_s([COMMAND, "run", scene, *how]),
-                    processor_s(NUMPY),
+                    processor_s([COMMAND, "run", one, *how], capture_output=True),
+                    processor_s([COMMAND, "run", scene, *how], capture_output=True),
+                    processor_s(NUMPY, capture_output=True),
                 )
                 for _ in range(STARTS)
             ),

@@ -9,12 +9,8 @@ grows with more than the number of drones: ghosts do.
 
 from __future__ import annotations
 
-import sys
 from collections import defaultdict
-from pathlib import Path
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 from aims import ratios, spread
 from section_4_crowd import at_work, ns_per_drone, place

@@ -16,25 +16,21 @@ import time
 from pathlib import Path
 
 import numpy as np
+from aims import YARDSTICK, ratios, spread, yardstick_us
+from support.brokers import free_port, mosquitto
+from support.scene_files import radar, scene_file, scene_text
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests"))
-
-from aims import YARDSTICK, ratios, spread, yardstick_us  # noqa: E402
-from support.brokers import free_port, mosquitto  # noqa: E402
-from support.scene_files import radar, scene_file, scene_text  # noqa: E402
-
-from plotfeed.feeds.engine.engine import Engine  # noqa: E402
-from plotfeed.feeds.engine.intake import Intake  # noqa: E402
-from plotfeed.feeds.link.counters import SessionCounters, lateness_us  # noqa: E402
-from plotfeed.feeds.scene.scene import Scene, load  # noqa: E402
-from plotfeed.feeds.session.observer import Observer  # noqa: E402
-from plotfeed.feeds.session.session import Session, run  # noqa: E402
-from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, PositionReport  # noqa: E402
-from plotfeed.feeds.timing.clock import WallClock  # noqa: E402
-from plotfeed.models.state import AltitudeReference  # noqa: E402
-from plotfeed.models.truth import Trajectories  # noqa: E402
-from plotfeed.testing import MqttReceiver  # noqa: E402
+from plotfeed.feeds.engine.engine import Engine
+from plotfeed.feeds.engine.intake import Intake
+from plotfeed.feeds.link.counters import SessionCounters, lateness_us
+from plotfeed.feeds.scene.scene import Scene, load
+from plotfeed.feeds.session.observer import Observer
+from plotfeed.feeds.session.session import Session, run
+from plotfeed.feeds.telemetry.position_report import UNKNOWN_VELOCITY, PositionReport
+from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.models.state import AltitudeReference
+from plotfeed.models.truth import Trajectories
+from plotfeed.testing import MqttReceiver
 
 NS = 1_000_000_000
 TICK_NS = 10_000_000

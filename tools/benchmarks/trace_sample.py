@@ -17,19 +17,16 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests"))
+from aims import aim
+from bench_engine import radars
 
-from aims import aim  # noqa: E402
-from bench_engine import radars  # noqa: E402
-
-from plotfeed import Engine  # noqa: E402
-from plotfeed.feeds.link.ledger_messages import ledger_messages  # noqa: E402
-from plotfeed.feeds.messages.message import Message  # noqa: E402
-from plotfeed.feeds.scene.scene import from_tree  # noqa: E402
-from plotfeed.proto import plotfeed_pb2 as pb  # noqa: E402
-from plotfeed.proto.ledger import tables_of  # noqa: E402
-from plotfeed.proto.utc import NS, iso_utc  # noqa: E402
+from plotfeed import Engine
+from plotfeed.feeds.link.ledger_messages import ledger_messages
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.scene.scene import from_tree
+from plotfeed.proto import plotfeed_pb2 as pb
+from plotfeed.proto.ledger import tables_of
+from plotfeed.proto.utc import NS, iso_utc
 
 START_NS, STEP_NS, WARM_S, COUNTED_S = 1_767_225_600 * NS, NS // 10, 5, 1
 AIM_FILES, AIM_FUNCTIONS = 30, 150
@@ -99,7 +96,7 @@ def main() -> None:
             },
             "sensor": radars(1),
         },
-        HERE / "way.toml",
+        Path("way.toml"),
     )
     engine = Engine(scene, START_NS)
     a_second = NS // STEP_NS

@@ -20,37 +20,18 @@ export class Address {
     });
   }
 
-  /** Show what the address asks for, once; whether it did. To be called when there is a scene. */
+  /** Show what the address asks for, once. To be called when there is a scene. */
   apply() {
-    const asked = this.#asked, { display } = this;
+    const asked = this.#asked, { display } = this, listed = (name) => asked.get(name).split(",");
     this.#asked = new URLSearchParams();
-    if (![...asked.keys()].length) return false;
     const sensors = display.picture.news.scene?.sensors ?? [];
-    this.#applyHidden(asked, sensors);
-    for (const layer of Object.keys(display.layers)) if (asked.has("layers")) this.#tick(`show-${layer}`, asked.get("layers").split(",").includes(layer));
-    if (asked.has("fade")) this.#choose("glow", asked.get("fade"));
-    if (asked.has("trails")) this.#choose("trails", asked.get("trails"));
+    if (asked.has("hide")) for (const { id } of sensors) this.sensors.show(id, !listed("hide").includes(id));
+    if (asked.has("layers")) for (const layer of Object.keys(display.layers)) tick(`show-${layer}`, listed("layers").includes(layer));
+    choose("glow", asked.get("fade"));
+    choose("trails", asked.get("trails"));
     if (sensors.some(({ id }) => id === asked.get("sensor"))) this.sensors.choose(asked.get("sensor"));
     const place = (asked.get("at") ?? "").split(",").map(Number);
     if (place.length === 3 && place.every(Number.isFinite) && place[2] > 0) display.lookAt(...place);
-    return true;
-  }
-
-  #applyHidden(asked, sensors) {
-    if (!asked.has("hide")) return;
-    const hidden = asked.get("hide").split(",");
-    sensors.forEach(({ id }) => this.sensors.show(id, !hidden.includes(id)));
-  }
-
-  #tick(id, on) {
-    if (byId(id).checked !== on) byId(id).click();
-  }
-
-  #choose(id, value) {
-    const select = byId(id);
-    if (![...select.options].some((option) => option.value === value)) return;
-    select.value = value;
-    select.dispatchEvent(new Event("change"));
   }
 
   /** Keep what is looked at now in the address, without a step in the browser's history. */
@@ -74,4 +55,16 @@ export class Address {
 
 function read() {
   return new URLSearchParams(location.hash.slice(1));
+}
+
+function tick(id, on) {
+  if (byId(id).checked !== on) byId(id).click();
+}
+
+/** Choose that of some options, if it is one. */
+function choose(id, value) {
+  const select = byId(id);
+  if (![...select.options].some((option) => option.value === value)) return;
+  select.value = value;
+  select.dispatchEvent(new Event("change"));
 }

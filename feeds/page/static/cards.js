@@ -37,7 +37,9 @@ export class Cards {
 
   /** Have a card there for which there was nothing to show before. */
   offer(name) {
-    this.#cards.get(name).hidden = false;
+    const card = this.#cards.get(name);
+    if (!card.hidden) return;
+    card.hidden = false;
     this.onChange();
   }
 

@@ -46,7 +46,7 @@ export class Display {
   #basemap = null;
   #ownMap = null; // the tree of a GeoJSON file
   #ownShapes = null;
-  #fitted = false;
+  isFitted = false; // whether it shows what was asked for, not only what there was before the first scene
 
   constructor(picture, onSelect) {
     this.picture = picture;
@@ -74,22 +74,17 @@ export class Display {
     this.#marksDueAt = 0;
   }
 
-  /** Whether it shows what was asked for, not only what there was before the first scene. */
-  get isFitted() {
-    return this.#fitted;
-  }
-
   /** A place in the middle, so many metres a pixel. */
   lookAt(east, north, scale) {
     Object.assign(this.view, { east, north, scale });
-    this.#fitted = true;
+    this.isFitted = true;
     this.following = false;
     this.redraw();
   }
 
   /** Another scene: show all of it, and its basemap. */
   async newScene() {
-    this.#fitted = false;
+    this.isFitted = false;
     this.selected = null;
     this.following = false;
     this.#basemap = null;
@@ -187,8 +182,8 @@ export class Display {
   #draw(at) {
     requestAnimationFrame((next) => this.#draw(next));
     const nowMs = this.picture.nowMs(at);
-    if (!this.#fitted && this.picture.news.scene) {
-      this.#fitted = true;
+    if (!this.isFitted && this.picture.news.scene) {
+      this.isFitted = true;
       this.home();
     }
     if (this.following && this.selected) this.#centre(nowMs);

@@ -14,7 +14,6 @@ export class Feed {
   #number = 0;
   #lastHeard = 0;
   #look = null;
-  #build = null;
   hello = {}; // what the server said first
 
   /** onFrame(buffer); onState("connecting" | "open" | "lost", words). */
@@ -78,8 +77,7 @@ export class Feed {
 
   /** The server may have come back with another version of this page. */
   #greet(hello) {
-    if (this.#build && this.#build !== hello.build) location.reload();
-    this.#build = hello.build;
+    if (this.hello.build && this.hello.build !== hello.build) location.reload();
     this.hello = hello;
   }
 

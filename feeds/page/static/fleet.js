@@ -2,23 +2,11 @@
 
 import { byId, element } from "./common.js";
 
-export class FleetCard {
-  #told = null;
-
-  /** onFirst() is told of the first news that come. */
-  constructor(onFirst) {
-    this.onFirst = onFirst;
-  }
-
-  /** Take what is told of a fleet; nothing where the page is a session's. */
-  take(told) {
-    if (!told) return;
-    if (!this.#told) this.onFirst();
-    this.#told = told;
-    byId("fleet-text").textContent = `Parts ${told.parts.length}, take-overs ${told.takeovers}, gaps ${told.gaps}`;
-    byId("fleet-rows").replaceChildren(...told.parts.map(row));
-    byId("fleet-gaps").replaceChildren(...told.last_gaps.map((words) => element("li", words)));
-  }
+/** Show what is told of a fleet. */
+export function showFleet({ parts, takeovers, gaps, last_gaps: lastGaps }) {
+  byId("fleet-text").textContent = `Parts ${parts.length}, take-overs ${takeovers}, gaps ${gaps}`;
+  byId("fleet-rows").replaceChildren(...parts.map(row));
+  byId("fleet-gaps").replaceChildren(...lastGaps.map((words) => element("li", words)));
 }
 
 function row({ part, claim, sensors, state, worker, age_s: age, lateness_p99_us: late }) {

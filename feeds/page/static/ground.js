@@ -104,23 +104,23 @@ function drawCover(context, view, scene, hidden) {
   context.setLineDash([]);
 }
 
+function gridLine(context, x0, y0, x1, y1, isMain) {
+  context.strokeStyle = isMain ? colours["grid-strong"] : colours.grid;
+  context.lineWidth = 1;
+  line(context, x0, y0, x1, y1);
+}
 
 /** Lines of equal east and north of the site, as far apart as rings are. */
 function drawSquares(context, view, labels) {
   const spacing = ringSpacing(view), inset = 14;
   const along = Math.min(Math.max(view.y(0) + inset, inset), view.height - inset), beside = Math.min(Math.max(view.x(0) + 2 * inset, 2 * inset), view.width - 3 * inset);
-  const gridLine = (x0, y0, x1, y1, isMain) => {
-    context.strokeStyle = isMain ? colours["grid-strong"] : colours.grid;
-    context.lineWidth = 1;
-    line(context, x0, y0, x1, y1);
-  };
   const first = (value) => Math.ceil(value / spacing) * spacing;
   for (let east = first(view.eastAt(0)); view.x(east) < view.width; east += spacing) {
-    gridLine(view.x(east), 0, view.x(east), view.height, Math.abs(east) < spacing / 2);
+    gridLine(context, view.x(east), 0, view.x(east), view.height, Math.abs(east) < spacing / 2);
     labels.at(`${inKilometres(Math.abs(east))}${east > 0 ? " E" : east < 0 ? " W" : ""}`, view.x(east), along, colours.quiet);
   }
   for (let north = first(view.northAt(view.height)); view.y(north) > 0; north += spacing) {
-    gridLine(0, view.y(north), view.width, view.y(north), Math.abs(north) < spacing / 2);
+    gridLine(context, 0, view.y(north), view.width, view.y(north), Math.abs(north) < spacing / 2);
     labels.at(`${inKilometres(Math.abs(north))}${north > 0 ? " N" : north < 0 ? " S" : ""}`, beside, view.y(north), colours.quiet);
   }
 }
@@ -150,14 +150,10 @@ function drawSpokes(context, view, labels) {
   const x = view.x(0), y = view.y(0), inset = 15;
   const inside = x > inset && x < view.width - inset && y > inset && y < view.height - inset;
   const long = view.width + view.height + Math.hypot(x, y), hub = 12;
-  for (let azimuth = 0; azimuth < 360; azimuth += 10) {
+  for (let azimuth = 0; azimuth < 360; azimuth += 30) {
     const [s, c] = [Math.sin((azimuth * Math.PI) / 180), Math.cos((azimuth * Math.PI) / 180)];
-    if (azimuth % 30 === 0) {
-      context.strokeStyle = azimuth % 90 === 0 ? colours["grid-strong"] : colours.grid;
-      context.lineWidth = 1;
-      line(context, x + hub * s, y - hub * c, x + long * s, y - long * c);
-    }
-    if (inside && azimuth % 30 === 0) {
+    gridLine(context, x + hub * s, y - hub * c, x + long * s, y - long * c, azimuth % 90 === 0);
+    if (inside) {
       const out = Math.min(
         s > 1e-9 ? (view.width - inset - 6 - x) / s : s < -1e-9 ? (inset + 6 - x) / s : Infinity,
         c > 1e-9 ? (y - inset) / c : c < -1e-9 ? (y - view.height + inset) / c : Infinity);

@@ -73,19 +73,22 @@ export class Labels {
     line(this.context, x, y, toX, toY);
   }
 
-  /** With a halo, so that lines do not cut it. */
   #write(words, left, middle, colour, over = false) {
     this.placed.push([...this.#box(words, left, middle), over && colour]);
     this.#draw(words, left, middle, colour);
   }
 
   #draw(words, left, middle, colour) {
-    const { context } = this;
-    context.textAlign = "left";
-    context.lineWidth = 3;
-    context.strokeStyle = colours.sea;
-    context.strokeText(words, left, middle);
-    context.fillStyle = colour;
-    context.fillText(words, left, middle);
+    this.context.textAlign = "left";
+    drawWords(this.context, words, left, middle, colour);
   }
+}
+
+/** Words with a halo, so that lines do not cut them. */
+export function drawWords(context, words, x, y, colour) {
+  context.lineWidth = 3;
+  context.strokeStyle = colours.sea;
+  context.strokeText(words, x, y);
+  context.fillStyle = colour;
+  context.fillText(words, x, y);
 }

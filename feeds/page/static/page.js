@@ -8,10 +8,9 @@ import { byId } from "./common.js";
 import { showConnections } from "./connect.js";
 import { Display } from "./display.js";
 import { Feed } from "./feed.js";
-import { FleetCard } from "./fleet.js";
+import { showFleet } from "./fleet.js";
 import { FrameReader } from "./frames.js";
-import { showAbout, showKeys } from "./help.js";
-import { hearKeys } from "./keys.js";
+import { hearKeys, showAbout, showKeys } from "./keys.js";
 import { readMap } from "./own_map.js";
 import { Past } from "./past.js";
 import { Picture } from "./picture.js";
@@ -41,7 +40,6 @@ const strips = new Strips();
 const roles = new Roles(picture, { ask, onName: look, onTruth: (may) => { if (!may && display.truth) setTruth(false); }, address: () => feed.hello.audience_url });
 const cards = new Cards(showCards);
 const score = new Score(() => cards.offer("score"));
-const fleet = new FleetCard(() => cards.offer("fleet"));
 const tour = new Tour();
 const past = new Past(reader);
 const timeline = new Timeline(picture, past, display, (command) => session.send(command));
@@ -84,7 +82,7 @@ function takeFrame(buffer) {
   if (["snapshot", "stories", "undoes", "session", "audience"].some((key) => changed.has(key))) stories.show();
   if (all || changed.has("settings") || changed.has("session") || changed.has("audience")) sensors.showSettings();
   if (changed.has("pointing")) sensors.showPointing();
-  if (all || changed.has("fleet")) fleet.take(picture.news.fleet);
+  if ((all || changed.has("fleet")) && picture.news.fleet) { showFleet(picture.news.fleet); cards.offer("fleet"); }
   if (all || changed.has("score")) score.take(display.truth ? picture.score : null);
   if (all || changed.has("refusal") || changed.has("track_problem")) session.showRefusal();
   if (all || changed.has("seconds")) { sensors.showRates(); session.showTotals(); showClosely(); }
@@ -205,9 +203,9 @@ const KEYS = {
   p: ["selects the plot before", () => display.selectNext(-1)],
   f: ["follows what is selected", follow],
   t: ["shows or hides the truth", () => setTruth(!display.truth)],
-  u: ["takes back what was asked last", () => stories.undo()],
-  " ": ["pauses, or goes on", () => session.togglePause()],
-  ".": ["makes a step", () => session.step()],
+  u: ["takes back what was asked last", () => byId("undo").click()],
+  " ": ["pauses, or goes on", () => byId("pause").click()],
+  ".": ["makes a step", () => byId("step").click()],
   "[": ["looks further back, or moves a replay back", () => timeline.step(1)],
   "]": ["looks less far back, or moves a replay ahead", () => timeline.step(-1)],
   l: ["goes back to now", () => timeline.toNow()],

@@ -8,15 +8,6 @@ const NOTED_EVERY = 50; // frames
 const REACH_MS = 62_000; // plots fade, and tracks are kept, no longer than a minute
 const MOST_SECONDS = 600;
 
-/** A picture of a time that is gone; `timeOf(at)` tells which. */
-class PastPicture extends Picture {
-  timeOf = () => 0;
-
-  nowMs(at) {
-    return this.timeOf(at);
-  }
-}
-
 export class Past {
   seconds = []; // {ms, lost, messages} of the strips, further back than those reach
   #frames = []; // {ms, buffer, noted}; noted, of some, is the news and the names that were known then
@@ -98,7 +89,7 @@ export class Past {
     let from = this.#indexAt(ms - REACH_MS);
     while (from > this.#first && !this.#frames[from].noted) from--;
     while (from < index && !this.#frames[from].noted) from++; // those before were dropped
-    const picture = new PastPicture(), noted = this.#frames[from].noted ?? { news: {}, names: [] };
+    const picture = new Picture(), noted = this.#frames[from].noted ?? { news: {}, names: [] };
     Object.assign(picture.news, noted.news);
     picture.droneNames = noted.names;
     picture.take(this.reader.read(this.#frames[from].buffer), 0);

@@ -5,19 +5,14 @@ export class Pixels {
   #ground = null;
   #image = null;
   #pixels = null;
-  #width = 0;
-  #height = 0;
 
   /** Begin from what a layer shows: all squares go over that. */
   setGround(context) {
     const { width, height } = context.canvas;
     this.#ground = new Uint32Array(context.getImageData(0, 0, width, height).data.buffer);
-    if (width !== this.#width || height !== this.#height) {
-      this.#image = context.createImageData(width, height);
-      this.#pixels = new Uint32Array(this.#image.data.buffer);
-      this.#width = width;
-      this.#height = height;
-    }
+    if (width === this.#image?.width && height === this.#image.height) return;
+    this.#image = context.createImageData(width, height);
+    this.#pixels = new Uint32Array(this.#image.data.buffer);
   }
 
   begin() {
@@ -26,7 +21,7 @@ export class Pixels {
 
   /** A stamp of shapes.js about a point, in pixels of the device; colour is 0xBBGGRR, opacity a whole number to 256. */
   stamp(x, y, runs, colour, opacity) {
-    const rest = 256 - opacity, pixels = this.#pixels, width = this.#width, height = this.#height;
+    const rest = 256 - opacity, pixels = this.#pixels, { width, height } = this.#image;
     const redBlue = (colour & 0xff00ff) * opacity, green = (colour & 0xff00) * opacity;
     const middle = Math.round(x), row = Math.round(y);
     for (let run = 0; run < runs.length; run += 3) {

@@ -1,10 +1,11 @@
 // The place under the pointer in words, what is known of the mark there, and a ruler between two places.
 
 import { describe } from "./card.js";
-import { colours, faded } from "./colours.js";
+import { colours } from "./colours.js";
 import { byId, element, line } from "./common.js";
 import { toGeodetic } from "./earth.js";
 import { inKilometres } from "./ground.js";
+import { drawWords } from "./labels.js";
 import { placeOf } from "./marks.js";
 import { azimuthOf } from "./viewport.js";
 
@@ -70,11 +71,7 @@ export class Pointer {
     context.font = colours.font;
     context.textAlign = "center";
     context.textBaseline = "middle";
-    context.lineWidth = 4;
-    context.strokeStyle = faded(colours.sea, 0.9);
-    context.strokeText(words, (x0 + x1) / 2, (y0 + y1) / 2 - 10);
-    context.fillStyle = colours.accent;
-    context.fillText(words, (x0 + x1) / 2, (y0 + y1) / 2 - 10);
+    drawWords(context, words, (x0 + x1) / 2, (y0 + y1) / 2 - 10, colours.accent);
   }
 
   #point(x, y) {

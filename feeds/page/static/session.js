@@ -17,10 +17,10 @@ export class Session {
     this.ask = ask;
     this.#hear("pause", () => ({ clock: { paused: !this.#state.clock?.paused } }));
     this.#hear("step", () => ({ clock: { step_s: 1 } }));
-    this.#hearEnd("restart", () => ({ session: { restart: true } }));
+    this.#hear("restart", () => ({ session: { restart: true } }), true);
     this.#hear("record", () => ({ record: this.#state.record?.on ? { stop: true } : { start: true } }));
-    this.#hearEnd("load-scene", () => ({ session: { scene: byId("scene").value } }));
-    this.#hearEnd("load-recording", () => ({ replay: { load: byId("recording").value } }));
+    this.#hear("load-scene", () => ({ session: { scene: byId("scene").value } }), true);
+    this.#hear("load-recording", () => ({ replay: { load: byId("recording").value } }), true);
     byId("speed").addEventListener("change", () => this.send({ clock: { speed: Number(byId("speed").value) } }));
     byId("totals").replaceChildren(...TOTALS.flatMap(([key, words]) => [element("dt", words), element("dd", "0", { id: `total-${key}` })]));
   }
@@ -29,15 +29,11 @@ export class Session {
     return this.picture.news.session ?? {};
   }
 
-  #hear(id, command) {
-    byId(id).addEventListener("click", () => this.send(command()));
-  }
-
-  /** What ends the session, and with it a recording that runs: said first, and done when it is pressed again. */
-  #hearEnd(id, command) {
+  /** What ends the session, and with it a recording that runs, is said first, and done when it is pressed again. */
+  #hear(id, command, ends = false) {
     let saidAt = -Infinity;
     byId(id).addEventListener("click", () => {
-      if (this.#state.record?.on && performance.now() - saidAt > SURE_MS) {
+      if (ends && this.#state.record?.on && performance.now() - saidAt > SURE_MS) {
         saidAt = performance.now();
         sayAnswer("session-answer", { ok: true }, `This ends the recording to ${this.#state.record.file}: press ${byId(id).textContent} again.`);
         return;
@@ -53,14 +49,6 @@ export class Session {
     const answer = await this.ask(command);
     sayAnswer("session-answer", answer);
     if (!answer.ok) this.show();
-  }
-
-  togglePause() {
-    if (!byId("pause").disabled) byId("pause").click();
-  }
-
-  step() {
-    if (!byId("step").disabled) byId("step").click();
   }
 
   show() {

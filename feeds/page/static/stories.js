@@ -11,12 +11,7 @@ export class Stories {
 
   constructor(picture, ask) {
     Object.assign(this, { picture, ask });
-    byId("undo").addEventListener("click", () => this.undo());
-  }
-
-  /** Take back whatever was asked last. */
-  undo() {
-    if (!byId("undo").disabled) this.#send({ undo: true });
+    byId("undo").addEventListener("click", () => this.#send({ undo: true }));
   }
 
   /** Those of the scene, and which are on; told when stories, what undo would undo, or the session changed. */

@@ -112,7 +112,7 @@ export class Timeline {
       this.#heldMs = this.#heldMs === null ? null : this.#liveMs() - most;
     }
     const picture = this.past.pictureAt(this.#liveMs() - this.#backMs);
-    picture.timeOf = (at) => this.#heldMs ?? this.live.nowMs(at) - this.#backMs;
+    picture.nowMs = (at) => this.#heldMs ?? this.live.nowMs(at) - this.#backMs;
     picture.pace = this.#heldMs === null ? this.live.pace : 0;
     this.#showPicture(picture);
   }

@@ -19,13 +19,10 @@ export class Trails {
   constructor(display, live) {
     Object.assign(this, { display, live, lengthMs: 0 });
     display.extras.push((context, view, _picture, nowMs) => this.#draw(context, view, nowMs));
-    byId("trails").addEventListener("change", () => this.setLength(Number(byId("trails").value)));
-  }
-
-  setLength(seconds) {
-    this.lengthMs = 1000 * seconds;
-    byId("trails").value = String(seconds);
-    this.display.refresh();
+    byId("trails").addEventListener("change", () => {
+      this.lengthMs = 1000 * Number(byId("trails").value);
+      display.refresh();
+    });
   }
 
   /** Of what there are trails: "track 12", "drone 3". */

@@ -178,12 +178,6 @@ def test_check_tells_pd_and_errors_against_range(tmp_path: Path) -> None:
         assert told is None or told in done.stdout
 
 
-def test_the_schemas_are_printed() -> None:
-    schema = json.loads(plotfeed_here("schema").stdout)
-    assert schema["$schema"].startswith("https://json-schema.org/")
-    assert "message PlotBatch {" in plotfeed_here("schema", "messages").stdout
-
-
 def recorded(folder: Path, name: str, duration_s: float, scene: Path | None = None) -> Path:
     """ASTERIX as a session wrote it in simulated time."""
     scene = scene or scene_file(folder, scene_text(start_utc=START, sensors=FAST))
@@ -218,24 +212,6 @@ def test_a_full_disk_ends_the_file_and_not_the_session(tmp_path: Path) -> None:
         "plotfeed: /dev/full: No space left on device; what came after is not in the file\n"
     )
     assert done.stdout.splitlines()[-1].startswith("drones 1 ")
-
-
-def test_show_prints_a_line_for_each_record_of_what_is_whole(tmp_path: Path) -> None:
-    path = recorded(tmp_path, "raw.ast", 2.0)
-    records, _ = decode_lenient(path.read_bytes())
-    done = plotfeed_here("show", path, "--list")
-    assert (done.returncode, done.stderr) == (0, "")
-    lines = done.stdout.splitlines()
-    assert len(lines) == len(records)
-    assert lines[0].startswith("CAT034  12:00:00.")
-    shown = plotfeed_here("show", path, "--list", "--json").stdout.splitlines()
-    assert [json.loads(x)["category"] for x in shown] == [r.category for r in records]
-    assert len(plotfeed_here("show", path, "--count", "3").stdout.splitlines()) == 3
-    path.write_bytes(path.read_bytes()[:-3])
-    done = plotfeed_here("show", path, "--list")
-    assert done.returncode == 2
-    assert done.stdout.splitlines() == lines[:-1]
-    assert is_one_line(done.stderr)
 
 
 def test_show_ends_quietly_when_nobody_reads_on(tmp_path: Path) -> None:

@@ -288,12 +288,6 @@ def test_what_is_no_wish_is_refused_in_a_line_and_who_says_too_much_is_cut_off(
         assert next_frame(other)
 
 
-def test_a_page_without_controls_says_so(stage: MadeUpSession) -> None:
-    assert stage.view is not None
-    with served(stage.view, NoControls(), lambda: stage.now_ns) as page, page.feed() as feed:
-        assert "no commands" in asked(feed, session={"restart": True})["error"]
-
-
 def test_a_viewer_that_stalls_is_dropped_and_holds_up_nobody(
     page: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
