@@ -387,23 +387,14 @@ class Borders:
         self.azimuth_deg[sensor[:, None], drones] = azimuth_deg
 
 
-@dataclass(frozen=True, slots=True)
-class Meetings:
-    """What beams meet in several sectors: drones by sensor, and then in the order of time."""
-
-    truth: TruthState
-    row: Ints
-    """The sector of each, by its row; (n,)."""
-
-
 def meetings(
     sectors: Sectors,
     frames: Axes,
     trajectories: Trajectories,
     borders: Borders | None = None,
     reach_m: float | Floats = np.inf,
-) -> Meetings:
-    """Whom beams meet in sectors; those of one sensor follow each other.
+) -> tuple[TruthState, Ints]:
+    """Whom beams meet, by sensor and then in the order of time, and each one's sector, by its row.
 
     `frames` are those of the sensors, by index, or the one of all. The first of each sensor begins
     where `borders` has it, and they are told where the last one ends. Drones that stay further away
@@ -425,7 +416,7 @@ def meetings(
     )
     row, of_about = np.nonzero(passed)
     if not len(row):
-        return Meetings(NOBODY, row)
+        return NOBODY, row
     drones = about[of_about]
     of_each = sectors.rows(row)
     frame_of_each = frames.rows(of_each.sensor)
@@ -440,7 +431,7 @@ def meetings(
         of_each, met_share, row, drones = of_each.rows(met), met_share[met], row[met], drones[met]
     t_utc_ns = time_after_share_ns(of_each.start_ns, of_each.end_ns, met_share)
     order = np.lexsort((t_utc_ns, of_each.sensor))
-    return Meetings(trajectories.state_at(t_utc_ns[order], drones[order]), row[order])
+    return trajectories.state_at(t_utc_ns[order], drones[order]), row[order]
 
 
 def _edges(  # noqa: PLR0917

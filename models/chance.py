@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike, NDArray
 from plotfeed.models.state import FEWEST_ROWS, Floats, Ints, renamed
 
 Generator = np.random.Generator
-Draw = Callable[[Generator, tuple[int, ...]], Floats]
 # Scans of a sensor whose draws are kept: the one under way, and the one before or after it.
 FEWEST_SLOTS = 2
 NO_SCAN = np.iinfo(np.int64).min
@@ -78,12 +77,13 @@ class Chance:
 class _DrawTable:
     """Rows of draws of one law: by sensor, by scan modulo the slots, by drone."""
 
-    def __init__(
-        self, sensors: int, slots: int, rows: int, inner: tuple[int, ...], draw: Draw
-    ) -> None:
-        self.draw = draw
+    def __init__(self, sensors: int, slots: int, rows: int, inner: tuple[int, ...]) -> None:
         self.values = np.empty((sensors, slots, rows, *inner))
         self.scan_of = np.full((sensors, slots), NO_SCAN, np.int64)  # Whose draws they are
+
+
+# What tables are told apart by: a number, the shape of a row, and a law by its name and orders.
+DrawKey = tuple[int, tuple[int, ...], str, tuple[float, ...]]
 
 
 class ScanDraws:
@@ -95,7 +95,7 @@ class ScanDraws:
     def __init__(self, chances: Sequence[Chance], purpose: Purpose) -> None:
         self._chances = chances
         self._purpose = purpose
-        self._tables: dict[tuple[Any, ...], _DrawTable] = {}
+        self._tables: dict[DrawKey, _DrawTable] = {}
 
     def of(self, sensors: Ints, scans: Ints, drones: Ints) -> DrawsByDrone:
         """Draws for looks of those sensors, in those scans, at those drones; indices, each (n,)."""
@@ -108,18 +108,13 @@ class ScanDraws:
         for key in large:
             del self._tables[key]
 
-    def taken(
-        self, key: tuple[Any, ...], sensors: Ints, scans: Ints, drones: Ints, draw: Draw
-    ) -> Floats:
-        """Rows of what `draw` draws, (n, ...), one a look; n above 0.
-
-        `key` is the number of the table, the shape of a row, and what else the draw depends on.
-        """
+    def taken(self, key: DrawKey, sensors: Ints, scans: Ints, drones: Ints) -> Floats:
+        """Rows of a table, (n, ...), one a look; n above 0."""
         rows, table = int(drones.max()) + 1, self._tables.get(key)
         slots = FEWEST_SLOTS if table is None else table.scan_of.shape[1]
         if table is None or rows > table.values.shape[2]:
             rows = max(FEWEST_ROWS, 1 << (rows - 1).bit_length())
-            table = _DrawTable(len(self._chances), slots, rows, key[1], draw)
+            table = _DrawTable(len(self._chances), slots, rows, key[1])
         while True:
             slot = scans & (slots - 1)
             missing = table.scan_of[sensors, slot] != scans
@@ -130,11 +125,11 @@ class ScanDraws:
             wanted = dict.fromkeys(
                 zip(sensors[missing].tolist(), scans[missing].tolist(), strict=True)
             )
-            self._fill(key[0], table, wanted)
+            self._fill(key, table, wanted)
             if (table.scan_of[sensors, slot] != scans).any():  # two scans of one slot at once
                 slots *= 2
                 rows = table.values.shape[2]
-                table = _DrawTable(len(self._chances), slots, rows, key[1], draw)
+                table = _DrawTable(len(self._chances), slots, rows, key[1])
 
     def draw_next(self, sensors: Ints, scans: Ints) -> None:
         """Draw what looks of the scans after those will ask for if they ask for the same again.
@@ -146,50 +141,40 @@ class ScanDraws:
             asked = table.scan_of[sensors, scans & last_slot] == scans
             asked &= table.scan_of[sensors, following & last_slot] != following
             which = zip(sensors[asked].tolist(), following[asked].tolist(), strict=True)
-            self._fill(key[0], table, which)
+            self._fill(key, table, which)
 
-    def _fill(self, number: int, table: _DrawTable, which: Iterable[tuple[int, int]]) -> None:
+    def _fill(self, key: DrawKey, table: _DrawTable, which: Iterable[tuple[int, int]]) -> None:
         """Draw the rows of a table for those sensors and scans."""
+        number, _, law, orders = key
         _, slots, *shape = table.values.shape
         for sensor, scan in which:
             rng = self._chances[sensor].rng(self._purpose, scan, number)
-            table.values[sensor, scan % slots] = table.draw(rng, tuple(shape))
+            table.values[sensor, scan % slots] = getattr(rng, law)(*orders, tuple(shape))
             table.scan_of[sensor, scan % slots] = scan
-
-
-# What the tables of looks are told apart by, besides their numbers.
-
-
-def _uniform(rng: Generator, shape: tuple[int, ...], *_: slice) -> Floats:
-    return rng.random(shape)
-
-
-def _normal(rng: Generator, shape: tuple[int, ...], *_: slice) -> Floats:
-    return rng.standard_normal(shape)
-
-
-def _exponential(rng: Generator, shape: tuple[int, ...], *_: slice) -> Floats:
-    return rng.standard_exponential(shape)
 
 
 class _StandIn(ABC):
     """Stand-in for a generator where sizes end in the number of looks, (..., n)."""
 
     @abstractmethod
-    def _take(self, size: Any, draw: Callable[..., Floats]) -> Floats:
-        """What `draw` draws of a generator and a shape, for the looks."""
+    def _take(self, size: Any, law: str, *orders: Any) -> Floats:
+        """What a generator's method of that name draws for the looks; orders are of the law."""
 
     def random(self, size: int | tuple[int, ...]) -> Floats:
         """Uniform in [0, 1)."""
-        return self._take(size, _uniform)
+        return self._take(size, "random")
 
     def standard_normal(self, size: int | tuple[int, ...]) -> Floats:
         """Normal, of mean 0 and variance 1."""
-        return self._take(size, _normal)
+        return self._take(size, "standard_normal")
 
     def standard_exponential(self, size: int | tuple[int, ...]) -> Floats:
         """Exponential, of mean 1."""
-        return self._take(size, _exponential)
+        return self._take(size, "standard_exponential")
+
+    def standard_gamma(self, order: ArrayLike, size: int | tuple[int, ...]) -> Floats:
+        """Gamma of scale 1 and of that order, or those of the looks, (..., n)."""
+        return self._take(size, "standard_gamma", order)
 
 
 class DrawsByDrone(_StandIn):
@@ -209,17 +194,13 @@ class DrawsByDrone(_StandIn):
         sensor, scan, drone = self._sensor[which], self._scan[which], self._drone[which]
         return DrawsByDrone(self._draws, sensor, scan, drone, self._tables)
 
-    def standard_gamma(self, order: float, size: tuple[int, ...]) -> Floats:
-        """Gamma of that order, one for all, and of scale 1."""
-        order = float(order)
-        return self._take(size, lambda rng, shape: rng.standard_gamma(order, shape), order)
-
-    def _take(self, size: Any, draw: Draw, *law: float) -> Floats:
+    def _take(self, size: Any, law: str, *orders: Any) -> Floats:
+        """Orders are one for all looks."""
         inner = size[:-1] if isinstance(size, tuple) else ()
-        key = (next(self._tables), inner, *(law or (draw,)))
+        key = next(self._tables), inner, law, tuple(float(order) for order in orders)
         if not len(self._drone):
             return np.empty((*inner, 0))
-        taken = self._draws.taken(key, self._sensor, self._scan, self._drone, draw)
+        taken = self._draws.taken(key, self._sensor, self._scan, self._drone)
         return np.moveaxis(taken, 0, -1) if inner else taken
 
 
@@ -238,16 +219,7 @@ class DrawsBySensor(_StandIn):
         """Draws for some of the looks, in their order."""
         return DrawsBySensor(self._generators, self._sensor[which])
 
-    def standard_gamma(self, order: ArrayLike, size: int | tuple[int, ...] | None = None) -> Floats:
-        """Gamma of those orders, one for all or (..., n), and of scale 1."""
-        orders = np.asarray(order)
-
-        def draw(rng: Generator, shape: tuple[int, ...], part: slice) -> Floats:
-            return rng.standard_gamma(orders[..., part] if orders.ndim else float(orders), shape)
-
-        return self._take(orders.shape if size is None else size, draw)
-
-    def _take(self, size: Any, draw: Callable[..., Floats]) -> Floats:
+    def _take(self, size: Any, law: str, *orders: Any) -> Floats:
         shape = size if isinstance(size, tuple) else (size,)
         taken = np.empty(shape)
         if len(self._sensor):
@@ -255,8 +227,9 @@ class DrawsBySensor(_StandIn):
             first = 0
             for generator, end in zip(self._generators, ends, strict=False):
                 if end > first:
-                    part = slice(first, end)
-                    taken[..., part] = draw(generator, (*shape[:-1], end - first), part)
+                    own = [o[..., first:end] if np.ndim(o) else o for o in orders]
+                    of_law = getattr(generator, law)
+                    taken[..., first:end] = of_law(*own, (*shape[:-1], end - first))
                 first = end
         return taken
 

@@ -133,19 +133,14 @@ class PointedBeams:
     tracks_deg: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class SearchOutcome:
-    """How far a search came: beams that were looked at, and when each began, in dwells."""
+def searched_slots(hit: Bools, dwells: int) -> Ints:
+    """When each of the beams that are next begins, in dwells, as far as they fit into so many.
 
-    beams: int
-    slots: Ints
-
-
-def search_outcome(hit: Bools, dwells: int) -> SearchOutcome:
-    """How many of the beams that are next fit into so many dwells; a hit takes one to confirm."""
+    A hit takes one to confirm.
+    """
     spent = np.cumsum(1 + hit.astype(np.int64))
     beams = int(np.searchsorted(spent, dwells, side="right"))
-    return SearchOutcome(beams, np.concatenate([[0], spent])[:beams])
+    return np.concatenate([np.zeros(1, np.int64), spent])[:beams]
 
 
 @dataclass(frozen=True, kw_only=True)

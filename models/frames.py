@@ -7,10 +7,9 @@ Azimuth is clockwise from true north in [0, 360), elevation above the horizontal
 from __future__ import annotations
 
 import zlib
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -132,30 +131,40 @@ def axes_enu(latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Floats:
     )
 
 
-class Axes(ABC):
-    """East, north and up at one place on WGS-84, or at several: an offset and a rotation from ECEF.
+class Axes:
+    """East, north and up at places on WGS-84: offsets and rotations from ECEF.
 
-    Those of several places broadcast against what they are given, one a row.
+    Those of several places broadcast against what they are given, one a row. To the last bit, each
+    row is what its own place alone makes of it.
     """
 
-    @property
-    @abstractmethod
-    def origin_ecef_m(self) -> Floats:
-        """Where the axes stand, ECEF, metres; (..., 3)."""
+    def __init__(
+        self, origin_ecef_m: Floats, rotation_from_ecef: Floats, meridian: Meridian
+    ) -> None:
+        """Where the axes stand, metres, (..., 3), and unit vectors, one a row, (..., 3, 3)."""
+        self.origin_ecef_m = origin_ecef_m
+        self.rotation_from_ecef = rotation_from_ecef
+        # Distance from the Earth's axis and along it, sine and cosine of the latitude; (...).
+        self.meridian = meridian
 
-    @property
-    @abstractmethod
-    def rotation_from_ecef(self) -> Floats:
-        """East, north and up as unit vectors in ECEF, one a row; (..., 3, 3)."""
+    @classmethod
+    def of(cls, places: Sequence[Axes]) -> Axes:
+        """Stack places, one a row; a single one is itself, for it broadcasts against any rows."""
+        if len(places) == 1:
+            return places[0]
+        meridians = zip(*(place.meridian for place in places), strict=True)
+        return cls(
+            np.array([place.origin_ecef_m for place in places]),
+            np.array([place.rotation_from_ecef for place in places]),
+            tuple(np.array(part) for part in meridians),
+        )
 
-    @property
-    @abstractmethod
-    def meridian(self) -> Meridian:
-        """Distance from the Earth's axis and along it, sine and cosine of the latitude; (...)."""
-
-    def rows(self, _which: NDArray[Any], /) -> Axes:
+    def rows(self, which: NDArray[Any], /) -> Axes:
         """Axes at those indices, of any shape (...), which may recur; of one place, as they are."""
-        return self
+        if self.origin_ecef_m.ndim == 1:
+            return self
+        meridian = tuple(part[which] for part in self.meridian)
+        return Axes(self.origin_ecef_m[which], self.rotation_from_ecef[which], meridian)
 
     @nan_without_warnings
     def from_ecef(self, ecef_m: ArrayLike) -> Floats:
@@ -231,22 +240,18 @@ class LocalFrame(Axes):
     longitude_deg: float
     height_m: float
 
-    @cached_property
-    def origin_ecef_m(self) -> Floats:
-        """Where the frame stands, ECEF, metres; (3,)."""
-        return geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
-
-    @cached_property
-    def rotation_from_ecef(self) -> Floats:
-        """East, north and up as unit vectors in ECEF, one a row; (3, 3)."""
-        return axes_enu(self.latitude_deg, self.longitude_deg)
-
-    @cached_property
-    def meridian(self) -> Meridian:
-        """Distance from the Earth's axis and along it, sine and cosine of the latitude."""
-        x, y, z = self.origin_ecef_m.tolist()
+    def __post_init__(self) -> None:
+        origin_ecef_m = geodetic_to_ecef(self.latitude_deg, self.longitude_deg, self.height_m)
+        x, y, z = origin_ecef_m.tolist()
         sin_lat, cos_lat = _sin_cos_deg(self.latitude_deg)
-        return float(np.hypot(x, y)), z, float(sin_lat), float(cos_lat)
+        vars(self).update(
+            origin_ecef_m=origin_ecef_m,
+            rotation_from_ecef=self._rotation(),
+            meridian=(float(np.hypot(x, y)), z, float(sin_lat), float(cos_lat)),
+        )
+
+    def _rotation(self) -> Floats:
+        return axes_enu(self.latitude_deg, self.longitude_deg)
 
 
 def distance_m(vector_m: Floats) -> Floats:
@@ -357,39 +362,6 @@ def _stack(x: Floats, y: Floats, z: Floats) -> Floats:
 
 
 A_HAIR_M = 1.0  # More than all that is rounded
-
-
-@dataclass(frozen=True, slots=True)
-class LocalFrames(Axes):
-    """Several frames: origins (..., 3), rotations (..., 3, 3), meridians each (...).
-
-    What they are given has a row a frame, or broadcasts against that. To the last bit, each row is
-    what its own frame alone makes of it.
-    """
-
-    origin_ecef_m: Floats
-    rotation_from_ecef: Floats
-    meridian: Meridian
-
-    @classmethod
-    def of(cls, frames: Sequence[Axes]) -> Axes:
-        """Stack frames, one a row; a single one is itself, for it broadcasts against any rows."""
-        if len(frames) == 1:
-            return frames[0]
-        meridians = zip(*(frame.meridian for frame in frames), strict=True)
-        return cls(
-            np.array([frame.origin_ecef_m for frame in frames]),
-            np.array([frame.rotation_from_ecef for frame in frames]),
-            tuple(np.array(part) for part in meridians),
-        )
-
-    def rows(self, which: NDArray[Any], /) -> LocalFrames:
-        """Frames at those indices, of any shape (...), which may recur."""
-        return LocalFrames(
-            self.origin_ecef_m[which],
-            self.rotation_from_ecef[which],
-            tuple(part[which] for part in self.meridian),
-        )
 
 
 def rows_about(frames: Axes, positions_ecef_m: Floats, within_m: Floats) -> Ints:

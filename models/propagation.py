@@ -51,22 +51,6 @@ def radiated_w(power_w: ArrayLike, gains_db: ArrayLike) -> Floats:
 
 
 @nan_without_warnings
-def echo_power_w(
-    *,
-    power_w: ArrayLike,
-    gains_db: ArrayLike,
-    wavelength_m: ArrayLike,
-    rcs_m2: ArrayLike,
-    range_tx_m: ArrayLike,
-    range_rx_m: ArrayLike,
-) -> Floats:
-    """Received power of a target's echo in free space (eqs 1, 24); `gains_db` less all losses."""
-    aperture_m4 = as_floats(wavelength_m) ** 2 * as_floats(rcs_m2)
-    spread_m4 = SPREAD * (as_floats(range_tx_m) * as_floats(range_rx_m)) ** 2
-    return radiated_w(power_w, gains_db) * aperture_m4 / spread_m4
-
-
-@nan_without_warnings
 def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
     power_w: ArrayLike,
     gain_tx_dbi: ArrayLike,
@@ -84,14 +68,9 @@ def radar_snr(  # noqa: PLR0917 - the order of eq 1, fixed for callers
     `power_w` is the mean transmitted power; monostatic radars give the same range twice.
     """
     gains_db = as_floats(gain_tx_dbi) + as_floats(gain_rx_dbi) - as_floats(loss_db)
-    echo_w = echo_power_w(
-        power_w=power_w,
-        gains_db=gains_db,
-        wavelength_m=wavelength_m,
-        rcs_m2=rcs_m2,
-        range_tx_m=range_tx_m,
-        range_rx_m=range_rx_m,
-    )
+    aperture_m4 = as_floats(wavelength_m) ** 2 * as_floats(rcs_m2)
+    spread_m4 = SPREAD * (as_floats(range_tx_m) * as_floats(range_rx_m)) ** 2
+    echo_w = radiated_w(power_w, gains_db) * aperture_m4 / spread_m4
     return echo_w * as_floats(integration_s) / noise_density_w_hz(noise_figure_db)
 
 

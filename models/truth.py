@@ -31,6 +31,7 @@ from plotfeed.models.state import (
     Signatures,
     Texts,
     TruthState,
+    endless,
     trimmed,
     with_room,
 )
@@ -44,7 +45,7 @@ class Emissions(Columns):
     """What targets emit: `target` is a row of theirs, `channel` the emitter on that drone.
 
     `emitter` is a row of the table that they are from, `share` what of their power a sensor
-    receives, where that is known.
+    receives: all, as long as none is chosen.
     """
 
     target: Ints
@@ -53,7 +54,7 @@ class Emissions(Columns):
     frequency_hz: Floats
     bandwidth_hz: Floats
     eirp_dbm: Floats
-    share: Floats | None = None
+    share: Floats
 
 
 class EmitterTable(UserList[tuple[Emitter, ...]]):
@@ -109,6 +110,7 @@ class EmitterTable(UserList[tuple[Emitter, ...]]):
             frequency_hz=numbers[0, emitter],
             bandwidth_hz=numbers[1, emitter],
             eirp_dbm=numbers[2, emitter],
+            share=ALL[: len(emitter)],
         )
 
     def kinds(self, emissions: Emissions) -> Texts:
@@ -147,6 +149,7 @@ class EmitterTable(UserList[tuple[Emitter, ...]]):
         self._first[drone], self._count[drone], self._used = start, len(emitters), end
 
 
+ALL = endless(1.0, np.float64)
 COLUMNS = ("rcs_m2", "sound_power_db", "size_m", "target_class", "model")
 
 

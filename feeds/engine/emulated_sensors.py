@@ -30,7 +30,7 @@ from plotfeed.models.beam import Borders, Sector, Sectors, Timetable, Timetables
 from plotfeed.models.chance import NO_SCAN, Chance, DrawsBySensor, PairDraws, Purpose, ScanDraws
 from plotfeed.models.dwell_agenda import Agenda, PointedBeams
 from plotfeed.models.effects.classification import ClaimDraws, HeldClaims
-from plotfeed.models.frames import Axes, LocalFrame, LocalFrames, aer_to_enu, enu_to_aer, rows_about
+from plotfeed.models.frames import Axes, LocalFrame, aer_to_enu, enu_to_aer, rows_about
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.sensors.polar_radar import PolarRadar
 from plotfeed.models.sensors.sensor_model import (
@@ -222,7 +222,7 @@ class SensorsAtWork:
             for s, chance in zip(sensors, self.chances, strict=True)
         ]
         self.places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors]
-        self.frames = LocalFrames.of(self.places)
+        self.frames = Axes.of(self.places)
         # In which sector a rotating sensor draws what its next scan needs: sensors take turns, so
         # that those which begin a scan together are not late together.
         turns = [i % each.sectors for i, each in enumerate(self.timetables)]
@@ -364,12 +364,14 @@ class SensorGroup:
     def _turn(self, sectors: Sectors) -> Batch:
         """Looks at the drones that beams pass in their sectors."""
         at_work = self._at_work
-        met = meetings(sectors, self._axes, at_work.trajectories, at_work.borders, self._reach_m)
+        truth, row = meetings(
+            sectors, self._axes, at_work.trajectories, at_work.borders, self._reach_m
+        )
         looks, plots = NO_LOOKS, NO_PLOTS
-        if self._merges and len(met.truth):
-            looks, plots = self._observed_among_neighbours(sectors, met.truth, met.row)
-        elif len(met.truth):
-            looks, plots = self._observed(sectors, met.truth, met.row)
+        if self._merges and len(truth):
+            looks, plots = self._observed_among_neighbours(sectors, truth, row)
+        elif len(truth):
+            looks, plots = self._observed(sectors, truth, row)
         alarms = at_work.false_alarms.of_turns(sectors, self.models)
         draws_now = sectors.index == at_work.draws_in[sectors.sensor]
         if draws_now.any():
@@ -412,7 +414,7 @@ class SensorGroup:
         before = Sectors.of([timetable.sector_at(int(sectors.start_ns[0]) - 1)], sensor)
         after = Sectors.of([timetable.next_sector(sectors.one(len(sectors) - 1))], sensor)
         met_before, met_after = (
-            meetings(sector, self._axes, at_work.trajectories, reach_m=self._reach_m).truth
+            meetings(sector, self._axes, at_work.trajectories, reach_m=self._reach_m)[0]
             for sector in (before, after)
         )
         of = np.concatenate(

@@ -20,7 +20,7 @@ from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.models.frames import LocalFrames, aer_to_enu
+from plotfeed.models.frames import Axes, aer_to_enu
 from plotfeed.models.state import Floats
 from plotfeed.proto.asterix.cat048 import PlotEncoder048, north_markers, sector_crossings
 from plotfeed.proto.asterix.codec.encode import Parts
@@ -40,7 +40,7 @@ class Asterix048(AsterixFormat):
         self._plots = PlotEncoder048(*sources_of(sensors), max_octets=limits_of(scene, sensors))
         self._sea_level = scene.sea_level()
         places = [frame_at(scene.scene.site, s.position_enu_m) for s in sensors.values()]
-        self._frames = LocalFrames.of(places)
+        self._frames = Axes.of(places)
         turning = {i: sensor for i, sensor in sensors.items() if sensor.scan.rotates}
         self._turning = numbers_of(turning, len(self._numbers))
         self._all_turn = len(turning) == len(sensors)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import ceil, cosh, log2, sqrt, tanh
 
 import numpy as np
@@ -44,12 +44,9 @@ class SkewFrame(LocalFrame):
         """Skewed axes at the place of another frame."""
         return cls(frame.latitude_deg, frame.longitude_deg, frame.height_m, **skew)
 
-    @cached_property
-    def rotation_from_ecef(self) -> Floats:
-        """The sensor's own axes as unit vectors in ECEF, one a row; (3, 3)."""
-        level = LocalFrame(self.latitude_deg, self.longitude_deg, self.height_m)
+    def _rotation(self) -> Floats:
         axes = own_axes(self.azimuth_offset_deg, self.tilt_deg, self.tilt_azimuth_deg)
-        return np.asarray(axes @ level.rotation_from_ecef)
+        return np.asarray(axes @ super()._rotation())
 
 
 # Time constants between anchors: what they would have in common is exp(-64), 2e-28.

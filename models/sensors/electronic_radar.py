@@ -25,7 +25,7 @@ from plotfeed.models.dwell_agenda import (
     PointedBeams,
     Steering,
     revisit_interval_s,
-    search_outcome,
+    searched_slots,
 )
 from plotfeed.models.fluctuation import STEADY
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
@@ -273,10 +273,10 @@ class ElectronicRadar(DwellingSensor):
         cells = self.radar.resolution_cells / self.grid.side_by_side
         alarms = detection.draw_count(int(np.ceil(cells)) * most, self.radar.pfa, rng)
         hit[rng.integers(0, max(most, 1), alarms)] = True
-        outcome = search_outcome(hit, left)
-        done = np.flatnonzero(place < outcome.beams)
+        begins = searched_slots(hit, left)
+        done = np.flatnonzero(place < len(begins))
         looks, powers, place, rows = looks.rows(done), powers[done], place[done], rows[done]
-        slots = first + outcome.slots[place]
+        slots = first + begins[place]
         there = period.at(rows, period.ends_ns(slots))
         looks = looks.but(t_utc_ns=there.t_utc_ns)
         tentative = self._measured(looks, powers, there, rng)
@@ -289,7 +289,7 @@ class ElectronicRadar(DwellingSensor):
         second = period.at(rows[again], period.ends_ns(slots[again] + 1))
         confirming, echoes = self._looked(second, aim, strength[rows[again]], CONFIRMATION, rng)
         confirmed = self._measured(confirming, echoes, second, rng)
-        return Looks.joined([looks, confirming]), confirmed, outcome.beams
+        return Looks.joined([looks, confirming]), confirmed, len(begins)
 
     def _reports(self, geometry: tuple[Floats, Floats, Floats]) -> NDArray[np.bool_]:
         azimuth_deg, elevation_deg, range_m = geometry

@@ -36,11 +36,6 @@ if TYPE_CHECKING:
     from plotfeed.models.effects.surroundings import City, OnTheWay
 
 
-def emissions_of(targets: Targets) -> Emissions:
-    """What targets emit, a row an emitter, in the order of the targets."""
-    return EmitterTable.of(targets.signatures.emitters).emissions(targets.drone)
-
-
 @dataclass(frozen=True, kw_only=True)
 class RfDirectionFinder(RadioSensor, CellSensor):
     """A receiver that tells where emissions come from and what they are.
@@ -129,11 +124,11 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         carrier = np.where(width_hz >= 0, 1.0, 0.0)
         return np.where(bandwidth_hz > 0, np.clip(width_hz / bandwidth_hz, 0.0, 1.0), carrier)
 
-    def received_share(self, emissions: Emissions) -> Floats:
-        """The share of each emission's power that lies in the band, as it may be known already."""
-        if emissions.share is not None:
-            return emissions.share
-        return self.share_in_band(emissions.frequency_hz, emissions.bandwidth_hz)
+    def in_band(self, emitted: Emissions) -> Emissions:
+        """The same of targets' emissions, of which the share is received that lies in the band."""
+        of_sources = self.rows(emitted.target)
+        share = of_sources.share_in_band(emitted.frequency_hz, emitted.bandwidth_hz)
+        return emitted.but(share=share)
 
     @nan_without_warnings
     def intercept_probability(self, frequency_hz: Floats, bandwidth_hz: Floats) -> Floats:
@@ -156,7 +151,7 @@ class RfDirectionFinder(RadioSensor, CellSensor):
             self.path_loss_reference_m,
         )
         received_dbm = emissions.eirp_dbm + self.gain_rx_dbi - loss_db
-        return self.received_share(emissions) * 10 ** ((received_dbm - self.noise_dbm) / 10)
+        return emissions.share * 10 ** ((received_dbm - self.noise_dbm) / 10)
 
     def received_snr(self, emissions: Emissions, targets: Targets, range_m: Floats) -> Floats:
         """Ratios of emissions over the ground, if it is modelled; ranges are the targets'."""
@@ -177,7 +172,7 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         """Probability that an emission comes, is listened to and crosses the threshold; (n,)."""
         intercepted = self.intercept_probability(emissions.frequency_hz, emissions.bandwidth_hz)
         crossed = detection.pd_noncoherent_swerling2(snr, self.pfa, self.samples)
-        return np.where(self.received_share(emissions) > 0, intercepted * crossed, 0.0)
+        return np.where(emissions.share > 0, intercepted * crossed, 0.0)
 
     @nan_without_warnings
     def sigma_azimuth_deg(self, frequency_hz: Floats, snr: Floats) -> Floats:
@@ -224,10 +219,9 @@ class RfDirectionFinder(RadioSensor, CellSensor):
         """Look once at each emitter of each target within cover and within the band."""
         geometry = azimuth_deg, _, range_m = enu_to_aer(targets.position_enu_m)
         table = EmitterTable.of(targets.signatures.emitters)
-        emissions = table.emissions(targets.drone)
-        share = self.rows(emissions.target).received_share(emissions)
+        emissions = self.in_band(table.emissions(targets.drone))
         covered = self.in_cover(range_m, azimuth_deg)[emissions.target]
-        emissions = emissions.but(share=share).rows((share > 0) & covered)
+        emissions = emissions.rows((emissions.share > 0) & covered)
         mine, rng = self.rows(emissions.target), of_rows(rng, emissions.target)
         snr = mine.received_snr(emissions, targets, range_m)
         pd = mine.pd(emissions, snr) * mine.pd_factor
@@ -277,7 +271,8 @@ class RfDirectionFinder(RadioSensor, CellSensor):
 
         NaN for targets that do not emit.
         """
-        emissions = emissions_of(targets)
+        table = EmitterTable.of(targets.signatures.emitters)
+        emissions = self.in_band(table.emissions(targets.drone))
         source = emissions.target
         _, elevation_deg, range_m = enu_to_aer(targets.position_enu_m)
         snr = self.received_snr(emissions, targets, range_m)

@@ -16,8 +16,8 @@ from plotfeed.models.frames import (
     ROWS,
     WGS84_A_M,
     WGS84_B_M,
+    Axes,
     LocalFrame,
-    LocalFrames,
     aer_to_enu,
     are_all_within,
     ecef_to_geodetic,
@@ -227,7 +227,7 @@ def test_whoever_is_within_reach_of_any_frame_is_about_and_who_is_far_from_all_i
     first = np.array(places[0])
     near = [first + spread_deg * np.tanh(np.array(place) / 90) for place in places]
     every = places if spread_deg > 2.5 else near
-    frames = LocalFrames.of([LocalFrame(float(lat), float(lon), 100.0) for lat, lon in every])
+    frames = Axes.of([LocalFrame(float(lat), float(lon), 100.0) for lat, lon in every])
     origins_m = frames.origin_ecef_m.reshape(-1, 3)
     within_m = rng.uniform(100, 20_000, len(every))
     chosen = origins_m[rng.integers(0, len(every), (2, 40))]

@@ -110,14 +110,11 @@ def test_passive_radar_agrees_with_the_reference():
     """The table leaves out 600 MHz and 0.01 m2."""
     table = reference("passive_snr.csv")
     wavelength_m = C_M_S / 600e6
-    target_w = propagation.echo_power_w(
-        power_w=table["erp_w"],
-        gains_db=propagation.DIPOLE_GAIN_DBI + table["gr_dbi"] - table["loss_db"],
-        wavelength_m=wavelength_m,
-        rcs_m2=0.01,
-        range_tx_m=table["r_tx_m"],
-        range_rx_m=table["r_rx_m"],
+    over_noise = propagation.radar_snr(
+        *(table["erp_w"], propagation.DIPOLE_GAIN_DBI, table["gr_dbi"], wavelength_m, 0.01, 1.0),
+        *(table["r_tx_m"], table["r_rx_m"], table["loss_db"], 0.0),
     )
+    target_w = over_noise * propagation.noise_density_w_hz(0.0)
     np.testing.assert_allclose(target_w, table["p_target_w"], rtol=1e-13)
     direct_w = propagation.direct_signal_power_w(
         erp_w=table["erp_w"],

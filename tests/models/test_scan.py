@@ -49,9 +49,9 @@ from plotfeed.models.cueing import (
     to_mount,
     turned_to,
 )
-from plotfeed.models.dwell_agenda import BeamGrid, BeamTracks, revisit_interval_s, search_outcome
+from plotfeed.models.dwell_agenda import BeamGrid, BeamTracks, revisit_interval_s, searched_slots
 from plotfeed.models.effects.readings import SkewFrame
-from plotfeed.models.frames import Axes, LocalFrame, LocalFrames, aer_to_enu, enu_to_aer, wrap_180
+from plotfeed.models.frames import Axes, LocalFrame, aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.state import NS, Bools, Floats
 
 S = 1_000_000_000
@@ -326,7 +326,7 @@ def test_frames_of_rows_are_those_of_each_to_the_last_bit(n: int) -> None:
     enu_m[0, :2] = 0.0
     ecef_m = np.array([every[i].to_ecef(place) for i, place in zip(which, enu_m, strict=True)])
     azimuth_deg, elevation_deg = rng.uniform(0, 360, n), rng.uniform(-5, 80, n)
-    rows = LocalFrames.of(every).rows(which)
+    rows = Axes.of(every).rows(which)
 
     def each(method: str, *columns: Any) -> Any:
         return np.array(
@@ -386,11 +386,11 @@ def test_draws_of_sensors_that_stare_are_those_of_each_alone() -> None:
 
     together = DrawsBySensor(generators(), sensor)
     odd = np.arange(len(sensor)) % 2 == 1
-    found = [*drawn(together, len(sensor)), together.standard_gamma(orders)]
+    found = [*drawn(together, len(sensor)), together.standard_gamma(orders, (len(sensor),))]
     found.append(together.rows(odd).standard_normal((2, int(odd.sum()))))
     for i, alone in enumerate(generators()):
         mine = sensor == i
-        own = [*drawn(alone, counts[i]), alone.standard_gamma(orders[mine])]
+        own = [*drawn(alone, counts[i]), alone.standard_gamma(orders[mine], None)]
         own.append(alone.standard_normal((2, int((mine & odd).sum()))))
         for all_of_them, of_one in zip(found[:-1], own[:-1], strict=True):
             np.testing.assert_array_equal(all_of_them[..., mine], of_one)
@@ -543,12 +543,12 @@ def test_every_direction_of_the_cover_is_in_the_beam_whose_middle_is_nearest() -
 
 def test_hits_take_dwells_from_search() -> None:
     hit = np.zeros(100, np.bool_)
-    assert search_outcome(hit, 80).beams == 80
+    assert len(searched_slots(hit, 80)) == 80
     hit[[3, 10, 79]] = True
-    outcome = search_outcome(hit, 80)
-    assert outcome.beams == 78
-    assert outcome.slots[[0, 3, 4, 11, 12]].tolist() == [0, 3, 5, 13, 14]
-    assert search_outcome(hit, 4).beams == 3  # the fourth's confirmation would not fit
+    begins = searched_slots(hit, 80)
+    assert len(begins) == 78
+    assert begins[[0, 3, 4, 11, 12]].tolist() == [0, 3, 5, 13, 14]
+    assert len(searched_slots(hit, 4)) == 3  # the fourth's confirmation would not fit
 
 
 def test_a_track_learns_its_velocity_and_forgets_what_it_misses() -> None:

@@ -23,9 +23,10 @@ from plotfeed.models.numerics import root
 from plotfeed.models.propagation import C_M_S
 from plotfeed.models.sensors.acoustic import AcousticPair, MicrophoneArray, crossing
 from plotfeed.models.sensors.range_gate import RangeGate
-from plotfeed.models.sensors.rf import RfDirectionFinder, emissions_of
+from plotfeed.models.sensors.rf import RfDirectionFinder
 from plotfeed.models.sensors.sensor_model import Targets
 from plotfeed.models.state import FALSE_ALARM, NS, Emitter
+from plotfeed.models.truth import EmitterTable
 
 SECTION_4 = MicrophoneArray(
     frequency_hz=1000.0, directivity_db=3.0, absorption_db_per_m=0.005, barrier_db=3.0,
@@ -277,7 +278,9 @@ def test_prediction_is_of_a_report_by_any_emitter() -> None:
     there = emitting([CONTROL, REMOTE_ID], [CONTROL], [], [VIDEO], range_m=300.0)
     predicted = sensor.predict(there)
     assert predicted.pd == pytest.approx([1 - 0.6**2, 0.4, 0.0, 0.0])
-    snr = sensor.mean_snr(emissions_of(there), np.full(4, 300.0))
+    table = EmitterTable.of(there.signatures.emitters)
+    emissions = sensor.in_band(table.emissions(there.drone))
+    snr = sensor.mean_snr(emissions, np.full(4, 300.0))
     assert predicted.snr[:2] == pytest.approx([snr[:2].max(), snr[2]])
     assert np.isnan(predicted.snr[2])
     assert np.isnan(predicted.sigma_azimuth_deg).tolist() == [False, False, True, True]
