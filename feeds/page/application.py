@@ -252,7 +252,7 @@ class Application:
         return {"number": number, "ok": True, "in_force": in_force}
 
     def _look(self, viewer: Viewer, request: ViewRequest) -> None:
-        """Show a viewer what he looks at; raises `NotAllowed` if the truth is not among it."""
+        """Show a viewer what he looks at; raises `PlotfeedError` if the truth is not among it."""
         viewer.watched, viewer.name = request.watched, request.name
         self._watch()
         self._audience.check_look(viewer.role, truth=request.truth)

@@ -34,18 +34,6 @@ class Role(StrEnum):
     AUDIENCE = "audience"
 
 
-class NotAllowed(PlotfeedError):  # noqa: N818 - what is so, not what broke
-    """A viewer asked for what his role does not allow."""
-
-
-class Action(NamedTuple):
-    """What somebody did on the page."""
-
-    t_utc_ms: int
-    who: str
-    what: str
-
-
 class Audience:
     """What the presenter has given the audience, and a log of what was done."""
 
@@ -53,7 +41,7 @@ class Audience:
         self.truth = False
         self.controls = False
         self._numbers = dict.fromkeys(Role, 0)
-        self._actions: deque[Action] = deque(maxlen=KEPT_ACTIONS)
+        self._actions: deque[dict[str, Any]] = deque(maxlen=KEPT_ACTIONS)
 
     @property
     def news(self) -> dict[str, bool]:
@@ -63,7 +51,7 @@ class Audience:
     @property
     def actions(self) -> list[dict[str, Any]]:
         """The log, the oldest action first."""
-        return [action._asdict() for action in self._actions]
+        return list(self._actions)
 
     def called(self, role: Role) -> str:
         """What the next viewer of that role is called."""
@@ -72,21 +60,22 @@ class Audience:
 
     def log(self, t_utc_ns: int, who: str, command: Mapping[str, Any]) -> None:
         """Somebody did that."""
-        self._actions.append(Action(t_utc_ns // 1_000_000, who, words_of(command)))
+        what = words_of(command)
+        self._actions.append({"t_utc_ms": t_utc_ns // 1_000_000, "who": who, "what": what})
 
     def check_look(self, role: Role, *, truth: bool) -> None:
-        """Raise `NotAllowed` if who has that role may not see the truth that he asks for."""
+        """Raise `PlotfeedError` if who has that role may not see the truth that he asks for."""
         if truth and role is Role.AUDIENCE and not self.truth:
-            raise NotAllowed("the audience sees no truth unless the presenter gives it")
+            raise PlotfeedError("the audience sees no truth unless the presenter gives it")
 
     def check_command(self, role: Role, command: Mapping[str, Any]) -> None:
-        """Raise `NotAllowed` if who has that role may not ask for that."""
+        """Raise `PlotfeedError` if who has that role may not ask for that."""
         if role is Role.PRESENTER:
             return
         if "audience" in command:
-            raise NotAllowed("only the presenter says what the audience may do")
+            raise PlotfeedError("only the presenter says what the audience may do")
         if not self.controls:
-            raise NotAllowed("the audience has no controls unless the presenter gives them")
+            raise PlotfeedError("the audience has no controls unless the presenter gives them")
 
     def give(self, asked: object) -> None:
         """Give or take what a presenter's command says; raises `PlotfeedError`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
@@ -12,7 +11,6 @@ from plotfeed.feeds.page.shown import tracks_to_show
 from plotfeed.feeds.page.updates import TrackFlag
 from plotfeed.feeds.scene.fields import site_frame
 from plotfeed.feeds.scene.scene import Scene
-from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import entries_in
 from plotfeed.testing import MqttMessage, MqttReceiver
 
@@ -24,7 +22,7 @@ BEHIND_S = 20.0  # A page on a busy machine may show so late what has come; how 
 KEPT_S = 60.0  # A track that is silent for longer is gone
 LISTEN = """() => {
   const { feed, reader } = plotfeed, take = feed.onFrame;
-  globalThis.said = { plots: [], pointing: [] };
+  globalThis.said = { plots: [] };
   feed.onFrame = (buffer) => {
     take(buffer);
     const frame = reader.read(buffer), { news } = plotfeed.picture;
@@ -33,8 +31,6 @@ LISTEN = """() => {
       const { sensors } = news.scene, { sensor, t_utc_ms: times } = columns;
       for (let i = 0; i < rows; i++) said.plots.push([sensors[sensor[i]].id, times[i]]);
     }
-    const pans = Object.entries(news.pointing).map(([id, at]) => [id, at.pan_deg]);
-    said.pointing.push([frame.nowMs, pans]);
   };
 }"""
 # In a frame of the screen that has just been drawn: words that stand there since before the last
@@ -45,18 +41,13 @@ SAMPLE = """async () => {
   await new Promise(requestAnimationFrame);
   const now = picture.nowMs(performance.now());
   const text = (id) => document.getElementById(id).innerText;
-  const rows = [...document.querySelectorAll("#sensors tr")];
   return {
     now_ms: now,
     tracks: [...picture.tracks.values()].map((t) => [t.id, t.t_utc_ms, t.flags]),
     labels: display.words.map((w) => w[4]).filter((w) => /^T[0-9]/.test(w)),
-    states: Object.fromEntries(rows.map((r) => [r.querySelector("button").innerText.split(" · ")[0],
-      r.cells[3].innerText])),
     score: text("score-text"),
     feed: text("score-feed"),
     late: text("late-text"),
-    covers: Object.fromEntries(picture.news.scene.sensors.map((s) =>
-      [s.id, s.turns ? null : [s.azimuth_min_deg, s.azimuth_span_deg, s.range_max_m]])),
   };
 }"""
 
@@ -82,18 +73,12 @@ class Beside:
         """What was compared by number, and in words all that the page said otherwise."""
         ended_s = time.monotonic()
         self.page.wait_for_timeout(1000 * LAG_S)  # what has come is shown by then
-        said = self.page.evaluate("said")
+        shown = self.page.evaluate("said.plots")
         heard = list(self.client.heard)
-        found = [
-            *self._plots(said["plots"], heard, ended_s),
-            *self._tracks(heard),
-            *self._covers(heard),
-            *self._pointing(said["pointing"], heard),
-            *self._states(heard),
-        ]
+        found = [*self._plots(shown, heard, ended_s), *self._tracks(heard)]
         return {
             "seconds": round(ended_s - self.began_s, 1),
-            "plots_shown": len(said["plots"]),
+            "plots_shown": len(shown),
             "messages_heard": sum(message.at_s >= self.began_s for message in heard),
             "samples": len(self.samples),
             "tracks_compared": sum(len(told["tracks"]) for _, told in self.samples),
@@ -159,57 +144,6 @@ class Beside:
                 later = [at_s for at_s, _, when_ms in told[track] if when_ms > t_ms + 1]
                 most_s = max(most_s, asked_s - min(later, default=asked_s))
         return round(most_s, 2)
-
-    def _covers(self, heard: list[MqttMessage]) -> Iterator[str]:
-        """Covers that are not those of the sensors' descriptions on the broker."""
-        shown = self.samples[-1][1]["covers"]
-        for message in heard:
-            if not message.topic.endswith("/description"):
-                continue
-            told = json.loads(message.payload)
-            low = told.get("azimuth_min_deg", -180.0)
-            span = told.get("azimuth_max_deg", 180.0) - low
-            cover = shown.get(told["sensor"])
-            if cover is not None and cover != [low, span, told["range_max_m"]]:
-                yield f"{told['sensor']} is drawn with cover {cover}, and has {[low, span]}"
-
-    def _pointing(self, shown: list[Any], heard: list[MqttMessage]) -> Iterator[str]:
-        """Mounts that the page did not draw where their statuses say that they pointed."""
-        paths: dict[str, list[tuple[float, float]]] = defaultdict(list)
-        for now_ms, pointing in shown:
-            for sensor, pan_deg in pointing:
-                paths[sensor].append((now_ms, pan_deg))
-        for message in heard:
-            if not message.topic.endswith("/status") or message.at_s < self.began_s + LAG_S:
-                continue
-            status = json.loads(message.payload)
-            mount, path = status.get("mount"), paths.get(status["sensor"])
-            if mount is None:
-                continue
-            at_ms = pb.SensorStatus()
-            at_ms.time_utc.FromJsonString(status["time_utc"])
-            now_ms = at_ms.time_utc.ToNanoseconds() / 1e6
-            near = [pan for t_ms, pan in path or () if abs(t_ms - now_ms) < 1000]
-            pan_deg = mount.get("pan_deg", 0.0)
-            if path and not near:
-                continue  # no frame came then
-            if not any(abs((pan - pan_deg + 180) % 360 - 180) < 5.0 for pan in near):
-                drawn = sorted(set(near))
-                yield f"{status['sensor']} pointed to {pan_deg}, and was drawn at {drawn}"
-
-    def _states(self, heard: list[MqttMessage]) -> Iterator[str]:
-        """Sensors whose state the page told otherwise than their settings on the broker."""
-        for asked_s, sample in self.samples:
-            for sensor, state in sample["states"].items():
-                topic = f"{self.scene.mqtt.prefix}/{sensor}/settings"
-                told = [m for m in heard if m.topic == topic and m.at_s <= asked_s]
-                if not told or asked_s - told[-1].at_s < BEHIND_S:
-                    continue
-                keys = json.loads(told[-1].payload)["in_force"]
-                link_down = bool((keys.get("link") or {}).get("down"))
-                is_off = keys.get("enabled") is False
-                if (state == "link down", state == "off") != (link_down and not is_off, is_off):
-                    yield f"{sensor} is {state!r} on the page: {json.dumps(keys)[:80]}"
 
 
 def _tracks_of_sample(

@@ -2,7 +2,7 @@
 
     python tools/soak/watch_demo.py --minutes 3 --folder watched
 
-Stories happen meanwhile. What the page said of plots, tracks, covers, mounts and states is compared
+Stories happen meanwhile. What the page said of plots and tracks is compared
 with what the broker carried in the same time; pictures of the page are left in the folder. Prints
 JSON, and fails where anything differs.
 """
