@@ -6,17 +6,21 @@ Bits of a message are counted from 1, as the standard does. Feet and knots stay 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from plotfeed.proto.units import FOOT_M
 
-BEAST_MARK = 0x1A
-# Of the message behind 6 octets of time and 1 of signal, by type.
-BEAST_OCTETS = {0x31: 2, 0x32: 7, 0x33: 14}
-BEAST_HEAD_OCTETS = 7
+BEAST_HEAD_OCTETS = 7  # Of a frame behind its type: 6 octets of time and 1 of signal
+# A frame by its mark 1A and its type, which tells how many octets it has; within it, and where no
+# frame is, 1A stands twice. The last is a frame that has begun and is not whole yet.
+BEAST_FRAME = re.compile(
+    rb"\x1a\x1a|\x1a(?:1(?:[^\x1a]|\x1a\x1a){9}|2(?:[^\x1a]|\x1a\x1a){14}"
+    rb"|3(?:[^\x1a]|\x1a\x1a){21})|(?P<begun>\x1a(?:[123](?:[^\x1a]|\x1a\x1a)*\x1a?)?\Z)",
+    re.DOTALL,
+)
 LONG_OCTETS = 14
-MAX_FRAME_OCTETS = 2 * (2 + BEAST_HEAD_OCTETS + LONG_OCTETS)
 SQUITTERS = (17, 18)  # Downlink formats: of transponders, and of others that say the same
 GENERATOR = 0x1FFF409  # Of the parity, 25 bits; ICAO Annex 10 volume IV, 3.1.2.3.3
 ZONES = 15  # Latitude zones between equator and pole
@@ -35,46 +39,15 @@ class BeastSplitter:
     def split(self, data: bytes) -> Iterator[bytes]:
         """The messages, of 2, 7 or 14 octets, that end in these octets."""
         buffer, at = self._left + data, 0
-        while (start := buffer.find(BEAST_MARK, at)) >= 0:
-            self.damaged += start - at
-            found = _unescaped(buffer, start)
-            if found is None:
-                at = start
-                break
-            frame, at = found
-            if frame:
-                yield frame[BEAST_HEAD_OCTETS:]
-            else:
-                self.damaged += at - start
-        else:
-            self.damaged += len(buffer) - at
-            at = len(buffer)
-        self._left = buffer[at : at + MAX_FRAME_OCTETS]
-
-
-def _unescaped(buffer: bytes, start: int) -> tuple[bytes, int] | None:
-    """The frame that starts there, without its type, and where it ends; None if it is not whole.
-
-    The frame is empty where none starts, or another begins within it.
-    """
-    if start + 2 > len(buffer):
-        return None
-    octets = BEAST_OCTETS.get(buffer[start + 1])
-    if octets is None:
-        return b"", start + (2 if buffer[start + 1] == BEAST_MARK else 1)
-    frame, at = bytearray(), start + 2
-    while len(frame) < BEAST_HEAD_OCTETS + octets:
-        if at >= len(buffer):
-            return None
-        if buffer[at] == BEAST_MARK:
-            if at + 1 >= len(buffer):
-                return None
-            if buffer[at + 1] != BEAST_MARK:
-                return b"", at
-            at += 1
-        frame.append(buffer[at])
-        at += 1
-    return bytes(frame), at
+        self._left = b""
+        for found in BEAST_FRAME.finditer(buffer):
+            if found["begun"]:
+                self._left, buffer = found["begun"], buffer[: found.start()]
+            elif found.end() > found.start() + 2:
+                self.damaged += found.start() - at
+                at = found.end()
+                yield found[0][2:].replace(b"\x1a\x1a", b"\x1a")[BEAST_HEAD_OCTETS:]
+        self.damaged += len(buffer) - at
 
 
 def is_whole(message: bytes) -> bool:

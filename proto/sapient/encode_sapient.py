@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -99,7 +100,6 @@ class Node:
     capabilities: tuple[SapientQuantity, ...] = ()
     performance: tuple[SapientQuantity, ...] = ()
     objects: tuple[SapientQuantity, ...] = ()  # What `object_info` may hold
-    signals: tuple[SapientQuantity, ...] = ()
     # What a detection may be called: the classes, or the sub-classes of `above`.
     classes: tuple[str, ...] = ()
     # The class of every detection, which goes before what the sensor itself calls it.
@@ -107,7 +107,26 @@ class Node:
     model: str
     software_version: str
 
+    # What detections are, and no word of in a Registration: whether they have an azimuth,
+    has_direction: bool = dataclasses.field(default=True, compare=False)
+    # and what is said of each.
+    detection_confidence: float | None = dataclasses.field(default=None, compare=False)
+    class_confidence: float = dataclasses.field(default=1.0, compare=False)
+    # Band of a receiver: each detection is a signal, somewhere in it.
+    band_hz: tuple[float, float] | None = dataclasses.field(default=None, compare=False)
+    # Transmitters of a bistatic radar, by channel.
+    transmitters: tuple[str, ...] = dataclasses.field(default=(), compare=False)
+    # Whether the time from measurement to timestamp is told.
+    tells_age: bool = dataclasses.field(default=False, compare=False)
 
+
+SIGNALS = (
+    SapientQuantity(name="amplitude", units="dBm"),
+    *(
+        SapientQuantity(name=f"{part} frequency", units="Hz")
+        for part in ("start", "centre", "stop")
+    ),
+)
 # Of what a node tells, and where it looks: places on the Earth, or ranges and bearings.
 _GEODETIC = {"location_units": LAT_LNG, "location_datum": ELLIPSOID}
 _POLAR = {"range_bearing_units": DEG_M, "range_bearing_datum": TRUE_NORTH}
@@ -168,7 +187,7 @@ def registration(node: Node, t_utc_ns: int) -> bytes:
 
 def _detections(node: Node) -> dict[str, Any]:
     """What detections tell: where, how well, of what, and of which class."""
-    told = {"OBJECT": node.objects, "SIGNAL": node.signals}
+    told = {"OBJECT": node.objects, "SIGNAL": SIGNALS if node.band_hz else ()}
     classes: list[dict[str, Any]] = [
         {"type": name, "units": CONFIDENCE} for name in node.classes if node.above is None
     ]
@@ -365,37 +384,22 @@ MAX_RATE_M_S = 1e9
 RANGE_DECIMALS, RATE_DECIMALS = 2, 3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Manner:
-    """What is said of every detection, and what of each."""
-
-    detection_confidence: float | None = None
-    # The class of what the sensor does not classify; of what it does, the class above.
-    default_class: str | None = None
-    class_confidence: float = 1.0
-    # Band of a receiver: each detection is a signal, somewhere in it.
-    band_hz: tuple[float, float] | None = None
-    transmitters: tuple[str, ...] = ()  # Transmitters of a bistatic radar, by channel
-    tells_age: bool = False  # Whether the time from measurement to timestamp is told
-
-
 class DetectionEncoder:
     """Serialises the plots of a sensor. Numbers are checked, for the message classes check none."""
 
-    def __init__(self, node: Node, manner: Manner) -> None:
+    def __init__(self, node: Node) -> None:
         self._node = node
         self._classes = frozenset(node.classes)
-        self._manner = manner
         self._message = envelope(node.node_id, 0)
         self._report = self._message.detection_report
-        check_number("class confidence", manner.class_confidence, 0, 1)
-        if manner.default_class is not None:
-            check_text("class", manner.default_class)
-        if manner.detection_confidence is not None:
-            check_number("detection_confidence", manner.detection_confidence, 0, 1)
-            self._report.detection_confidence = manner.detection_confidence
-        if manner.band_hz is not None:
-            low_hz, high_hz = manner.band_hz
+        check_number("class confidence", node.class_confidence, 0, 1)
+        if node.above is not None:
+            check_text("class", node.above)
+        if node.detection_confidence is not None:
+            check_number("detection_confidence", node.detection_confidence, 0, 1)
+            self._report.detection_confidence = node.detection_confidence
+        if node.band_hz is not None:
+            low_hz, high_hz = node.band_hz
             check_number("start_frequency", low_hz, 0, high_hz)
             check_number("stop_frequency", high_hz, low_hz, 1e15)
         self._kind: tuple[str, float] | None = None
@@ -409,7 +413,7 @@ class DetectionEncoder:
     ) -> list[bytes]:
         """Serialised SapientMessages, one a plot, all stamped that time; raises `EncodeError`.
 
-        `confidence` is that of each detection, where the manner has none for all.
+        `confidence` is that of each detection, where the node has none for all.
         """
         if not len(plots):
             return []
@@ -423,10 +427,10 @@ class DetectionEncoder:
         locations = Locations(plots, positions)
         infos = self._infos(t_utc_ns, plots)
         amplitudes_dbm: Sequence[float | None] = [None] * len(plots)
-        if self._manner.band_hz is not None:
+        if self._node.band_hz is not None:
             amplitudes_dbm = measured("amplitude", plots.amplitude_dbm, -1000, 1000)
         # Confidences that the sensor states, and the scene's for what it states none of.
-        usual, probabilities = self._manner.class_confidence, plots.kind_probability
+        usual, probabilities = self._node.class_confidence, plots.kind_probability
         stated: Sequence[float | None] = [None] * len(plots)
         if probabilities is not None:
             stated = measured("class confidence", probabilities, 0, 1)
@@ -451,15 +455,15 @@ class DetectionEncoder:
     def _classify(self, kind: str, confidence: float) -> None:
         """The sensor's own class below the scene's, or either alone; only what is registered."""
         if kind not in self._classes:
-            kind, confidence = "", self._manner.class_confidence
+            kind, confidence = "", self._node.class_confidence
         if (kind, confidence) == self._kind:
             return
         self._kind = kind, confidence
         del self._report.classification[:]
-        above = self._manner.default_class
+        above = self._node.above
         if not above and not kind:
             return
-        sure = self._manner.class_confidence if above else confidence
+        sure = self._node.class_confidence if above else confidence
         found = self._report.classification.add(type=above or kind, confidence=sure)
         if above and kind:
             found.sub_class.add(type=kind, confidence=confidence, level=1)
@@ -481,12 +485,12 @@ class DetectionEncoder:
             if plots.sigma_range_rate_m_s is not None:
                 sigma_m_s = with_rounding(plots.sigma_range_rate_m_s, 10.0**-RATE_DECIMALS)
                 errors = measured("range rate error", sigma_m_s, 0, MAX_RATE_M_S)
-            rate = BISTATIC_RANGE_RATE if self._manner.transmitters else RANGE_RATE
+            rate = BISTATIC_RANGE_RATE if self._node.transmitters else RANGE_RATE
             infos.append(_Info(rate, texts, errors))
-        if self._manner.transmitters:
-            names = [self._manner.transmitters[channel] for channel in plots.channel.tolist()]
+        if self._node.transmitters:
+            names = [self._node.transmitters[channel] for channel in plots.channel.tolist()]
             infos.append(_Info(TRANSMITTER, names))
-        if self._manner.tells_age:
+        if self._node.tells_age:
             stamp = stamp_ns(t_utc_ns)
             ages_s = [max(stamp - t_ns, 0) / 1e9 for t_ns in plots.t_utc_ns.tolist()]
             infos.append(_Info(AGE, [f"{age_s:.6f}" for age_s in ages_s]))
@@ -509,12 +513,12 @@ class DetectionEncoder:
 
     def _fill_signal(self, amplitude_dbm: float | None) -> None:
         """Amplitude and frequency, which is known as well as the band is narrow."""
-        if self._manner.band_hz is None:
+        if self._node.band_hz is None:
             return
         del self._report.signal[:]
         if amplitude_dbm is None:
             return
-        low_hz, high_hz = self._manner.band_hz
+        low_hz, high_hz = self._node.band_hz
         self._report.signal.add(
             amplitude=amplitude_dbm,
             start_frequency=low_hz,

@@ -19,7 +19,7 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from ulid import ULID
 
 from plotfeed.feeds.formats import Batch
-from plotfeed.feeds.formats.sapient.sapient_node import SapientReports, manner_of, node_of
+from plotfeed.feeds.formats.sapient.sapient_node import SapientReports, node_of
 from plotfeed.feeds.scene.scene import example
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.beam import Timetable
@@ -90,7 +90,7 @@ def main() -> None:
     )
     sensor = scene.sensor[0]
     node = node_of(scene, sensor)
-    encoder = DetectionEncoder(node, manner_of(scene, sensor))
+    encoder = DetectionEncoder(node)
     reports = {
         "range-bearing": SapientReports(scene, sensor),
         "location": SapientReports(on_earth, sensor),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
@@ -34,7 +34,6 @@ from plotfeed.proto.sapient.encode_sapient import (
     TRANSMITTER,
     DetectionEncoder,
     FieldOfView,
-    Manner,
     Node,
     Positions,
     SapientQuantity,
@@ -48,14 +47,6 @@ MAX_LATE_NS = 800_000_000
 MIN_GAP_NS = 80_000_000
 MAX_SIGMA_DEG = 180.0
 ROUNDING_NS = 2000  # By which rounding to nanoseconds and microseconds may shorten a gap
-
-SIGNALS = (
-    SapientQuantity(name="amplitude", units="dBm"),
-    *(
-        SapientQuantity(name=f"{part} frequency", units="Hz")
-        for part in ("start", "centre", "stop")
-    ),
-)
 
 
 class Groups:
@@ -84,39 +75,37 @@ class Groups:
         return sector.scan * self._sectors + sector.index
 
 
-@dataclass(frozen=True, slots=True)
-class Measures:
-    """What the plots of a sensor hold."""
-
-    snr: bool
-    azimuth: bool
-    place: bool  # In three dimensions
-    range_rate: bool
-
-
 def groups_of(sensor: Sensor) -> Groups:
     """Which of its sectors are reported together."""
     return Groups(sensor.scan.period_ns, sensor.scan.sectors)
 
 
-def manner_of(scene: Scene, sensor: Sensor) -> Manner:
-    """How a sensor's detections are told."""
-    settings = scene.sapient
-    return Manner(
-        detection_confidence=settings.detection_confidence,
-        default_class=settings.default_class,
-        class_confidence=settings.default_class_confidence,
-        band_hz=sensor.band_hz,
-        transmitters=tuple(t.id for t in sensor.illuminators),
-        tells_age=sensor.scan.rotates or groups_of(sensor).size > 1,
-    )
-
-
 def node_of(scene: Scene, sensor: Sensor) -> Node:
     """The node that a sensor registers as."""
-    site, manner, measures = scene.scene.site, manner_of(scene, sensor), measures_of(scene, sensor)
-    frame = frame_at(site, sensor.position_enu_m)
+    site, settings, looks = scene.scene.site, scene.sapient, _field(sensor)
+    frame, groups = frame_at(site, sensor.position_enu_m), groups_of(sensor)
     rate_per_s = sensor.believed.model(site).false_alarms_per_scan / sensor.scan.period_s
+    # What plots hold, by what the model predicts of a target amidst its cover.
+    enu_m = aer_to_enu([looks.azimuth_deg], [looks.elevation_deg], [looks.range_max_m / 2])
+    emitter = Emitter(frequency_hz=sum(sensor.band_hz or (0.0, 0.0)) / 2, eirp_dbm=20.0)
+    target = Signature(rcs_m2=1.0, sound_power_db=100.0, size_m=1.0, emitters=(emitter,))
+    plot = sensor.model(site).predict(Targets.of_one(target, enu_m))
+    has_snr, has_azimuth, has_elevation, has_range = (
+        bool(np.isfinite(column[0]))
+        for column in (plot.snr, plot.sigma_azimuth_deg, plot.sigma_elevation_deg,
+                       plot.sigma_range_m)
+    )  # fmt: skip
+    has_place = has_azimuth and has_elevation and has_range
+    tells_age, is_bistatic = sensor.scan.rotates or groups.size > 1, bool(sensor.illuminators)
+    told = {
+        SapientQuantity(name=SNR, units="dB"): has_snr,
+        SapientQuantity(name=BISTATIC_RANGE, units="m"): is_bistatic,
+        SapientQuantity(name=BISTATIC_RANGE_RATE if is_bistatic else RANGE_RATE, units="m/s"): (
+            plot.sigma_range_rate_m_s is not None
+        ),
+        SapientQuantity(name=TRANSMITTER, units="name"): is_bistatic,
+        SapientQuantity(name=AGE, units="s"): tells_age,
+    }
     return Node(
         seed=scene.scene.seed,
         sensor=sensor.id,
@@ -126,14 +115,14 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
         latitude_deg=frame.latitude_deg,
         longitude_deg=frame.longitude_deg,
         height_m=frame.height_m,
-        field=_field(sensor),
+        field=looks,
         scanning=sensor.scan.rotates,
         settle_s=sensor.scan.period_s,
-        latency_s=groups_of(sensor).longest_ns / NS,
-        status_interval_s=scene.sapient.status_interval_s,
+        latency_s=groups.longest_ns / NS,
+        status_interval_s=settings.status_interval_s,
         # Without directions it tells its own place: a missing azimuth may be taken for north.
-        tells_location=(measures.place and scene.sapient.location == "location")
-        or not measures.azimuth,
+        tells_location=(has_place and settings.location == "location") or not has_azimuth,
+        has_direction=has_azimuth,
         steers=mount_of(sensor) is not None,
         has_threshold=sensor.false_alarm_probability is not None,
         capabilities=(
@@ -141,36 +130,16 @@ def node_of(scene: Scene, sensor: Sensor) -> Node:
             SapientQuantity(name="scan period", units="s", value=f"{sensor.scan.period_s:g}"),
         ),
         performance=(SapientQuantity(name="FAR", units="per second", value=f"{rate_per_s:.6g}"),),
-        objects=_objects(manner, measures),
-        signals=SIGNALS if manner.band_hz else (),
+        objects=tuple(quantity for quantity, is_told in told.items() if is_told),
         classes=_classes(scene, sensor),
-        above=manner.default_class,
+        above=settings.default_class,
         model=sensor.preset or sensor.type,
         software_version=version("plotfeed"),
-    )
-
-
-def measures_of(scene: Scene, sensor: Sensor) -> Measures:
-    """What plots hold, by what the model predicts of a target amidst its cover."""
-    field, band_hz = _field(sensor), sensor.band_hz or (0.0, 0.0)
-    enu_m = aer_to_enu([field.azimuth_deg], [field.elevation_deg], [field.range_max_m / 2])
-    emitter = Emitter(frequency_hz=sum(band_hz) / 2, eirp_dbm=20.0)
-    target = Signature(rcs_m2=1.0, sound_power_db=100.0, size_m=1.0, emitters=(emitter,))
-    predicted = sensor.model(scene.scene.site).predict(Targets.of_one(target, enu_m))
-    azimuth, elevation, distance, snr = (
-        bool(np.isfinite(column[0]))
-        for column in (
-            predicted.sigma_azimuth_deg,
-            predicted.sigma_elevation_deg,
-            predicted.sigma_range_m,
-            predicted.snr,
-        )
-    )
-    return Measures(
-        snr=snr,
-        azimuth=azimuth,
-        place=azimuth and elevation and distance,
-        range_rate=predicted.sigma_range_rate_m_s is not None,
+        detection_confidence=settings.detection_confidence,
+        class_confidence=settings.default_class_confidence,
+        band_hz=sensor.band_hz,
+        transmitters=tuple(each.id for each in sensor.illuminators),
+        tells_age=tells_age,
     )
 
 
@@ -217,18 +186,6 @@ def _field(sensor: Sensor) -> FieldOfView:
         vertical_extent_deg=float(elevations[1] - elevations[0]),
         range_max_m=sensor.range_max_m,
     )
-
-
-def _objects(manner: Manner, measures: Measures) -> tuple[SapientQuantity, ...]:
-    rate = BISTATIC_RANGE_RATE if manner.transmitters else RANGE_RATE
-    told = {
-        SapientQuantity(name=SNR, units="dB"): measures.snr,
-        SapientQuantity(name=BISTATIC_RANGE, units="m"): bool(manner.transmitters),
-        SapientQuantity(name=rate, units="m/s"): measures.range_rate,
-        SapientQuantity(name=TRANSMITTER, units="name"): bool(manner.transmitters),
-        SapientQuantity(name=AGE, units="s"): manner.tells_age,
-    }
-    return tuple(quantity for quantity, is_told in told.items() if is_told)
 
 
 def _classes(scene: Scene, sensor: Sensor) -> tuple[str, ...]:
@@ -291,12 +248,12 @@ class SapientReports(SectorFormat):
         self._address = address_of(scene, sensor, "sapient", CONTENT_TYPE)
         self._groups = groups_of(sensor)
         node = node_of(scene, sensor)
-        self._encoder = DetectionEncoder(node, manner_of(scene, sensor))
+        self._encoder = DetectionEncoder(node)
         self._confidence = detection_confidence_of(scene, sensor)
         self._frame = frame_at(scene.scene.site, sensor.position_enu_m)
         self._range_max_m = sensor.range_max_m
         self._on_earth = node.tells_location
-        self._has_direction = measures_of(scene, sensor).azimuth
+        self._has_direction = node.has_direction
         self._group = -1
         self._waiting: list[Plots] = []
 

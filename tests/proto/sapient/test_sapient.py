@@ -20,7 +20,6 @@ from plotfeed.proto.sapient.decode_sapient import decode, retime_sapient
 from plotfeed.proto.sapient.encode_sapient import (
     DetectionEncoder,
     FieldOfView,
-    Manner,
     Node,
     Positions,
     SapientQuantity,
@@ -67,10 +66,9 @@ def plots(n: int = 1, **columns: Any) -> Plots:
     return Plots.of(t_utc_ns=np.full(n, STAMP_NS - 10_000_000), **given_columns)
 
 
-def one(manner: Manner | None = None, positions: Positions | None = None, **columns: Any) -> Any:
+def one(node: Node = NODE, positions: Positions | None = None, **columns: Any) -> Any:
     """The only DetectionReport of one plot."""
-    encoder = DetectionEncoder(NODE, manner or Manner())
-    (payload,) = encoder.messages(T_NS, plots(**columns), positions)
+    (payload,) = DetectionEncoder(node).messages(T_NS, plots(**columns), positions)
     return checked(payload).detection_report
 
 
@@ -123,7 +121,7 @@ def test_a_bearing_alone_is_legal_and_nothing_else_is_made_up() -> None:
 
 def test_what_was_measured_comes_back() -> None:
     report = one(
-        Manner(detection_confidence=0.75, default_class="Air Vehicle", tells_age=True),
+        replace(NODE, detection_confidence=0.75, above="Air Vehicle", tells_age=True),
         azimuth_deg=359.9,
         elevation_deg=-1.5,
         range_m=1234.5,
@@ -154,35 +152,37 @@ def test_what_was_measured_comes_back() -> None:
 @pytest.mark.parametrize("above", [None, "Air Vehicle"])
 def test_a_class_that_was_not_registered_is_not_named(above: str | None) -> None:
     """Telemetry may bring emissions of any kind."""
-    report = one(Manner(default_class=above), azimuth_deg=1.0, kind="video")
+    report = one(replace(NODE, above=above), azimuth_deg=1.0, kind="video")
     assert [found.type for found in report.classification] == ([above] if above else [])
     assert not any(found.sub_class for found in report.classification)
 
 
-SOUTH = Manner(transmitters=("north", "south"))
+SOUTH = replace(NODE, transmitters=("north", "south"))
 RATE = {"range_rate_m_s": -12.3456, "sigma_range_rate_m_s": 0.5}
 RATE_ERROR = pytest.approx((0.25 + 1e-6 / 12) ** 0.5, rel=1e-7)
 
 
 @pytest.mark.parametrize(
-    ("manner", "columns", "told"),
+    ("node", "columns", "told"),
     [
         (SOUTH, {"bistatic_range_m": 5000.0, "sigma_bistatic_range_m": 20.0, "channel": 1},
          {"bistatic range": ("5000.00", 20.0), "transmitter": ("south", None)}),
-        (Manner(), RATE, {"range rate": ("-12.346", RATE_ERROR)}),
-        (Manner(transmitters=("a",)), RATE | {"channel": 0},
+        (NODE, RATE, {"range rate": ("-12.346", RATE_ERROR)}),
+        (replace(NODE, transmitters=("a",)), RATE | {"channel": 0},
          {"bistatic range rate": ("-12.346", RATE_ERROR), "transmitter": ("a", None)}),
     ],
 )  # fmt: skip
 def test_what_has_no_field_is_told_of_by_name_with_its_error(
-    manner: Manner, columns: dict[str, Any], told: dict[str, Any]
+    node: Node, columns: dict[str, Any], told: dict[str, Any]
 ) -> None:
-    found = one(manner, azimuth_deg=1.0, **columns).object_info
+    found = one(node, azimuth_deg=1.0, **columns).object_info
     assert {i.type: (i.value, i.error if i.HasField("error") else None) for i in found} == told
 
 
 def test_a_signal_has_amplitude_and_frequency() -> None:
-    (signal,) = one(Manner(band_hz=(2.4e9, 2.5e9)), azimuth_deg=1.0, amplitude_dbm=-80.0).signal
+    (signal,) = one(
+        replace(NODE, band_hz=(2.4e9, 2.5e9)), azimuth_deg=1.0, amplitude_dbm=-80.0
+    ).signal
     assert signal.amplitude == -80.0
     assert signal.centre_frequency == pytest.approx(2.45e9, rel=1e-7)
 
@@ -203,7 +203,7 @@ def test_nothing_of_a_plot_is_left_for_the_next() -> None:
         "kind": "a",
         "identity": "b",
     }
-    manner = Manner(band_hz=(1e9, 2e9))
+    node = replace(NODE, band_hz=(1e9, 2e9))
     mixed = Plots.joined([plots(**full), plots(azimuth_deg=20.0), plots(**full)])
     positions = Positions(
         longitude_deg=np.array([1.0, np.nan, np.nan]),
@@ -213,7 +213,7 @@ def test_nothing_of_a_plot_is_left_for_the_next() -> None:
         sigma_latitude_deg=np.full(3, np.nan),
         sigma_height_m=np.full(3, np.nan),
     )
-    encoder = DetectionEncoder(NODE, manner)
+    encoder = DetectionEncoder(node)
     for _ in range(2):
         reports = [checked(p).detection_report for p in encoder.messages(T_NS, mixed, positions)]
         assert [r.WhichOneof("location_oneof") for r in reports] == [
@@ -233,18 +233,15 @@ def test_nothing_of_a_plot_is_left_for_the_next() -> None:
 
 
 def test_every_detection_has_an_object_of_its_own_and_the_time_of_all() -> None:
-    encoder = DetectionEncoder(NODE, Manner())
+    encoder = DetectionEncoder(NODE)
     found = [checked(p) for p in encoder.messages(T_NS, plots(500, azimuth_deg=1.0))]
     ids = {x for m in found for x in (m.detection_report.report_id, m.detection_report.object_id)}
     assert len(ids) == 1000
     assert {m.timestamp.ToNanoseconds() for m in found} == {STAMP_NS}
 
 
-def detected(
-    manner: Manner | None = None, positions: Positions | None = None, **columns: Any
-) -> Any:
-    encoder = DetectionEncoder(NODE, manner or Manner())
-    return encoder.messages(T_NS, plots(**columns), positions)
+def detected(node: Node = NODE, positions: Positions | None = None, **columns: Any) -> Any:
+    return DetectionEncoder(node).messages(T_NS, plots(**columns), positions)
 
 
 def at(longitude_deg: float) -> Positions:
@@ -268,11 +265,11 @@ def at(longitude_deg: float) -> Positions:
             ({"snr": np.inf}, "SNR"),
             ({"bistatic_range_m": -5.0}, "bistatic range"),
         )),
-        *((lambda m=manner: detected(Manner(**m), azimuth_deg=1.0), field) for manner, field in (
+        *((lambda m=more: detected(replace(NODE, **m), azimuth_deg=1.0), field) for more, field in (
             ({"detection_confidence": 1.4}, "detection_confidence"),
             ({"detection_confidence": np.nan}, "detection_confidence"),
-            ({"class_confidence": -0.1, "default_class": "x"}, "class confidence"),
-            ({"default_class": ""}, "class"),
+            ({"class_confidence": -0.1, "above": "x"}, "class confidence"),
+            ({"above": ""}, "class"),
             ({"band_hz": (2.0, 1.0)}, "start_frequency"),
         )),
         *((lambda n=node: status(replace(NODE, **n), T_NS), field) for node, field in (
