@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from functools import cache
 from typing import Any, TypeVar
 
@@ -30,7 +29,6 @@ JSON_TIMES = ("time_utc", "timeUtc", "start_utc", "start_utc_ns")
 _MEMBER = re.compile(rf'("({"|".join(JSON_TIMES)})"\s*:\s*)(?:"[^"\\]*"|-?\d+\b)')
 
 OneMessage = TypeVar("OneMessage", bound=Message)
-_Move = Callable[[Any, int], None]
 
 
 def retime_protobuf(data: bytes, kind: type[OneMessage], shift_ns: int) -> bytes:
@@ -40,8 +38,8 @@ def retime_protobuf(data: bytes, kind: type[OneMessage], shift_ns: int) -> bytes
     """
     try:
         message = kind.FromString(data)
-        for move in _moves(message.DESCRIPTOR):
-            move(message, shift_ns)
+        if moves := _moves(message.DESCRIPTOR):
+            _move(message, moves, shift_ns)
     except (ProtobufDecodeError, ValueError, OverflowError) as error:
         raise DecodeError(f"not a message {kind.DESCRIPTOR.name}: {error}") from None
     return message.SerializeToString()
@@ -86,9 +84,13 @@ def retime_text(text: str, shift_ns: int) -> str:
     return f"{whole}.{time.nanos:09d}"[: len(whole) + 1 + digits].removesuffix(".") + "Z"
 
 
+# A field, whether it is repeated, and what to move within it: nothing of a number.
+_Move = tuple[str, bool, "list[_Move] | None"]
+
+
 @cache
 def _moves(descriptor: Descriptor, above: tuple[str, ...] = ()) -> list[_Move]:
-    """What to do with a message of that kind; nothing where it has no times.
+    """What to move in a message of that kind; nothing where it has no times.
 
     `above` names the kinds around it, which it may hold again.
     """
@@ -97,42 +99,29 @@ def _moves(descriptor: Descriptor, above: tuple[str, ...] = ()) -> list[_Move]:
     for field in descriptor.fields:
         if field.message_type is None:
             if field.name.endswith(NANOSECONDS) and field.type in WHOLE:
-                moves.append(_nanoseconds_mover(field))
+                moves.append((field.name, field.is_repeated, None))
         elif field.message_type.full_name == TIMESTAMP:
-            moves.append(_mover(field, [_move_timestamp]))
+            moves.append((field.name, field.is_repeated, []))
         elif field.message_type.full_name not in around:
             inner = _moves(field.message_type, around)
             if inner:
-                moves.append(_mover(field, inner))
+                moves.append((field.name, field.is_repeated, inner))
     return moves
 
 
-def _nanoseconds_mover(field: FieldDescriptor) -> _Move:
-    name, is_repeated = field.name, field.is_repeated
-
-    def move(message: Any, shift_ns: int) -> None:
-        time_ns = getattr(message, name)
-        if is_repeated:
-            time_ns[:] = [each + shift_ns if each else 0 for each in time_ns]
-        elif time_ns:
-            setattr(message, name, time_ns + shift_ns)
-
-    return move
-
-
-def _mover(field: FieldDescriptor, inner: list[_Move]) -> _Move:
-    name, is_repeated = field.name, field.is_repeated
-
-    def move(message: Any, shift_ns: int) -> None:
-        if is_repeated:
-            parts = getattr(message, name)
-        else:
-            parts = [getattr(message, name)] if message.HasField(name) else []
-        for part in parts:
-            for move_inner in inner:
-                move_inner(part, shift_ns)
-
-    return move
+def _move(message: Any, moves: list[_Move], shift_ns: int) -> None:
+    if not moves:  # a Timestamp
+        _move_timestamp(message, shift_ns)
+    for name, is_repeated, inner in moves:
+        value = getattr(message, name)
+        if inner is not None:
+            parts = value if is_repeated else [value] if message.HasField(name) else []
+            for part in parts:
+                _move(part, inner, shift_ns)
+        elif is_repeated:
+            value[:] = [each + shift_ns if each else 0 for each in value]
+        elif value:
+            setattr(message, name, value + shift_ns)
 
 
 def _move_timestamp(time: Any, shift_ns: int) -> None:

@@ -93,7 +93,7 @@ class ChangeControl:
         self.control(name, None if command.reset else command.set, at_utc_ns)
         words = "as in the scene" if command.reset else told(command.set or {})
         self._steps.append(_Step(f"{name}: {words}", {name: (before, self.layers[name])}))
-        self._forget_what_is_over()
+        self._note_what_is_on(at_utc_ns)
         sensor = self._as_of(name, self.layers[name], at_utc_ns)
         return {"sensor": name, **sensor.model_dump(mode="json", exclude_unset=True)}
 
@@ -206,25 +206,19 @@ class ChangeControl:
             raise ControlError(f"undo: {step.words}: the sensor was asked otherwise since")
         before = {name: layers for name, (layers, _) in step.layers.items()}
         self._put(before, at_utc_ns, self._stories.get(step.story), begins=not step.began)
-        self._find_what_is_on(at_utc_ns)
+        self._note_what_is_on(at_utc_ns)
         return {"undone": step.words, "stories": list(self._begun)}
 
-    def _forget_what_is_over(self) -> None:
-        """A story of which nothing is left, as all its sensors were reset, is over."""
-        for name in [*self._begun]:
-            story = self._stories[name]
-            is_of_sensors = story.sets and not story.swarm and not story.drone_changes
-            if is_of_sensors and not any(self._tells(sensor, name) for sensor in story.sets):
-                del self._begun[name]
+    def _note_what_is_on(self, at_utc_ns: int) -> None:
+        """Stories whose keys sensors have are on, as after a reset that was undone.
 
-    def _find_what_is_on(self, at_utc_ns: int) -> None:
-        """A story that is at work again, since a reset was undone, is on."""
+        Those that ask nothing but of sensors, all of which were reset, are over.
+        """
         for story in self._stories.values():
-            if any(self._tells(sensor, story.id) for sensor in story.sets):
+            if any(name == story.id for s in story.sets for name, _ in self.layers[s]):
                 self._begun.setdefault(story.id, at_utc_ns)
-
-    def _tells(self, sensor: str, story: str) -> bool:
-        return any(name == story for name, _ in self.layers[sensor])
+            elif story.sets and not story.swarm and not story.drone_changes:
+                self._begun.pop(story.id, None)
 
 
 def _without(layers: Layers, story: str) -> Layers:
