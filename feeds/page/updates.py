@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum, IntFlag
 from typing import Any, NamedTuple, Protocol
@@ -20,7 +21,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.feeds.messages.bounded_queue import BoundedQueue
 from plotfeed.feeds.page.page_access import Audience, Role, name_in
 from plotfeed.proto.errors import PlotfeedError
 
@@ -241,7 +241,7 @@ class Viewer:
         self._snapshot = snapshot
         self._needs_all = True
         self._missed = 0
-        self._queue = BoundedQueue[bytes](MAX_QUEUED, limit_octets=MAX_QUEUED_OCTETS, octets_of=len)
+        self._queue = deque[bytes]()
         self._filled = asyncio.Event()
         self._filled.set()
 
@@ -255,8 +255,11 @@ class Viewer:
         if self._needs_all:
             self._missed += self._missed > 0
             return
-        if not self._queue.put(self._octets_of(update)):
-            self._missed += len(self._queue) + 1
+        octets, queue = self._octets_of(update), self._queue
+        if len(queue) < MAX_QUEUED and sum(map(len, queue), len(octets)) <= MAX_QUEUED_OCTETS:
+            queue.append(octets)
+        else:
+            self._missed += len(queue) + 1
             self.start_again()
         self._filled.set()
 
@@ -282,7 +285,7 @@ class Viewer:
                 octets += news(json.dumps({"missed_updates": self._missed}).encode())
                 self._missed = 0
         else:
-            octets = self._queue.take()
+            octets = self._queue.popleft()
         if not self._queue and not self._needs_all:
             self._filled.clear()
         return octets
