@@ -89,7 +89,8 @@ class Encoder:
         self._templates = np.repeat(np.frombuffer(bare, f"V{len(bare)}"), self.sources)
         _Columns(octets, stamped, lsb).put_into(self._templates, fixed)
         self._columns = _Columns(octets, varying, lsb)
-        self._deviations = _Deviations(self._columns, deviations or {})
+        whose = {path: of for path, of in (deviations or {}).items() if path in self.columns}
+        self._deviations = _Deviations(self._columns, whose) if whose else None
 
     def records(self, columns: Mapping[str, ArrayLike], sources: Ints | None = None) -> bytes:
         """The records of columns by path; each (n,), or one number or text for all records.
@@ -106,7 +107,8 @@ class Encoder:
             raise EncodeError(f"which of {self.sources} sources is not said", field="records")
         alike = values if sources is None else [*values, sources]
         n = _rows(alike, "columns of different lengths, {}", "records")
-        self._deviations.state(values)
+        if self._deviations is not None:
+            self._deviations.state(values)
         templates = self._templates
         records = np.repeat(templates, n) if sources is None else templates[sources]
         return self._columns.put_into(records, values)
@@ -139,25 +141,24 @@ class _Deviations:
     """
 
     def __init__(self, columns: _Columns, whose: Mapping[str, str]) -> None:
-        paths = [slot.path for slot in columns.slots]
-        self._places = [place for place, path in enumerate(paths) if path in whose]
-        for path in (paths[place] for place in self._places):
-            if whose[path] not in paths:
+        places = {slot.path: place for place, slot in enumerate(columns.slots)}
+        for path, of in whose.items():
+            if of not in places:
                 raise EncodeError("a standard deviation of what is not sent", field=path)
+        self._places = [places[path] for path in whose]
         lsb = np.array(columns.lsb, np.float64)[:, None]
         most = [[_rule(columns.slots[place].part)[2]] for place in self._places]
-        self._most = np.array(most, np.float64).reshape(-1, 1)
+        self._most = np.array(most, np.float64)
         self._lsb = lsb[self._places]
-        self._value_lsb = lsb[[paths.index(whose[paths[place]]) for place in self._places]]
+        self._value_lsb = lsb[[places[of] for of in whose.values()]]
 
     def state(self, values: list[NDArray[Any]]) -> None:
         """State those among the columns, (n,) each. What is NaN stays so."""
-        if self._places:
-            sigmas = np.array([values[place] for place in self._places], np.float64)
-            rounded = with_rounding(sigmas, self._value_lsb)
-            steps = np.minimum(np.ceil(rounded / self._lsb), self._most)
-            for place, stated in zip(self._places, steps * self._lsb, strict=True):
-                values[place] = stated
+        sigmas = np.array([values[place] for place in self._places], np.float64)
+        rounded = with_rounding(sigmas, self._value_lsb)
+        steps = np.minimum(np.ceil(rounded / self._lsb), self._most)
+        for place, stated in zip(self._places, steps * self._lsb, strict=True):
+            values[place] = stated
 
 
 class _Columns:
@@ -477,10 +478,6 @@ class Parts:
         """All rows in one part, of the one source."""
         return cls(np.array([0, rows], np.int64), np.zeros(1, np.int64))
 
-    def __len__(self) -> int:
-        """How many there are."""
-        return len(self.sources)
-
     def lengths(self) -> Ints:
         """How many rows each part has; (m,)."""
         return self.by[1:] - self.by[:-1]
@@ -519,7 +516,8 @@ class Reports:
         self._always = tuple(always)
         self._optional = tuple(optional)
         self._constants = constants
-        self._lsb = {category.time: TIME_LSB_NS, **(lsb or {})}
+        self._time = category.time
+        self._lsb = {self._time: TIME_LSB_NS, **(lsb or {})}
         self._deviations = deviations
         self._max_octets = [max_octets] if isinstance(max_octets, int) else list(max_octets)
         self._one_a_block = one_a_block
@@ -540,7 +538,7 @@ class Reports:
 
         `further` columns are by path, (m,) each.
         """
-        columns = {self._category.time: t_utc_ns, **(further or {})}
+        columns = {self._time: t_utc_ns, **(further or {})}
         encoder = self._encoder_for(columns)
         records, length = encoder.records(columns, sources), encoder.record_length
         head = header(encoder.category, length)
@@ -552,7 +550,7 @@ class Reports:
         records = encoder.records(columns, parts.of_rows() if encoder.sources > 1 else None)
         number, length = encoder.category, encoder.record_length
         most = [HEADER_OCTETS + length] if self._one_a_block else self._max_octets
-        found: list[list[bytes]] = [[] for _ in range(len(parts))]
+        found: list[list[bytes]] = [[] for _ in parts.sources]
         filled = np.flatnonzero(parts.lengths())
         of_filled = zip(
             filled.tolist(),
@@ -620,7 +618,7 @@ class ReportEncoder(ABC):
         EncodeError. What `more` there is to say, the class says.
         """
         if not len(rows):
-            return [[] for _ in range(len(parts))]
+            return [[] for _ in parts.sources]
         return self._reports.blocks_by(self._columns(rows, parts, *more), parts)
 
 
