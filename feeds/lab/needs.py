@@ -54,7 +54,7 @@ from plotfeed.feeds.scene.world_keys import (
 )
 from plotfeed.models.frames import enu_to_aer, wrap_180
 from plotfeed.models.sensors.sensor_model import NO_PLOTS
-from plotfeed.models.state import Floats, Ints, Plots
+from plotfeed.models.state import Bools, Floats, Ints, Plots
 from plotfeed.models.track_metrics import set_score
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -390,45 +390,43 @@ class Run:
             batches += engine.until(t_ns, messages=not variant.closed_form)
             spent_s += time.process_time() - began_s
         self.cost_s = spent_s / duration_s  # Processor seconds a second
+        messages = (m for b in batches for some in b.messages for m in some)
+        self.octets = sum(len(m.handed.payload) for m in messages)  # Of all messages
         names = frozenset(scene.fleet.names)
         rows = np.array([i for i, name in enumerate(engine.trajectories.names) if name in names])
-        # Octets of all messages
-        self.octets = sum(
-            len(m.handed.payload) for b in batches for some in b.messages for m in some
-        )
+        sensed = [_Sensed(engine, batches, i, rows) for i in range(len(scene.sensor))]
         figures = []
-        # Of each sensor the (drone, stretch of 5 s) in which it plotted, those in which its plain
-        # tracker followed, and all that there were.
-        self.seen: list[frozenset[tuple[int, int]]] = []
-        self.followed: list[frozenset[tuple[int, int]]] = []
-        self.chances_of: list[int] = []  # Of each sensor, to plot a drone within its range
-        for i in range(len(scene.sensor)):
-            own = _Sensed(engine, batches, i, rows)
-            of_variant = i in variant.sensors
-            if variant.closed_form:
-                figures.append(own.figures_in_closed_form())
-                continue
-            figures.append(own.figures(variant.read_back if of_variant else ""))
-            stretch = ((own.of_drones.t_utc_ns - start_utc_ns) // COVER_NS).tolist()
-            plotted = zip(own.of_drones.drone.tolist(), stretch, strict=True)
-            self.seen.append(frozenset(plotted))
-            self.followed.append(frozenset(own.followed))
-            self.chances_of.append(own.chances)
-        self.figures = np.array(figures)  # By sensor, (sensors, metrics)
+        for i, own in enumerate(sensed):
+            read_back = variant.read_back if i in variant.sensors else ""
+            found = own.pd_of_looks() if variant.closed_form else own.figures(read_back)
+            figures.append([found.get(name, np.nan) for name in METRICS])
+        self.figures = np.array(figures)  # By sensor, (sensors, metrics); NaN for what it has not
+        # Of each sensor the (drone, stretch of 5 s) in which it plotted, and those in which its
+        # plain tracker followed; and how often it could plot a drone within its range.
+        self.seen, self.followed = [own.seen() for own in sensed], [own.followed for own in sensed]
+        self.chances_of = [own.chances for own in sensed]
         # At the middles of stretches, where drones are: by them it is known what was to be seen.
         stretches = np.arange(-(-(end_ns - start_utc_ns) // COVER_NS))
         middles_ns = np.minimum(start_utc_ns + COVER_NS * stretches + COVER_NS // 2, end_ns)
         there = np.isfinite(engine.trajectories.positions_at(middles_ns)[:, rows, 0])
         k, d = np.nonzero(there)
-        self.chances = frozenset(zip(rows[d].tolist(), k.tolist(), strict=True))
+        self.chances = _pairs(rows[d], k)
+
+
+Pairs = frozenset[tuple[int, int]]
+
+
+def _pairs(drone: Ints, number: Ints) -> Pairs:
+    return frozenset(zip(drone.tolist(), number.tolist(), strict=True))
 
 
 class _Sensed:
-    """What one sensor, by its index, did in a run."""
+    """What one sensor, by its index, did in a run; figures are by the names of `METRICS`."""
 
     def __init__(self, engine: Engine, batches: Sequence[Batch], index: int, drones: Ints) -> None:
-        self.engine, self.drones = engine, drones
+        self.engine, self.drones, self.start_ns = engine, drones, engine.start_utc_ns
         self.sensor = engine.scene.sensor[index]
+        self.period_ns = self.sensor.scan.period_ns
         self.here = frame_at(engine.scene.scene.site, self.sensor.position_enu_m)
         # Batches with their rows that are sectors of it, in the order of time.
         self.sectors = [
@@ -441,79 +439,77 @@ class _Sensed:
         self.plots = Plots.joined(parts or [NO_PLOTS])
         self.of_drones = self.plots.rows(np.isin(self.plots.drone, drones))
         # Drones that its plain tracker followed, with the stretches of 5 s.
-        self.followed: set[tuple[int, int]] = set()
+        self.followed: Pairs = frozenset()
         # How often a drone was within its range at the middle of a scan.
         self.scans = len({int(b.sectors.scan[row]) for b, row in self.sectors})
-        period_ns = self.sensor.scan.period_ns
-        t_ns = engine.start_utc_ns + period_ns // 2 + period_ns * np.arange(max(self.scans, 1))
-        there = engine.trajectories.positions_at(t_ns)[: self.scans, drones]
-        range_m = np.linalg.norm(self.here.from_ecef(there.reshape(-1, 3)), axis=-1)
-        within = range_m <= getattr(self.sensor, "range_max_m", np.inf)
-        self.chances = int(np.count_nonzero(within))
+        t_ns = self.start_ns + self.period_ns // 2 + self.period_ns * np.arange(self.scans)
+        there = (
+            engine.trajectories.positions_at(t_ns)[:, drones] if self.scans else np.zeros((0, 3))
+        )
+        self.chances = int(np.count_nonzero(self._within(there.reshape(-1, 3))))
 
-    def figures_in_closed_form(self) -> list[float]:
-        """Pd by its looks' own; NaN for all else."""
-        found = dict.fromkeys(METRICS, np.nan)
-        looks = [b.looks.between(b.looks_by[row], b.looks_by[row + 1]) for b, row in self.sectors]
-        scans = [int(b.sectors.scan[row]) for b, row in self.sectors]
+    def _within(self, place_ecef_m: Floats) -> Bools:
+        """Which places are within its range; not those that are none."""
+        range_m = np.linalg.norm(self.here.from_ecef(place_ecef_m), axis=-1)
+        return np.asarray(range_m <= getattr(self.sensor, "range_max_m", np.inf))
+
+    def seen(self) -> Pairs:
+        """Drones that it plotted, with the stretches of 5 s."""
+        return _pairs(self.of_drones.drone, (self.of_drones.t_utc_ns - self.start_ns) // COVER_NS)
+
+    def pd_of_looks(self) -> dict[str, float]:
+        """Pd by its looks' own, in closed form."""
         missed: dict[tuple[int, int], float] = {}
-        for scan, some in zip(scans, looks, strict=True):
-            for drone, pd in zip(some.drone.tolist(), some.pd.tolist(), strict=True):
+        for batch, row in self.sectors:
+            looks = batch.looks.between(batch.looks_by[row], batch.looks_by[row + 1])
+            scan = int(batch.sectors.scan[row])
+            for drone, pd in zip(looks.drone.tolist(), looks.pd.tolist(), strict=True):
                 missed[drone, scan] = missed.get((drone, scan), 1.0) * (1.0 - pd)
         own = frozenset(self.drones.tolist())
-        if self.chances:
-            of_own = (1.0 - q for (drone, _), q in missed.items() if drone in own)
-            found["pd"] = sum(of_own) / self.chances
-        return list(found.values())
+        detected = sum(1.0 - q for (drone, _), q in missed.items() if drone in own)
+        return {"pd": detected / self.chances} if self.chances else {}
 
-    def figures(self, read_back: str) -> list[float]:
-        """What is compared, in the order of `METRICS`; NaN for what the sensor has not."""
-        found = dict.fromkeys(METRICS, np.nan)
+    def figures(self, read_back: str) -> dict[str, float]:
+        """What is compared, but for what the sensor has not; errors by a format, if one is told."""
         if not self.sectors:
-            return list(found.values())
-        period_ns = self.sensor.scan.period_ns
-        of_drones = self.of_drones
-        scan = (of_drones.t_utc_ns - self.engine.start_utc_ns) // period_ns
-        hits = len(set(zip(of_drones.drone.tolist(), scan.tolist(), strict=True)))
+            return {}
+        of_drones, found = self.of_drones, dict[str, float]()
         if self.chances:
-            found["pd"] = hits / self.chances
+            scan = (of_drones.t_utc_ns - self.start_ns) // self.period_ns
+            found["pd"] = len(_pairs(of_drones.drone, scan)) / self.chances
         found["alarms"] = (len(self.plots) - len(of_drones)) / self.scans
-        read = self._read_back(read_back, of_drones) if read_back else of_drones
-        found |= self._errors(of_drones, read)
-        outgoing = [
-            (one.fate or one.leaves_utc_ns == HELD_NS, one.leaves_utc_ns - one.due_utc_ns)
-            for b, row in self.sectors
-            for one in b.messages[row]
-        ]
-        delays_ns = [delay_ns for is_lost, delay_ns in outgoing if not is_lost]
+        found |= self._errors(self._read_back(read_back) if read_back else of_drones)
+        outgoing = [one for batch, row in self.sectors for one in batch.messages[row]]
+        gone = [one for one in outgoing if not one.fate and one.leaves_utc_ns != HELD_NS]
         if outgoing:
-            found["lost"] = 1 - len(delays_ns) / len(outgoing)
-        if delays_ns:
+            found["lost"] = 1 - len(gone) / len(outgoing)
+        if gone:
+            delays_ns = [one.leaves_utc_ns - one.due_utc_ns for one in gone]
             found["delay_s"] = float(np.mean(delays_ns)) / NS
-        found |= self._tracks(period_ns)
-        return list(found.values())
+        return found | self._tracks()
 
-    def _read_back(self, name: str, plots: Plots) -> Any:
+    def _read_back(self, name: str) -> Any:
         """Plots of drones as whoever decodes the messages of a format has them."""
         parts, plots_in = [], FORMATS[name].plots_in
         if plots_in is None:
-            return plots
+            return self.of_drones
         for batch, row in self.sectors:
             end_ns = int(batch.sectors.end_ns[row])
             read = [plots_in(one.handed.payload, end_ns) for one in batch.messages[row]]
             found = MeasuredPlots.joined([each for each in read if len(each)] or [NOTHING_READ])
             sent = batch.plots.between(batch.plots_by[row], batch.plots_by[row + 1])
             if len(found) != len(sent):
-                return plots  # it leaves some out: whose is whose is not known
+                return self.of_drones  # it leaves some out: whose is whose is not known
             parts.append(found.rows(np.isin(sent.drone, self.drones)))
         return MeasuredPlots.joined(parts or [NOTHING_READ])
 
-    def _errors(self, plots: Plots, read: Any) -> dict[str, float]:
+    def _errors(self, read: Any) -> dict[str, float]:
         """Rms errors of what is measured, over plots of drones, at the times that are read."""
-        if len(plots) < FEWEST_PLOTS:
+        if len(self.of_drones) < FEWEST_PLOTS:
             return {}
-        there = self.engine.trajectories.position_at(read.t_utc_ns.astype(np.int64), plots.drone)
-        true, found = enu_to_aer(self.here.from_ecef(there)), {}
+        t_ns, found = read.t_utc_ns.astype(np.int64), {}
+        there = self.engine.trajectories.position_at(t_ns, self.of_drones.drone)
+        true = enu_to_aer(self.here.from_ecef(there))
         for name, column in zip(("azimuth_deg", "elevation_deg", "range_m"), true, strict=True):
             difference = getattr(read, name) - column
             if name == "azimuth_deg":
@@ -523,45 +519,39 @@ class _Sensed:
                 found[name] = float(np.sqrt(np.mean(difference**2)))
         return found
 
-    def _tracks(self, period_ns: int) -> dict[str, float]:
+    def _tracks(self) -> dict[str, float]:
         """GOSPA and completeness of a plain tracker that is given the plots, scan by scan."""
         if not np.isfinite(self.plots.range_m).any():
             return {}
-        scene, start_ns = self.engine.scene, self.engine.start_utc_ns
-        site = site_frame(scene.scene.site)
-        tracker = PlainTracks(scene, self.sensor, site, by_sector=False)
-        range_max_m = getattr(self.sensor, "range_max_m", np.inf)
-        ends = [int(batch.sectors.end_ns[row]) for batch, row in self.sectors]
+        site = site_frame(self.engine.scene.scene.site)
+        tracker = PlainTracks(self.engine.scene, self.sensor, site, by_sector=False)
+        last_ns = max(int(batch.sectors.end_ns[row]) for batch, row in self.sectors)
         held: dict[int, tuple[int, Floats, Floats, bool]] = {}
-        gospa, followed, drones = [], 0, 0
-        for k in range((max(ends, default=start_ns) - start_ns) // period_ns):
-            begin_ns, end_ns = start_ns + k * period_ns, start_ns + (k + 1) * period_ns
+        gospa, followed, drones = [], list[tuple[int, int]](), 0
+        for begin_ns in range(self.start_ns, last_ns - self.period_ns + 1, self.period_ns):
+            end_ns = begin_ns + self.period_ns
             in_scan = (self.plots.t_utc_ns >= begin_ns) & (self.plots.t_utc_ns < end_ns)
             told = tracker.take_plots(self.plots.rows(in_scan), begin_ns, end_ns)
             for j, track in enumerate(told.track.tolist()):
+                place = told.position_enu_m[j], told.velocity_enu_m_s[j]
+                held[track] = (end_ns, *place, bool(told.has_height[j]))
                 if told.last[j]:
-                    held.pop(track, None)
-                else:
-                    place = told.position_enu_m[j], told.velocity_enu_m_s[j]
-                    held[track] = (end_ns, *place, bool(told.has_height[j]))
+                    del held[track]
             ecef_m = self.engine.trajectories.positions_at(np.array([end_ns]))[0][self.drones]
-            near = np.linalg.norm(self.here.from_ecef(ecef_m), axis=-1) <= range_max_m
+            near = self._within(ecef_m)
             true_m = site.from_ecef(ecef_m[near])
-            places = [
-                place + velocity * ((end_ns - t_ns) / NS)
-                for t_ns, place, velocity, _ in held.values()
-            ]
-            flat = not all(has_height for *_, has_height in held.values())
+            places = [at + v * ((end_ns - t_ns) / NS) for t_ns, at, v, _ in held.values()]
+            axes = 3 if all(has_height for *_, has_height in held.values()) else 2
             tracks_m = np.array(places).reshape(-1, 3)
-            axes = 2 if flat else 3
             apart = tracks_m[None, :, :axes] - true_m[:, None, :axes]
             score = set_score(np.linalg.norm(apart, axis=-1), CUTOFF_M)
             gospa.append(score.gospa_m())
-            followed, drones = followed + len(score.rows), drones + len(true_m)
-            stretch = (end_ns - 1 - start_ns) // COVER_NS
-            self.followed |= {(drone, stretch) for drone in self.drones[near][score.rows].tolist()}
+            drones += len(true_m)
+            stretch = (end_ns - 1 - self.start_ns) // COVER_NS
+            followed += [(drone, stretch) for drone in self.drones[near][score.rows].tolist()]
+        self.followed = frozenset(followed)
         found = {"gospa_m": float(np.mean(gospa))} if gospa else {}
-        return found | ({"completeness": followed / drones} if drones else {})
+        return found | ({"completeness": len(followed) / drones} if drones else {})
 
 
 class Needs:
