@@ -22,8 +22,8 @@ from plotfeed.feeds.engine.simulation import (
     of_sectors,
 )
 from plotfeed.feeds.formats import carries_plots
+from plotfeed.feeds.formats.told_tracks import ToldTrack, tracks_in
 from plotfeed.feeds.lab.scoring import ScoreSettings
-from plotfeed.feeds.lab.track_reports import ToldTrack, tracks_in
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.batch import Batch

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plotfeed.feeds.lab.track_reports import ToldTrack, tracks_in
+from plotfeed.feeds.formats.told_tracks import ToldTrack, tracks_in
 from plotfeed.feeds.page.scene_outline import Placements
 from plotfeed.feeds.page.updates import (
     COUNT_MASK,

@@ -38,7 +38,7 @@ from plotfeed.models.state import Plots, Texts, TruthState
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
-    from plotfeed.feeds.lab.track_reports import ToldTrack
+    from plotfeed.feeds.formats.told_tracks import ToldTrack
 
 MAX_REASON = 300
 LAYOUTS_BY_KIND = {str(int(kind)): layout for kind, layout in LAYOUTS.items()}

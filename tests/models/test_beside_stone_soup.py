@@ -14,8 +14,9 @@ from scipy.spatial.distance import cdist
 from support.recordings import START_NS
 from support.scored_flights import NS, SITE, Flight, truths_of
 
+from plotfeed.feeds.formats.told_tracks import ToldTrack
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings
-from plotfeed.feeds.lab.track_reports import ToldTrack, TrackTable
+from plotfeed.feeds.lab.track_reports import TrackTable
 from plotfeed.models.track_metrics import set_score
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from support.every_kind import MICROPHONES, RF
 
 from plotfeed import testing
 from plotfeed.feeds.engine.engine import Engine
-from plotfeed.feeds.lab.track_reports import ToldTrack
+from plotfeed.feeds.formats.told_tracks import ToldTrack
 from plotfeed.feeds.link.counters import SessionCounters
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import HELD_NS, Message, records

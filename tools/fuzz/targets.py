@@ -16,7 +16,7 @@ from unittest.mock import AsyncMock, Mock
 from support.found_here import found_here
 
 from plotfeed.feeds.engine import terrain_files
-from plotfeed.feeds.lab.track_reports import tracks_in
+from plotfeed.feeds.formats.told_tracks import tracks_in
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.page.scene_outline import load_basemap
 from plotfeed.feeds.page.updates import ControlRequest, request_in

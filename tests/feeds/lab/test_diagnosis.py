@@ -12,9 +12,9 @@ from scipy import stats
 from scipy.signal import lfilter
 from support.scored_flights import NS, SITE, Flight, Given, followed_well, read_of, truths_of
 
+from plotfeed.feeds.formats.told_tracks import ToldTrack
 from plotfeed.feeds.lab.diagnosis import diagnosed
 from plotfeed.feeds.lab.scoring import Score, ScoreSettings
-from plotfeed.feeds.lab.track_reports import ToldTrack
 from plotfeed.models.frames import LocalFrame
 from plotfeed.models.verdicts import joint_fit
 

@@ -12,7 +12,8 @@ from support.ledgers import written
 from support.scene_files import radar, scene_file, scene_text
 from support.told_tracks import NS, RADAR, T_NS, told_tracks
 
-from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, read_tracks, tracks_in
+from plotfeed.feeds.formats.told_tracks import tracks_in
+from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TracksRead, read_tracks
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.frames import LocalFrame
 from plotfeed.proto.asterix.cat062 import TrackEncoder062

@@ -14,7 +14,7 @@ from support.page_server import Served, wait_for_command
 from support.page_updates import read_frame
 
 from plotfeed import testing
-from plotfeed.feeds.lab.track_reports import ToldTrack
+from plotfeed.feeds.formats.told_tracks import ToldTrack
 from plotfeed.feeds.page.scene_outline import Basemap
 from plotfeed.feeds.page.updates import SectionKind, TrackFlag
 from plotfeed.feeds.scene.fields import frame_at

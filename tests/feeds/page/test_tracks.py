@@ -10,7 +10,7 @@ from support.asterix_input import tracks
 from support.page_updates import Frame, read_frame
 
 from plotfeed import testing
-from plotfeed.feeds.lab.track_reports import ToldTrack
+from plotfeed.feeds.formats.told_tracks import ToldTrack
 from plotfeed.feeds.page.shown import MAX_TRACKS, ShownTracks, tracks_to_show
 from plotfeed.feeds.page.updates import SectionKind, TrackFlag
 from plotfeed.feeds.page.view import View
