@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 from pages import between, table
 
-from plotfeed.feeds.console.process import keep_freed
+from plotfeed.feeds.console.process import keep_freed, processor
 from plotfeed.feeds.lab.lab_settings import ChartSettings, NeedsSettings
 from plotfeed.feeds.lab.needs import (
     START_UTC_NS,
@@ -25,7 +25,6 @@ from plotfeed.feeds.lab.needs import (
     choices_of,
     draw,
     more_text,
-    processor,
     variants_of,
 )
 from plotfeed.feeds.scene.examples import summaries

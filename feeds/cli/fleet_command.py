@@ -52,7 +52,7 @@ def run_fleet(path: Path, settings: FleetSettings) -> int:
         say(manifests(path, **asked).rstrip())
         return 0
     if settings.ray is not None:
-        from plotfeed.feeds.lab.runs import connected
+        from plotfeed.feeds.console.cluster import connected
 
         with connected(settings.ray) as ray:
             start_parts(ray, scene, **asked)
@@ -92,7 +92,7 @@ def broker_of(scene: Scene, settings: FleetSettings) -> str:
 
 def stop_fleet(path: Path, ray_address: str | None) -> int:
     """End the parts that Ray runs; the exit code."""
-    from plotfeed.feeds.lab.runs import connected
+    from plotfeed.feeds.console.cluster import connected
 
     if ray_address is None:
         raise PlotfeedError("stop ends what Ray runs: --ray HOST:PORT")

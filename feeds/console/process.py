@@ -51,6 +51,16 @@ def stopped_by_signals(stop: Callable[[], object]) -> Iterator[list[signal.Signa
         yield came
 
 
+def processor() -> str:
+    """What the machine says that it is."""
+    import platform  # which a session does without
+
+    cpuinfo = Path("/proc/cpuinfo")
+    told = cpuinfo.read_text("utf-8", "replace").splitlines() if cpuinfo.exists() else []
+    names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
 def keep_freed() -> None:
     """Let the C library keep freed memory for the next array, where that is glibc.
 

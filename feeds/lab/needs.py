@@ -31,7 +31,7 @@ from scipy.special import stdtrit
 
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.console.printed import say
-from plotfeed.feeds.console.process import keep_freed, refuse_if_there
+from plotfeed.feeds.console.process import keep_freed, processor, refuse_if_there
 from plotfeed.feeds.engine.engine import Engine
 from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
 from plotfeed.feeds.formats import FORMATS
@@ -905,14 +905,6 @@ def as_values(found: Needs) -> dict[str, Any]:
             for name, of in found.losses.items()
         },
     }
-
-
-def processor() -> str:
-    """What the machine says that it is."""
-    cpuinfo = Path("/proc/cpuinfo")
-    told = cpuinfo.read_text("utf-8", "replace").splitlines() if cpuinfo.exists() else []
-    names = [line.partition(":")[2].strip() for line in told if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
 
 
 def change_text(change: Change | None) -> str:

@@ -21,7 +21,7 @@ from playwright.sync_api import CDPSession, Page, sync_playwright
 from support.chromium import OPTIONS
 from support.tools import place_of
 
-from plotfeed.feeds.lab.needs import processor
+from plotfeed.feeds.console.process import processor
 
 PAGE = Path(__file__).parents[2] / "docs" / "page.md"
 MINUTES = 30

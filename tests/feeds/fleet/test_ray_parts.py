@@ -15,9 +15,9 @@ from support.brokers import free_port, mosquitto
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.waiting import wait_until
 
+from plotfeed.feeds.console.cluster import QUIET
 from plotfeed.feeds.fleet.parts import start_of
 from plotfeed.feeds.fleet.starters import start_parts, stop_parts
-from plotfeed.feeds.lab.runs import QUIET
 from plotfeed.feeds.scene.scene import load
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.testing import MqttReceiver

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from plotfeed.feeds.console import extras
-from plotfeed.feeds.lab.runs import EngineError, Journal, SweepLevel, connected, seed_of, spread
+from plotfeed.feeds.console.cluster import EngineError, connected
+from plotfeed.feeds.lab.runs import Journal, SweepLevel, seed_of, spread
 from plotfeed.proto.errors import PlotfeedError
 
 PROGRAM = """
