@@ -43,6 +43,13 @@ class Begun(Observer):
             await self.waiting.wait()
 
 
+def feed_of(url: str) -> connect:
+    """The WebSocket of the page at that address, as the page itself opens it."""
+    host = url.removeprefix("http://").rstrip("/")
+    origin: Any = f"http://{host}"
+    return connect(f"ws://{host}/feed", origin=origin, max_size=None, compression=None)
+
+
 @asynccontextmanager
 async def with_page(scene: Scene, broker: str = "none") -> AsyncIterator[tuple[Any, Begun]]:
     """The page's WebSocket, once a session has begun; all of it ends with this."""
@@ -69,9 +76,7 @@ async def with_page(scene: Scene, broker: str = "none") -> AsyncIterator[tuple[A
     async with asyncio.timeout(PATIENCE_S):
         await ready.wait()
     await begun.wait()
-    host = urls["page"].removeprefix("http://").rstrip("/")
-    origin: Any = f"http://{host}"
-    async with connect(f"ws://{host}/feed", origin=origin, max_size=None) as feed:
+    async with feed_of(urls["page"]) as feed:
         yield feed, begun
         stop.set()
         async with asyncio.timeout(PATIENCE_S):

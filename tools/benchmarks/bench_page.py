@@ -147,15 +147,10 @@ def measured(drones: int) -> dict[str, float]:
 
 async def watch(url: str) -> None:
     """Take what the page sends to so many viewers, until cancelled."""
-    from websockets.asyncio.client import connect
-
-    host = url.removeprefix("http://").rstrip("/")
+    from support.page_replays import feed_of
 
     async def follow() -> None:
-        origin: Any = f"http://{host}"
-        async with connect(
-            f"ws://{host}/feed", origin=origin, max_size=None, compression=None
-        ) as feed:
+        async with feed_of(url) as feed:
             while True:
                 await feed.recv()
 

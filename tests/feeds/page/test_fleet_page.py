@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 from support.brokers import free_port, mosquitto
+from support.page_replays import feed_of
 from support.page_updates import read_frame
 from support.waiting import PATIENCE_S
-from websockets.asyncio.client import connect
 
 from plotfeed.feeds.fleet.fleet_watch import FleetWatch
 from plotfeed.feeds.page.fleet_page import shown_on_page
@@ -61,16 +61,15 @@ async def test_the_page_tells_how_the_parts_of_a_fleet_do_and_takes_no_command()
     ):
         watch._hear(f"plotfeed/fleet/{topic}", payload, None)
     news: dict[str, Any] = {}
-    async with shown_on_page(PageAddress("127.0.0.1", 0), watch, Tokens()) as urls:
-        host = urls["page"].removeprefix("http://").rstrip("/")
-        async with connect(f"ws://{host}/feed", origin=f"http://{host}") as feed:  # type: ignore[arg-type]
-            while "fleet" not in news:
-                data = await feed.recv()
-                news |= read_frame(data).news if isinstance(data, bytes) else {}
-            await feed.send('{"number": 1, "command": {"clock": {"paused": true}}}')
-            while isinstance(data := await feed.recv(), bytes) or "number" not in data:
-                pass
-            assert not json.loads(data)["ok"]
+    shown = shown_on_page(PageAddress("127.0.0.1", 0), watch, Tokens())
+    async with shown as urls, feed_of(urls["page"]) as feed:
+        while "fleet" not in news:
+            data = await feed.recv()
+            news |= read_frame(data).news if isinstance(data, bytes) else {}
+        await feed.send('{"number": 1, "command": {"clock": {"paused": true}}}')
+        while isinstance(data := await feed.recv(), bytes) or "number" not in data:
+            pass
+        assert not json.loads(data)["ok"]
     told = news["fleet"]
     assert (told["takeovers"], told["gaps"]) == (1, 1)
     assert told["last_gaps"] == ["nothing of part 1 for 1.00 s: host:8 no longer sends"]
@@ -104,19 +103,15 @@ async def test_the_page_shows_the_plots_and_tracks_that_the_broker_of_a_fleet_de
         batch.plots.add(time_utc_ns=watch.now_utc_ns, range_m=1200.0, azimuth_deg=30.0)
         track = {"track": 7, "latitude_deg": 40.46, "longitude_deg": -3.72}
         frames: list[Any] = []
-        async with shown_on_page(PageAddress("127.0.0.1", 0), watch, Tokens()) as urls:
-            host = urls["page"].removeprefix("http://").rstrip("/")
-            async with (
-                asyncio.timeout(PATIENCE_S),
-                connect(f"ws://{host}/feed", origin=f"http://{host}") as feed,  # type: ignore[arg-type]
-            ):
-                while {SectionKind.PLOTS, SectionKind.TRACKS} - {
-                    section.kind for frame in frames for section in frame.sections
-                }:
-                    client.publish("plotfeed/near/plots", batch.SerializeToString())
-                    client.publish(TRACKS, json.dumps(track).encode())
-                    data = await feed.recv()
-                    frames += [read_frame(data)] if isinstance(data, bytes) else []
+        shown = shown_on_page(PageAddress("127.0.0.1", 0), watch, Tokens())
+        async with shown as urls, asyncio.timeout(PATIENCE_S), feed_of(urls["page"]) as feed:
+            while {SectionKind.PLOTS, SectionKind.TRACKS} - {
+                section.kind for frame in frames for section in frame.sections
+            }:
+                client.publish("plotfeed/near/plots", batch.SerializeToString())
+                client.publish(TRACKS, json.dumps(track).encode())
+                data = await feed.recv()
+                frames += [read_frame(data)] if isinstance(data, bytes) else []
         client.close()
     seen = {name: value for frame in frames for name, value in columns(frame)}
     assert seen["range_m"] == pytest.approx(1200.0)
