@@ -105,7 +105,9 @@ def _told(kind: str, payload: bytes, categories: Categories, style: Style) -> It
     elif kind == COT:
         yield payload.decode()[: None if style is Style.TREE else MAX_TEXT]
     elif kind in OUR_MESSAGES:
-        for message in _ours(kind, payload):
+        is_ledger = kind in (LEDGER, LEDGER_BATCH)  # of which each sector is a message
+        read = entries_in if is_ledger else lambda octets: [OUR_MESSAGES[kind].FromString(octets)]
+        for message in read(payload):
             yield from _protobuf(message, style)
     else:  # JSON, or nothing tells what
         value = json.loads(payload)
@@ -114,13 +116,6 @@ def _told(kind: str, payload: bytes, categories: Categories, style: Style) -> It
         else:
             is_tree = style is Style.TREE
             yield json.dumps(value, indent=2) if is_tree else json.dumps(value)[:MAX_TEXT]
-
-
-def _ours(kind: str, payload: bytes) -> list[Any]:
-    """The message of ours in a payload; of the ledger one for each sector."""
-    if kind in (LEDGER, LEDGER_BATCH):
-        return entries_in(payload)
-    return [OUR_MESSAGES[kind].FromString(payload)]
 
 
 def _sapient(payload: bytes, style: Style) -> Any:

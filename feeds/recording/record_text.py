@@ -70,9 +70,11 @@ class Style(Enum):
 
 def record_told(record: Record, categories: Categories, style: Style) -> Any:
     """A record in that style: text, or a value for JSON."""
-    if style is Style.JSON:
-        return record_json(record)
-    return (record_line if style is Style.LINE else record_tree)(record, categories)
+    if style is not Style.JSON:
+        return (record_line if style is Style.LINE else record_tree)(record, categories)
+    # The octets of what is not decoded.
+    octets = {} if record.items else {"octets": record.octets.hex()}
+    return {"category": record.category, "items": _plain(_expanded(record)), **octets}
 
 
 def problem(what: object, style: Style) -> Any:
@@ -87,17 +89,14 @@ def record_line(record: Record, categories: Categories = CATEGORIES) -> str:
     items, category = _expanded(record), categories[record.category]
     when = _time(items, category)
     if category is OTHER_CATEGORIES.get(record.category):
-        return f"CAT{record.category:03d}  {when}  {_cut_items(items)}  ({NOT_DECODED})"
+        # Of most items only the ends are known: their octets, but for sources and times.
+        parts = "  ".join(
+            f"{_number(name)} {f'0x{value.hex()}' if type(value) is bytes else short(value)}"
+            for name, value in items.items()
+        )
+        return f"CAT{record.category:03d}  {when}  {parts}  ({NOT_DECODED})"
     parts = "  ".join([f"{_number(name)} {_part(name, value)}" for name, value in items.items()])
     return f"CAT{record.category:03d}  {when}  {parts}"
-
-
-def record_json(record: Record) -> dict[str, Any]:
-    """Category and items, and the octets of what is not decoded."""
-    found: dict[str, Any] = {"category": record.category, "items": _plain(_expanded(record))}
-    if not record.items:
-        found["octets"] = record.octets.hex()
-    return found
 
 
 def record_tree(record: Record, categories: Categories) -> str:
@@ -131,16 +130,13 @@ def _branch(
         for number, part in enumerate(value, 1):
             yield from _branch(f"{number}.", part, path, {**meanings, path: inner}, indent + INDENT)
     else:
-        yield f"{named}: {_leaf(label, value, meaning)}"
-
-
-def _leaf(name: str, value: Any, meaning: Meaning) -> str:
-    text = _part(name, value)
-    if meaning.unit:
-        text = f"{text} {meaning.unit}"
-    if isinstance(value, int) and value in meaning.words:
-        text = f"{text}, {meaning.words[value]}"
-    return f"{text}, {_clock(value)}" if meaning.title.startswith("Time of Day") else text
+        text = _part(label, value)
+        if meaning.unit:
+            text = f"{text} {meaning.unit}"
+        if isinstance(value, int) and value in meaning.words:
+            text = f"{text}, {meaning.words[value]}"
+        is_time = meaning.title.startswith("Time of Day")
+        yield f"{named}: {text}, {_clock(value)}" if is_time else f"{named}: {text}"
 
 
 @cache
@@ -189,14 +185,6 @@ def _unknown(record: Record) -> str:
     """A block of a category of which nothing is known, not even where its records end."""
     what = f"a block of {len(record.octets)} octets, of which no layout is known"
     return f"CAT{record.category:03d}  {NO_TIME}  {what}: {record.octets.hex()}"
-
-
-def _cut_items(items: Mapping[str, Any]) -> str:
-    """Items of which only the ends are known: their octets, but for sources and times."""
-    return "  ".join(
-        f"{_number(name)} {f'0x{value.hex()}' if type(value) is bytes else short(value)}"
-        for name, value in items.items()
-    )
 
 
 def _time(items: dict[str, Any], category: Category) -> str:

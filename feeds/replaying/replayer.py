@@ -451,11 +451,12 @@ class Replayer:
             if next_ns is None or (is_reading and rush is None and self.clock.can_wait):
                 await self._news.wait()  # what comes next may be due before what is ready
             else:
-                await (self._sleep(next_ns) if rush is None else self._breathe())
-
-    async def _sleep(self, until_ns: int) -> None:
-        """Wait until then or for news; exactly where something is to be sent."""
-        await self.clock.sleep_until(until_ns, exactly=until_ns == self._schedule.next_due_ns())
+                if rush is not None:
+                    await self._breathe()
+                    continue
+                # Exactly where something is to be sent; or until there is news.
+                is_due = next_ns == self._schedule.next_due_ns()
+                await self.clock.sleep_until(next_ns, exactly=is_due)
 
     def _begin(self) -> None:
         """Begin as soon as the first message has been read."""
