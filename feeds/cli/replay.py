@@ -23,7 +23,7 @@ from plotfeed.feeds.console.printed import say, say_damage, show_last_status, sh
 from plotfeed.feeds.console.process import stopped_by_signals
 from plotfeed.feeds.link.counters import lateness_us
 from plotfeed.feeds.messages.transports import Transport
-from plotfeed.feeds.recording.foreign_recordings import RecordingFile
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.feeds.replaying.replay_settings import (
     LinkRule,
     Moment,
@@ -84,8 +84,8 @@ def replay_as_asked(path: Path, access: dict[str, Any], options: ReplayOptions) 
     `access` is all but the URL of a broker's address.
     """
     to, settings = _destinations(options, access), _settings(options)
-    source = RecordingFile(path)
-    return asyncio.run(_replay(path, source, to, settings, as_json=options.as_json))
+    with ForeignReader(path) as source:
+        return asyncio.run(_replay(path, source, to, settings, as_json=options.as_json))
 
 
 def _destinations(options: ReplayOptions, access: dict[str, Any]) -> Destinations:

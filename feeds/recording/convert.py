@@ -13,7 +13,6 @@ from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC
-from functools import partial
 from hashlib import blake2b
 from itertools import repeat
 from pathlib import Path
@@ -102,20 +101,17 @@ def convert_recording(source: Path, target: Path, settings: ConvertSettings) -> 
     for topic_filter in settings.topics:
         checked_topic_filter(topic_filter)
     date = settings.date and int(settings.date.replace(tzinfo=UTC).timestamp()) * NS
-    opened = partial(ForeignReader, source, from_format, date_utc_ns=date or 0)
+    opened = ForeignReader(source, from_format, date_utc_ns=date or 0)
     counts = ConversionCounts()
-    with opened() as reader, made_of([source], target, force=settings.force) as (file, keep):
+    with opened as reader, made_of([source], target, force=settings.force) as (file, keep):
         if not FORMATS[reader.format].has_dates and date is None:
             counts.notes.append(f"{reader.format} has no date: its first day is 1970-01-01")
         selection = None
         if form in TABLES and table in PLOT_TABLES:  # whose plots depend on all that is asked for
             from plotfeed.replay.plots_csv import selection_of
 
-            def asked() -> Iterator[Recorded]:
-                with opened() as ahead:
-                    yield from _chosen(ahead.messages(), settings, form, ConversionCounts())
-
-            selection = selection_of(table, asked())
+            ahead = _chosen(reader.messages(), settings, form, ConversionCounts())
+            selection = selection_of(table, ahead)
         writer = writer_to(file, form, table, selection)
         for name in dict.fromkeys(entry.name for entry in reader.attachments()):
             attachment = reader.attachment(name)

@@ -32,7 +32,6 @@ from plotfeed.replay.recorded import (
     LATEST_NS,
     Attachment,
     AttachmentEntry,
-    Damage,
     Recorded,
     RecordingReader,
     Stage,
@@ -58,7 +57,7 @@ class Wanted(NamedTuple):
 
 
 class ForeignReader(RecordingReader):
-    """Reads a file by another process, from its start to its end; `close` ends that."""
+    """Reads a file by another process, and again by one more; `close` ends the one that reads."""
 
     at = 0
 
@@ -71,9 +70,14 @@ class ForeignReader(RecordingReader):
         self.octets = 0  # Of the file; unpacked, where gzip packed it
         self.format = form or format_of(path)
         self._path = path
+        self._wanted = Wanted(self.format, **asked)
         self._entries: Sequence[AttachmentEntry] = ()
-        started = process_apart(_START, json.dumps(Wanted(self.format, **asked)))
-        with path.open("rb") as file:
+        self._is_read = False  # Or being read
+        self._begin(self._wanted)
+
+    def _begin(self, wanted: Wanted) -> None:
+        started = process_apart(_START, json.dumps(wanted))
+        with self._path.open("rb") as file:
             self._process = subprocess.Popen(**started, stdin=file, stdout=subprocess.PIPE)
         self._out: BinaryIO = self._process.stdout  # type: ignore[assignment]
         try:
@@ -90,8 +94,17 @@ class ForeignReader(RecordingReader):
             self.close()
             raise
 
-    def messages(self) -> Iterator[Recorded]:
-        """Messages of the file, once. Raises `PlotfeedError` where reading breaks off."""
+    def messages(
+        self, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Recorded]:
+        """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`.
+
+        They are read as often as is asked for. Raises `PlotfeedError` where reading breaks off.
+        """
+        if self._is_read or start_ns is not None or end_ns is not None:
+            self.close()
+            self._begin(self._wanted._replace(start_ns=start_ns, end_ns=end_ns))
+        self._is_read = True
         with self._sound():
             for head, columns, payloads in self._frames():
                 series = [
@@ -162,26 +175,6 @@ class ForeignReader(RecordingReader):
             yield
         except (ValueError, TypeError, LookupError, OverflowError, AttributeError, RecursionError):
             raise PlotfeedError(f"{self._path}: {broken_or_beyond(KIND)}") from None
-
-
-class RecordingFile:
-    """A file to be read as often as is asked for, apart each time.
-
-    Raises `PlotfeedError` if its format cannot be told or read, and `OSError`.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self.damage: Sequence[Damage] = []
-        with ForeignReader(path) as reader:
-            self._form = reader.format
-
-    def messages(self, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
-        """Messages in the order of the file, of log times from `start_ns` on, before `end_ns`."""
-        asked = {"start_ns": start_ns, "end_ns": end_ns}
-        with ForeignReader(self._path, self._form, **asked) as reader:
-            self.damage = reader.damage
-            yield from reader.messages()
 
 
 def main() -> None:

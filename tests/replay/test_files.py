@@ -25,7 +25,7 @@ from support.recordings import (
     written,
 )
 
-from plotfeed.feeds.recording.foreign_recordings import ForeignReader, RecordingFile
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay import files
 from plotfeed.replay.asterix_files import FinalReader, RawReader
@@ -173,7 +173,7 @@ def test_recordings_of_others_are_told_by_their_content() -> None:
 
 @pytest.mark.parametrize("form", [FileFormat.PCAP, FileFormat.MCAP])
 def test_a_recording_is_read_again_and_in_parts(tmp_path: Path, form: FileFormat) -> None:
-    source = RecordingFile(stored(tmp_path, data_of(form)))
+    source = ForeignReader(stored(tmp_path, data_of(form)))
     whole = list(source.messages(None, None))
     times_ns = [each.log_time_ns for each in whole]
     assert len(whole) == 3
@@ -315,7 +315,7 @@ def test_a_packed_file_is_read_as_if_it_were_not(form: FileFormat, tmp_path: Pat
     packed.write_bytes(gzip.compress(many_of(form)))
     assert format_of(packed) is form
     assert read_file(packed) == read_file(plain)
-    source = RecordingFile(packed)
+    source = ForeignReader(packed)
     assert list(source.messages(None, None)) == list(source.messages(None, None)) != []
 
 
@@ -372,5 +372,3 @@ def test_a_packed_mcap_says_what_to_do(tmp_path: Path) -> None:
     path.write_bytes(gzip.compress(many_of(FileFormat.MCAP)))
     with pytest.raises(PlotfeedError, match="gunzip it first"), ForeignReader(path):
         pass
-    with pytest.raises(PlotfeedError, match="gunzip it first"):
-        RecordingFile(path)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from support.recordings import MESSAGES, message, plots, written
 
 from plotfeed.feeds.recording import foreign_recordings
-from plotfeed.feeds.recording.foreign_recordings import ForeignReader, RecordingFile
+from plotfeed.feeds.recording.foreign_recordings import ForeignReader
 from plotfeed.feeds.telemetry.foreign_files import process_apart
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay.files import FileFormat, reading, writer_to
@@ -87,7 +87,8 @@ def test_what_another_process_reads_is_what_this_one_would(
 def test_many_messages_come_in_more_than_one_frame_and_long_ones_alone(tmp_path: Path) -> None:
     long = np.random.default_rng(1).bytes(3 << 20)  # zeros would be taken for what fills a memory
     sent = plots(1300) + [message(long, LATEST_NS - n) for n in (2, 1)]
-    assert list(RecordingFile(stored(tmp_path / "log.mcap", sent)).messages(None, None)) == sent
+    with ForeignReader(stored(tmp_path / "log.mcap", sent)) as reader:
+        assert list(reader.messages()) == sent
 
 
 def test_a_pipe_is_read_as_it_is_written(tmp_path: Path) -> None:
@@ -170,9 +171,12 @@ def test_a_process_ends_with_who_asked_and_not_by_ctrl_c(tmp_path: Path) -> None
     next(messages)
     reader.close()
     assert process.returncode == -signal.SIGKILL
-    some = RecordingFile(path).messages(None, None)
-    next(some)
-    some.close()  # type: ignore[attr-defined]  # as a replay does that goes elsewhere
+    with ForeignReader(path) as other:
+        next(other.messages())
+        first = other._process
+        next(other.messages())  # as a replay does that goes elsewhere
+        assert first.returncode == -signal.SIGKILL
+    assert other._process.returncode == -signal.SIGKILL
     # Whose parent is gone finds nobody to write to.
     asked = json.dumps(foreign_recordings.Wanted(FileFormat.MCAP))
     with path.open("rb") as file:
