@@ -48,12 +48,10 @@ class PlotsCsvWriter(RecordingWriter):
 
     def __init__(self, file: BinaryIO, select: Selection | None = None) -> None:
         """`select` says which plots of a message it takes; without it, it takes all."""
-        self._file = file
         self._select = select or plots_in
-        self._text = io.StringIO(newline="")
+        self._text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
         self._rows = csv.writer(self._text, lineterminator="\n")
         self._rows.writerow(COLUMNS)
-        self._flush()
 
     def write(self, message: Recorded) -> str | None:
         """Write the plots of a message, if any; why it cannot have any, or None."""
@@ -65,17 +63,15 @@ class PlotsCsvWriter(RecordingWriter):
         columns["category"] = [each and f"{each:03d}" for each in columns["category"]]
         for row in zip(*columns.values(), strict=True):
             self._rows.writerow([as_text(cell) if isinstance(cell, str) else cell for cell in row])
-        self._flush()
         return None
 
     def notes(self) -> list[str]:
         """What a table of plots is not."""
         return ["it holds plots, not messages, and is not read back"]
 
-    def _flush(self) -> None:
-        self._file.write(self._text.getvalue().encode())
-        self._text.seek(0)
-        self._text.truncate()
+    def close(self) -> None:
+        """Leave the file to whoever opened it."""
+        self._text.detach()
 
 
 def plots_in(message: Recorded) -> MeasuredPlots | None:
