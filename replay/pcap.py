@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import base64
 import struct
+from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from ipaddress import ip_address
 from typing import BinaryIO, NamedTuple
@@ -339,8 +339,22 @@ def _text(octets: bytes) -> str:
     return base64.b64encode(octets).decode("ascii")
 
 
+class Captured(NamedTuple):
+    """A packet as a capture has it."""
+
+    header: PcapHeader  # Of a pcap that holds it
+    octets: bytes
+    length: int  # Its octets before it was cut
+    t_utc_ns: int
+    at: int  # Octet of the file at which it begins
+
+
 class PacketReader(OctetsReader):
     """Makes messages of packets; notes those that are broken and counts those that are not UDP."""
+
+    @abstractmethod
+    def packets(self) -> Iterator[Captured]:
+        """The packets of the file, once."""
 
     def check_link_type(self, link_type: int, at: int) -> None:
         """Note at that offset that none of its packets can be read."""
@@ -348,40 +362,37 @@ class PacketReader(OctetsReader):
             expected = ", ".join(map(str, LINK_TYPES))
             self.damage.add(at, f"packets of link type {link_type}; expected one of {expected}")
 
-    def message(
-        self, header: PcapHeader, packet: bytes, length: int, t_utc_ns: int, at: int
-    ) -> Recorded | None:
-        """The message in a packet that was captured at that time; None if it has none.
-
-        `header` is of a pcap that holds it, `length` its octets before it was cut.
-        """
-        try:
-            found = datagram_in(header.link_type, packet)
-        except DecodeError as error:
-            self.damage.add(at, str(error))
-            return None
-        if found is None:
-            self.skipped += 1  # it holds no UDP
-            return None
-        if not 0 <= t_utc_ns <= LATEST_NS:
-            self.damage.add(at, f"a packet of {t_utc_ns} ns since 1970; expected 1970 to 2554")
-            return None
-        tail = packet[found.payload_at + len(found.payload) :]
-        return Recorded(
-            topic=UDP_TOPIC + text_of(found.destination),
-            payload=found.payload,
-            log_time_ns=t_utc_ns,
-            publish_time_ns=t_utc_ns,
-            content_type=content_type(found.payload),
-            properties=(
-                (SOURCE, text_of(found.source)),
-                (FILE, _text(header.octets)),
-                (HEAD, _text(packet[: found.payload_at])),
-                (PAYLOAD_CRC, f"{crc32(found.payload):08x}"),
-                *(((TAIL, _text(tail)),) if tail else ()),
-                *(((LENGTH, str(length)),) if length != len(packet) else ()),
-            ),
-        )
+    def messages(self) -> Iterator[Recorded]:
+        """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
+        for header, packet, length, t_utc_ns, at in self.packets():
+            try:
+                found = datagram_in(header.link_type, packet)
+            except DecodeError as error:
+                self.damage.add(at, str(error))
+                continue
+            if found is None:
+                self.skipped += 1  # it holds no UDP
+                continue
+            if not 0 <= t_utc_ns <= LATEST_NS:
+                what = f"a packet of {t_utc_ns} ns since 1970; expected 1970 to 2554"
+                self.damage.add(at, what)
+                continue
+            tail = packet[found.payload_at + len(found.payload) :]
+            yield Recorded(
+                topic=UDP_TOPIC + text_of(found.destination),
+                payload=found.payload,
+                log_time_ns=t_utc_ns,
+                publish_time_ns=t_utc_ns,
+                content_type=content_type(found.payload),
+                properties=(
+                    (SOURCE, text_of(found.source)),
+                    (FILE, _text(header.octets)),
+                    (HEAD, _text(packet[: found.payload_at])),
+                    (PAYLOAD_CRC, f"{crc32(found.payload):08x}"),
+                    *(((TAIL, _text(tail)),) if tail else ()),
+                    *(((LENGTH, str(length)),) if length != len(packet) else ()),
+                ),
+            )
 
 
 ASTERIX_PORT = 8600  # Of UDP, where Wireshark takes it for ASTERIX
@@ -392,8 +403,8 @@ MAX_TOPICS = 1 << 16
 class PcapReader(PacketReader):
     """The UDP datagrams of a capture. Nothing tells where a packet begins after a broken length."""
 
-    def messages(self) -> Iterator[Recorded]:
-        """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
+    def packets(self) -> Iterator[Captured]:
+        """The packets up to the first broken length."""
         beginning = self.take(HEADER_OCTETS)
         if beginning[:4] not in FORMATS:
             self.damage.add(0, f"{beginning[:4].hex()!r}; expected the first octets of a pcap")
@@ -422,9 +433,7 @@ class PcapReader(PacketReader):
                 self.damage.add(at, f"a packet of {captured} octets, {len(packet)} are there")
                 return
             t_utc_ns = seconds * NS + fraction * header.unit_ns
-            message = self.message(header, packet, length, t_utc_ns, at)
-            if message is not None:
-                yield message
+            yield Captured(header, packet, length, t_utc_ns, at)
 
 
 class PcapWriter(RecordingWriter):
@@ -537,18 +546,13 @@ MICROSECONDS = 6
 BINARY = 0x80
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Interface:
+class Interface(NamedTuple):
     """Where packets were captured, and how their times count."""
 
-    link_type: int
+    header: PcapHeader  # Of a pcap that holds them
     snap_octets: int  # Captured of a packet at most; 0 is all
     ticks_a_second: int
     offset_s: int
-
-    def utc_ns(self, ticks: int) -> int:
-        """The time that a packet's ticks stand for."""
-        return ticks * NS // self.ticks_a_second + self.offset_s * NS
 
 
 class PcapngReader(PacketReader):
@@ -564,19 +568,16 @@ class PcapngReader(PacketReader):
         self._order = ""
         self._last_utc_ns = 0
 
-    def messages(self) -> Iterator[Recorded]:
-        """Each datagram, on the topic udp/ADDRESS/PORT of where it went."""
+    def packets(self) -> Iterator[Captured]:
+        """The packets of the blocks up to the first broken length."""
         for kind, body, at in self._blocks():
             try:
                 if kind == INTERFACE:
                     self._take_interface(body, at)
-                    continue
-                message = self._message(kind, body, at)
+                elif packet := self._packet(kind, body, at):
+                    yield packet
             except struct.error:
                 self.damage.add(at, f"a block of type {kind} that lacks fields")
-                continue
-            if message is not None:
-                yield message
 
     def _blocks(self) -> Iterator[tuple[int, bytes, int]]:
         """The type of each whole block, what lies between its lengths, and where it begins."""
@@ -637,14 +638,8 @@ class PcapngReader(PacketReader):
             elif code == TSOFFSET and len(value) == 8:
                 (offset_s,) = struct.unpack(f"{self._order}q", value)
         base, power = (2, resolution - BINARY) if resolution & BINARY else (10, resolution)
-        self._interfaces.append(
-            Interface(
-                link_type=link_type,
-                snap_octets=snap_octets,
-                ticks_a_second=base**power,
-                offset_s=offset_s,
-            )
-        )
+        header = ns_header(link_type)
+        self._interfaces.append(Interface(header, snap_octets, base**power, offset_s))
 
     def _options(self, octets: bytes) -> Iterator[tuple[int, bytes]]:
         at = 0
@@ -655,7 +650,7 @@ class PcapngReader(PacketReader):
             yield code, octets[at + 4 : at + 4 + length]
             at += 4 + (length + 3 & ~3)
 
-    def _message(self, kind: int, body: bytes, at: int) -> Recorded | None:
+    def _packet(self, kind: int, body: bytes, at: int) -> Captured | None:
         if kind == SIMPLE_PACKET:
             number, begin, ticks = 0, 4, None
             (length,) = struct.unpack_from(f"{self._order}I", body)
@@ -675,7 +670,7 @@ class PcapngReader(PacketReader):
             self.damage.add(at, f"a packet of {captured} octets, {there} are there")
             return None
         if ticks is not None:
-            self._last_utc_ns = interface.utc_ns(ticks)
+            since_ns = ticks * NS // interface.ticks_a_second
+            self._last_utc_ns = since_ns + interface.offset_s * NS
         packet = body[begin : begin + captured]
-        header = ns_header(interface.link_type)
-        return self.message(header, packet, length, self._last_utc_ns, at)
+        return Captured(interface.header, packet, length, self._last_utc_ns, at)
