@@ -1,18 +1,15 @@
-"""Files of ASTERIX blocks: raw, FINAL, and as libasterix reads what is written."""
+"""Files of ASTERIX blocks: raw and FINAL."""
 
 from __future__ import annotations
 
 import io
 import struct
-from functools import partial
 from pathlib import Path
 
-import dpkt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.asterix_input import flags_of
-from support.asterix_readers import blocks_of
 from support.given_recordings import EVERY_FRAME, EVERY_FRAME_048
 from support.recordings import MS, START_NS, block, block_048, message, plots, read, turned, written
 from support.tshark import tshark_fields
@@ -28,7 +25,6 @@ from plotfeed.replay.asterix_files import (
     RawWriter,
     time_of_day_ns,
 )
-from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.pcap import PcapWriter
 from plotfeed.replay.recorded import Recorded
 
@@ -45,14 +41,6 @@ def on_that_day(file: io.BytesIO) -> FinalReader:
     return FinalReader(file, date_utc_ns=DAY)
 
 
-def times_s(*times_of_day_s: float | None) -> list[float]:
-    """Since midnight of the first day, of blocks with those times of day or without one."""
-    data = b"".join(block(48, "80", "190d") if t is None else block_048(t) for t in times_of_day_s)
-    messages, reader = read(raw_on_that_day, data)
-    assert reader.damage == []
-    return [(each.log_time_ns - DAY) / NS for each in messages]
-
-
 def test_blocks_are_messages_at_the_times_of_their_records() -> None:
     sent = plots(5)
     data = b"".join(each.payload for each in sent)
@@ -67,26 +55,29 @@ def test_blocks_are_messages_at_the_times_of_their_records() -> None:
     assert reader.at == len(data)
 
 
-def test_times_go_on_over_midnight_and_over_a_day_without_messages() -> None:
-    assert times_s(86_399, 0, 1, 86_399.5, 2) == [86_399, 86_400, 86_401, 86_401, 86_402]
-    assert times_s(3600, 50_000, 50_001, 3000) == [3600, 50_000, 50_001, 86_400 + 3000]
+DAY_S = 86_400
 
 
-def test_no_message_is_earlier_than_the_one_before() -> None:
-    assert times_s(100, 101, 100.5, 102) == [100, 101, 101, 102]
-
-
-def test_a_block_without_a_time_takes_that_of_the_one_before() -> None:
-    assert times_s(None, 100, None, 101) == [0, 100, 100, 101]
-    data = block_048(100) + block(1, "f0", "1901") + block(250, "00")
-    messages, _ = read(raw_on_that_day, data)
-    assert [each.log_time_ns - DAY for each in messages] == [100 * NS] * 3
-
-
-def test_one_wrong_time_among_right_ones_shifts_nothing() -> None:
-    assert times_s(100, 70_000, 101, 102) == [100, 100, 101, 102]
-    assert times_s(100, 0, 101) == [100, 100, 101]
-    assert times_s(100, 7300, 7301) == [100, 7300, 7301]
+@pytest.mark.parametrize(
+    ("told", "taken"),
+    [
+        ((86_399, 0, 1, 86_399.5, 2), [86_399, DAY_S, DAY_S + 1, DAY_S + 1, DAY_S + 2]),
+        ((3600, 50_000, 50_001, 3000), [3600, 50_000, 50_001, DAY_S + 3000]),
+        ((100, 101, 100.5, 102), [100, 101, 101, 102]),  # none is earlier than the one before
+        ((None, 100, None, 101), [0, 100, 100, 101]),
+        # One wrong time among right ones shifts nothing.
+        ((100, 70_000, 101, 102), [100, 100, 101, 102]),
+        ((100, 0, 101), [100, 100, 101]),
+        ((100, 7300, 7301), [100, 7300, 7301]),
+    ],
+)
+def test_times_of_day_go_on_over_midnight_and_never_back(
+    told: tuple[float | None, ...], taken: list[float]
+) -> None:
+    data = b"".join(block(48, "80", "190d") if t is None else block_048(t) for t in told)
+    messages, reader = read(raw_on_that_day, data + block(1, "f0", "1901") + block(250, "00"))
+    assert reader.damage == []
+    assert [(each.log_time_ns - DAY) / NS for each in messages] == [*taken, taken[-1], taken[-1]]
 
 
 def test_without_a_date_no_time_is_before_1970() -> None:
@@ -321,49 +312,3 @@ def test_damage_without_end_is_told_within_bounds() -> None:
 def test_hostile_octets_take_time_in_proportion(data: bytes) -> None:
     _, reader = read(on_that_day, data)
     assert reader.at == len(data)
-
-
-# As libasterix reads what is written.
-
-
-def in_raw(data: bytes) -> bytes:
-    return data
-
-
-def in_final(data: bytes) -> bytes:
-    """Without the heads and trailers of frames."""
-    blocks, at = b"", 0
-    while at < len(data):
-        end = at + int.from_bytes(data[at : at + 2], "big")
-        assert data[end - 4 : end] == b"\xa5" * 4
-        blocks += data[at + 8 : end - 4]
-        at = end
-    return blocks
-
-
-def in_pcap(data: bytes) -> bytes:
-    """As another reader takes them out."""
-    packets = dpkt.pcap.Reader(io.BytesIO(data))
-    return b"".join(dpkt.ethernet.Ethernet(octets).data.data.data for _, octets in packets)
-
-
-WAYS = {FileFormat.RAW: in_raw, FileFormat.FINAL: in_final, FileFormat.PCAP: in_pcap}
-
-
-def octets_of(messages: list[Recorded]) -> bytes:
-    """The data blocks that are in a file of each format."""
-    inside = [
-        without(written(partial(writer_to, form=form), messages)) for form, without in WAYS.items()
-    ]
-    assert inside == [inside[0]] * len(inside)
-    return inside[0]
-
-
-def test_the_blocks_in_files_are_those_that_were_written() -> None:
-    north = block(34, "f0", "190d", "01", "546000", "00")
-    sent = [*plots(20, step_ns=250 * MS), message(north, START_NS + 6000 * MS)]
-    found = blocks_of(octets_of(sent))
-    assert [each.octets for each in found] == [each.payload for each in sent]
-    times = [int(record["140"], 16) for each in found[:-1] for record in each.records]
-    assert times == [(43_200 + n * 0.25) * 128 for n in range(20)]
-    assert found[-1].records == [{"010": "190d", "000": "01", "030": "546000", "020": "00"}]

@@ -30,7 +30,6 @@ from plotfeed.proto.errors import PlotfeedError
 from plotfeed.replay import files
 from plotfeed.replay.asterix_files import FinalReader, RawReader
 from plotfeed.replay.files import (
-    FORMATS,
     MOST_UNPACKED,
     SPARE_OCTETS,
     SUFFIXES,
@@ -44,7 +43,7 @@ from plotfeed.replay.files import (
     writer_to,
 )
 from plotfeed.replay.pcap import COOKED, ETHERNET, NULL, RAW, PcapReader, frame, ns_header
-from plotfeed.replay.recorded import Recorded, RecordingReader, Stage
+from plotfeed.replay.recorded import Recorded, RecordingReader
 
 PCAPNG = struct.pack("<IIIHHqI", 0x0A0D0D0A, 28, 0x1A2B3C4D, 1, 0, -1, 28)
 BOTH_WAYS = (FileFormat.MCAP, FileFormat.PCAP, FileFormat.FINAL, FileFormat.RAW, FileFormat.JSON)
@@ -135,22 +134,6 @@ def test_any_content_has_a_format_or_none(head: bytes) -> None:
     assert found is None or found in FileFormat
 
 
-@pytest.mark.parametrize("form", BOTH_WAYS)
-def test_what_is_written_is_read_by_the_reader_that_its_content_asks_for(
-    form: FileFormat, tmp_path: Path
-) -> None:
-    path = stored(tmp_path, data_of(form))
-    with ForeignReader(path, date_utc_ns=1_767_225_600_000_000_000) as recording:
-        assert recording.format is form
-        assert recording.octets == path.stat().st_size
-        got = list(recording.messages())
-        assert (recording.damage, recording.skipped) == ([], 0)
-        assert 0 <= recording.at <= recording.octets
-    assert [each.payload for each in got] == [each.payload for each in plots(3)]
-    if FORMATS[form].has_dates:
-        assert [each.log_time_ns for each in got] == [each.log_time_ns for each in plots(3)]
-
-
 def test_the_format_can_be_said(tmp_path: Path) -> None:
     path = stored(tmp_path, block_048(1), "odd.pcap")
     with ForeignReader(path, FileFormat.PCAP) as recording:
@@ -182,22 +165,6 @@ def test_a_recording_is_read_again_and_in_parts(tmp_path: Path, form: FileFormat
     assert list(source.messages(None, times_ns[1])) == whole[:1]
     assert list(source.messages(times_ns[1], times_ns[2])) == whole[1:2]
     assert source.damage == []
-
-
-def test_mcap_keeps_all_that_a_message_has(tmp_path: Path) -> None:
-    sent = [
-        message(b"\1", 5, topic="a", publish_time_ns=4, properties=(("k", "v"),), qos=1),
-        message(b"\2", 6, topic="a", retain=True, stage=Stage.BEFORE, content_type=""),
-    ]
-    with ForeignReader(stored(tmp_path, data_of(FileFormat.MCAP, sent))) as recording:
-        assert list(recording.messages()) == sent
-
-
-def test_what_mcap_cannot_hold_is_told() -> None:
-    writer = writer_to(io.BytesIO(), FileFormat.MCAP)
-    reason = writer.write(message(b"", -1))
-    assert reason is not None
-    assert "1970" in reason
 
 
 @settings(max_examples=50)
@@ -289,10 +256,6 @@ def test_a_line_without_end_is_damage_and_the_next_is_read(monkeypatch: pytest.M
     assert reader.at == len(good) * 2 + len(long)
 
 
-def many_of(form: FileFormat, count: int = 50) -> bytes:
-    return written(lambda file: writer_to(file, form), plots(count))
-
-
 def read_file(path: Path) -> tuple[list[Recorded], list[str]]:
     with ForeignReader(path) as recording:
         return list(recording.messages()), [each.what for each in recording.damage]
@@ -311,8 +274,8 @@ def unpacked(packed: bytes) -> tuple[bytes, list[str]]:
 )
 def test_a_packed_file_is_read_as_if_it_were_not(form: FileFormat, tmp_path: Path) -> None:
     plain, packed = tmp_path / "plain", tmp_path / "packed.gz"
-    plain.write_bytes(many_of(form))
-    packed.write_bytes(gzip.compress(many_of(form)))
+    plain.write_bytes(data_of(form, plots(50)))
+    packed.write_bytes(gzip.compress(data_of(form, plots(50))))
     assert format_of(packed) is form
     assert read_file(packed) == read_file(plain)
     source = ForeignReader(packed)
@@ -338,7 +301,7 @@ def test_whatever_follows_the_magic_is_octets_or_damage(rest: bytes) -> None:
 
 
 def test_what_is_cut_off_or_broken_is_told_behind_what_is_whole(tmp_path: Path) -> None:
-    packed = gzip.compress(many_of(FileFormat.RAW, 2000))
+    packed = gzip.compress(data_of(FileFormat.RAW, plots(2000)))
     path = tmp_path / "cut.ast.gz"
     path.write_bytes(packed[: len(packed) // 2])
     messages, damage = read_file(path)
@@ -369,6 +332,6 @@ def test_a_small_file_does_not_become_a_machine_s_memory() -> None:
 
 def test_a_packed_mcap_says_what_to_do(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap.gz"
-    path.write_bytes(gzip.compress(many_of(FileFormat.MCAP)))
+    path.write_bytes(gzip.compress(data_of(FileFormat.MCAP, plots(50))))
     with pytest.raises(PlotfeedError, match="gunzip it first"), ForeignReader(path):
         pass

@@ -16,14 +16,6 @@ SPEEDS = st.floats(0.001, 10_000).map(speed_of)
 PACES = st.builds(Pace, recorded_ns=RECORDED, due_ns=CLOCK, speed=SPEEDS)
 
 
-@given(RECORDED, CLOCK, st.lists(st.integers(0, 10**15), min_size=1))
-def test_at_speed_one_spacing_is_what_it_was_to_the_nanosecond(
-    recorded_ns: int, due_ns: int, since: list[int]
-) -> None:
-    pace = Pace(recorded_ns=recorded_ns, due_ns=due_ns)
-    assert [pace.due(recorded_ns + ns) - due_ns for ns in since] == since
-
-
 @given(PACES, RECORDED)
 def test_what_is_due_is_within_a_nanosecond_of_the_line(pace: Pace, recorded_ns: int) -> None:
     exact = pace.due_ns + Fraction(recorded_ns - pace.recorded_ns) / pace.speed
@@ -48,14 +40,6 @@ def test_a_pause_is_left_out_of_the_line(
     assert (resumed.due(recorded_ns) <= now_ns + for_ns) == (pace.due(recorded_ns) <= now_ns)
     late_ns = resumed.due(recorded_ns) - pace.due(recorded_ns) - for_ns
     assert abs(late_ns) <= 1 + 1 / pace.speed
-
-
-@given(PACES, CLOCK)
-def test_a_pause_of_no_length_changes_nothing_at_speed_one(pace: Pace, now_ns: int) -> None:
-    pace = Pace(recorded_ns=pace.recorded_ns, due_ns=pace.due_ns)
-    resumed = pace.pause(now_ns).resume(now_ns)
-    assert resumed.due(0) == pace.due(0)
-    assert pace.resume(now_ns + S) == pace
 
 
 @given(PACES, SPEEDS, CLOCK, st.integers(1, 10**12))

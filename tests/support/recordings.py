@@ -150,6 +150,7 @@ def mcap_of(
     attachments: Sequence[Attachment] = (SCENE,),
     flush_every: int = 0,
     close: bool = True,
+    flushes: int = 1,
 ) -> bytes:
     """A whole file, or what there is of one that nobody has ended."""
     file = io.BytesIO()
@@ -160,7 +161,7 @@ def mcap_of(
             writer.flush()
     if close:
         writer.close()
-    else:
+    for _ in range(0 if close else flushes):
         writer.flush()
     return file.getvalue()
 

@@ -25,7 +25,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat015 import PlotEncoder015
 from plotfeed.proto.content_types import PLOT_BATCH, asterix_content_type, protobuf_content_type
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.replay.files import FileFormat, writer_to
+from plotfeed.replay.files import FileFormat, format_of, writer_to
 from plotfeed.replay.mcap import McapReader, McapWriter
 from plotfeed.replay.recorded import Attachment, Recorded, Stage
 
@@ -48,6 +48,8 @@ def read(path: Path, date_utc_ns: int = 0) -> list[Recorded]:
     with ForeignReader(path, date_utc_ns=date_utc_ns) as recording:
         messages = list(recording.messages())
         assert recording.damage == []
+        assert 0 <= recording.at <= recording.octets == path.stat().st_size
+        assert (recording.format, recording.skipped) == (format_of(path), 0)
     return messages
 
 

@@ -96,27 +96,17 @@ def test_a_message_that_both_hold_comes_once_and_one_that_came_twice_comes_twice
     tmp_path: Path,
 ) -> None:
     (one, two, three) = messages(3)
-    later = [each_later(one), each_later(two)]
     (tmp_path / "a.mcap").write_bytes(mcap_of([one, two, two]))
-    (tmp_path / "b.mcap").write_bytes(mcap_of([*later, three]))
+    (tmp_path / "b.mcap").write_bytes(mcap_of([later(one), later(two), three]))
     done = plotfeed_here("merge", tmp_path / "a.mcap", tmp_path / "b.mcap", tmp_path / "c.mcap")
     assert done.returncode == 0
     assert "left out 2 messages that another recording has" in done.stdout
     assert in_order(read(tmp_path / "c.mcap")[0]) == in_order([one, two, two, three])
 
 
-def each_later(recorded: Recorded) -> Recorded:
+def later(recorded: Recorded) -> Recorded:
     """The same message, recorded later by somebody else."""
-    return Recorded(
-        topic=recorded.topic,
-        payload=recorded.payload,
-        log_time_ns=recorded.log_time_ns + 500 * MS,
-        publish_time_ns=recorded.publish_time_ns,
-        content_type=recorded.content_type,
-        properties=recorded.properties,
-        qos=recorded.qos,
-        stage=recorded.stage,
-    )
+    return recorded._replace(log_time_ns=recorded.log_time_ns + 500 * MS)
 
 
 def test_telemetry_that_two_workers_took_in_is_there_once(tmp_path: Path) -> None:
@@ -125,7 +115,7 @@ def test_telemetry_that_two_workers_took_in_is_there_once(tmp_path: Path) -> Non
         for n in range(5)
     ]
     (tmp_path / "a.mcap").write_bytes(mcap_of(came[:4]))
-    (tmp_path / "b.mcap").write_bytes(mcap_of([each_later(each) for each in came[2:]]))
+    (tmp_path / "b.mcap").write_bytes(mcap_of(map(later, came[2:])))
     plotfeed_here("merge", tmp_path / "a.mcap", tmp_path / "b.mcap", tmp_path / "c.mcap")
     assert [each.payload for each in read(tmp_path / "c.mcap")[0]] == [b"0", b"1", b"2", b"3", b"4"]
 

@@ -28,17 +28,9 @@ MESSAGE = Message(
 
 def recorded(t_ns: int, stage: Stage = Stage.RECEIVED) -> Recorded:
     """A message as it is recorded at that time."""
-    return Recorded(
-        topic=MESSAGE.topic,
-        payload=MESSAGE.payload,
-        log_time_ns=t_ns,
-        publish_time_ns=MESSAGE.due_utc_ns,
-        content_type=MESSAGE.content_type,
-        properties=MESSAGE.properties,
-        retain=MESSAGE.retain,
-        qos=MESSAGE.qos,
-        stage=stage,
-    )
+    times = {"log_time_ns": t_ns, "publish_time_ns": MESSAGE.due_utc_ns, "stage": stage}
+    alike = ("topic", "payload", "content_type", "properties", "retain", "qos")
+    return Recorded(**{name: getattr(MESSAGE, name) for name in alike} | times)
 
 
 def test_a_message_of_a_session_is_there_before_and_after_its_link(tmp_path: Path) -> None:

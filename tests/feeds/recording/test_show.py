@@ -30,7 +30,6 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.cat025 import CAT025_HALF_TURN, status_025
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 from plotfeed.proto.content_types import protobuf_content_type
-from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import NS
 from plotfeed.replay.files import FileFormat, writer_to
 from plotfeed.replay.recorded import Recorded, Stage
@@ -239,17 +238,6 @@ def test_raw_asterix_is_shown_without_what_others_need(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert [line[:6] for line in done.stdout.splitlines()] == ["CAT048", "CAT048", ""]
-
-
-def test_what_is_no_recording_is_an_error_that_names_it(tmp_path: Path) -> None:
-    path = tmp_path / "notes.txt"
-    path.write_bytes(b"hello, this is no recording")
-    with pytest.raises(PlotfeedError, match="its content is no recording"):
-        shown(path)
-    path = tmp_path / "broken.mcap"
-    path.write_bytes(b"hello, this is no MCAP")
-    with pytest.raises(PlotfeedError, match="octet 0: expected an MCAP file"):
-        shown(path)
 
 
 def test_percentiles_of_lateness_are_within_0_05_percent() -> None:

@@ -11,7 +11,6 @@ from support.command import plotfeed
 from support.replays import MS, RECORDED, REPLAYED, S, message, simulated
 from support.scene_files import radar, scene_file, scene_text
 
-from plotfeed.feeds.link.impairment import Impairment
 from plotfeed.feeds.messages.message import attributes
 from plotfeed.feeds.replaying.replay_settings import (
     LinkRule,
@@ -295,23 +294,6 @@ def test_a_source_is_what_stands_before_the_format(topic: str, source: str) -> N
 LOSSY = LinkSettings.model_validate(
     {"latency_ms": 30.0, "jitter_ms": 10.0, "loss": {"kind": "random", "probability": 0.3}}
 )
-
-
-@pytest.mark.asyncio
-async def test_each_sensor_has_the_link_that_it_would_have_live() -> None:
-    recorded = [message(i * MS, f"p/{name}/plots", bytes(20)) for i in range(200) for name in "ab"]
-    settings = ReplaySettings(links=(LinkRule("", LOSSY),), seed=5)
-    ears, totals = await simulated(recorded, settings)
-    left = {name: [t for t, m in ears.heard if m.topic == f"p/{name}/plots"] for name in "ab"}
-    assert left["a"] != left["b"]
-    for name in "ab":
-        live = Impairment(LOSSY, 5, name)
-        outcomes = [live.pass_on(RECORDED + i * MS, 20) for i in range(200)]
-        dues = sorted(copy.due_utc_ns for outcome in outcomes for copy in outcome.copies)
-        assert [t - REPLAYED - READY_NS for t in left[name]] == [t - RECORDED for t in dues]
-    assert totals.lost == 400 - len(ears.heard) > 0
-    assert totals.messages == len(ears.heard)
-    assert totals.octets == sum(map(len, ears.payloads()))
 
 
 @pytest.mark.asyncio

@@ -427,15 +427,6 @@ def test_a_jump_that_persists_is_a_new_start_and_no_velocity(scene: Scene, rate_
     assert (np.isnan(at_m).any(axis=1) | (np.minimum(*moved_m) < 1e-3)).all(), "in neither place"
 
 
-def test_a_receiver_that_repeats_one_wrong_fix_for_a_fifth_of_a_second_is_not_believed(
-    scene: Scene,
-) -> None:
-    sent = Sent(scene)
-    for k in range(80):
-        wrong = 50 <= k < 60
-        assert sent.say(k / 50, hover(0) + east(3000.0 * wrong)) is not wrong
-
-
 def test_of_two_sources_under_one_name_the_one_that_was_first_goes_on_and_it_is_told_once(
     scene: Scene, caplog: pytest.LogCaptureFixture
 ) -> None:

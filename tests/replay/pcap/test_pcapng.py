@@ -8,15 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.given_recordings import EVERY_CAPTURE, RadarCapture
-from support.recordings import (
-    START_NS,
-    block_048,
-    is_read_whatever_it_is,
-    message,
-    plots,
-    read,
-    written,
-)
+from support.recordings import START_NS, block_048, is_read_whatever_it_is, read, written
 from support.tools import needed
 
 from plotfeed.replay.pcap import ETHERNET, FILE, PcapngReader, PcapReader, PcapWriter, frame
@@ -166,11 +158,6 @@ def converted(folder: Path, data: bytes) -> bytes:
     one.write_bytes(data)
     subprocess.run([needed("editcap"), "-F", "pcapng", one, other], check=True, timeout=60)
     return other.read_bytes()
-
-
-def test_what_wireshark_converts_is_what_it_was(tmp_path: Path) -> None:
-    data = written(PcapWriter, [*plots(10), message(PLOT, START_NS + 123_456_789)])
-    assert got(converted(tmp_path, data)) == read(PcapReader, data)[0]
 
 
 @EVERY_CAPTURE
