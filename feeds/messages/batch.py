@@ -68,8 +68,6 @@ class Batch:
         *,
         sensor: int = 0,
         sensors: Sequence[str] = (),
-        messages: Sequence[Message] = (),
-        link: str = "",
         claims: Sequence[pb.Claim] | None = None,
     ) -> Self:
         """What came of one sector of the sensor at that place among `sensors`."""
@@ -80,8 +78,8 @@ class Batch:
             looks=looks,
             looks_by=np.array([0, len(looks)], np.int64),
             sensors=sensors,
-            messages=[messages],
-            links=[link],
+            messages=[()],
+            links=[""],
             claims=claims,
         )
 

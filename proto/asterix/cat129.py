@@ -46,34 +46,27 @@ FRN  item      octets  parts: bits, LSB and unit
 """,
 )
 
-SERIAL_LENGTH, MAKER_LENGTH, COUNTRY_LENGTH = 12, 3, 2
+SERIAL_LENGTH, COUNTRY_LENGTH = 12, 2
 MOST_ACCURACY_M = 255.0
 
 
 class TargetEncoder129:
-    """Reports of unmanned aircraft of one make, as I129/010, 040, 050, 070, 080 and what is given.
+    """Reports of unmanned aircraft, as I129/010, 040, 050, 070, 080, and what is given with each.
 
-    That is 020 and 030 here, 090, 100, 110, 185 and 220 with each call. The source is 0/0 for what
-    comes from the air, as the standard advises.
+    That is 090, 100, 110, 185 and 220. The source is 0/0 for what comes from the air, as the
+    standard advises.
     """
 
-    def __init__(
-        self, sac: int = 0, sic: int = 0, *, country: str, manufacturer: str = "", model: str = ""
-    ) -> None:
-        constants: dict[str, float | str] = {
-            "I129/010/SAC": sac,
-            "I129/010/SIC": sic,
-            "I129/050": _padded(country, COUNTRY_LENGTH, "I129/050"),
-        }
-        for path, name in (("I129/020", manufacturer), ("I129/030", model)):
-            if name:
-                constants[path] = _padded(name, MAKER_LENGTH, path)
-        always = ("I129/010", "I129/040", "I129/070", "I129/080")
+    def __init__(self, sac: int = 0, sic: int = 0, *, country: str) -> None:
         self._reports = Reports(
             CAT129,
-            (*always, *(path for path in constants if path.count("/") == 1)),
+            ("I129/010", "I129/040", "I129/050", "I129/070", "I129/080"),
             ("I129/090", "I129/100", "I129/110", "I129/185", "I129/220"),
-            constants=constants,
+            constants={
+                "I129/010/SAC": sac,
+                "I129/010/SIC": sic,
+                "I129/050": _padded(country, COUNTRY_LENGTH, "I129/050"),
+            },
         )
 
     def blocks(

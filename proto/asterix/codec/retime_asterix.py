@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from plotfeed.proto.asterix.cat062 import CAT062
@@ -86,8 +86,8 @@ class Retimed:
 class Retimer:
     """Moves the times in messages by what each call says; remembers how records are made up."""
 
-    def __init__(self, categories: Mapping[int, Category] = CATEGORIES) -> None:
-        self._finders = {number: TimeFinder(each) for number, each in categories.items()}
+    def __init__(self) -> None:
+        self._finders = {number: TimeFinder(each) for number, each in CATEGORIES.items()}
 
     def retime(self, data: bytes, shift_ns: int) -> Retimed:
         """Every time of day in data blocks that lie back to back later by that, modulo 24 hours.

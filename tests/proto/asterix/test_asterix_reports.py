@@ -268,7 +268,6 @@ def status_at(
         (lambda: system(reference=(0.0, math.inf, 0.0)), "I016/400"),
         (lambda: system(transmitters=[[MAST] * 70]), "max_octets"),  # more than a datagram holds
         (lambda: TargetEncoder129(country="ESP"), "I129/050"),
-        (lambda: TargetEncoder129(country="ES", model="M400"), "I129/030"),
         (lambda: one("015", sigma_elevation_deg=1.0), "I015/628/SDEL: a standard deviation of"),
         (lambda: one("062", latitude_deg=91.0), "I062/105"),
         (lambda: one("062", track=65_536), "I062/040"),
