@@ -135,8 +135,11 @@ class PeerTurns:
         try:
             heard = next(self._said, None)
             if heard is not None:
-                if isinstance(heard.said, PositionReport):
-                    self._know(self._speaker)
+                if isinstance(heard.said, PositionReport):  # before those who never were
+                    if self._speaker not in self._known:
+                        self._waiting.know(self._speaker)
+                    for other in remember(self._known, self._speaker, None, MAX_KNOWN):
+                        self._waiting.forget(other)
                 self._say(heard)
                 return True
             if self._speaker in self._leaving and not self._waiting.of_topic(self._speaker):
@@ -152,13 +155,6 @@ class PeerTurns:
         except Exception as error:  # noqa: BLE001 - of strangers' octets, whatever it is
             self._say(HeardReport("", unforeseen(error)))
         return True
-
-    def _know(self, peer: str) -> None:
-        """Keep room for who was understood, before those of whom nothing ever was."""
-        if peer not in self._known:
-            self._waiting.know(peer)
-        for other in remember(self._known, peer, None, MAX_KNOWN):
-            self._waiting.forget(other)
 
 
 class Places(Generic[Who]):

@@ -46,11 +46,6 @@ class BrokerAccess:
     password: str | None = field(default=None, repr=False)
     version: str | None = None  # Of VERSIONS; without it, any
 
-    @property
-    def needs_tls(self) -> bool:
-        """Whether any of it is of use with TLS alone."""
-        return any((self.ca_file, self.certificate_file, self.key_file))
-
     def tls_context(self) -> ssl.SSLContext:
         """Settings for a connection with TLS; raises `AccessError`."""
         return _tls_context(self.ca_file, self.certificate_file, self.key_file)
@@ -201,7 +196,8 @@ class BrokerAddress:
         if parts.scheme not in DEFAULT_PORTS or not parts.hostname or rest or port == 0:
             raise _no_address(url)
         access, tls = access or BrokerAccess(), parts.scheme == "mqtts"
-        if access.needs_tls and not tls:  # or what was to be kept secret would go in clear
+        needs_tls = access.ca_file or access.certificate_file or access.key_file
+        if needs_tls and not tls:  # or what was to be kept secret would go in clear
             raise AddressError(
                 f"broker {url!r}: a CA, certificate or key is given, and they need mqtts://"
             )

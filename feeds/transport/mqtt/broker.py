@@ -393,7 +393,9 @@ class Broker:
                 properties = _rewritten(properties, left_s, numbers)
         first, number = PUBLISH | retain, b""
         if qos and session is not None:
-            session.last_id = _next_free(session.last_id, session.unacknowledged)
+            session.last_id = session.last_id % 0xFFFF + 1
+            while session.last_id in session.unacknowledged:
+                session.last_id = session.last_id % 0xFFFF + 1
             first, number = first | qos << 1, session.last_id.to_bytes(2, "big")
         octets = packet(first, _sized(message.topic), number, properties, message.payload)
         if len(octets) > connection.largest_packet:
@@ -717,14 +719,6 @@ def _number(octets: bytes) -> int:
     if len(octets) < 2:
         raise BrokenPacketError("a packet without its number")
     return octets[0] << 8 | octets[1]
-
-
-def _next_free(last: int, taken: Mapping[int, bytes]) -> int:
-    """The number after the last that no packet on its way has."""
-    while True:
-        last = last % 0xFFFF + 1
-        if last not in taken:
-            return last
 
 
 def _matches(topic_filter: str, topic: str) -> bool:

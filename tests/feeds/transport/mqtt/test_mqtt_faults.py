@@ -1,30 +1,24 @@
-"""Mosquitto killed, restarted and paused, a network cut, and what a link loses by it."""
+"""A network that is cut, and what a link loses by it."""
 
 from __future__ import annotations
 
 import asyncio
-import os
-import signal
-import subprocess
 from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
-from support.brokers import broker_here, free_port
-from support.cut_proxy import Proxy, proxied
+from support.brokers import broker_here
+from support.cut_proxy import proxied
 from support.deliveries import Deliveries, number_of
 from support.own_time import in_own_time
 from support.scripted_broker import hearing
-from support.sessions import quiet_mosquitto
 from support.waiting import PATIENCE_S, until
 
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt import connection
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
-from plotfeed.testing import MqttReceiver
 
 
 @asynccontextmanager
@@ -42,67 +36,9 @@ async def publish(deliveries: Deliveries, link: MqttTransport, n: int, **how: in
         await asyncio.sleep(0.001)
 
 
-def pause(process: subprocess.Popen[bytes]) -> None:
-    process.send_signal(signal.SIGSTOP)
-    os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOWAIT)
-
-
 async def drained(link: MqttTransport) -> None:
     await link.drain(PATIENCE_S)
     assert (link.waiting, link.unacknowledged) == (0, 0)
-
-
-def heard_by(client: MqttReceiver, *, at_least: int | None = None) -> list[int]:
-    """Numbers, in the order in which they came; waits for one if it is asked to."""
-    if at_least is not None:
-        client.wait_for(lambda m: number_of(m.payload) >= at_least)
-    return [number_of(payload) for payload in client.on("t")]
-
-
-@pytest.mark.asyncio
-async def test_a_broker_killed_and_restarted_costs_no_message_that_it_had_not_acknowledged(
-    tmp_path: Path,
-) -> None:
-    """It is killed when it has read nothing for a while."""
-
-    async def with_the_first(port: int, proxy: Proxy, link: MqttTransport) -> list[int]:
-        with MqttReceiver(port, 5, "t") as ears:
-            await publish(deliveries, link, 200)
-            pause(process)
-            await publish(deliveries, link, 300)
-            assert link.unacknowledged > 0
-            proxy.is_closed = True
-            process.kill()
-            process.wait()
-            await until(lambda: not link.is_up)
-            await asyncio.to_thread(ears.wait_until_cut_off)
-            return heard_by(ears)
-
-    async def with_the_second(port: int, proxy: Proxy, link: MqttTransport) -> list[int]:
-        with MqttReceiver(port, 5, "t") as ears:  # before the link can be there
-            proxy.is_closed = False
-            await publish(deliveries, link, 200)
-            await drained(link)
-            return await asyncio.to_thread(heard_by, ears, at_least=len(deliveries.made) - 1)
-
-    deliveries = Deliveries()
-    port = free_port()
-    async with proxied(port) as proxy, AsyncExitStack() as stack:
-        with quiet_mosquitto(tmp_path, port) as process:
-            link = await stack.enter_async_context(linked(proxy.port, policy="wait"))
-            before = await with_the_first(port, proxy, link)
-        acknowledged = {*deliveries.delivered}
-        await publish(deliveries, link, 200)
-        assert link.waiting + len(acknowledged) == len(deliveries.made)
-        with quiet_mosquitto(tmp_path, port) as process:
-            after = await with_the_second(port, proxy, link)
-    every = [p.number for p in deliveries.made]
-    assert deliveries.delivered == every
-    # What it had acknowledged and not passed on yet died with it, and that alone.
-    assert after == [n for n in every if n not in acknowledged]
-    assert {*every} - {*before} - {*after} <= acknowledged
-    assert link.counts.dropped == 0
-    assert link.counts.repeated > 0
 
 
 @pytest.mark.parametrize(
