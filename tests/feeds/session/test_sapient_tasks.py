@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,17 +13,20 @@ from sapient_msg.bsi_flex_335_v2_0.sapient_message_pb2 import SapientMessage
 from sapient_msg.bsi_flex_335_v2_0.status_report_pb2 import StatusReport
 from sapient_msg.bsi_flex_335_v2_0.task_ack_pb2 import TaskAck
 from sapient_msg.bsi_flex_335_v2_0.task_pb2 import Task
+from support.brokers import free_port, mosquitto
 from support.sapient_middleware import Peer, listening
 from support.sapient_rules import checked, checked_together
 from support.sapient_tasks import ONE, THREE, TWO, task
-from support.sessions import AtWork, simulated
+from support.scene_files import radar as radar_text
+from support.scene_files import scene_file, scene_text
+from support.sessions import AtWork, at_work, simulated
 from support.waiting import until
 
 from plotfeed.feeds.formats.sapient.sapient_announcer import MAX_TASKS_PER_S
-from plotfeed.feeds.scene.scene import Scene
+from plotfeed.feeds.scene.scene import Scene, load
 from plotfeed.feeds.session.session import run
 from plotfeed.proto.sapient.envelope import node_id
-from plotfeed.testing import START_NS, held, radar, scene, staring
+from plotfeed.testing import START_NS, MqttMessage, MqttReceiver, held, radar, scene, staring
 
 INBOX = "plotfeed/radar/sapient/task"
 ACCEPTED, REJECTED, COMPLETED = (
@@ -260,3 +265,73 @@ async def test_over_tcp_tasks_are_answered_on_the_connection() -> None:
     assert peer.kinds().count("registration") == 2
     checked_together(peer.heard)
     assert {m.status_report.mode for m in peer.heard[-1:]} == {"standby"}
+
+
+# Over a real broker: who hears a node, from when on, and what it answers.
+
+TOPIC = "plotfeed/radar/sapient"
+SENSOR = radar_text(period_s=0.5, sectors=16, more='report = ["sapient", "plots"]')
+MEDIA = "application/x-protobuf; messageType=sapient_msg.bsi_flex_335_v2_0.SapientMessage"
+
+
+def content(heard: MqttMessage) -> str | None:
+    return checked(heard.payload).WhichOneof("content")
+
+
+def is_goodbye(message: MqttMessage) -> bool:
+    report = checked(message.payload).status_report
+    return report.System.Name(report.system) == "SYSTEM_GOODBYE" if report.report_id else False
+
+
+def ack_of(message: MqttMessage) -> TaskAck:
+    return checked(message.payload).task_ack
+
+
+@pytest.mark.asyncio
+async def test_both_versions_carry_a_node_that_answers_and_a_broker_that_comes_back_hears_it_anew(
+    tmp_path: Path,
+) -> None:
+    """Its Registration is retained where all else is said, and the goodbye at last in its place."""
+    port = free_port()
+    what = load(scene_file(tmp_path, f"{scene_text(sensors=SENSOR)}[sapient]\n"))
+    session = at_work(what, port)
+
+    async def heard(ears: MqttReceiver, *contents: str) -> list[MqttMessage]:
+        return [
+            await asyncio.to_thread(ears.wait_for, lambda m, of=of: content(m) == of)  # type: ignore[misc]
+            for of in contents
+        ]
+
+    with mosquitto(tmp_path, port), MqttReceiver(port, 4, TOPIC) as old:
+        await session.__aenter__()
+        with MqttReceiver(port, 5, TOPIC) as late:
+            for ears in (old, late):
+                first, *_ = await heard(ears, "registration", "status_report", "detection_report")
+            assert late.heard[0] == first
+            assert {content(m) for m in late.heard if m.retained} == {"registration"}
+            late.publish(f"{TOPIC}/task", task(ONE, request="Registration"))
+            await asyncio.to_thread(late.wait_for, lambda m: ack_of(m).task_status == COMPLETED)
+            assert [content(m) for m in late.heard if not m.retained].count("registration") == 1
+            late.publish(f"{TOPIC}/task", task(TWO, mode_change="dance"))
+            told = await asyncio.to_thread(
+                late.wait_for, lambda m: ack_of(m).task_status == REJECTED
+            )
+            assert "expected one of default, standby" in ack_of(told).reason[0]
+    with mosquitto(tmp_path, port), MqttReceiver(port, 5, TOPIC) as ears:
+        again, _ = await heard(ears, "registration", "detection_report")
+        kinds = [content(m) for m in ears.heard]
+        await session.__aexit__(None, None, None)
+        await asyncio.to_thread(ears.wait_for, is_goodbye)
+        with MqttReceiver(port, 5, TOPIC) as after:
+            farewell = await asyncio.to_thread(after.wait_for, is_goodbye)
+            assert (farewell.retained, len(after.heard)) == (True, 1)
+    assert checked(again.payload).registration == checked(first.payload).registration
+    assert checked(again.payload).node_id == checked(first.payload).node_id
+    assert kinds[kinds.index("registration") + 1] == "status_report"
+    detections = [m for m in late.heard if content(m) == "detection_report"]
+    assert detections[0].content_type == MEDIA
+    assert detections[0].user_properties["type"] == "plotfeed.sapient"
+    ids = [m.user_properties["id"] for m in detections]
+    assert len(set(ids)) == len(ids)
+    stamps = [checked(m.payload).timestamp.ToNanoseconds() for m in detections]
+    assert all(b == a or b - a >= 80_000_000 for a, b in pairwise(stamps))
