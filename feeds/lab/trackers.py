@@ -58,7 +58,7 @@ from plotfeed.feeds.lab.sweep import Results, figure_columns, key_columns, level
 from plotfeed.feeds.lab.tables import Table, TextColumn, of_cells, write_table
 from plotfeed.feeds.lab.track_reports import UNKNOWN_NS, TrackTable
 from plotfeed.feeds.messages.batch import Batch
-from plotfeed.feeds.messages.message import Message, ReceivedMessage
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.output_keys import WaysOut
 from plotfeed.feeds.scene.scene import Scene
@@ -161,18 +161,18 @@ async def _run(job: RunJob) -> dict[str, Any]:
     site = site_frame(scene.scene.site)
     followed, table, heard = _Followed(scene), TrackTable(), 0
 
-    def take(message: ReceivedMessage) -> None:
+    def take(_topic: str, payload: bytes, content_type: str | None) -> None:
         """What the tracker published, by the session's time, whatever it is."""
         nonlocal heard
         heard += 1
         if heard <= MAX_MESSAGES:
-            table.take(message.payload, message.content_type or "", clock.now_ns(), site)
+            table.take(payload, content_type or "", clock.now_ns(), site)
 
     topic = plan.topic or scene.page.tracks_topic or USUAL_TOPIC
     async with contextlib.AsyncExitStack() as around:
         brokers = await around.enter_async_context(brokers_of(scene, None))
         (broker,), _ = brokers
-        link = MqttTransport(broker, "plotfeed-score", subscribe=[topic], on_received=take)
+        link = MqttTransport(broker, "plotfeed-score", subscribe=[topic], on_message=take)
         await around.enter_async_context(link.connected(CONNECT_S))
         started = _started(job, broker, scene.mqtt.prefix, topic)
         tracker = await around.enter_async_context(started)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -392,22 +391,6 @@ def retained_message(
         retain=True,
         qos=1,
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReceivedMessage:
-    """A message as it came, over MQTT 5 or, without content type and properties, 3.1.1."""
-
-    topic: str
-    payload: bytes
-    content_type: str | None
-    properties: tuple[tuple[str, str], ...]  # User properties
-    # Whether it was published so; over MQTT 3.1.1, whether it was there before we were.
-    retain: bool
-    qos: int  # The lower one of what it was published with and 1
-
-
-OnReceived = Callable[[ReceivedMessage], None]
 
 
 def checked_topic_filter(topic_filter: str) -> str:

@@ -21,7 +21,7 @@ from plotfeed.feeds.console import FAILED, INTERRUPTED
 from plotfeed.feeds.console.posix import HAS_POSIX, watched
 from plotfeed.feeds.console.printed import interval_s, say, show_last_status, show_status
 from plotfeed.feeds.console.process import refuse_if_there, stopped_by_signals
-from plotfeed.feeds.messages.message import ReceivedMessage, checked_topic_filter
+from plotfeed.feeds.messages.message import checked_topic_filter
 from plotfeed.feeds.recording.recorder import Recorder
 from plotfeed.feeds.recording.recording_settings import RecordSettings
 from plotfeed.feeds.scene.output_keys import Endpoint
@@ -32,6 +32,7 @@ from plotfeed.feeds.transport.mqtt.address import (
     without_secrets,
 )
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.feeds.transport.mqtt.packets import Publication
 from plotfeed.feeds.transport.udp import lost_of, receiver_at
 from plotfeed.feeds.transport.ways_out import TransportError
 from plotfeed.proto.errors import PlotfeedError
@@ -199,21 +200,22 @@ class BrokerSource:
             yield
 
 
-def recorded_of(message: ReceivedMessage, now_utc_ns: int) -> Recorded:
+def recorded_of(message: Publication, now_utc_ns: int) -> Recorded:
     """A received message as it is recorded.
 
     It was due when its CloudEvents attribute `time` says, if it has one.
     """
-    due_utc_ns = rfc_3339_ns(dict(message.properties).get("time", ""))
+    properties = message.properties.pairs
+    due_utc_ns = rfc_3339_ns(dict(properties).get("time", ""))
     return Recorded(
         topic=message.topic,
         payload=message.payload,
         log_time_ns=now_utc_ns,
         publish_time_ns=now_utc_ns if due_utc_ns is None else due_utc_ns,
-        content_type=message.content_type or "",
-        properties=message.properties,
+        content_type=message.properties.content_type or "",
+        properties=properties,
         retain=message.retain,
-        qos=message.qos,
+        qos=int(message.number is not None),  # The lower one of what it was published with and 1
     )
 
 

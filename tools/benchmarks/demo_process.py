@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from plotfeed.feeds.messages.message import ReceivedMessage
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
+from plotfeed.feeds.transport.mqtt.packets import Publication
 
 logging.disable(logging.WARNING)  # the broker goes first, and is missed
 
@@ -56,8 +56,8 @@ async def demo(*options: str) -> AsyncIterator[Demo]:
 async def subscriber(where: Demo, topics: list[str], heard: OnMessage) -> AsyncIterator[None]:
     """Hears those topics, with the MQTT 5 properties of each message."""
 
-    def received(message: ReceivedMessage) -> None:
-        heard(message.topic, message.payload, {"user_property": message.properties})
+    def received(message: Publication) -> None:
+        heard(message.topic, message.payload, {"user_property": message.properties.pairs})
 
     address = BrokerAddress(where.host, where.port, (5,))
     link = MqttTransport(address, "bench", subscribe=topics, on_received=received)

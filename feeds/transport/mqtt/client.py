@@ -13,11 +13,17 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from typing import Self
 from uuid import uuid4
 
-from plotfeed.feeds.messages.message import Message, OnReceived
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.messages.transports import Client
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
-from plotfeed.feeds.transport.mqtt.connection import MqttConnection, MqttError, OnMessage, no_answer
+from plotfeed.feeds.transport.mqtt.connection import (
+    MqttConnection,
+    MqttError,
+    OnMessage,
+    OnReceived,
+    no_answer,
+)
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
 from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue, loop_s
 from plotfeed.feeds.transport.ways_out import backoff_s, wait_while

@@ -13,7 +13,7 @@ import ssl
 from collections.abc import Callable, Sequence
 from itertools import cycle
 
-from plotfeed.feeds.messages.message import Message, OnReceived, ReceivedMessage
+from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
 from plotfeed.feeds.transport.mqtt.packets import (
@@ -64,6 +64,7 @@ HUNG_UP = "it hung up without an answer"
 TOO_MANY = "it may have as many connections as it takes"
 
 OnMessage = Callable[[str, bytes, str | None], None]  # Called with topic, payload and content type
+OnReceived = Callable[[Publication], None]
 
 
 class MqttError(PlotfeedError):
@@ -414,22 +415,13 @@ class MqttConnection(asyncio.BufferedProtocol):
                 )
 
     def _received(self, message: Publication) -> None:
-        topic, payload, properties = message.topic, message.payload, message.properties
+        topic, payload = message.topic, message.payload
         if self._echo is not None and self._echo.heard(topic, payload):
             return
         if self._on_message is not None:
-            self._on_message(topic, payload, properties.content_type)
+            self._on_message(topic, payload, message.properties.content_type)
         if self._on_received is not None:
-            self._on_received(
-                ReceivedMessage(
-                    topic=topic,
-                    payload=payload,
-                    content_type=properties.content_type,
-                    properties=properties.pairs,
-                    retain=message.retain,
-                    qos=int(message.number is not None),
-                )
-            )
+            self._on_received(message)
 
     async def _hung_up(self) -> MqttError:
         """The error for a broker that ended the connection before it had answered."""

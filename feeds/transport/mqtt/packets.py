@@ -196,12 +196,13 @@ NO_PROPERTIES = PacketProperties()
 
 @dataclass(slots=True)
 class Publication:
-    """A PUBLISH; `number` is that of the PUBACK that it wants, None of QoS 0."""
+    """A PUBLISH; over MQTT 3.1.1 it has no properties."""
 
     topic: str
     payload: bytes
+    # Whether it was published so; over MQTT 3.1.1, whether it was there before we were.
     retain: bool
-    number: int | None
+    number: int | None  # Of the PUBACK that it wants; None of QoS 0
     properties: PacketProperties
 
 

@@ -169,6 +169,18 @@ def test_qos_1_is_sent_again_with_the_same_number_until_it_is_acknowledged() -> 
     assert not Peer(one, 4, bytes(hello)).heard()
 
 
+def test_no_two_messages_on_their_way_have_one_number() -> None:
+    one = broker()
+    ears, voice = Peer(one, 5), Peer(one, 5)
+    ears.subscribe("a")
+    voice.publish("a", number=1)
+    assert ears.connection.session is not None
+    ears.connection.session.last_id = 0xFFFE  # some 65,000 messages later
+    for number in (2, 3):
+        voice.publish("a", number=number)
+    assert [p.number for p in ears.told() if isinstance(p, Publication)] == [1, 0xFFFF, 2]
+
+
 def test_a_last_will_is_said_of_who_goes_without_a_goodbye() -> None:
     one = broker()
     ears = Peer(one, 5)

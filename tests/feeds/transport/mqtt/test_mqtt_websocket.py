@@ -18,6 +18,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
+from plotfeed.feeds.messages.message import Message
+from plotfeed.feeds.transport.mqtt.packets import connect_packet
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.asterix.codec.decode import decode_lenient
 
@@ -78,9 +80,14 @@ def test_a_browser_receives_what_other_subscribers_do_and_other_sites_nothing(
         ):
             with pytest.raises(InvalidStatus, match="403"), opened(port, **headers):
                 pass
-        with opened(port) as page:
-            assert page.subprotocol == "mqtt"  # else a browser closes the connection
-            assert not page.protocol.extensions
+        will = Message("will", b"gone", "", 0, retain=True)  # for who comes late, too
+        with browsing(port, "will") as others:
+            with opened(port) as page:
+                assert page.subprotocol == "mqtt"  # else a browser closes the connection
+                assert not page.protocol.extensions
+                page.send(connect_packet("page", 4, will=will, keep_alive_s=0))
+                page.recv()
+            assert next(others).payload == b"gone"  # of a page that is closed
         _, _, err = session.end(signal.SIGTERM)
     assert err == ""
     for category in (48, 34):
