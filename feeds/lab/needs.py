@@ -14,7 +14,6 @@ import json
 import math
 import os
 import platform
-import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -44,6 +43,7 @@ from plotfeed.feeds.messages.message import HELD_NS
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.fields import frame_at, site_frame
 from plotfeed.feeds.scene.scene import Scene, parsed
+from plotfeed.feeds.scene.scene_text import with_key, with_table, without
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.world_keys import (
     BirdsKeys,
@@ -1062,71 +1062,28 @@ def rewritten(scene: Scene, found: Needs, verdict: str) -> str:
     for each in found.findings:
         if each.verdict != verdict or len(each.variant.effects) != 1:
             continue
-        (effect,) = each.variant.effects
-        why = f"# {each.variant.name}: {change_text(each.largest)}"
-        if verdict == "missing":
-            lines = _added(lines, each.variant, effect, why)
-            continue
-        owners = None if effect.startswith("[") else each.variant.sensors
-        left = _commented_out(lines, effect.strip("[]"), owners, why)
-        stays = f"{why}; it stays, in a preset or in a line with other keys"
-        lines = left if left != lines else [*lines, stays]
+        (effect,), why = each.variant.effects, f"# {each.variant.name}: {change_text(each.largest)}"
+        is_table, key = effect.startswith("["), effect.strip("[]")
+        if verdict == "missing" and is_table:
+            head = effect if key == "terrain" else f"[{effect}]"
+            lines = with_table(lines, head, ordinary_world(scene)[key], why)
+        elif verdict == "missing":
+            sensors = each.variant.scene.sensor
+            lines = with_key(
+                lines, key, {i: _told(sensors[i], key) for i in each.variant.sensors}, why
+            )
+        else:
+            left = without(lines, key, None if is_table else each.variant.sensors, why)
+            stays = f"{why}; it stays, in a preset or in a line with other keys"
+            lines = left if left != lines else [*lines, stays]
     text = "\n".join(lines) + "\n"
     parsed(text.encode(), scene.folder / "scene.toml")  # what does not load is not written
     return text
 
 
-def _commented_out(
-    text: Sequence[str], key: str, owners: frozenset[int] | None, why: str
-) -> list[str]:
-    """The lines with a key or table as comments: of the scene, or of sensors by their numbers."""
-    lines, number, table, depth, inside = [], -1, "", 0, False
-    name = re.escape(key)
-    header = rf"\[+{name}[\].]" if owners is None else rf"\[+sensor\.{name}[\].]"
-    for line in text:
-        plain = line.strip()
-        if depth == 0 and plain.startswith("["):
-            table = plain
-            number += plain.startswith("[[sensor]]")
-            inside = bool(re.match(header, plain)) and (owners is None or number in owners)
-            if inside:
-                lines.append(why)
-        elif depth == 0 and plain.startswith("#"):
-            inside = False
-        is_owner = owners is not None and number in owners and table.startswith("[[sensor]]")
-        begins = is_owner and bool(re.match(rf"{name}[\s.=]", plain))
-        if begins and depth == 0:
-            lines.append(why)
-        goes = inside or depth > 0 or begins
-        if begins or depth > 0:
-            depth += sum(map(plain.count, "[{")) - sum(map(plain.count, "]}"))
-        lines.append(f"# {line}" if goes and plain else line)
-    return lines
-
-
-def _added(text: Sequence[str], variant: Variant, effect: str, why: str) -> list[str]:
-    """The lines with a key of sensors, or a table of the world, that they did not name."""
-    if effect.startswith("["):
-        table = ordinary_world(variant.scene)[effect[1:-1]]
-        head = effect if effect == "[terrain]" else f"[{effect}]"
-        return [*text, "", why, head, *(f"{name} = {_toml(told)}" for name, told in table.items())]
-    lines, number = [], -1
-    for line in text:
-        lines.append(line)
-        if line.strip().startswith("[[sensor]]"):
-            number += 1
-            if number in variant.sensors:
-                value = getattr(variant.scene.sensor[number], effect)
-                on = next(each.on for each in SENSOR_EFFECTS if each.name == effect)
-                told = value.model_dump(exclude_unset=True) if hasattr(value, "model_dump") else on
-                lines += [why, f"{effect} = {_toml(told)}"]
-    return lines
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML writes it inline."""
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)
+def _told(sensor: Sensor, effect: str) -> Any:
+    """An effect that a sensor has by its usual value, as a scene tells it."""
+    value = getattr(sensor, effect)
+    if hasattr(value, "model_dump"):
+        return value.model_dump(exclude_unset=True)
+    return next(each.on for each in SENSOR_EFFECTS if each.name == effect)

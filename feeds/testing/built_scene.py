@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from plotfeed.feeds.scene.scene import Scene, parsed
+from plotfeed.feeds.scene.scene_text import inline
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 
 SITE = LocalFrame(40.45, -3.73, 650.0)
@@ -104,14 +104,4 @@ def scene(
 
 def toml_of(tree: dict[str, Any]) -> str:
     """The text of a scene's file that has these tables and keys."""
-    return "".join(f"{name} = {_inline(value)}\n" for name, value in tree.items())
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, dict):
-        stated = ((key, of) for key, of in value.items() if of is not None)
-        inside = (f"{json.dumps(key)} = {_inline(of)}" for key, of in stated)
-        return f"{{ {', '.join(inside)} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_inline, value))}]"
-    return repr(float(value)) if isinstance(value, float) else json.dumps(value)
+    return "".join(f"{name} = {inline(value)}\n" for name, value in tree.items())
