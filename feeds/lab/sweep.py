@@ -31,7 +31,8 @@ from plotfeed.feeds.lab.runs import (
     scene_of,
 )
 from plotfeed.feeds.lab.tables import Table, TextColumn, check_suffix, write_table
-from plotfeed.feeds.link.impairment import HELD, Impairment
+from plotfeed.feeds.link.uplink import Uplink
+from plotfeed.feeds.messages.message import HELD_NS, Message
 from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import Enu, site_frame
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -129,34 +130,23 @@ def arrivals_ns(seen: SimulatedSensor, seed: int, start_ns: int) -> Ints:
     ]
     if sensor.link is None and all(link is None for _, link in links):
         return due_ns
-    passing = Impairment(_without_octets(sensor.link), seed, sensor.id)
+    uplink, later = Uplink(_without_octets(sensor.link), seed, sensor.id), [*reversed(links)]
+    left: list[Message] = []
+    for t_utc_ns in due_ns.tolist():
+        while later and later[-1][0] <= t_utc_ns:
+            at_ns, link = later.pop()
+            left += uplink.change(_without_octets(link), at_ns)
+        left += uplink.passed([Message("", b"", "", t_utc_ns)])
     found = np.full(len(due_ns), NEVER, np.int64)
-    held: list[int] = []
-    later = iter([*links, (NEVER, None)])
-    at_ns, link = next(later)
-
-    def pass_on(i: int, t_utc_ns: int) -> None:
-        outcome = passing.pass_on(t_utc_ns, 0)
-        if outcome is HELD:
-            if len(held) < passing.link.queue_messages:
-                held.append(i)
-        elif outcome.copies:
-            found[i] = min(copy.due_utc_ns for copy in outcome.copies)
-
-    for i, t_utc_ns in enumerate(due_ns.tolist()):
-        while at_ns <= t_utc_ns:
-            passing.change(_without_octets(link))
-            again, held = held, []
-            for waiting in again:
-                pass_on(waiting, at_ns)
-            at_ns, link = next(later)
-        pass_on(i, t_utc_ns)
+    for one in left:
+        if not one.fate and one.leaves_utc_ns != HELD_NS:
+            found[one.number] = min(found[one.number], one.leaves_utc_ns)
     return found
 
 
-def _without_octets(link: LinkSettings | None) -> LinkSettings:
+def _without_octets(link: LinkSettings | None) -> LinkSettings | None:
     octets = {"rate_kbit_s": None, "corrupt": 0.0}
-    return LinkSettings() if link is None else link.model_copy(update=octets)
+    return None if link is None else link.model_copy(update=octets)
 
 
 def enough_ns(drone: Ints, t_utc_ns: Ints, plots: int, within_ns: int, drones: int) -> Ints:
