@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -77,30 +77,17 @@ class FlightsTally:
 
     def __init__(self, sensors: Mapping[str, LocalFrame], longest_scan_s: float = 1.0) -> None:
         """`sensors` says where sensors stand: looks of others cannot be placed."""
-        self.entries = 0
-        # Looks of sensors of which nobody says where they stand.
-        self.unplaced: Counter[str] = Counter()
         self._frames = dict(sensors)
         self._gap_ns = round(max(LEAST_GAP_S, SCANS * longest_scan_s) * NS)
-        self._drones: dict[str, int] = {}
-        # Looks by sensor, with the drones' numbers in place of those of entries.
-        self._rows: dict[str, list[ToldLooks]] = {}
+        self._drones: dict[str, None] = {}
+        self._looks: dict[str, list[ToldLooks]] = {}  # By sensor
 
     def add(self, told: LedgerTables) -> None:
         """Take entries."""
-        self.entries += len(told)
-        numbers = self._drones
-        for name in dict.fromkeys(told.looks.drone):
-            if name and len(numbers) < MAX_DRONES:
-                numbers.setdefault(name, len(numbers))
-        number = np.array([numbers.get(name, -1) for name in told.looks.drone], np.int64)
-        looks = told.looks.but(sensor=told.entries.sensor[told.looks.entry], entry=number)
-        for sensor in dict.fromkeys(vars(looks)["sensor"]):
-            own = looks.rows(vars(looks)["sensor"] == sensor)
-            if sensor in self._frames:
-                self._rows.setdefault(sensor, []).append(own.rows(own.entry >= 0))
-            else:
-                self.unplaced[sensor] += len(own)
+        sensor = told.entries.sensor[told.looks.entry]
+        for each in dict.fromkeys(sensor):
+            self._looks.setdefault(each, []).append(told.looks.rows(sensor == each))
+        self._drones |= dict.fromkeys(name for name in told.looks.drone if name)
 
     def truths(
         self,
@@ -111,20 +98,21 @@ class FlightsTally:
         notes: Sequence[str] = (),
     ) -> Truths:
         """All flights so far; looks at times outside `within_utc_ns` are of no use."""
-        order = sorted(self._drones, key=lambda name: (len(name), name))
-        place = np.empty(len(order), np.int64)
-        place[[self._drones[name] for name in order]] = np.arange(len(order))
+        order = sorted(islice(self._drones, MAX_DRONES), key=lambda name: (len(name), name))
+        numbers = {name: number for number, name in enumerate(order)}
+        sensors = [sensor for sensor in self._looks if sensor in self._frames]
         looks: dict[tuple[int, int], Ints] = {}
         times: list[list[Ints]] = [[np.zeros(0, np.int64)] for _ in order]
         places: list[list[Floats]] = [[np.zeros((0, 3))] for _ in order]
-        for number, (sensor, rows) in enumerate(self._rows.items()):
-            all_of = ToldLooks.joined(rows)
+        for number, sensor in enumerate(sensors):
+            all_of = ToldLooks.joined(self._looks[sensor])
+            drone = np.array([numbers.get(name, -1) for name in all_of.drone], np.int64)
             aer = np.stack([all_of.azimuth_deg, all_of.elevation_deg, all_of.range_m])
             when_ns = np.where(all_of.emitted_utc_ns, all_of.emitted_utc_ns, all_of.t_utc_ns)
-            usable = np.isfinite(aer).all(axis=0) & (aer[2] < 1e7)
+            usable = (drone >= 0) & np.isfinite(aer).all(axis=0) & (aer[2] < 1e7)
             if within_utc_ns is not None:
                 usable &= (when_ns >= within_utc_ns[0]) & (when_ns <= within_utc_ns[1])
-            drone, t_ns = place[all_of.entry[usable]], when_ns[usable]
+            drone, t_ns = drone[usable], when_ns[usable]
             at_m = self._frames[sensor].to_ecef(aer_to_enu(*aer[:, usable]))
             for each in np.unique(drone).tolist():
                 looks[each, number] = np.unique(t_ns[drone == each])
@@ -136,13 +124,14 @@ class FlightsTally:
             for t_ns, at_m in zip(times, places, strict=True)
         ]
         untold = [
-            f"{many} looks of {sensor} have no place: where it stands is not told"
-            for sensor, many in self.unplaced.items()
+            f"{sum(map(len, rows))} looks of {sensor} have no place: where it stands is not told"
+            for sensor, rows in self._looks.items()
+            if sensor not in self._frames
         ]
         return Truths(
             drones=order,
             paths=paths,
-            sensors=list(self._rows),
+            sensors=sensors,
             looks_utc_ns=looks,
             site=site,
             sensors_at=frame_of(np.mean(stand_m, axis=0)) if stand_m else None,
