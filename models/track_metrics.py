@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
-from typing import NamedTuple, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -594,14 +594,12 @@ def _together(saved: Floats, rows: Ints, columns: Ints, change: float) -> Floats
     return weights
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WalkSettings:
+class WalkSettings(Protocol):
     """How sets are compared."""
 
     cutoff_m: float
     order: float
     switch_m: float
-    columns: int  # Of points: `GROUND` or `SPACE`
     confirm_steps: int
     end_steps: int
     window_steps: int  # Of OSPA(2) and T-GOSPA; 0 for neither
@@ -648,10 +646,12 @@ class Walked:
 Held = tuple[Ints, Ints, Floats]  # Drones, tracks and their distances at one step
 
 
-def walk(truth: Floats, there: Bools, rows: GridRows, tracks: int, how: WalkSettings) -> Walked:
+def walk(  # noqa: PLR0917
+    truth: Floats, there: Bools, rows: GridRows, tracks: int, columns: int, how: WalkSettings
+) -> Walked:
     """Go through a grid. Points of drones are (steps, drones, 4), whether they are there is beside.
 
-    `rows` has tracks of numbers below `tracks`.
+    `rows` has tracks of numbers below `tracks`; `columns` of points count, `GROUND` or `SPACE`.
     """
     from scipy.spatial.distance import cdist
 
@@ -669,7 +669,7 @@ def walk(truth: Floats, there: Bools, rows: GridRows, tracks: int, how: WalkSett
     for k in range(steps):
         a, b = by[k], by[k + 1]
         here, now = np.flatnonzero(there[k]), rows.track[a:b]
-        distances_m = cdist(truth[k, here, : how.columns], rows.point[a:b, : how.columns])
+        distances_m = cdist(truth[k, here, :columns], rows.point[a:b, :columns])
         score = set_score(distances_m, how.cutoff_m, how.order)
         parts[k] = score.localisation, score.missed, score.false, score.ospa_m
         if len(here) and b > a:
@@ -686,7 +686,7 @@ def walk(truth: Floats, there: Bools, rows: GridRows, tracks: int, how: WalkSett
                 weights[-1] -= 0.5 * (k < steps - 1)
                 _judge(window, weights, how, ospa2, windows)
                 window = window[-1:]
-    assigned = _assigned(found, truth, rows, tracks, how.columns)
+    assigned = _assigned(found, truth, rows, tracks, columns)
     pairs = np.unique(assigned.step * max(drones, 1) + assigned.drone)
     return Walked(
         steps=StepScores(

@@ -33,7 +33,6 @@ from plotfeed.models.track_metrics import (
     Segments,
     TrackReports,
     Walked,
-    WalkSettings,
     along_enu,
     covered_at,
     followed,
@@ -705,16 +704,9 @@ class _Field:
         """Tracks at steps, and what they came to."""
         how = self.how
         rows = on_grid(usable.reports, self.grid, how.stale_s, as_known=as_known)
-        settings = WalkSettings(
-            cutoff_m=how.cutoff_m,
-            order=how.order,
-            switch_m=how.switch_m,
-            columns=GROUND if dimensions == 2 else SPACE,
-            confirm_steps=how.confirm_steps,
-            end_steps=how.end_steps,
-            window_steps=how.window_steps,
-        )
-        return rows, walk(self.states.point, self.there, rows, len(usable.names), settings)
+        columns = GROUND if dimensions == 2 else SPACE
+        states, count = self.states.point, len(usable.names)
+        return rows, walk(states, self.there, rows, count, columns, how)
 
     def beside_reports(self, reports: TrackReports, of: Assigned | GridRows, values: Ints) -> Ints:
         """What stands beside each report's track at the first step not before it, (n,)."""
