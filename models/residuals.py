@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from plotfeed.models.state import Bools, Columns, Floats, Ints
 from plotfeed.models.tail_chances import p_of_normal, p_of_poisson, p_of_squares, p_of_trials
+from plotfeed.models.verdicts import share_interval
 
 # Plots of targets, or as many as tell as much, from which on errors are judged.
 FEWEST = 8
@@ -132,6 +133,55 @@ def always_valid(check: Check, false_rate: float, *, at_once: float = 20.0) -> b
         return False
     bound = (n + at_once) / n * math.log((n + at_once) / (at_once * false_rate**2))
     return abs(check.z) >= math.sqrt(bound)
+
+
+NEAR_STEPS = np.arange(-8, 9)
+
+
+class Expected(NamedTuple):
+    """Means of a quantity, what noise leaves of it (variance and kurtosis), and its step; (n,)."""
+
+    mean: Floats
+    variance: Floats
+    kurtosis: Floats
+    step: float = 0.0
+
+
+def gauss(mean: Floats, sigma: Floats) -> Expected:
+    """The law of a measurement with normal noise."""
+    return Expected(mean, sigma**2, np.full(len(mean), 3.0))
+
+
+def over(values: Floats, weights: Floats) -> Expected:
+    """The law of what follows from normal noise: values (n, nodes) at the nodes of a quadrature."""
+    mean = values @ weights
+    excess = values - mean[:, None]
+    variance = excess**2 @ weights
+    return Expected(mean, variance, np.asarray(excess**4 @ weights / variance**2))
+
+
+def in_steps(law: Expected, step: float) -> Expected:
+    """The law of values that are rounded to steps: Sheppard's, or a sum where steps are coarse."""
+    if not step:
+        return law
+    mean, variance, kurtosis, _ = law
+    uniform = step**2 / 12
+    fourth = kurtosis * variance**2 + 6 * variance * uniform + step**4 / 80
+    kurtosis = fourth / (variance + uniform) ** 2
+    told = Expected(mean.copy(), variance + uniform, kurtosis, step)
+    coarse = np.sqrt(variance) < step
+    if not coarse.any():
+        return told
+    middle, sigma = mean[coarse], np.sqrt(variance[coarse])[:, None]
+    at = np.rint(middle / step)[:, None] + NEAR_STEPS
+    edges = (np.column_stack([at, at[:, -1] + 1]) - 0.5) * step
+    law_at = np.diff(ndtr((edges - middle[:, None]) / np.maximum(sigma, 1e-12)), axis=1)
+    means = (law_at * at * step).sum(axis=1)
+    excess = at * step - means[:, None]
+    variances, fourths = ((law_at * excess**power).sum(axis=1) for power in (2, 4))
+    told.mean[coarse], told.variance[coarse] = means, variances
+    told.kurtosis[coarse] = fourths / variances**2
+    return told
 
 
 class ErrorSums:
@@ -354,6 +404,50 @@ def nearer(hits: int, expected: float, off: float) -> int:
     if hits < expected:
         return min(math.ceil(hits + off), max(hits, math.floor(expected)))
     return max(math.floor(hits - off), min(hits, math.ceil(expected)))
+
+
+MAX_BINS = 12
+
+
+class PdFigures:
+    """Looks at some ranges, and how many of them detected."""
+
+    def __init__(self, cells: Floats, from_m: float, to_m: float) -> None:
+        """`cells` are those of a `LookTally` there."""
+        count, sum_pd, *_ = cells
+        looks, pd, _, detected, off = cells.sum(axis=1).tolist()
+        mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
+        self.from_m, self.to_m, self.looks = from_m, to_m, round(looks)
+        self.expected = pd / looks  # Mean of the looks' own probabilities
+        self.found = detected / looks  # Share detected, and its 95 % interval
+        self.low, self.high = share_interval(round(detected), self.looks)
+        # Probability of such a share, or one further off, by chance.
+        self.p = p_of_trials(count, mean_pd, nearer(round(detected), pd, off))
+
+
+def pd_by_range(looks: LookTally) -> list[PdFigures]:
+    """Figures of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
+    cells = looks.cells()
+    at = np.flatnonzero(cells[0])
+    if not len(at):
+        return []
+    first, end = int(at[0]), int(at[-1]) + 1
+    step = round(_round_up((end - first) * CELL_M / MAX_BINS) / CELL_M)
+    return [
+        PdFigures(cells[:, begin : begin + step], begin * CELL_M, (begin + step) * CELL_M)
+        for begin in range(first // step * step, end, step)
+        if cells[0, begin : begin + step].any()
+    ]
+
+
+def _round_up(width_m: float) -> float:
+    """A width of 1, 2 or 5 times a power of ten, where cells fit into it, and at least a cell."""
+    unit = 10.0 ** math.floor(math.log10(max(width_m, CELL_M)))
+    for times in (1, 2, 5, 10, 20, 50):
+        step = times * unit
+        if step >= width_m and step % CELL_M == 0:
+            return step
+    return 10 * CELL_M * math.ceil(width_m / (10 * CELL_M))
 
 
 class LookSums:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import bdtr, bdtrc, gammainc, gammaincc, ndtr, pdtr, pdtrc
+from scipy.special import bdtr, bdtrc, gammainc, gammaincc, kolmogorov, ndtr, pdtr, pdtrc
 
 from plotfeed.models.state import Floats
 
@@ -153,3 +153,14 @@ def _upper_tail(
     u = -math.expm1(-t) * math.sqrt(max(found.variance, 1e-12))
     density = math.exp(-w * w / 2) / math.sqrt(2 * math.pi)
     return min(max(float(ndtr(-w)) + density * (1 / u - 1 / w), 0.0), 1.0)
+
+
+def p_of_distance(distance: float, n: float) -> float:
+    """Probability that n independent draws are as far from their law, after Kolmogorov.
+
+    The asymptotic law with Stephens' correction for few draws (1970); NaN of less than 8.
+    """
+    if not n >= 8 or math.isnan(distance):
+        return math.nan
+    root = math.sqrt(n)
+    return float(np.clip(kolmogorov((root + 0.12 + 0.11 / root) * distance), 0.0, 1.0))

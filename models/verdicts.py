@@ -17,6 +17,7 @@ together.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Literal, NamedTuple
@@ -43,6 +44,18 @@ class Interval(NamedTuple):
 
 
 NOTHING = Interval(np.nan, np.nan, np.nan)
+# Standard deviations of a normal law on either side of its mean that hold 95 % of it.
+TWO_SIDED_95 = 1.959964
+
+
+def share_interval(count: int, of: int) -> tuple[float, float]:
+    """95 % interval of a probability of which so many came true; Wilson, 1927."""
+    if not of:
+        return math.nan, math.nan
+    share, z2 = count / of, TWO_SIDED_95**2
+    middle = (share + z2 / (2 * of)) / (1 + z2 / of)
+    half = TWO_SIDED_95 * math.sqrt(share * (1 - share) / of + z2 / (4 * of**2)) / (1 + z2 / of)
+    return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
 @nan_without_warnings

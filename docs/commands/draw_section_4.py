@@ -24,8 +24,8 @@ from section_4 import (
     scene_with,
 )
 
-from plotfeed.feeds.lab.laws import TWO_SIDED_95
 from plotfeed.models.sensors.sensor_model import Prediction
+from plotfeed.models.verdicts import TWO_SIDED_95
 
 mpl.use("agg")
 from matplotlib import pyplot as plt

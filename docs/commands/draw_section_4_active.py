@@ -21,10 +21,10 @@ from scipy.special import exp1, gammaincinv
 from section_4 import Floats, Tree, along_and_across, scene_with, simulated
 
 from plotfeed.feeds.engine.simulation import Simulation
-from plotfeed.feeds.lab.laws import TWO_SIDED_95, share_interval
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.propagation import radar_snr
 from plotfeed.models.state import Ints
+from plotfeed.models.verdicts import TWO_SIDED_95, share_interval
 
 mpl.use("agg")
 from matplotlib import pyplot as plt

@@ -33,7 +33,6 @@ from plotfeed.feeds.engine.simulation import SimulatedSensor, simulate
 from plotfeed.feeds.lab.evidence import AskedSensor
 from plotfeed.feeds.lab.gathering import FeedReport
 from plotfeed.feeds.lab.judge import FALSE_RATES, FeedTally, Verdicts, simulated_feed
-from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.lab.live import LiveScore
 from plotfeed.feeds.recording.recorder import Recorder, SessionRecorder, attachments_of
 from plotfeed.feeds.scene.scene import Scene, load
@@ -41,6 +40,7 @@ from plotfeed.feeds.session.observer import Observer
 from plotfeed.feeds.session.session import run
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.models.residuals import Check
+from plotfeed.models.verdicts import share_interval
 from plotfeed.proto.utc import NS
 
 DOCS = Path(__file__).parents[1]

@@ -23,8 +23,8 @@ from section_4 import (
 )
 
 from plotfeed.feeds.engine.simulation import SimulatedSensor
-from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.scene.scene import example
+from plotfeed.models.verdicts import share_interval
 
 PAGE = Path(__file__).parents[1] / "section-4.md"
 DRONES, SCANS, FLIGHTS = 25, 400, 400

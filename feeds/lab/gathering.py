@@ -26,8 +26,15 @@ from plotfeed.feeds.lab.evidence import (
     names_of,
     plots_in_rows,
 )
-from plotfeed.feeds.lab.laws import CELLS
-from plotfeed.feeds.lab.links import CURVE, LinkFigures, Order, Setting, link_checks, orders_of
+from plotfeed.feeds.lab.links import (
+    CELLS,
+    CURVE,
+    LinkFigures,
+    Order,
+    Setting,
+    link_checks,
+    orders_of,
+)
 from plotfeed.models.residuals import Check
 from plotfeed.models.state import OTHER, Ints
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -40,7 +47,7 @@ MAX_LINKS = 100
 MAX_SENSORS = 10_000
 MOST_HELD = 400_000  # Looks and plots, of all sensors together, that are held until they are judged
 FEWEST_HELD = 2000  # Of one sensor, from which on they are judged, however many sensors there are
-MOST_RUNS = 1000  # In a row, of which is looked which are lacking although the sensor was at work
+MOST_GAPS = 1000  # In which is looked for sectors that are lacking although the sensor was at work
 WRITTEN_TOGETHER = 4096  # Of a sensor, which takes so many times 32 octets
 STAGES: Mapping[judge.Against, Sequence[Stage]] = {"asked": MOST_COMPLETE, "claimed": AS_DELIVERED}
 # Of messages: the number of their link's setting in place of their entry's, and what else is told.
@@ -53,21 +60,12 @@ KEPT = np.dtype(
 )
 
 
-def runs_of(ends: Ints) -> Ints:
-    """The first and the last of numbers in a row, of each such row, (2, n), ascending.
-
-    `ends` are the same of rows in any order, which may overlap, follow each other or be one number.
-    """
-    first, last = ends[:, np.argsort(ends[0], kind="stable")]
-    last = np.maximum.accumulate(last)
-    begins = np.flatnonzero(np.append(True, first[1:] - last[:-1] > 1)[: len(first)])
-    return np.stack([first[begins], last[np.append(begins, len(last))[1:] - 1]])
-
-
-def lacking_of(ends: Ints) -> list[range]:
-    """Numbers of sectors between those that are there, as `runs_of` takes them; of so many gaps."""
-    first, last = runs_of(ends)[:, : MOST_RUNS + 1].tolist()
-    return [range(end + 1, begin) for end, begin in zip(last, first[1:], strict=False)]
+def lacking_of(numbers: Ints) -> list[range]:
+    """Numbers of sectors that are lacking between those that are there, in the first gaps."""
+    there = np.unique(numbers)
+    gaps = np.flatnonzero(np.diff(there) > 1)[:MOST_GAPS]
+    ends = zip(there[gaps].tolist(), there[gaps + 1].tolist(), strict=True)
+    return [range(last + 1, first) for last, first in ends]
 
 
 class KeptMessages:
@@ -114,8 +112,7 @@ class Gathering:
         # By the JSON of their keys, in the order in which they came into force.
         self.links: dict[str, Setting] = {}
         self._against, self._kept, self._carrier = against, kept, carrier
-        self._runs: Ints = np.zeros((2, 0), np.int64)  # Of sectors that are there, by number
-        self._joined_runs = 0
+        self._numbers: list[Ints] = []  # Of sectors that are there
         # Number, what was asked and what is expected, by the identity of what was asked.
         self._expected: dict[int, tuple[int, AskedSensor | None, AskedSensor | None]] = {}
         self._parts: list[EvidencePart] = []  # That are to be judged
@@ -140,12 +137,7 @@ class Gathering:
             contradicted[n], plots[n] = False, None
         self.contradicted += int(contradicted[told.plots.entry[is_target]].sum())
         if self.asked is not None:
-            entries = told.entries
-            numbers = entries.scan * self.asked.sectors + entries.sector
-            self._runs = np.column_stack([self._runs, runs_of(np.stack([numbers, numbers]))])
-            if self._runs.shape[1] > MOST_RUNS + 2 * self._joined_runs:
-                self._runs = runs_of(self._runs)
-                self._joined_runs = self._runs.shape[1]
+            self._numbers.append(told.entries.scan * self.asked.sectors + told.entries.sector)
         held = replace(told, messages=told.messages.rows(np.zeros(0, np.int64)))  # They are kept
         self._parts.append(part._replace(told=held, plots=plots))
         self.held += len(told.looks) + len(told.plots)
@@ -198,7 +190,9 @@ class Gathering:
 
     def missed(self) -> int:
         """Sectors that are lacking although the sensor was at work."""
-        return 0 if self.asked is None else sum(map(self.asked.missed, lacking_of(self._runs)))
+        if self.asked is None or not self._numbers:
+            return 0
+        return sum(map(self.asked.missed, lacking_of(np.concatenate(self._numbers))))
 
     def messages(self) -> Iterator[tuple[Setting, ToldMessages, Order]]:
         """What became of messages, by link setting."""

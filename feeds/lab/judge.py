@@ -24,9 +24,9 @@ from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models import residuals
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.propagation import bistatic_range
-from plotfeed.models.residuals import CELL_M, Check, LookOdds, Residuals
+from plotfeed.models.residuals import Check, LookOdds, PdFigures, Residuals, pd_by_range
 from plotfeed.models.state import Bools, Floats, Ints, Texts
-from plotfeed.models.tail_chances import p_of_normal, p_of_trials
+from plotfeed.models.tail_chances import p_of_normal
 from plotfeed.models.track_metrics import FlightPath
 from plotfeed.proto.ledger import ToldLooks, ToldPlots, ledger_octets, tables_of, truth_columns
 from plotfeed.proto.measured_plots import MeasuredPlots
@@ -54,7 +54,6 @@ FINEST, ROUNDING = 0.05, 1e-12
 # Of histograms of errors, in standard deviations; what is further counts with the last cells.
 STEP, FURTHEST = 0.25, 6.0
 EDGES = np.arange(-FURTHEST, FURTHEST + STEP, STEP)
-MAX_BINS = 12
 # Plots from which on it is judged what they state of their errors, and by how much variances may
 # differ from what is expected to be the same: their mean over few plots is not normal.
 FEWEST_SIGMAS, SAME_SIGMA = 20, 0.2
@@ -326,47 +325,6 @@ def _rows_in(keys: tuple[Ints, ...], among: tuple[Ints, ...]) -> tuple[Ints, Int
 def never(name: str, count: int, of: int) -> Check:
     """What never is where all is right."""
     return Check(name=name, expected=0.0, found=count, p=0.0 if count else 1.0, of=of)
-
-
-class PdFigures:
-    """Looks at some ranges, and how many of them detected."""
-
-    def __init__(self, cells: Floats, from_m: float, to_m: float) -> None:
-        """`cells` are those of a `LookTally` there."""
-        count, sum_pd, *_ = cells
-        looks, pd, _, detected, off = cells.sum(axis=1).tolist()
-        mean_pd = np.divide(sum_pd, count, out=np.zeros_like(count), where=count > 0)
-        self.from_m, self.to_m, self.looks = from_m, to_m, round(looks)
-        self.expected = pd / looks  # Mean of the looks' own probabilities
-        self.found = detected / looks  # Share detected, and its 95 % interval
-        self.low, self.high = laws.share_interval(round(detected), self.looks)
-        # Probability of such a share, or one further off, by chance.
-        self.p = p_of_trials(count, mean_pd, residuals.nearer(round(detected), pd, off))
-
-
-def pd_by_range(looks: residuals.LookTally) -> list[PdFigures]:
-    """Figures of at most `MAX_BINS` equal bins over the ranges looked at; none is empty."""
-    cells = looks.cells()
-    at = np.flatnonzero(cells[0])
-    if not len(at):
-        return []
-    first, end = int(at[0]), int(at[-1]) + 1
-    step = round(_round_up((end - first) * CELL_M / MAX_BINS) / CELL_M)
-    return [
-        PdFigures(cells[:, begin : begin + step], begin * CELL_M, (begin + step) * CELL_M)
-        for begin in range(first // step * step, end, step)
-        if cells[0, begin : begin + step].any()
-    ]
-
-
-def _round_up(width_m: float) -> float:
-    """A width of 1, 2 or 5 times a power of ten, where cells fit into it, and at least a cell."""
-    unit = 10.0 ** math.floor(math.log10(max(width_m, CELL_M)))
-    for times in (1, 2, 5, 10, 20, 50):
-        step = times * unit
-        if step >= width_m and step % CELL_M == 0:
-            return step
-    return 10 * CELL_M * math.ceil(width_m / (10 * CELL_M))
 
 
 def _echoes(

@@ -1,19 +1,17 @@
-"""Laws of what a right sensor reports: spreads of times, noise in moments, expected plots."""
+"""Laws of what a right sensor reports: the means, variances and kurtoses of its plots."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.special import kolmogorov, ndtr
 
-from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.models.beam import Volume
 from plotfeed.models.frames import aer_to_enu, enu_to_aer, wrap_180
 from plotfeed.models.numerics import nan_without_warnings
 from plotfeed.models.propagation import bistatic_range
+from plotfeed.models.residuals import Expected, gauss, in_steps, over
 from plotfeed.models.sensors.bistatic_places import HeightPrior, flat_solution
 from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.proto.asterix.decode_plots import steps_of
@@ -23,112 +21,10 @@ from plotfeed.proto.measured_plots import MeasuredPlots
 if TYPE_CHECKING:
     from plotfeed.feeds.lab.evidence import AskedSensor
 
-# Variance of a count above which it is taken to be normal; below it, there is no z-score.
-ENOUGH = 5.0
-# Standard deviations of a normal law on either side of its mean that hold 95 % of it.
-TWO_SIDED_95 = 1.959964
-
-
-def z_score(excess: float, variance: float) -> float:
-    """A count's excess in standard deviations; NaN if too few were counted for a normal law."""
-    return excess / math.sqrt(variance) if variance >= ENOUGH else math.nan
-
-
-def share_interval(count: int, of: int) -> tuple[float, float]:
-    """95 % interval of a probability of which so many came true; Wilson, 1927."""
-    if not of:
-        return math.nan, math.nan
-    share, z2 = count / of, TWO_SIDED_95**2
-    middle = (share + z2 / (2 * of)) / (1 + z2 / of)
-    half = TWO_SIDED_95 * math.sqrt(share * (1 - share) / of + z2 / (4 * of**2)) / (1 + z2 / of)
-    return max(middle - half, 0.0), min(middle + half, 1.0)
-
-
-def p_of_distance(distance: float, n: float) -> float:
-    """Probability that n independent draws are as far from their law, after Kolmogorov.
-
-    The asymptotic law with Stephens' correction for few draws (1970); NaN of less than 8.
-    """
-    if not n >= 8 or math.isnan(distance):
-        return math.nan
-    root = math.sqrt(n)
-    return float(np.clip(kolmogorov((root + 0.12 + 0.11 / root) * distance), 0.0, 1.0))
-
-
-CELLS = 1 << 13  # Of equal probability by the law: distances are known to one part in as many
-MET = 0.1  # Share of a cell by which a law may miss an edge, as it does within an atom
-HALF_A_NS = 0.5  # Delays are whole nanoseconds, so that a law's atom is met from below
-
-
-def law_distance(law: DelayLaw, delays_ns: Ints) -> float:
-    """Kolmogorov's distance of delays from a law; NaN of none, and of a law without a spread.
-
-    Probabilities that no delay has, within the law's atoms, are left out.
-    """
-    edges = np.arange(1, CELLS) / CELLS
-    met = np.abs(law.cdf(law.quantile_ms(edges)) - edges) < MET / CELLS
-    if not len(delays_ns) or not met.any():
-        return math.nan
-    below = law.cdf((delays_ns + HALF_A_NS) / 1e6)
-    # What ends at an edge, within what counts as met of it, lies below it: so do atoms.
-    cells = np.clip(np.ceil(below * CELLS - MET).astype(np.int64) - 1, 0, CELLS - 1)
-    seen = np.cumsum(np.bincount(cells, minlength=CELLS))[:-1] / len(delays_ns)
-    return float(np.abs(seen - edges)[met].max())
-
-
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 WEIGHTS = WEIGHTS / WEIGHTS.sum()  # Of a quadrature over a standard normal number
 FEW_NODES, FEW_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 FEW_WEIGHTS = FEW_WEIGHTS / FEW_WEIGHTS.sum()
-NEAR_STEPS = np.arange(-8, 9)
-
-
-class Expected(NamedTuple):
-    """Means of a quantity, what noise leaves of it (variance and kurtosis), and its step; (n,)."""
-
-    mean: Floats
-    variance: Floats
-    kurtosis: Floats
-    step: float = 0.0
-
-
-def gauss(mean: Floats, sigma: Floats) -> Expected:
-    """The law of a measurement with normal noise."""
-    return Expected(mean, sigma**2, np.full(len(mean), 3.0))
-
-
-def over(values: Floats, weights: Floats) -> Expected:
-    """The law of what follows from normal noise: values (n, nodes) at the nodes of a quadrature."""
-    mean = values @ weights
-    excess = values - mean[:, None]
-    variance = excess**2 @ weights
-    return Expected(mean, variance, np.asarray(excess**4 @ weights / variance**2))
-
-
-def in_steps(law: Expected, step: float) -> Expected:
-    """The law of values that are rounded to steps: Sheppard's, or a sum where steps are coarse."""
-    if not step:
-        return law
-    mean, variance, kurtosis, _ = law
-    uniform = step**2 / 12
-    fourth = kurtosis * variance**2 + 6 * variance * uniform + step**4 / 80
-    kurtosis = fourth / (variance + uniform) ** 2
-    told = Expected(mean.copy(), variance + uniform, kurtosis, step)
-    coarse = np.sqrt(variance) < step
-    if not coarse.any():
-        return told
-    middle, sigma = mean[coarse], np.sqrt(variance[coarse])[:, None]
-    at = np.rint(middle / step)[:, None] + NEAR_STEPS
-    edges = (np.column_stack([at, at[:, -1] + 1]) - 0.5) * step
-    law_at = np.diff(ndtr((edges - middle[:, None]) / np.maximum(sigma, 1e-12)), axis=1)
-    means = (law_at * at * step).sum(axis=1)
-    excess = at * step - means[:, None]
-    variances, fourths = ((law_at * excess**power).sum(axis=1) for power in (2, 4))
-    told.mean[coarse], told.variance[coarse] = means, variances
-    told.kurtosis[coarse] = fourths / variances**2
-    return told
-
-
 # What is compared: the column of plots, and its unit.
 QUANTITIES = {
     "range": ("range_m", "m"),

@@ -12,16 +12,52 @@ from functools import cached_property
 import numpy as np
 from pydantic import ValidationError
 
-from plotfeed.feeds.lab.laws import ENOUGH, law_distance, p_of_distance, z_score
+from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.feeds.link.impairment import LinkExpectation
 from plotfeed.feeds.link.losses import LossChain
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.models.residuals import Check
 from plotfeed.models.state import Floats, Ints
-from plotfeed.models.tail_chances import Cumulants, p_of_binomial, p_of_lengths, p_of_whole
+from plotfeed.models.tail_chances import (
+    Cumulants,
+    p_of_binomial,
+    p_of_distance,
+    p_of_lengths,
+    p_of_whole,
+)
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import ToldMessages
+
+# Variance of a count above which it is taken to be normal; below it, there is no z-score.
+ENOUGH = 5.0
+
+
+def z_score(excess: float, variance: float) -> float:
+    """A count's excess in standard deviations; NaN if too few were counted for a normal law."""
+    return excess / math.sqrt(variance) if variance >= ENOUGH else math.nan
+
+
+CELLS = 1 << 13  # Of equal probability by the law: distances are known to one part in as many
+MET = 0.1  # Share of a cell by which a law may miss an edge, as it does within an atom
+HALF_A_NS = 0.5  # Delays are whole nanoseconds, so that a law's atom is met from below
+
+
+def law_distance(law: DelayLaw, delays_ns: Ints) -> float:
+    """Kolmogorov's distance of delays from a law; NaN of none, and of a law without a spread.
+
+    Probabilities that no delay has, within the law's atoms, are left out.
+    """
+    edges = np.arange(1, CELLS) / CELLS
+    met = np.abs(law.cdf(law.quantile_ms(edges)) - edges) < MET / CELLS
+    if not len(delays_ns) or not met.any():
+        return math.nan
+    below = law.cdf((delays_ns + HALF_A_NS) / 1e6)
+    # What ends at an edge, within what counts as met of it, lies below it: so do atoms.
+    cells = np.clip(np.ceil(below * CELLS - MET).astype(np.int64) - 1, 0, CELLS - 1)
+    seen = np.cumsum(np.bincount(cells, minlength=CELLS))[:-1] / len(delays_ns)
+    return float(np.abs(seen - edges)[met].max())
+
 
 STEP = 1e-3
 

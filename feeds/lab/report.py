@@ -16,11 +16,11 @@ from plotfeed.feeds.console.printed import Row, printable, say, say_damage
 from plotfeed.feeds.console.process import refuse_if_there
 from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures
 from plotfeed.feeds.lab.judge import NAMES, Against, Verdicts
-from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.lab.links import LatencyFigures, LinkFigures, link_text
 from plotfeed.feeds.lab.pictures import INK, QUIET, figure_of, finish, save_picture
 from plotfeed.feeds.lab.tables import NOTHING, Table, TextColumn, number, of_cells
 from plotfeed.models.residuals import Check
+from plotfeed.models.verdicts import share_interval
 from plotfeed.proto.utc import NS, iso_utc
 
 BURSTS_SHOWN = 10

@@ -25,8 +25,8 @@ from support.judged_scenes import LINKS, JudgedScene, judged_scene
 from support.random_scenes import SECONDS
 
 from plotfeed.feeds.lab.judge import FALSE_RATES
-from plotfeed.feeds.lab.laws import share_interval
 from plotfeed.feeds.scene.sensors import SENSORS
+from plotfeed.models.verdicts import share_interval
 
 PAGE = Path(__file__).parents[2] / "docs" / "report.md"
 SUBJECTS = ("detection", "errors", "false alarms", LINKS)

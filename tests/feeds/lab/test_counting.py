@@ -13,11 +13,11 @@ from support.links import link
 from support.significance import assert_chance
 
 from plotfeed.feeds.lab.gathering import lacking_of
-from plotfeed.feeds.lab.judge import pd_by_range
-from plotfeed.feeds.lab.laws import CELLS, law_distance, p_of_distance, share_interval
-from plotfeed.feeds.lab.links import Order, found_times, orders_of
+from plotfeed.feeds.lab.links import CELLS, Order, found_times, law_distance, orders_of
 from plotfeed.feeds.link.delays import DelayLaw
-from plotfeed.models.residuals import CELL_M, MAX_CELLS, LookTally
+from plotfeed.models.residuals import CELL_M, MAX_CELLS, LookTally, pd_by_range
+from plotfeed.models.tail_chances import p_of_distance
+from plotfeed.models.verdicts import share_interval
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import tables_of
 
@@ -158,7 +158,7 @@ def test_detection_by_range_adds_up_and_is_within_chance_at_any_range_in_little_
 @given(st.permutations(range(200, 260)), st.sets(st.integers(201, 258)))
 def test_sectors_that_are_lacking_are_those_between(numbers: list[int], missing: set[int]) -> None:
     there = np.array([number for number in numbers if number not in missing])
-    lacking = lacking_of(np.stack([there, there]))
+    lacking = lacking_of(there)
     assert [number for run in lacking for number in run] == sorted(missing)
     many = np.arange(0, 10_000, 2)
-    assert len(lacking_of(np.stack([many, many]))) == 1000  # what is known of them is bounded
+    assert len(lacking_of(many)) == 1000  # what is known of them is bounded
