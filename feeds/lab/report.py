@@ -288,18 +288,17 @@ def draw_report(told: FeedReport, path: Path) -> None:
 
 
 def _delay_curves(axes: Any, links: Links, curve: Sequence[float]) -> None:
-    medians, ends_ms = [], []
-    for colour, link in links:
-        if link.asked is not None and link.sent:
+    left = [(colour, link) for colour, link in links if link.sent]
+    for colour, link in left:
+        if link.asked is not None:
             axes.plot(link.asked.curve_ms, curve, color=colour, **ASKED)
-        if link.sent:
-            axes.plot(link.delivered.curve_ms, curve, color=colour, lw=1.1)
-            medians.append(link.delivered.p50_ms)
-            asked_ms = 0.0 if link.asked is None else link.asked.max_ms
-            ends_ms.append(max(asked_ms, link.delivered.p99_ms))
+        axes.plot(link.delivered.curve_ms, curve, color=colour, lw=1.1)
+    medians = [link.delivered.p50_ms for _, link in left]
     if medians and min(medians) > 0 and max(medians) > MOST_SPREAD * min(medians):
         axes.set_xscale("log")
-    if ends_ms and max(ends_ms) > 0:  # the last hundredth may be far away
+    # The last hundredth may be far away.
+    ends_ms = [max(k.asked.max_ms if k.asked else 0.0, k.delivered.p99_ms) for _, k in left]
+    if max(ends_ms, default=0) > 0:
         axes.set_xlim(right=1.05 * max(ends_ms))
     x, y = "ms from being handed over to sending", "share of messages"
     finish(axes, "Delay", x, y, drawn=medians, nothing="nothing left")
@@ -308,41 +307,36 @@ def _delay_curves(axes: Any, links: Links, curve: Sequence[float]) -> None:
 def _lateness(axes: Any, links: Links, curve: Sequence[float]) -> None:
     """The share that left later still, so that the tail can be seen."""
     later = 1 - np.array(curve)
-    drawn = False
-    for colour, link in links:
-        late_ms = np.array(link.lateness.curve_ms)
-        if link.sent and late_ms[-1] >= LEAST_LATE_MS:
-            later_still = np.where(later > 0, later, 1 / max(link.sent, 1000))
-            axes.plot(np.maximum(late_ms, LEAST_LATE_MS), later_still, color=colour, lw=1.1)
-            drawn = True
-    if drawn:
+    late = [k for k in links if k[1].sent and k[1].lateness.curve_ms[-1] >= LEAST_LATE_MS]
+    for colour, link in late:
+        later_still = np.where(later > 0, later, 1 / max(link.sent, 1000))
+        late_ms = np.maximum(link.lateness.curve_ms, LEAST_LATE_MS)
+        axes.plot(late_ms, later_still, color=colour, lw=1.1)
+    if late:
         axes.set_xscale("log")
         axes.set_yscale("log")
     nothing = "all left when they were due"
     x, y = "ms after the link let them leave", "share later still"
-    finish(axes, "Lateness of the engine", x, y, drawn=drawn, nothing=nothing)
+    finish(axes, "Lateness of the engine", x, y, drawn=late, nothing=nothing)
 
 
 def _burst_lengths(axes: Any, links: Links) -> None:
-    drawn = False
-    for colour, link in links:
-        bursts = link.bursts
-        if not bursts.bursts:
-            continue
-        drawn = True
-        lengths = np.arange(1, min(len(bursts.asked_survival), BURSTS_DRAWN) + 1)
-        asked = np.array(bursts.asked_survival)[: len(lengths)]
-        shown = asked > 0.2 / bursts.bursts
+    some = [(colour, link.bursts) for colour, link in links if link.bursts.bursts]
+    for colour, bursts in some:
+        asked, found = (
+            np.array(survival)[:BURSTS_DRAWN]
+            for survival in (bursts.asked_survival, bursts.delivered_survival)
+        )
+        lengths = np.arange(1, len(asked) + 1)
+        shown, there = asked > 0.2 / bursts.bursts, found > 0
         axes.plot(lengths[shown], asked[shown], color=colour, **ASKED)
-        delivered = np.array(bursts.delivered_survival)[: len(lengths)]
-        x, y = lengths[delivered > 0], delivered[delivered > 0]
-        intervals = [share_interval(round(s * bursts.bursts), bursts.bursts) for s in y]
-        _bars(axes, x, y, np.array(intervals).T, colour)
-    if drawn:
+        intervals = [share_interval(round(s * bursts.bursts), bursts.bursts) for s in found[there]]
+        _bars(axes, lengths[there], found[there], np.array(intervals).T, colour)
+    if some:
         axes.set_yscale("log")
         axes.xaxis.get_major_locator().set_params(integer=True)
     title, rows, shares = "Bursts of losses", "messages lost in a row", "share as long or longer"
-    finish(axes, title, rows, shares, drawn=drawn, nothing="no bursts of losses")
+    finish(axes, title, rows, shares, drawn=some, nothing="no bursts of losses")
 
 
 def _bars(axes: Any, x: Any, y: Any, interval: Any, colour: str) -> None:
