@@ -9,7 +9,6 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from plotfeed.feeds.messages.message import attributes
 from plotfeed.feeds.telemetry.position_report import PositionReport, decode
 from plotfeed.models.state import AltitudeReference
 from plotfeed.proto import plotfeed_pb2 as pb
@@ -159,8 +158,3 @@ def test_a_written_time_is_as_precise_as_it_was(time: datetime, shift_s: int) ->
         moved = text + timedelta(seconds=shift_s)
         found = retime_text(f"{text:%Y-%m-%dT%H:%M:%S}{end}", shift_s * NS)
         assert found == f"{moved:%Y-%m-%dT%H:%M:%S}{end}"
-
-
-def test_attributes_of_messages_tell_times_that_can_be_moved() -> None:
-    time = dict(attributes("plotfeed/radar", "plots", "1", START))["time"]
-    assert retime_text(time, NS) == iso_utc(START + NS)

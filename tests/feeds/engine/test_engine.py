@@ -139,17 +139,13 @@ def report(t_ns: int, step: int) -> bytes:
 
 
 def test_engines_that_share_a_scene_say_together_what_one_says() -> None:
-    whole, _ = with_input_free(Engine("field-day", START_NS))
+    whole, _ = by_engine(Engine("field-day", START_NS), in_steps(NS // 4))
     names = [sensor.id for sensor in example("field-day").sensor]
     parts: Said = {}
     for i in range(3):
         engine = Engine("field-day", START_NS, sensors=names[i::3], claims=i == 0)
-        parts |= with_input_free(engine)[0]
+        parts |= by_engine(engine, in_steps(NS // 4))[0]
     assert parts == whole
-
-
-def with_input_free(engine: Engine) -> tuple[Said, Left]:
-    return by_engine(engine, in_steps(NS // 4))
 
 
 @pytest.mark.parametrize(

@@ -60,11 +60,6 @@ def digest(outcomes: list[Outcome]) -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
-def test_a_clear_link_passes_everything_as_it_is() -> None:
-    dues = due_times(3000, 1000)
-    assert passed(link(), dues) == [Outcome(pb.SENT, (Copy(due, None),)) for due in dues]
-
-
 def test_the_outcomes_are_those_that_were_recorded() -> None:
     """With another digest no recorded session gives its messages again."""
     dues = due_times(3000, 700)
@@ -222,19 +217,12 @@ def test_an_empty_payload_has_no_bit_to_flip() -> None:
 
 
 def test_a_message_takes_the_time_of_its_octets_and_of_its_headers() -> None:
-    impairment = Impairment(link(rate_kbit_s=80.0, overhead_octets=40), 1, "radar")
-    (copy,) = impairment.pass_on(START_NS, 60).copies
-    assert copy.due_utc_ns == START_NS + 10 * MS  # 100 octets at 10 octets a millisecond
-    (behind,) = impairment.pass_on(START_NS + MS, 160).copies
-    assert behind.due_utc_ns == START_NS + 30 * MS
-    (later,) = impairment.pass_on(START_NS + 50 * MS, 0).copies
-    assert later.due_utc_ns == START_NS + 54 * MS
-
-
-def test_the_delay_comes_after_the_queue() -> None:
-    impairment = Impairment(link(rate_kbit_s=80.0, latency_ms=7.0), 1, "radar")
-    dues = [impairment.pass_on(START_NS, 100).copies[0].due_utc_ns for _ in range(3)]
-    assert dues == [START_NS + (10 * n + 7) * MS for n in (1, 2, 3)]
+    """And then of the delay."""
+    asked = link(rate_kbit_s=80.0, overhead_octets=40, latency_ms=7.0)
+    impairment = Impairment(asked, 1, "radar")
+    for due_ms, octets, sent_ms in ((0, 60, 10), (1, 160, 30), (50, 0, 54)):
+        (copy,) = impairment.pass_on(START_NS + due_ms * MS, octets).copies  # 10 a millisecond
+        assert copy.due_utc_ns == START_NS + (sent_ms + 7) * MS
 
 
 def test_a_full_queue_drops_exactly_what_does_not_fit() -> None:
@@ -279,20 +267,21 @@ def test_what_is_lost_takes_no_place_in_the_queue() -> None:
 # Links on which what is lost is sent again, and all else waits behind it.
 
 
-def test_repeats_wait_twice_as_long_each_time_up_to_two_minutes() -> None:
-    waits = np.diff(waits_ns(DelayLaw(20.0))) / MS
-    expected = [min(240.0 * 2**n, 120_000.0) for n in range(MOST_REPEATS)]
-    np.testing.assert_allclose(waits, expected)
-
-
-def test_the_first_wait_of_a_quick_link_is_that_of_linux() -> None:
-    assert waits_ns(DelayLaw(0.0))[1] == 200 * MS
-
-
-def test_much_jitter_makes_the_first_wait_longer() -> None:
-    # Mean deviation of a normal law: sigma sqrt(2/pi), and there and back sqrt(2) of it.
-    wait_ms = waits_ns(DelayLaw(1000.0, 100.0))[1] / MS
-    assert wait_ms == pytest.approx(2000 + 4 * np.sqrt(2) * 100 * np.sqrt(2 / np.pi), rel=1e-3)
+# Of a quick link it is that of Linux; the mean deviation of a normal law is sigma sqrt(2/pi), and
+# there and back sqrt(2) of it.
+@pytest.mark.parametrize(
+    ("law", "first_ms"),
+    [
+        (DelayLaw(0.0), 200.0),
+        (DelayLaw(20.0), 240.0),
+        (DelayLaw(1000.0, 100.0), 2000 + 4 * np.sqrt(2) * 100 * np.sqrt(2 / np.pi)),
+    ],
+)
+def test_repeats_wait_twice_as_long_each_time_up_to_two_minutes(
+    law: DelayLaw, first_ms: float
+) -> None:
+    expected = [min(first_ms * 2**n, 120_000.0) for n in range(MOST_REPEATS)]
+    np.testing.assert_allclose(np.diff(waits_ns(law)) / MS, expected, rtol=1e-3)
 
 
 def test_a_lost_message_comes_after_its_time_out_and_what_is_behind_with_it() -> None:

@@ -189,15 +189,6 @@ def test_what_a_link_loses_is_in_the_ledger_and_not_published(settings: Any, fat
     assert case.totals.messages == 0
 
 
-def test_a_full_queue_of_a_slow_link_loses_what_comes_last() -> None:
-    case = Case(Socket(), link={"rate_kbit_s": 1.0, "queue_messages": 2})
-    case.send(*(message(bytes([i]) * 125) for i in range(4)))  # a second each
-    case.until(10_000 * MS)
-    ((*entry,),) = case.entries
-    assert [s.fate for s in entry] == [pb.SENT, pb.SENT, pb.QUEUE_FULL, pb.QUEUE_FULL]
-    assert [s.sent_utc_ns for s in entry[:2]] == [1000 * MS, 2000 * MS]
-
-
 def test_duplicates_and_flipped_bits_are_told_apart() -> None:
     socket = Socket()
     case = Case(socket, link={"duplicate": 1.0, "corrupt": 1.0, "latency_ms": 1.0})
