@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from plotfeed.feeds.engine.change_control import ChangeControl
 from plotfeed.feeds.engine.emulated_sensors import EmulatedSensors
 from plotfeed.feeds.engine.scene_drones import launch, trajectories_of
-from plotfeed.feeds.formats import in_time, inboxes_of
+from plotfeed.feeds.formats import inboxes_of
+from plotfeed.feeds.formats.sapient import in_time
 from plotfeed.feeds.link.uplink import Uplink
 from plotfeed.feeds.messages.batch import Batch
 from plotfeed.feeds.messages.message import Message

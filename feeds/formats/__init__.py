@@ -58,33 +58,6 @@ class MessageFormat(Protocol):
         """Messages of each sector, due when it ends, in the order in which they are to leave."""
 
 
-class Announcer(Protocol):
-    """Makes what a sensor says of itself in a format, stamped by its clock when it is asked for."""
-
-    every_ns: int  # How often it says that nothing has changed
-    inbox: str  # Topic on which somebody may ask something of the sensor
-
-    def opening(self, now_utc_ns: int) -> list[Message]:
-        """What comes before anything else, on every connection."""
-
-    def regular(self, now_utc_ns: int) -> list[Message]:
-        """News that nothing has changed."""
-
-    def closing(self, now_utc_ns: int) -> list[Message]:
-        """Goodbye."""
-
-    def changed(self, sensor: Sensor, now_utc_ns: int) -> list[Message]:
-        """What there is to say of the sensor's new keys."""
-
-    def answer(
-        self, payload: bytes, now_utc_ns: int, change: Callable[[Mapping[str, Any] | None], object]
-    ) -> tuple[list[Message], bool]:
-        """Do what the payload asks, by `change` of the sensor's keys.
-
-        What is said to whoever asked, and whether it was done.
-        """
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Format:
     """A row of `FORMATS`: a format's facts, and how its messages are made and read."""
@@ -96,10 +69,6 @@ class Format:
     #
     # None for a format of tracks.
     plots_in: Callable[[bytes, int], MeasuredPlots] | None
-    # Payload of a message as it may leave at a time, or None if it is dropped then.
-    late: Callable[[Scene, Message, int], bytes | None] | None = None
-    # What makes the messages of a sensor of itself, if the format has any.
-    announcer: Callable[[Scene, Sensor], Announcer] | None = None
 
     @property
     def name(self) -> str:
@@ -327,20 +296,6 @@ def carries_plots(topic: str) -> bool:
     return any(topic.endswith(f"/{facts.topic}") for facts in REPORT_FORMATS.values())
 
 
-def in_time(scene: Scene) -> Callable[[Message, int], bytes | None]:
-    """The rule for messages that leave late: their payload as it may leave at a time, or None."""
-    asked = {name: FORMATS[name] for sensor in scene.sensor for name in sensor.report}
-    rules = {f"/{row.facts.topic}": row.late for row in asked.values() if row.late is not None}
-
-    def check(message: Message, t_utc_ns: int) -> bytes | None:
-        for end, late in rules.items():
-            if message.topic.endswith(end):
-                return late(scene, message, t_utc_ns)
-        return message.payload
-
-    return check
-
-
 class SceneFormats:
     """What makes the messages of a scene's sensors, in all formats that the scene asks of them."""
 
@@ -380,12 +335,6 @@ class SceneFormats:
         return [[m for messages in each for m in messages] for each in zip(*made, strict=True)]
 
 
-def announcer_of(scene: Scene, sensor: Sensor) -> Announcer | None:
-    """Whatever announces a sensor in a format that wants that; raises `PlotfeedError`."""
-    makers = (FORMATS[name].announcer for name in sensor.report)
-    return next((maker(scene, sensor) for maker in makers if maker is not None), None)
-
-
 def inboxes_of(scene: Scene) -> dict[str, str]:
     """Topics on which sensors may be asked something in a format that they report in: whose."""
     return {
@@ -398,15 +347,12 @@ def inboxes_of(scene: Scene) -> dict[str, str]:
 
 __all__ = [
     "FORMATS",
-    "Announcer",
     "Batch",
     "Format",
     "MessageFormat",
     "SceneFormats",
     "SectorFormat",
-    "announcer_of",
     "carries_plots",
-    "in_time",
     "inboxes_of",
     "register",
 ]

@@ -89,7 +89,7 @@ def _of_format(name: str) -> Iterator[Flow]:
                 ),
             )
         return
-    announces = FORMATS[name].announcer is not None
+    announces = bool(facts.inbox)
     plots = Flow(
         name=f"{name}Detections" if announces else name,
         address=f"{{prefix}}/{{sensor}}/{facts.topic}",

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from plotfeed.feeds.engine.sensor_description import status_message
-from plotfeed.feeds.formats import Announcer, announcer_of
+from plotfeed.feeds.formats.sapient import announcer_of
 from plotfeed.feeds.link.counters import SapientCounters, SessionCounters
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
@@ -25,6 +25,7 @@ from plotfeed.feeds.transport.mqtt.address import BrokerAddress
 from plotfeed.proto import plotfeed_pb2 as pb
 
 if TYPE_CHECKING:
+    from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
     from plotfeed.feeds.transport.http import HttpTransport
     from plotfeed.feeds.transport.listening import RemoteIdTransport, WebSocketTransport
     from plotfeed.feeds.transport.tak import TakTransport
@@ -86,7 +87,7 @@ class Outputs:
         self._after_link = who_care(observers, "after_link")
         self._of_session: Outbox  # There is one as soon as it is asked for
         self._of_sensor: dict[str, Outbox] = {}
-        self._announcers: list[Announcer] = []
+        self._announcers: list[SapientAnnouncer] = []
         self._wills: dict[str, Message] = {}  # By whose they are, first that of the session
         self._last_wills: list[LastWills] = []
         self._hold = hold
@@ -131,7 +132,7 @@ class Outputs:
 
     def of_sensor(
         self, sensor: Sensor, status: pb.SensorStatus, start_ns: int
-    ) -> tuple[Outbox, Announcer | None]:
+    ) -> tuple[Outbox, SapientAnnouncer | None]:
         """A sensor goes over the session's links; that it is offline is a last will of its own.
 
         With whoever announces it on them, if it reports in a format that wants that.
@@ -156,7 +157,7 @@ class Outputs:
         return outbox, announcer
 
     def _to_middleware(
-        self, middleware: str, sensor: Sensor, announcer: Announcer, node: SapientCounters
+        self, middleware: str, sensor: Sensor, announcer: SapientAnnouncer, node: SapientCounters
     ) -> SapientTcpTransport:
         """A sensor's own connection; all of them share a limit of what is heard, and who tells."""
         from plotfeed.feeds.transport.sapient import (  # needs an extra

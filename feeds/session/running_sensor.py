@@ -19,7 +19,6 @@ from plotfeed.feeds.engine.sensor_description import (
     status_message,
     status_of,
 )
-from plotfeed.feeds.formats import Announcer
 from plotfeed.feeds.link.counters import SessionCounters, lateness_us
 from plotfeed.feeds.link.outbox import Outbox
 from plotfeed.feeds.messages.message import Message
@@ -31,6 +30,7 @@ from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
+    from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
     from plotfeed.models.cueing import CuedState
     from plotfeed.models.dwell_agenda import PointedBeams
 
@@ -46,7 +46,7 @@ class RunningSensor:
         self,
         engine: Engine,
         i: int,
-        way_out: Callable[[Sensor, pb.SensorStatus, int], tuple[Outbox, Announcer | None]],
+        way_out: Callable[[Sensor, pb.SensorStatus, int], tuple[Outbox, SapientAnnouncer | None]],
         *,
         sea_level: SeaLevel,
         schedule: Schedule,

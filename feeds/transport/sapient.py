@@ -13,8 +13,11 @@ import socket
 from collections.abc import Callable
 
 from plotfeed.feeds.console.printed import printable
-from plotfeed.feeds.formats import Announcer
-from plotfeed.feeds.formats.sapient.sapient_announcer import is_answer, is_registration
+from plotfeed.feeds.formats.sapient.sapient_announcer import (
+    SapientAnnouncer,
+    is_answer,
+    is_registration,
+)
 from plotfeed.feeds.formats.sapient.sapient_node import CONTENT_TYPE
 from plotfeed.feeds.link.counters import SapientCounters
 from plotfeed.feeds.messages.message import Message
@@ -198,7 +201,7 @@ class SapientTcpTransport(ImmediateTransport):
         self,
         sensor: str,
         settings: SapientKeys,
-        announcer: Announcer,
+        announcer: SapientAnnouncer,
         *,
         clock: Clock,
         intake: SapientIntake,

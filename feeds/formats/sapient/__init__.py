@@ -6,15 +6,21 @@ asked to in `sapient_announcer`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 from google.protobuf.runtime_version import VersionError
 
-from plotfeed.feeds.formats import Announcer, Format, MessageFormat, Sensors
+from plotfeed.feeds.formats import Format, MessageFormat, Sensors
 from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.proto.errors import PlotfeedError
-from plotfeed.proto.measured_plots import MeasuredPlots
+
+if TYPE_CHECKING:
+    from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
+    from plotfeed.proto.measured_plots import MeasuredPlots
 
 INSTALL = "pip install 'plotfeed[sapient]'"
 
@@ -51,13 +57,6 @@ def _reports(scene: Scene, sensors: Sensors) -> MessageFormat:
     return SapientReports.of_sensors(scene, sensors)
 
 
-def _announcer(scene: Scene, sensor: Sensor) -> Announcer:
-    need_sapient()
-    from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
-
-    return SapientAnnouncer(scene, sensor)
-
-
 def _plots_in(payload: bytes, _near_utc_ns: int) -> MeasuredPlots:
     need_sapient()
     from plotfeed.proto.sapient.decode_sapient import plots_in_sapient
@@ -65,16 +64,35 @@ def _plots_in(payload: bytes, _near_utc_ns: int) -> MeasuredPlots:
     return plots_in_sapient(payload)
 
 
-def _late(scene: Scene, message: Message, t_utc_ns: int) -> bytes | None:
+FORMAT = Format(facts=REPORT_FORMATS["sapient"], maker=_reports, plots_in=_plots_in)
+
+
+def announcer_of(scene: Scene, sensor: Sensor) -> SapientAnnouncer | None:
+    """What makes a node's messages of itself; None of a sensor that is none.
+
+    Raises `PlotfeedError` without the extra.
+    """
+    if FORMAT.name not in sensor.report:
+        return None
+    need_sapient()
+    from plotfeed.feeds.formats.sapient.sapient_announcer import SapientAnnouncer
+
+    return SapientAnnouncer(scene, sensor)
+
+
+def in_time(scene: Scene) -> Callable[[Message, int], bytes | None] | None:
+    """Payload of a message as it may leave at a time, or None if it is too late for it.
+
+    Where no sensor is a node, nothing is ever too late: there is no such rule.
+    """
+    if not any(FORMAT.name in sensor.report for sensor in scene.sensor):
+        return None
+    need_sapient()
     from plotfeed.feeds.formats.sapient.sapient_node import as_it_may_leave
 
-    return as_it_may_leave(message, t_utc_ns, scene.sapient.late)
+    def check(message: Message, t_utc_ns: int) -> bytes | None:
+        if not message.topic.endswith(f"/{FORMAT.facts.topic}"):
+            return message.payload
+        return as_it_may_leave(message, t_utc_ns, scene.sapient.late)
 
-
-FORMAT = Format(
-    facts=REPORT_FORMATS["sapient"],
-    maker=_reports,
-    plots_in=_plots_in,
-    late=_late,
-    announcer=_announcer,
-)
+    return check
