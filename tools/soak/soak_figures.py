@@ -6,7 +6,7 @@ import json
 import math
 import textwrap
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from plotfeed.replay.recorded import Stage
 
 NS = 1_000_000_000
 BLOCK_S = 60.0
+WARM_S = 300.0
 COLUMNS = 104
 AGAIN_S = 10.0  # After a broker is back: links connect again within 4 s, and send what has waited
 Array = NDArray[Any]
@@ -46,16 +47,19 @@ class Run:
     said: dict[str, Any]
     samples: dict[str, Array]
     totals: dict[str, Any]
-    ledger: Ledger
-    record_mb: float
-    index_mb: float  # Of the recording's summary, which is kept in memory until its end
+    ledger: Ledger | None  # None of many radars, which record nothing
+    record_mb: float = 0.0
+    index_mb: float = 0.0  # Of the recording's summary, which is kept in memory until its end
+    # How late C woke beside many radars, a hundred times a second; None without a compiler.
+    nanosleep_us: Array | None = None
 
     @property
     def warm_s(self) -> float:
         """By then all that is kept up to a bound has grown to it: the lateness of many messages."""
         t_s = self.samples["t_s"]
         full = self.samples["plotfeed_messages_total"] >= LATENESS_KEPT
-        return float(t_s[full][0]) if full.any() else float(t_s[-1]) / 3
+        third_s = float(t_s[-1]) / 3
+        return max(float(t_s[full][0]), min(WARM_S, third_s)) if full.any() else third_s
 
     @property
     def faults_s(self) -> list[tuple[str, float, float]]:
@@ -78,11 +82,17 @@ def read(folder: Path) -> Run:
     """From what a soak has left in its folder."""
     said = json.loads((folder / "run.json").read_text())
     rows = [json.loads(line) for line in (folder / "samples.jsonl").read_text().splitlines()]
-    record = folder / "soak.mcap"
-    return Run(
+    run = Run(
         said=said,
         samples={name: np.array([row.get(name, np.nan) for row in rows]) for name in rows[-1]},
         totals=json.loads((folder / "out").read_text().splitlines()[-1]),
+        ledger=None,
+    )
+    record, beside = folder / "soak.mcap", folder / "nanosleep.npy"
+    if not record.exists():
+        return replace(run, nanosleep_us=np.load(beside) if beside.exists() else None)
+    return replace(
+        run,
         ledger=ledger_of(record, said["began"]["utc_ns"]),
         record_mb=record.stat().st_size / 1e6,
         index_mb=summary_octets(record) / 1e6,
@@ -103,35 +113,6 @@ def spanned(values: Array, form: str = ".0f") -> str:
     """The least to the most."""
     low, high = format(values.min(), form), format(values.max(), form)
     return low if low == high else f"{low} to {high}"
-
-
-def draw_memory(axes: Any, samples: dict[str, Array]) -> None:
-    """Memory of the session over minutes."""
-    minutes = samples["t_s"] / 60
-    axes.plot(minutes, samples["rss_mb"], color="#3b5bb5", label="resident (RSS)")
-    axes.plot(minutes, samples["own_mb"], color="#0a7d6c", label="its own (RssAnon)")
-    axes.set_ylim(0, samples["rss_mb"].max() * 1.3)
-    axes.set_title("Memory of the session, MB")
-
-
-def draw_cores(axes: Any, samples: dict[str, Array]) -> None:
-    """Processor time of the session and of everybody else over minutes."""
-    minutes, step_s = samples["t_s"][1:] / 60, np.diff(samples["t_s"])
-    ours = np.diff(samples["cpu_s"]) / step_s
-    axes.plot(minutes, ours, label="the session", color="#0a7d6c")
-    others = np.diff(samples["machine_cpu_s"]) / step_s - ours
-    axes.plot(minutes, others, label="everybody else", color="#9aa5ab")
-    axes.set_title("Processor, cores of two")
-    axes.set_ylim(0, 2.1)
-
-
-def dress(axes: Any) -> None:
-    """A grid, and a legend where anything has a name."""
-    axes.grid(color="#dde3e6")
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(frameon=False, ncols=3, loc="upper right")
 
 
 def summary_octets(record: Path) -> int:
@@ -181,9 +162,9 @@ def slope_mb_h(samples: dict[str, Array], warm_s: float) -> tuple[float, float]:
     return float(fit.slope), float(fit.stderr)
 
 
-def late_ms(run: Run, from_share: float, to_share: float) -> tuple[float, float]:
+def late_ms(run: Run, ledger: Ledger, from_share: float, to_share: float) -> tuple[float, float]:
     """p50 and p99 in a part of the run, while the broker was there."""
-    t_s, ledger = run.samples["t_s"], run.ledger
+    t_s = run.samples["t_s"]
     within = (ledger.due_s >= from_share * t_s[-1]) & (ledger.due_s < to_share * t_s[-1])
     chosen = ledger.late_ms[within & run.is_quiet(ledger.due_s) & ~np.isnan(ledger.late_ms)]
     if not len(chosen):
@@ -192,12 +173,12 @@ def late_ms(run: Run, from_share: float, to_share: float) -> tuple[float, float]
     return float(p50), float(p99)
 
 
-def fault_rows(run: Run) -> Iterator[tuple[str, float, int, int, int, int]]:
+def fault_rows(run: Run, ledger: Ledger) -> Iterator[tuple[str, float, int, int, int, int]]:
     """Of each fault: kind, seconds, due meanwhile, sent afterwards, undelivered, and newest lost.
 
     The last counts what was given up though it was among the newest that the queue had room for.
     """
-    ledger, kept = run.ledger, run.said["queue_messages"] * 19 // 20  # statuses wait there too
+    kept = run.said["queue_messages"] * 19 // 20  # statuses wait there too
     for what, from_s, to_s in run.faults_s:
         back_s = _back_s(ledger, from_s, to_s)
         due = (ledger.due_s >= from_s) & (ledger.due_s < back_s)
@@ -219,7 +200,6 @@ def _back_s(ledger: Ledger, from_s: float, to_s: float) -> float:
     return float(sent_s[waited].min()) if waited.any() else to_s
 
 
-def outside_faults(run: Run) -> int:
+def outside_faults(run: Run, ledger: Ledger) -> int:
     """Messages that were given up though the broker was there."""
-    ledger = run.ledger
     return int(((ledger.fate == pb.UNDELIVERED) & run.is_quiet(ledger.due_s)).sum())

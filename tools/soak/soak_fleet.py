@@ -26,17 +26,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+sys.path.extend(
+    str(Path(__file__).parents[2] / room) for room in ("tests", "docs/commands", "tools/benchmarks")
+)
 
 from aims import spread
+from pages import between
 from support.brokers import free_port, mosquitto
 from support.cut_proxy import Proxy, proxied
 from support.fleet_process import NS, Fleet, fleet
 from support.scene_files import DRONE, radar, scene_file, scene_text
 
 DOCS = Path(__file__).parents[2] / "docs" / "fleet.md"
-BEGIN, END = "<!-- soak: begin -->", "<!-- soak: end -->"
 # Of what came of it: each must be 0.
 PROPERTIES = ("twice", "foreign", "disordered", "missing", "code")
 FAULTS = ("killed", "frozen", "cut off")
@@ -202,10 +203,7 @@ def main() -> None:
     print("\n".join(lines(found)))
     print(json.dumps(found))
     if asked.page:
-        text = DOCS.read_text()
-        before, _, rest = text.partition(BEGIN)
-        _, _, after = rest.partition(END)
-        DOCS.write_text(f"{before}{BEGIN}\n" + "\n".join(lines(found)) + f"\n{END}{after}")
+        between(DOCS, "soak", "\n".join(lines(found)))
     wrong = [what for what in PROPERTIES if found[what]]
     if wrong or not found["heard"]:
         sys.exit(f"not as it should be: {', '.join(wrong) or 'nothing was heard'}")

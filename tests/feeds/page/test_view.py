@@ -278,7 +278,8 @@ def test_links_are_judged_since_their_settings_changed() -> None:
     assert link["mean_burst"] == 1.5
     assert link["mean_ms"] == link["asked_mean_ms"] == pytest.approx(250.0)
     assert sum(link["delivered"]) == pytest.approx(1.0)
-    view.settings(a_radar(), 0)
+    view.settings(a_radar(), SECTOR.end_ns + 1)  # after these were handed over
+    view.settled(report(plots(1)), [sent(number=9)])
     assert details(view)["link"]["messages"] == 0
 
 
