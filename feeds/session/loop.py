@@ -46,7 +46,6 @@ class SessionLoop(Generic[T]):
         `write_later` is given what could wait, some at a time.
         """
         self.schedule = schedule
-        self.waited = 0  # How often the session waited for a way out to have room
         self.slept_ns = 0  # For how long nothing was due
         self._clock, self._is_simulated = clock, isinstance(clock, InstantClock)
         self._inputs = inputs
@@ -138,7 +137,6 @@ class SessionLoop(Generic[T]):
         clock, transports = self._clock, self._waiting_transports
         for transport in transports:
             if transport.is_full:
-                self.waited += 1
                 await transport.room()
         by_ns, done = min(clock.now_ns(), end_ns), 0
         while (due_ns := self.schedule.next_due_ns()) is not None and due_ns <= by_ns:

@@ -25,7 +25,7 @@ from plotfeed.feeds.transport.mqtt.connection import (
     no_answer,
 )
 from plotfeed.feeds.transport.mqtt.own_echo import OwnEcho
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue, loop_s
+from plotfeed.feeds.transport.mqtt.send_queue import SendQueue, loop_s
 from plotfeed.feeds.transport.ways_out import backoff_s, wait_while
 
 log = logging.getLogger(__name__)
@@ -63,7 +63,6 @@ class MqttTransport:
         if address.tls:
             address.access.tls_context()  # files that cannot be used are an error at once
         self.address = address
-        self.counts = QueueCounts(address.destination)
         self.name = name
         self.connections = 0
         self.last_error = ""  # Why the last attempt to connect failed
@@ -76,7 +75,8 @@ class MqttTransport:
         self._versions = address.versions
         # There has been a connection, or it is known that there will be none.
         self._settled = asyncio.Event()
-        self._queues = [SendQueue(queue or MqttQueueKeys(), qos, self.counts) for qos in (0, 1)]
+        keys, self._destination = queue or MqttQueueKeys(), address.destination
+        self._queues = [SendQueue(keys, qos, self._destination) for qos in (0, 1)]
         self._connection: MqttConnection | None = None
         self._sending: asyncio.Handle | None = None
         self._room = asyncio.Event()
@@ -163,11 +163,6 @@ class MqttTransport:
         return sum(queue.waiting_of(client) for queue in self._queues)
 
     @property
-    def unacknowledged(self) -> int:
-        """Messages of QoS 1 that have been sent, and of which it is not known that they arrived."""
-        return 0 if self._connection is None else self._connection.unacknowledged
-
-    @property
     def is_full(self) -> bool:
         """Whether whoever publishes should wait for `room` first; only by the policy "wait"."""
         return any(queue.is_full for queue in self._queues)
@@ -204,7 +199,7 @@ class MqttTransport:
         qos = one.qos
         queue, connection = self._queues[qos], self._connection
         if self._ended:
-            one.settle(delivered=False, to=self.counts.destination)
+            one.settle(delivered=False, to=self._destination)
         elif connection is None or queue or not connection.has_room(qos):
             queue.put(one)
         else:
@@ -267,7 +262,7 @@ class MqttTransport:
                 found = queue.take()
                 if found is None:
                     break
-                self._send(self._connection, *found)
+                self._send(self._connection, found)
             else:
                 more = True
         if more:
@@ -275,12 +270,10 @@ class MqttTransport:
         if not self.is_full:
             self._room.set()
 
-    def _send(self, connection: MqttConnection, one: Message, sent_before: bool = False) -> None:
+    def _send(self, connection: MqttConnection, one: Message) -> None:
         if not connection.takes(one):
-            self.counts.dropped += 1
-            one.settle(delivered=False, to=self.counts.destination)
+            one.settle(delivered=False, to=self._destination)
         elif one.qos:
-            self.counts.repeated += sent_before
             connection.send_until_acknowledged(one)
         else:
             one.leave()
@@ -304,7 +297,6 @@ class MqttTransport:
                 self.address,
                 version,
                 self._client_id,
-                counts=self.counts,
                 on_room=self._has_room_again,
                 on_message=self._on_message,
                 on_received=self._on_received,

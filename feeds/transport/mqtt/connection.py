@@ -38,7 +38,7 @@ from plotfeed.feeds.transport.mqtt.packets import (
     subscribe_packet,
     unsubscribe_packet,
 )
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SocketBuffer
+from plotfeed.feeds.transport.mqtt.send_queue import SocketBuffer
 from plotfeed.proto.errors import PlotfeedError
 
 log = logging.getLogger(__name__)
@@ -87,7 +87,6 @@ class MqttConnection(asyncio.BufferedProtocol):
         version: int,
         client_id: str,
         *,
-        counts: QueueCounts | None = None,
         on_room: Callable[[], None] = lambda: None,
         on_message: OnMessage | None = None,
         on_received: OnReceived | None = None,
@@ -100,9 +99,9 @@ class MqttConnection(asyncio.BufferedProtocol):
         self.good_bye = ""  # Why the connection ends, as far as the broker or this client says
         self.version = version
         self._address, self._client_id, self._will = address, client_id, will
+        self._destination = address.destination
         self._on_message, self._on_received = on_message, on_received
         self._echo = echo
-        self._counts = counts or QueueCounts()
         self._on_room = on_room
         self._loop = asyncio.get_running_loop()
         self._keep_alive_s = keep_alive_s or KEEP_ALIVE_S
@@ -246,7 +245,7 @@ class MqttConnection(asyncio.BufferedProtocol):
 
     def give_up(self) -> list[Message]:
         """Drop what the socket has not taken, and hand back what is unacknowledged."""
-        self._counts.dropped += self._buffer.give_up(self._counts.destination)
+        self._buffer.give_up(self._destination)
         left, self._unacknowledged = list(self._unacknowledged.values()), {}
         self._unacknowledged_octets = 0
         return left
@@ -389,8 +388,7 @@ class MqttConnection(asyncio.BufferedProtocol):
             return
         self._unacknowledged_octets -= len(one.payload)
         delivered, topic = code < REFUSED, one.topic
-        self._counts.refused += not delivered
-        one.settle(delivered=delivered, to=self._counts.destination)
+        one.settle(delivered=delivered, to=self._destination)
         self._on_room()
         if delivered or topic in self._refused_topics:
             return

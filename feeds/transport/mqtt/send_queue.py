@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections import Counter, OrderedDict, defaultdict, deque
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
 from itertools import count
 
 from plotfeed.feeds.messages.message import Message
@@ -21,20 +20,6 @@ def loop_s() -> float:
     return asyncio.get_running_loop().time()
 
 
-@dataclass(slots=True)
-class QueueCounts:
-    """What a link has done with messages other than deliver them."""
-
-    destination: str = "MQTT"  # What the link's broker is called
-    # Given up before they left: by the policy, too old, too large for the broker, or still in the
-    # socket's buffer when a connection was lost.
-    dropped: int = 0
-    # Retained messages that gave way to a newer one on their topic, which is all that counts.
-    superseded: int = 0
-    repeated: int = 0  # Sent again, since a lost connection had left them unacknowledged
-    refused: int = 0  # Of QoS 1, which the broker has answered with a refusal
-
-
 class SendQueue:
     """The messages of one QoS that wait for one link: in order, counted, dropped by a policy.
 
@@ -45,19 +30,19 @@ class SendQueue:
         self,
         settings: MqttQueueKeys,
         qos: int,
-        counts: QueueCounts,
+        destination: str,
         now_s: Callable[[], float] = loop_s,
     ) -> None:
+        """`destination` is what ledgers call the broker."""
         self._policy = settings.policy
         self._limit = settings.limit(qos)
         self._max_age_s = settings.max_age_s
-        self._counts = counts
+        self._destination = destination
         self._now_s = now_s
         self._numbers = count()
-        # By their keys, which are the topics of those that are retained, and whether sent before.
-        self._of_client: defaultdict[Client | None, OrderedDict[Hashable, tuple[Message, bool]]] = (
-            defaultdict(OrderedDict)
-        )
+        # By their keys, which are the topics of those that are retained.
+        self._of_client: defaultdict[Client | None, OrderedDict[Hashable, Message]]
+        self._of_client = defaultdict(OrderedDict)
         self._octets: Counter[Client | None] = Counter()  # Of the payloads
         self._order: OrderedDict[Hashable, Client | None] = OrderedDict()  # Whose, by their keys
 
@@ -84,21 +69,18 @@ class SendQueue:
         self.expire()
         one.since_s = self._now_s()
         key: Hashable = one.topic if one.retain else next(self._numbers)
-        dropped = []
-        superseded = self._take_out(key)[0] if key in self._order else None
+        given_up = [self._take_out(key)] if key in self._order else []
         while not self._has_room(one) and (key_of := self._gives_way(one)) is not None:
-            dropped.append(self._take_out(key_of)[0])
+            given_up.append(self._take_out(key_of))
         if self._has_room(one):
-            self._put(key, one, was_sent=False)
+            self._put(key, one)
         else:
-            dropped.append(one)
-        if superseded is not None:
-            self._supersede(superseded)
-        for given_up in dropped:
-            self._drop(given_up)
+            given_up.append(one)
+        for each in given_up:
+            self._drop(each)
 
-    def take(self) -> tuple[Message, bool] | None:
-        """The one whose turn it is, if any is left, and whether it was sent before."""
+    def take(self) -> Message | None:
+        """The one whose turn it is, if any is left."""
         self.expire()
         return self._take_out(next(iter(self._order))) if self._order else None
 
@@ -109,10 +91,10 @@ class SendQueue:
         """
         for one in reversed(messages):
             key: Hashable = one.topic if one.retain else next(self._numbers)
-            if key in self._order:
-                self._supersede(one)
+            if key in self._order:  # a newer one on its topic, which is all that counts
+                self._drop(one)
                 continue
-            self._put(key, one, was_sent=True)
+            self._put(key, one)
             self._order.move_to_end(key, last=False)
             self._of_client[one.client].move_to_end(key, last=False)
 
@@ -123,14 +105,14 @@ class SendQueue:
         before_s = self._now_s() - self._max_age_s
         while self._order:
             key, client = next(iter(self._order.items()))
-            if self._of_client[client][key][0].since_s >= before_s:
+            if self._of_client[client][key].since_s >= before_s:
                 break
-            self._drop(self._take_out(key)[0])
+            self._drop(self._take_out(key))
 
     def give_up(self) -> None:
         """Settle all that waits as not delivered."""
         while self._order:
-            self._drop(self._take_out(next(iter(self._order)))[0])
+            self._drop(self._take_out(next(iter(self._order))))
 
     def _gives_way(self, one: Message) -> Hashable | None:
         """What of its client gives way to one that has no room, by its key; None for nothing.
@@ -140,7 +122,7 @@ class SendQueue:
         waiting = self._of_client[one.client]
         if self._policy == "drop-oldest":
             return next(iter(waiting), None)
-        passing = (key for key in reversed(waiting) if not waiting[key][0].retain)
+        passing = (key for key in reversed(waiting) if not waiting[key].retain)
         return next(passing, None) if one.retain else None
 
     def _has_room(self, one: Message) -> bool:
@@ -151,24 +133,19 @@ class SendQueue:
         octets = self._octets[one.client] + len(one.payload)
         return not waiting or octets <= MAX_WAITING_OCTETS * (2 if waits else 1)
 
-    def _put(self, key: Hashable, one: Message, *, was_sent: bool) -> None:
+    def _put(self, key: Hashable, one: Message) -> None:
         self._order[key] = one.client
-        self._of_client[one.client][key] = one, was_sent
+        self._of_client[one.client][key] = one
         self._octets[one.client] += len(one.payload)
 
-    def _take_out(self, key: Hashable) -> tuple[Message, bool]:
+    def _take_out(self, key: Hashable) -> Message:
         client = self._order.pop(key)
         found = self._of_client[client].pop(key)
-        self._octets[client] -= len(found[0].payload)
+        self._octets[client] -= len(found.payload)
         return found
 
     def _drop(self, one: Message) -> None:
-        self._counts.dropped += 1
-        one.settle(delivered=False, to=self._counts.destination)
-
-    def _supersede(self, one: Message) -> None:
-        self._counts.superseded += 1
-        one.settle(delivered=False, to=self._counts.destination)
+        one.settle(delivered=False, to=self._destination)
 
 
 # What may wait in a socket for a broker that has stalled; more is not taken.
@@ -232,12 +209,10 @@ class SocketBuffer:
         self._unsent.append((self._written - octets_behind, one))
         self._settle_taken()
 
-    def give_up(self, destination: str = "") -> int:
-        """The connection is lost: settle what was not taken; how many messages that were."""
-        lost = len(self._unsent)
+    def give_up(self, destination: str) -> None:
+        """The connection is lost: settle what was not taken."""
         while self._unsent:
             self._unsent.popleft()[1].settle(delivered=False, to=destination)
-        return lost
 
     def is_stuck(self) -> bool:
         """Whether it has taken nothing for long, though it should."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
@@ -38,7 +39,7 @@ async def publish(deliveries: Deliveries, link: MqttTransport, n: int, **how: in
 
 async def drained(link: MqttTransport) -> None:
     await link.drain(PATIENCE_S)
-    assert (link.waiting, link.unacknowledged) == (0, 0)
+    assert link.waiting == 0
 
 
 @pytest.mark.parametrize(
@@ -81,8 +82,7 @@ async def test_a_cut_network_costs_what_the_policy_gives_up(
     delivered, given_up = {*deliveries.delivered}, {*deliveries.given_up}
     assert delivered <= {*heard} <= delivered | given_up
     assert delivered | given_up == set(range(420))
-    assert link.counts.dropped == len(given_up)
-    assert len(heard) - len({*heard}) <= link.counts.repeated
+    assert all(100 <= n < 300 for n, times in Counter(heard).items() if times > 1)
     once = list(dict.fromkeys(heard))
     assert all(a < b for a, b in pairwise(once))
     if policy == "wait":

@@ -16,7 +16,7 @@ from plotfeed.feeds.messages.message import Message
 from plotfeed.feeds.scene.output_keys import MqttQueueKeys
 from plotfeed.feeds.timing.clock import InstantClock
 from plotfeed.feeds.transport.mqtt import send_queue
-from plotfeed.feeds.transport.mqtt.send_queue import QueueCounts, SendQueue, SocketBuffer
+from plotfeed.feeds.transport.mqtt.send_queue import SendQueue, SocketBuffer
 
 POLICIES = ["drop-oldest", "drop-newest", "wait"]
 
@@ -31,17 +31,15 @@ class Bench:
     def __init__(self, qos: int = 1, **settings: object) -> None:
         self.now_s = 0.0
         self.deliveries = Deliveries()
-        self.counts = QueueCounts()
         queue = MqttQueueKeys.model_validate(settings)
-        self.queue = SendQueue(queue, qos, self.counts, lambda: self.now_s)
+        self.queue = SendQueue(queue, qos, "MQTT", lambda: self.now_s)
 
     def put(self, n: int = 1, **how: object) -> None:
         for _ in range(n):
             self.queue.put(self.deliveries.make(**how))  # type: ignore[arg-type]
 
     def take(self) -> Message | None:
-        found = self.queue.take()
-        return None if found is None else found[0]
+        return self.queue.take()
 
     def take_all(self) -> list[int]:
         found = []
@@ -111,7 +109,6 @@ def test_it_does_what_the_simplest_queue_would_do(
             assert (len(bench.queue), bench.queue._octets.total()) == (len(waiting), held)
             is_full = waiting and (len(waiting) >= limit or held >= MOST_OCTETS)
             assert bench.queue.is_full == (policy == "wait" and bool(is_full))
-        assert bench.counts.dropped == len(dropped)
         bench.queue.give_up()
         assert len(bench.deliveries.given_up) == len(bench.deliveries.made) - len(sent)
 
@@ -122,7 +119,6 @@ def test_of_retained_messages_the_newest_on_each_topic_waits() -> None:
         bench.put(topic=topic, retain=True)
     bench.put(topic="a")
     assert bench.deliveries.given_up == [0, 1, 2]
-    assert (bench.counts.superseded, bench.counts.dropped) == (3, 0)
     assert bench.take_all() == [3, 4, 5, 6]
 
 
@@ -285,7 +281,8 @@ def test_delivered_is_only_what_has_left_and_in_the_end_all_of_it(
             told = deliveries.delivered
             assert {n for n, end in enumerate(ends) if end <= transport.taken} <= {*told}
         if steps and steps[-1][0] == "take":
-            assert watch.give_up() == len(deliveries.given_up) == len(ends) - len(told)
+            watch.give_up("MQTT")
+            assert len(deliveries.given_up) == len(ends) - len(told)
         transport.take(10**6)
         assert not watch._unsent
         assert not deliveries.unsettled
