@@ -73,11 +73,6 @@ class LiveSource:
             view = ",".join(f"{degrees:.6f}" for degrees in settings.view)
             self._octets = PolledOctets(self.address, self._turns, view, settings.poll_s)
 
-    @property
-    def bound_port(self) -> int:
-        """The port at which it listens, if it does."""
-        return self._octets.bound_port
-
     async def open(self) -> None:
         """Listen from now on; raises `TransportError`."""
         await self._octets.open()
@@ -157,8 +152,6 @@ AT_ONCE = 16  # Datagrams, until something else has its turn
 class OctetSource:
     """A way in for octets, by who sends them; a taker has them wait for their turn."""
 
-    bound_port = 0  # At which it listens, if it does
-
     @property
     def correspondents(self) -> Collection[str]:
         """Who can be sent something."""
@@ -205,7 +198,7 @@ class UdpOctets(OctetSource):
         except OSError as error:
             at = f" at {self._interface}" if self._interface else ""
             raise TransportError(f"{address}{at}: {error.strerror or error}") from None
-        self._socket, self.bound_port = opened, int(opened.getsockname()[1])
+        self._socket = opened
         self._unwatch = watched(opened, partial(self._take, opened))
 
     def close(self) -> None:
@@ -213,7 +206,7 @@ class UdpOctets(OctetSource):
         if self._socket is not None:
             self._unwatch()
             self._socket.close()
-            self._socket, self.bound_port = None, 0
+            self._socket = None
 
     def send(self, peer: str, data: bytes) -> None:
         """Answer somebody who has sent something, or whoever was named."""
@@ -266,7 +259,6 @@ class TcpOctets(OctetSource):
             self._server = await asyncio.start_server(
                 self._accepted, address.host, address.port, limit=TCP.octets
             )
-            self.bound_port = int(self._server.sockets[0].getsockname()[1])
         except OSError as error:
             raise TransportError(f"{address}: {error.strerror or error}") from None
 
@@ -298,7 +290,7 @@ class TcpOctets(OctetSource):
         """Take no more."""
         if self._server is not None:
             self._server.close()
-            self._server, self.bound_port = None, 0
+            self._server = None
         for writer in self._writers.values():
             writer.close()
         self._writers.clear()
