@@ -6,7 +6,7 @@ import asyncio
 import os
 import re
 import ssl
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import urlsplit
 from uuid import uuid4
@@ -127,12 +127,7 @@ MEANINGS = {401: "is the token right?", 403: "may this token do that?", 422: "it
 class HttpTransport(QueuedTransport):
     """One address, and the connection to its server."""
 
-    def __init__(
-        self,
-        settings: HttpDestination,
-        key: str = "http",
-        environment: Mapping[str, str] = os.environ,
-    ) -> None:
+    def __init__(self, settings: HttpDestination, key: str = "http") -> None:
         """`key` is the destination's place in the scene; raises `AccessError`."""
         url = settings.url.replace("{session}", str(uuid4()))
         parts = urlsplit(url)
@@ -146,7 +141,7 @@ class HttpTransport(QueuedTransport):
             tls = BrokerAccess(ca_file=ca_file).tls_context()
         fields = []
         if settings.token is not None:
-            token = token_of(settings.token, f"{key}.token", environment)
+            token = token_of(settings.token, f"{key}.token")
             fields.append(f"Authorization: Bearer {token}")
         self._server = HttpClient(url, tls, fields)
 
@@ -170,10 +165,10 @@ class HttpTransport(QueuedTransport):
         self._server.hang_up()
 
 
-def token_of(name: str, key: str, environment: Mapping[str, str]) -> str:
+def token_of(name: str, key: str) -> str:
     """The token of that name in the environment; raises `AccessError`, which does not show it."""
     variable = f"{TOKEN_VARIABLE}{name}"
-    token = environment.get(variable)
+    token = os.environ.get(variable)
     if not token:
         raise AccessError(f"{key}: the environment has no {variable}")
     if not (token.isascii() and token.isprintable()) or " " in token:

@@ -10,8 +10,7 @@ import contextlib
 import hmac
 import json
 import logging
-import os
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import AbstractAsyncContextManager
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
@@ -171,14 +170,13 @@ class RemoteIdTransport(ListeningTransport):
         settings: RemoteIdService,
         now_utc_ns: Callable[[], int],
         key: str = "remote_id_service",
-        environment: Mapping[str, str] = os.environ,
     ) -> None:
         """`key` is the destination's place in the scene; raises `AccessError`."""
         super().__init__(settings, key, "http")
         self._now_utc_ns = now_utc_ns
         self._token = ""
         if settings.token is not None:
-            self._token = token_of(settings.token, f"{key}.token", environment)
+            self._token = token_of(settings.token, f"{key}.token")
         self._flights = KnownFlights()
         self._places = Places[asyncio.StreamWriter](ASKING)
 

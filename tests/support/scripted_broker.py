@@ -122,15 +122,15 @@ async def linked(
     broker: ScriptedBroker, *subscribe: str, tls: Certificates | None = None, **queue: object
 ) -> AsyncIterator[MqttTransport]:
     context, address = None, "mqtt"
-    access = BrokerAccess()
+    access = BrokerAccess(version="5")
     if tls is not None:
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.load_cert_chain(tls.broker.certificate, tls.broker.key)
-        address, access = "mqtts", BrokerAccess(ca_file=tls.ca)
+        address, access = "mqtts", BrokerAccess(ca_file=tls.ca, version="5")
     async with serving(broker, context):
         url = f"{address}://127.0.0.1:{broker.port}"
         link = MqttTransport(
-            BrokerAddress.parse(url, versions=(5,), access=access),
+            BrokerAddress.parse(url, access=access),
             "test",
             subscribe=subscribe,
             queue=MqttQueueKeys.model_validate(queue),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import ssl
 import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -50,17 +49,15 @@ class BrokerAccess:
         """Settings for a connection with TLS; raises `AccessError`."""
         return _tls_context(self.ca_file, self.certificate_file, self.key_file)
 
-    def with_credentials(
-        self, file: Path | None, environment: Mapping[str, str] = os.environ
-    ) -> BrokerAccess:
+    def with_credentials(self, file: Path | None) -> BrokerAccess:
         """Access with what a file of credentials holds beside what is stated already.
 
         User name and password of the environment stand before those of the file. Raises
         `AccessError`.
         """
         found = {} if file is None else _credentials(file)
-        username = environment.get(USERNAME_VARIABLE, found.get("username"))
-        password = environment.get(PASSWORD_VARIABLE, found.get("password"))
+        username = os.environ.get(USERNAME_VARIABLE, found.get("username"))
+        password = os.environ.get(PASSWORD_VARIABLE, found.get("password"))
         if password is not None and username is None:
             raise AccessError(f"{PASSWORD_VARIABLE} is set, and there is no {USERNAME_VARIABLE}")
         for what, text in (("user name", username), ("password", password)):
@@ -171,17 +168,9 @@ class BrokerAddress:
 
     @classmethod
     def parse(
-        cls,
-        url: str,
-        *,
-        versions: tuple[int, ...] | None = None,
-        access: BrokerAccess | None = None,
-        waits: bool = False,
+        cls, url: str, *, access: BrokerAccess | None = None, waits: bool = False
     ) -> BrokerAddress:
-        """Read mqtt://HOST[:PORT], or mqtts:// for TLS; raises `AddressError`.
-
-        The versions are those of `access` unless others are given.
-        """
+        """Read mqtt://HOST[:PORT], or mqtts:// for TLS; raises `AddressError`."""
         try:
             parts = urlsplit(url)
             port = parts.port
@@ -202,7 +191,7 @@ class BrokerAddress:
                 f"broker {url!r}: a CA, certificate or key is given, and they need mqtts://"
             )
         port = port or DEFAULT_PORTS[parts.scheme]
-        versions = versions or VERSIONS[access.version or "any"]
+        versions = VERSIONS[access.version or "any"]
         return cls(parts.hostname, port, versions, tls, access, waits=waits)
 
     def __str__(self) -> str:

@@ -6,7 +6,7 @@ import asyncio
 import json
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 from uuid import UUID
 
@@ -27,17 +27,17 @@ from plotfeed.feeds.transport.mqtt.address import AccessError
 from plotfeed.models.state import AltitudeReference
 
 BY_TOKEN = {"token": "UTM"}
-TOKEN = {"PLOTFEED_HTTP_TOKEN_UTM": "s3cret"}
 
 
 @pytest.fixture(autouse=True)
-def _warned(caplog: pytest.LogCaptureFixture) -> None:
+def _warned(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     caplog.set_level(logging.WARNING)
+    monkeypatch.setenv("PLOTFEED_HTTP_TOKEN_UTM", "s3cret")
 
 
-def posting(port: int, environment: Mapping[str, str] = TOKEN, **keys: Any) -> HttpTransport:
+def posting(port: int, **keys: Any) -> HttpTransport:
     tree = {"url": f"http://127.0.0.1:{port}/set/{{session}}?a=1", "timeout_s": 20.0, **keys}
-    return HttpTransport(HttpDestination.model_validate(tree), "http[0]", environment)
+    return HttpTransport(HttpDestination.model_validate(tree), "http[0]")
 
 
 def message(text: str, kind: str = "air-traffic") -> Message:
@@ -130,14 +130,14 @@ async def test_a_server_that_comes_late_gets_the_newest_that_found_room() -> Non
 
 
 @pytest.mark.parametrize(
-    ("environment", "words"),
-    [({}, "no PLOTFEED_HTTP_TOKEN_UTM"), ({"PLOTFEED_HTTP_TOKEN_UTM": "a\r\nB: c"}, "ASCII")],
+    ("token", "words"), [("", "no PLOTFEED_HTTP_TOKEN_UTM"), ("a\r\nB: c", "ASCII")]
 )
 def test_a_token_that_is_none_is_told_and_not_shown(
-    environment: dict[str, str], words: str
+    token: str, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("PLOTFEED_HTTP_TOKEN_UTM", token)
     with pytest.raises(AccessError, match=words) as refused:
-        posting(1, environment, **BY_TOKEN)
+        posting(1, **BY_TOKEN)
     assert "B: c" not in str(refused.value)
 
 

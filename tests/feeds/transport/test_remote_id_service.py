@@ -54,9 +54,7 @@ def flights(name: str = "radar-1") -> bytes:
 @contextlib.asynccontextmanager
 async def service(**keys: Any) -> AsyncIterator[RemoteIdTransport]:
     settings = RemoteIdService(port=free_port(), **keys)
-    transport = RemoteIdTransport(
-        settings, lambda: NOW, environment={"PLOTFEED_HTTP_TOKEN_RID": "secret"}
-    )
+    transport = RemoteIdTransport(settings, lambda: NOW)
     async with kept_up(transport.run()):
         await transport.wait_until_up()
         message = Message("radar/f3411", flights(), settings.content_type, NOW)
@@ -86,7 +84,8 @@ async def test_what_is_asked_for_is_answered() -> None:
 
 
 @in_own_time
-async def test_who_may_ask() -> None:
+async def test_who_may_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLOTFEED_HTTP_TOKEN_RID", "secret")
     path = f"/uss/flights?{VIEW}"
     async with service(**TOKEN) as transport:
         port = transport.settings.port
@@ -164,7 +163,7 @@ async def test_a_port_that_is_taken_is_told_with_its_key() -> None:
 
 def test_what_a_service_needs_is_told_before_anything_is_sent() -> None:
     with pytest.raises(AccessError, match="the environment has no PLOTFEED_HTTP_TOKEN_RID"):
-        RemoteIdTransport(RemoteIdService(port=1, **TOKEN), lambda: NOW, environment={})
+        RemoteIdTransport(RemoteIdService(port=1, **TOKEN), lambda: NOW)
     sensor = radar(report=["plots"], scan={"kind": "staring", "period_s": 0.5})
     with pytest.raises(SceneError, match=r"remote_id_service\[0\].*'f3411'.*report"):
         scene([sensor], [], seed=1, remote_id_service=[{"port": 1}])

@@ -26,7 +26,6 @@ from plotfeed.feeds.scene.output_keys import EmbeddedBrokerKeys
 from plotfeed.feeds.scene.scene import SceneError, load
 from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
 from plotfeed.feeds.transport.mqtt.address import (
-    VERSIONS,
     AccessError,
     AddressError,
     BrokerAccess,
@@ -65,9 +64,10 @@ class Brokers:
             key_file=client and client.key,
             username=None if password is None else ME,
             password=password,
+            version=version,
         )
         url = f"{'mqtts' if secured else 'mqtt'}://{host}:{self.ports[place]}"
-        return BrokerAddress.parse(url, versions=VERSIONS[version], access=access)
+        return BrokerAddress.parse(url, access=access)
 
 
 @pytest.fixture(scope="module")
@@ -200,8 +200,9 @@ async def test_a_broker_of_3_1_1_alone_is_spoken_to_in_3_1_1() -> None:
     async with await asyncio.start_server(only_3_1_1, "127.0.0.1", 0) as server:
         url = f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}"
         for version in ("any", "3.1.1"):
-            assert await version_spoken(BrokerAddress.parse(url, versions=VERSIONS[version])) == 4
-        text = await refusal(BrokerAddress.parse(url, versions=VERSIONS["5"]))
+            access = BrokerAccess(version=version)
+            assert await version_spoken(BrokerAddress.parse(url, access=access)) == 4
+        text = await refusal(BrokerAddress.parse(url, access=BrokerAccess(version="5")))
     assert text == "it refuses: unacceptable protocol version"
 
 
@@ -244,32 +245,37 @@ def test_files_that_are_no_keys_are_named(certificates: Certificates, tmp_path: 
         assert str(caught.value).removeprefix("client ") == text.removeprefix("client ")
 
 
-def test_the_environment_stands_before_the_file(tmp_path: Path) -> None:
+def test_the_environment_stands_before_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "credentials.toml"
     path.write_text('username = "file"\npassword = "of the file"\n')
-    user, secret = "PLOTFEED_MQTT_USERNAME", "PLOTFEED_MQTT_PASSWORD"
-    found = BrokerAccess().with_credentials(path, {})
-    assert (found.username, found.password) == ("file", "of the file")
-    found = BrokerAccess().with_credentials(path, {secret: PASSWORD})
-    assert (found.username, found.password) == ("file", PASSWORD)
-    found = BrokerAccess().with_credentials(path, {user: ME, secret: PASSWORD})
-    assert (found.username, found.password) == (ME, PASSWORD)
-    found = BrokerAccess().with_credentials(None, {user: ME})
+    assert BrokerAccess().with_credentials(None) == BrokerAccess()
+    for name, value, expected in (
+        ("", "", ("file", "of the file")),
+        ("PLOTFEED_MQTT_PASSWORD", PASSWORD, ("file", PASSWORD)),
+        ("PLOTFEED_MQTT_USERNAME", ME, (ME, PASSWORD)),
+    ):
+        if name:
+            monkeypatch.setenv(name, value)
+        found = BrokerAccess().with_credentials(path)
+        assert (found.username, found.password) == expected
+    monkeypatch.delenv("PLOTFEED_MQTT_PASSWORD")
+    found = BrokerAccess().with_credentials(None)
     assert (found.username, found.password) == (ME, None)
-    assert BrokerAccess().with_credentials(None, {}) == BrokerAccess()
 
 
 @pytest.mark.parametrize(
-    "environment",
-    [
-        {"PLOTFEED_MQTT_PASSWORD": "a secret"},
-        {"PLOTFEED_MQTT_USERNAME": ME, "PLOTFEED_MQTT_PASSWORD": "a secret\udcff"},
-        {"PLOTFEED_MQTT_USERNAME": ME, "PLOTFEED_MQTT_PASSWORD": "a secret" * 10_000},
-    ],
+    ("name", "password"), [("", "a secret"), (ME, "a secret\udcff"), (ME, "a secret" * 10_000)]
 )
-def test_credentials_that_mqtt_cannot_carry_are_refused(environment: dict[str, str]) -> None:
+def test_credentials_that_mqtt_cannot_carry_are_refused(
+    name: str, password: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PLOTFEED_MQTT_PASSWORD", password)
+    if name:
+        monkeypatch.setenv("PLOTFEED_MQTT_USERNAME", name)
     with pytest.raises(AccessError) as caught:
-        BrokerAccess().with_credentials(None, environment)
+        BrokerAccess().with_credentials(None)
     assert "secret" not in str(caught.value)
 
 
@@ -333,7 +339,7 @@ def test_credentials_that_cannot_be_read_are_one_line_without_them(tmp_path: Pat
     ):
         path.write_text(text)
         with pytest.raises(AccessError) as caught:
-            BrokerAccess().with_credentials(path, {})
+            BrokerAccess().with_credentials(path)
         assert "secret" not in str(caught.value)
         assert str(path) in str(caught.value)
     assert "secret" not in repr(BrokerAccess(username="me", password="secret"))  # noqa: S106
@@ -344,15 +350,15 @@ def test_a_file_of_credentials_holds_what_a_scene_can_say_and_the_scene_stands_b
 ) -> None:
     path = tmp_path / "credentials.toml"
     path.write_text('ca_file = "ca.pem"\nclient_key_file = "/a/key.pem"\nversion = "3.1.1"\n')
-    found = BrokerAccess(key_file=Path("own.pem")).with_credentials(path, {})
+    found = BrokerAccess(key_file=Path("own.pem")).with_credentials(path)
     assert found == BrokerAccess(
         ca_file=tmp_path / "ca.pem", key_file=Path("own.pem"), version="3.1.1"
     )
     assert BrokerAddress.parse("mqtts://here", access=found).versions == (4,)
-    assert BrokerAccess(version="5").with_credentials(path, {}).version == "5"
+    assert BrokerAccess(version="5").with_credentials(path).version == "5"
     path.write_text('version = "4"\n')
     with pytest.raises(AccessError, match=r"version: expected one of 5, 3\.1\.1, any"):
-        BrokerAccess().with_credentials(path, {})
+        BrokerAccess().with_credentials(path)
 
 
 # Whole commands, through a broker that asks for a certificate and a password.
