@@ -5,15 +5,12 @@ With what its scene asked of each sensor by time, and what sensors take themselv
 
 from __future__ import annotations
 
-import json
-from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain, groupby, pairwise
-from operator import itemgetter
+from itertools import chain, pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, NamedTuple, Self
@@ -22,42 +19,40 @@ import numpy as np
 
 from plotfeed.feeds.console.printed import with_progress
 from plotfeed.feeds.engine.emulated_sensors import AHEAD_NS
-from plotfeed.feeds.formats import FORMATS
 from plotfeed.feeds.lab import oracle
+from plotfeed.feeds.recording.recorded_plots import (
+    SectorKey,
+    SectorPlots,
+    WaitingPlots,
+    plot_topics_of,
+    sector_plots,
+)
+from plotfeed.feeds.recording.recorded_settings import RecordedSettings
 from plotfeed.feeds.recording.recorder import SessionRecord
-from plotfeed.feeds.scene.changes import changed, in_force, instants_ns
 from plotfeed.feeds.scene.fields import frame_at
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.scene.sea_level import SeaLevel
-from plotfeed.feeds.scene.sensors import Sensor, sensor_of
+from plotfeed.feeds.scene.sensors import Sensor
 from plotfeed.feeds.scene.sensors.effect_keys import readings_of
 from plotfeed.feeds.scene.sensors.sensor_keys import SensorGeometry
 from plotfeed.models.beam import Timetable
 from plotfeed.models.chance import Chance
-from plotfeed.models.clutter import CLUTTER, SIDELOBE
 from plotfeed.models.effects.readings import Readings
 from plotfeed.models.frames import LocalFrame, aer_to_enu
 from plotfeed.models.sensors.sensor_model import JointSensor, SensorModel
-from plotfeed.models.state import OTHER, Bools, Floats, Ints, Texts
-from plotfeed.proto.asterix.decode_plots import told_of_plots_and_tracks
+from plotfeed.models.state import Bools, Floats, Ints
 from plotfeed.proto.content_types import LEDGER, LEDGER_BATCH, message_type
 from plotfeed.proto.errors import DecodeError, PlotfeedError
-from plotfeed.proto.ledger import LedgerTables, ToldLooks, ToldPlots, tables_of
-from plotfeed.proto.measured_plots import MeasuredPlots
-from plotfeed.proto.plot_messages import batch_in, plots_of_batches
-from plotfeed.proto.plotfeed_pb2 import PlotBatch
+from plotfeed.proto.ledger import LedgerTables, tables_of
 from plotfeed.proto.utc import NS, NS_IN_MS
 from plotfeed.replay.mcap import ChannelKey, McapReader
-from plotfeed.replay.recorded import WHAT_LEFT, Recorded, Stage
+from plotfeed.replay.recorded import Recorded, Stage
 
-NO_PLOTS = MeasuredPlots.of(())
 TRUTH = "/truth"
 LEDGERS = ("", LEDGER, LEDGER_BATCH)  # What messages there may be, by what they say of themselves
 # Messages that are read together, and their octets, as those of the ledger have many sectors.
 AT_ONCE, OCTETS_AT_ONCE = 8192, 4 << 20
 REMEMBERED = 65_536  # Entries by which it is noticed that one was recorded twice
-# Plots that wait for what is true of them; then the oldest are given up.
-MAX_WAITING_PLOTS = 200_000
 MOST_COMPLETE = (Stage.BEFORE, Stage.AFTER, Stage.RECEIVED)
 # Stages at which plots are looked for, the best first: the most complete, or as a tracker saw.
 AS_DELIVERED = (Stage.AFTER, Stage.RECEIVED, Stage.BEFORE)
@@ -65,84 +60,7 @@ AS_DELIVERED = (Stage.AFTER, Stage.RECEIVED, Stage.BEFORE)
 
 # Sensors whose plots state errors that follow from their own ratios, as the oracle has them.
 RADARS = frozenset({"active_radar", "mimo_radar", "passive_radar"})
-MAX_CHANGES = 10_000  # Of each sensor that are known; of later ones nothing is told
 MOST_LACKING = 100_000  # Sectors in a row, that are looked at one by one
-
-
-class RecordedSettings:
-    """Sensors by time, as settings messages tell of them; before the first, as in the scene."""
-
-    def __init__(self, scene: Scene) -> None:
-        self._sensors = {sensor.id: sensor for sensor in scene.sensor}
-        self._told: dict[str, list[tuple[int, Sensor]]] = {name: [] for name in self._sensors}
-        self._controlled: dict[str, list[tuple[int, Mapping[str, Any]]]] = {
-            name: [] for name in self._sensors
-        }
-        self._instants_ns = {s.id: instants_ns(s.event) for s in scene.sensor}
-        self._worked_out: dict[tuple[str, int, int], Sensor | None] = {}
-
-    @classmethod
-    def read(cls, scene: Scene, log: McapReader) -> Self:
-        """Read all that a recording tells."""
-        found = cls(scene)
-        topics = {f"{scene.mqtt.prefix}/{name}/settings": name for name in found._sensors}
-        for message in log.messages(topics=set(topics), stages=WHAT_LEFT):
-            found.take(topics[message.topic], message.payload, message.log_time_ns)
-        return found
-
-    def take(self, sensor: str, payload: bytes, t_utc_ns: int) -> None:
-        """Note what a message tells of a sensor from that time on; what tells nothing is none."""
-        try:
-            told = json.loads(payload)
-            controlled = told.get("controlled")
-        except (ValueError, AttributeError, RecursionError):
-            return
-        if isinstance(controlled, dict) and len(self._controlled[sensor]) <= MAX_CHANGES:
-            self._controlled[sensor].append((t_utc_ns, controlled))
-        try:
-            now = sensor_of(told["in_force"])
-        except (ValueError, KeyError, TypeError, RecursionError):  # pydantic's are ValueErrors
-            return
-        is_it = now.id == sensor and type(now) is type(self._sensors[sensor])
-        if is_it and len(self._told[sensor]) < MAX_CHANGES:
-            self._told[sensor].append((t_utc_ns, now))
-
-    def told_at(self, t_utc_ns: int) -> dict[str, Sensor]:
-        """Sensors by id, as the last messages until then had them."""
-        found = dict(self._sensors)
-        for name, told in self._told.items():
-            number = _until(told, t_utc_ns)
-            if number:
-                found[name] = told[number - 1][1]
-        return found
-
-    def told_between(self, after_utc_ns: int, until_utc_ns: int) -> Iterator[str]:
-        """The ids of sensors of which a message told later than that, and until then."""
-        for sensor, told in self._told.items():
-            if _until(told, after_utc_ns) < _until(told, until_utc_ns):
-                yield sensor
-
-    def worked_out(self, sensor: str, t_utc_ns: int, start_utc_ns: int) -> Sensor | None:
-        """A sensor as the script of its scene and control had it then; None if that is not known.
-
-        The session began at `start_utc_ns`. It is the same object for as long as nothing changes.
-        """
-        elapsed_ns = max(t_utc_ns - start_utc_ns, 0)
-        commands = _until(self._controlled[sensor], t_utc_ns)
-        state = (sensor, bisect_right(self._instants_ns[sensor], elapsed_ns), commands)
-        if state not in self._worked_out:
-            own, self._worked_out[state] = self._sensors[sensor], None
-            controlled = self._controlled[sensor][commands - 1][1] if commands else {}
-            if commands <= MAX_CHANGES:
-                with suppress(PlotfeedError):
-                    found = changed(own, *in_force(own.event, elapsed_ns), controlled)
-                    self._worked_out[state] = found
-        return self._worked_out[state]
-
-
-def _until(by_time: Sequence[tuple[int, Any]], t_utc_ns: int) -> int:
-    """Count what there was until then."""
-    return bisect_right(by_time, t_utc_ns, key=itemgetter(0))
 
 
 @dataclass(frozen=True)
@@ -277,143 +195,6 @@ class AskedByTime:
         """How many of those sectors, by number, there were to be: it was at work."""
         asked = (self.in_sector(*divmod(n, self.sectors)) for n in lacking[:MOST_LACKING])
         return sum(each is not None and each.keys.enabled for each in asked)
-
-
-def plot_topics() -> list[str]:
-    """Ends of topics with plots that can be joined with the ledger, those that say most first.
-
-    SAPIENT is none of them, since it keeps the plots of several sectors together.
-    """
-    rows = (row for row in FORMATS.values() if row.plots_in is not None and row.name != "sapient")
-    return [row.facts.topic for row in rows]
-
-
-def names_of(told: ToldLooks | ToldPlots) -> Texts:
-    """Names of what looks or plots are of, drones or not, (n,); empty for false alarms."""
-    return np.where(told.drone != "", told.drone, told.other)
-
-
-def are_targets(names: Texts) -> Bools:
-    """Which of those were looked at: neither false alarms nor what is nowhere, (n,)."""
-    nowhere = ("", CLUTTER + OTHER, SIDELOBE + OTHER)
-    known = {name: bool(name) and not name.startswith(nowhere[1:]) for name in set(names.tolist())}
-    return np.array([known[name] for name in names.tolist()], np.bool_)
-
-
-class SectorKey(NamedTuple):
-    """The sector that plots are of."""
-
-    prefix: str  # Of the session's topics
-    sensor: str
-    scan: int
-    sector: int
-
-
-@dataclass(frozen=True, slots=True)
-class SectorPlots:
-    """The plots in a message: some rows of a table, which is that of many messages."""
-
-    key: SectorKey
-    number: int  # Of the message, among those of its sector
-    table: MeasuredPlots
-    first: int
-    end: int
-
-    def __len__(self) -> int:
-        return self.end - self.first
-
-
-def plots_in_rows(parts: Iterable[SectorPlots]) -> MeasuredPlots:
-    """The plots of all parts, in their order."""
-    tables = [NO_PLOTS]
-    for _, together in groupby(parts, key=lambda part: id(part.table)):
-        several = list(together)
-        rows = [np.arange(part.first, part.end) for part in several]
-        tables.append(several[0].table.rows(np.concatenate(rows)))
-    return MeasuredPlots.joined(tables)
-
-
-def sector_plots(
-    messages: Iterable[Recorded], whose: Callable[[Recorded], tuple[str, str]]
-) -> Iterator[SectorPlots]:
-    """Plots in messages that hold any; what cannot be read or placed is left out."""
-    of_batches: list[tuple[SectorKey, int, int]] = []
-    of_asterix: list[tuple[SectorKey, int, int]] = []
-    batches: list[PlotBatch] = []
-    told: list[dict[str, Any]] = []
-    for message in messages:
-        prefix, sensor = whose(message)
-        if message.topic.endswith("/plots"):
-            try:
-                batch = batch_in(message.payload)
-            except DecodeError:
-                continue
-            key = SectorKey(prefix, sensor, batch.scan, batch.sector)
-            batches.append(batch)
-            of_batches.append((key, 0, len(batch.plots)))
-            continue
-        properties = dict(message.properties)
-        try:
-            key = SectorKey(prefix, sensor, int(properties["scan"]), int(properties["sector"]))
-            number = int(properties["id"].rpartition("-")[2])
-        except (KeyError, ValueError):
-            continue
-        plots = told_of_plots_and_tracks(message.payload, message.log_time_ns) or []
-        told += plots
-        of_asterix.append((key, number, len(plots)))
-    for table, several in (
-        (plots_of_batches(batches), of_batches),
-        (MeasuredPlots.of(told), of_asterix),
-    ):
-        end = 0
-        for key, number, count in several:
-            first, end = end, end + count
-            if count:
-                yield SectorPlots(key, number, table, first, end)
-
-
-class WaitingPlots:
-    """Plots by sector, until the ledger's entry comes, which is the last as a rule."""
-
-    def __init__(self) -> None:
-        self._sectors: OrderedDict[SectorKey, dict[int, SectorPlots]] = OrderedDict()
-        self.total = 0
-
-    def add(self, found: SectorPlots) -> None:
-        """Keep the plots of a message; a duplicate of it is passed over."""
-        messages = self._sectors.setdefault(found.key, {})
-        if found.number in messages:
-            return
-        messages[found.number] = found
-        self.total += len(found)
-        while self.total > MAX_WAITING_PLOTS and self._sectors:
-            self._forget(next(iter(self._sectors)))
-
-    def count(self, key: SectorKey) -> int:
-        """Count the plots of a sector."""
-        return sum(map(len, self._sectors.get(key, {}).values()))
-
-    def take(self, key: SectorKey, t_utc_ns: Ints) -> list[SectorPlots] | None:
-        """Plots of a sector, in order, which wait no longer; None if those times are of others.
-
-        The sensor's clock may be ahead, but of all its plots by as much.
-        """
-        messages = self._forget(key)
-        parts = [messages[n] for n in sorted(messages)]
-        if sum(map(len, parts)) != len(t_utc_ns):
-            return None
-        ahead_ns, at = set(), 0
-        for part in parts:
-            true_ns = t_utc_ns[at : (at := at + len(part))]
-            if not part.table.category[part.first]:  # of ASTERIX times are told in steps
-                measured_ns = part.table.t_utc_ns[part.first : part.end]
-                ahead_ns |= {*(measured_ns - true_ns).tolist()}
-        return parts if len(ahead_ns) < 2 else None
-
-    def _forget(self, key: SectorKey) -> dict[int, SectorPlots]:
-        messages = self._sectors.pop(key, {})
-        self.total -= sum(map(len, messages.values()))
-        return messages
 
 
 class EvidencePart(NamedTuple):
@@ -569,23 +350,3 @@ def truth_topics(series: Sequence[ChannelKey]) -> dict[tuple[str, Stage], str]:
             best = found.get(each.topic, each.stage)
             found[each.topic] = Stage.AFTER if Stage.AFTER in (best, each.stage) else best
     return {(topic, stage): topic.removesuffix(TRUTH) for topic, stage in found.items()}
-
-
-def plot_topics_of(
-    series: Iterable[ChannelKey], prefixes: set[str], stages: Sequence[Stage]
-) -> dict[tuple[str, Stage], tuple[str, str]]:
-    """Prefix and sensor by topic and stage: of each sensor the most exact kind of plots.
-
-    At the first of those stages at which there are any.
-    """
-    best: dict[tuple[str, str], tuple[int, int, str, Stage]] = {}
-    for each in series:
-        for rank, kind in enumerate(plot_topics()):
-            place = each.topic.removesuffix(f"/{kind}")
-            prefix, _, sensor = place.rpartition("/")
-            if place == each.topic or prefix not in prefixes or each.stage not in stages:
-                continue
-            found = (rank, stages.index(each.stage), each.topic, each.stage)
-            key = (prefix, sensor)
-            best[key] = min(best.get(key, found), found)
-    return {(topic, stage): key for key, (_, _, topic, stage) in best.items()}

@@ -21,20 +21,10 @@ from plotfeed.feeds.lab.evidence import (
     AskedSensor,
     Evidence,
     EvidencePart,
-    SectorKey,
-    are_targets,
-    names_of,
-    plots_in_rows,
 )
-from plotfeed.feeds.lab.links import (
-    CELLS,
-    CURVE,
-    LinkFigures,
-    Order,
-    Setting,
-    link_checks,
-    orders_of,
-)
+from plotfeed.feeds.lab.links import CURVE, LinkFigures, Order, Setting, link_checks, orders_of
+from plotfeed.feeds.link.delays import CELLS
+from plotfeed.feeds.recording.recorded_plots import SectorKey, are_targets, names_of, plots_in_rows
 from plotfeed.models.residuals import Check
 from plotfeed.models.state import OTHER, Ints
 from plotfeed.proto import plotfeed_pb2 as pb

@@ -18,8 +18,9 @@ import numpy as np
 from plotfeed.feeds.console.printed import finite
 from plotfeed.feeds.engine.simulation import SimulatedSensor
 from plotfeed.feeds.lab import laws, oracle
-from plotfeed.feeds.lab.evidence import RADARS, AskedSensor, are_targets, names_of
+from plotfeed.feeds.lab.evidence import RADARS, AskedSensor
 from plotfeed.feeds.lab.laws import QUANTITIES
+from plotfeed.feeds.recording.recorded_plots import are_targets, names_of
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.models import residuals
 from plotfeed.models.frames import LocalFrame, aer_to_enu, enu_to_aer, wrap_180

@@ -12,20 +12,12 @@ from functools import cached_property
 import numpy as np
 from pydantic import ValidationError
 
-from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.feeds.link.impairment import LinkExpectation
-from plotfeed.feeds.link.losses import LossChain
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.feeds.scene.problems import problems_of
 from plotfeed.models.residuals import Check
 from plotfeed.models.state import Floats, Ints
-from plotfeed.models.tail_chances import (
-    Cumulants,
-    p_of_binomial,
-    p_of_distance,
-    p_of_lengths,
-    p_of_whole,
-)
+from plotfeed.models.tail_chances import p_of_binomial, p_of_distance, p_of_lengths
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.ledger import ToldMessages
 
@@ -36,56 +28,6 @@ ENOUGH = 5.0
 def z_score(excess: float, variance: float) -> float:
     """A count's excess in standard deviations; NaN if too few were counted for a normal law."""
     return excess / math.sqrt(variance) if variance >= ENOUGH else math.nan
-
-
-CELLS = 1 << 13  # Of equal probability by the law: distances are known to one part in as many
-MET = 0.1  # Share of a cell by which a law may miss an edge, as it does within an atom
-HALF_A_NS = 0.5  # Delays are whole nanoseconds, so that a law's atom is met from below
-
-
-def law_distance(law: DelayLaw, delays_ns: Ints) -> float:
-    """Kolmogorov's distance of delays from a law; NaN of none, and of a law without a spread.
-
-    Probabilities that no delay has, within the law's atoms, are left out.
-    """
-    edges = np.arange(1, CELLS) / CELLS
-    met = np.abs(law.cdf(law.quantile_ms(edges)) - edges) < MET / CELLS
-    if not len(delays_ns) or not met.any():
-        return math.nan
-    below = law.cdf((delays_ns + HALF_A_NS) / 1e6)
-    # What ends at an edge, within what counts as met of it, lies below it: so do atoms.
-    cells = np.clip(np.ceil(below * CELLS - MET).astype(np.int64) - 1, 0, CELLS - 1)
-    seen = np.cumsum(np.bincount(cells, minlength=CELLS))[:-1] / len(delays_ns)
-    return float(np.abs(seen - edges)[met].max())
-
-
-STEP = 1e-3
-
-
-def p_of_losses(chain: LossChain, of: int, count: int) -> float:
-    """Probability of so many losses among messages that a chain decided on in turn."""
-    step, emissions = chain.steps, np.array(chain.emissions)
-
-    def log_moment(t: float) -> float:
-        tilt = 1 - emissions + emissions * math.exp(t)
-        first, matrix, log, scale = chain.stationary * tilt, step * tilt, 0.0, 0.0
-        vector, left = first, of - 1
-        while left:
-            if left & 1:
-                vector = vector @ matrix
-                size = float(vector.sum())
-                vector, log = vector / size, log + math.log(size) + scale
-            matrix = matrix @ matrix
-            size = float(matrix.max())
-            matrix, scale = matrix / size, 2 * scale + math.log(size)
-            left >>= 1
-        return log + math.log(float(vector.sum()))
-
-    def cumulants(t: float) -> Cumulants:
-        below, here, above = log_moment(t - STEP), log_moment(t), log_moment(t + STEP)
-        return Cumulants(here, (above - below) / (2 * STEP), (above - 2 * here + below) / STEP**2)
-
-    return p_of_whole(count, cumulants, of)
 
 
 # Fates of messages that the model of loss let through.
@@ -280,9 +222,9 @@ class Fit:
         rho = abs(link.delay_correlation)
         share = (1 - rho) / (1 + rho)
         self.independent = len(delays_ns) * share
-        self.distance = law_distance(asked.delay, delays_ns)
+        self.distance = asked.delay.distance(delays_ns)
         self.p_value = p_of_distance(self.distance, self.independent)
-        self.link_distance = law_distance(asked.delay, drawn_ns)
+        self.link_distance = asked.delay.distance(drawn_ns)
         self.link_p_value = p_of_distance(self.link_distance, len(drawn_ns) * share)
 
 
@@ -385,7 +327,7 @@ def _loss(asked: LinkExpectation | None, lost: int, of: int) -> Share:
     z = math.nan
     if of * mean / asked.loss.mean_burst >= ENOUGH:
         z = z_score(lost - of * mean, (of * asked.loss.spread_of_loss(of)) ** 2)
-    return Share(lost, of, mean, z, p_of_losses(asked.loss, of, lost))
+    return Share(lost, of, mean, z, asked.loss.p_of(lost, of))
 
 
 def _overtaking(asked: LinkExpectation | None, order: Order) -> Share:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from plotfeed.feeds.scene.link_keys import LinkSettings
 from plotfeed.models import special
-from plotfeed.models.state import Floats
+from plotfeed.models.state import Floats, Ints
 
 # In jitters: netem's tables are of 16 bits with 8192 to a jitter, so that none goes further.
 CLIP = 4.0
@@ -41,6 +41,11 @@ SHAPES: dict[str, Callable[[Floats], Floats]] = {
     "paretonormal": lambda u: NORMAL_PART * _normal(u) + (1 - NORMAL_PART) * _pareto(u),
 }
 HALVINGS = 50  # By which a probability is found to the last digit that matters
+
+
+CELLS = 1 << 13  # Of equal probability by the law: distances are known to one part in as many
+MET = 0.1  # Share of a cell by which a law may miss an edge, as it does within an atom
+HALF_A_NS = 0.5  # Delays are whole nanoseconds, so that a law's atom is met from below
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +103,21 @@ class DelayLaw:
         """Mean distance from the mean, by 4096 quantiles."""
         delays_ms = self.quantile_ms(_MIDDLES)
         return float(np.abs(delays_ms - delays_ms.mean()).mean())
+
+    def distance(self, delays_ns: Ints) -> float:
+        """Kolmogorov's distance of delays from the law; NaN of none, and of a law without a spread.
+
+        Probabilities that no delay has, within the law's atoms, are left out.
+        """
+        edges = np.arange(1, CELLS) / CELLS
+        met = np.abs(self.cdf(self.quantile_ms(edges)) - edges) < MET / CELLS
+        if not len(delays_ns) or not met.any():
+            return math.nan
+        below = self.cdf((delays_ns + HALF_A_NS) / 1e6)
+        # What ends at an edge, within what counts as met of it, lies below it: so do atoms.
+        cells = np.clip(np.ceil(below * CELLS - MET).astype(np.int64) - 1, 0, CELLS - 1)
+        seen = np.cumsum(np.bincount(cells, minlength=CELLS))[:-1] / len(delays_ns)
+        return float(np.abs(seen - edges)[met].max())
 
 
 _MIDDLES = (np.arange(4096) + 0.5) / 4096

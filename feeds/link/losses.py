@@ -38,6 +38,7 @@ def until_left(steps: Floats, leaving: Floats, each: Floats) -> Floats:
 
 
 BELOW_ONE = math.nextafter(1.0, 0.0)
+STEP = 1e-3  # Of tilts, by which moments are derived
 
 
 def left_of(u: float, p: float) -> float:
@@ -143,6 +144,35 @@ class LossChain:
     def spread_of_loss(self, messages: int) -> float:
         """Standard deviation of the share lost of so many messages, if they are many."""
         return math.sqrt(self.variance_per_message / messages)
+
+    def p_of(self, count: int, of: int) -> float:
+        """Probability of so many losses among messages that it decided on in turn; two-sided."""
+        from plotfeed.models.tail_chances import Cumulants, p_of_whole  # SciPy takes long to load
+
+        step, emissions = self.steps, self._e
+
+        def log_moment(t: float) -> float:
+            tilt = 1 - emissions + emissions * math.exp(t)
+            first, matrix, log, scale = self.stationary * tilt, step * tilt, 0.0, 0.0
+            vector, left = first, of - 1
+            while left:
+                if left & 1:
+                    vector = vector @ matrix
+                    size = float(vector.sum())
+                    vector, log = vector / size, log + math.log(size) + scale
+                matrix = matrix @ matrix
+                size = float(matrix.max())
+                matrix, scale = matrix / size, 2 * scale + math.log(size)
+                left >>= 1
+            return log + math.log(float(vector.sum()))
+
+        def cumulants(t: float) -> Cumulants:
+            below, here, above = log_moment(t - STEP), log_moment(t), log_moment(t + STEP)
+            return Cumulants(
+                here, (above - below) / (2 * STEP), (above - 2 * here + below) / STEP**2
+            )
+
+        return p_of_whole(count, cumulants, of)
 
     def _begins(self) -> Floats:
         """Probability, per message and state, of being the first of a burst."""

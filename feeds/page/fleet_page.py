@@ -11,7 +11,6 @@ import numpy as np
 from plotfeed.feeds.console.extras import need_extra
 from plotfeed.feeds.fleet.fleet_watch import FleetWatch, gap_words
 from plotfeed.feeds.formats import FORMATS
-from plotfeed.feeds.lab.evidence import plot_topics
 from plotfeed.feeds.page.page_access import PageAddress, Tokens
 from plotfeed.feeds.page.page_sessions import CLOCK_CONTROLS, REAL_TIME
 from plotfeed.feeds.page.recorded_sectors import nobody_s
@@ -20,6 +19,7 @@ from plotfeed.feeds.page.scene_outline import connections
 from plotfeed.feeds.page.server import serving
 from plotfeed.feeds.page.updates import NoControls
 from plotfeed.feeds.page.view import View
+from plotfeed.feeds.recording.recorded_plots import plot_topics
 from plotfeed.feeds.transport.mqtt.client import MqttTransport
 from plotfeed.proto.errors import DecodeError
 

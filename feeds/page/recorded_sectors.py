@@ -11,9 +11,9 @@ from typing import Self
 
 import numpy as np
 
-from plotfeed.feeds.lab.evidence import (
+from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.recording.recorded_plots import (
     NO_PLOTS,
-    RecordedSettings,
     SectorKey,
     SectorPlots,
     WaitingPlots,
@@ -23,7 +23,7 @@ from plotfeed.feeds.lab.evidence import (
     plots_in_rows,
     sector_plots,
 )
-from plotfeed.feeds.messages.batch import Batch
+from plotfeed.feeds.recording.recorded_settings import RecordedSettings
 from plotfeed.feeds.recording.recorder import recorded_scene
 from plotfeed.feeds.replaying.replay_settings import ReplaySettings
 from plotfeed.feeds.scene.fields import frame_at

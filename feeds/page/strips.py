@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from plotfeed.feeds.lab.links import p_of_losses
 from plotfeed.feeds.link.delays import DelayLaw
 from plotfeed.feeds.link.losses import LossChain, chain_of
 from plotfeed.feeds.scene.link_keys import LinkSettings
@@ -140,7 +139,7 @@ class LinkRecord:
         else:
             spread = of * chain.spread_of_loss(of)
             is_far = abs(lost - of * mean) > IN_DOUBT * spread
-            self._is_off = bool(is_far) and p_of_losses(chain, of, lost) < OFF_BELOW
+            self._is_off = bool(is_far) and chain.p_of(lost, of) < OFF_BELOW
         return self._is_off
 
 

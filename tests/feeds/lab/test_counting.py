@@ -13,8 +13,8 @@ from support.links import link
 from support.significance import assert_chance
 
 from plotfeed.feeds.lab.gathering import lacking_of
-from plotfeed.feeds.lab.links import CELLS, Order, found_times, law_distance, orders_of
-from plotfeed.feeds.link.delays import DelayLaw
+from plotfeed.feeds.lab.links import Order, found_times, orders_of
+from plotfeed.feeds.link.delays import CELLS, DelayLaw
 from plotfeed.models.residuals import CELL_M, MAX_CELLS, LookTally, pd_by_range
 from plotfeed.models.tail_chances import p_of_distance
 from plotfeed.models.verdicts import share_interval
@@ -43,7 +43,7 @@ def drawn_ns(keys: dict[str, object], n: int, seed: int = 4) -> np.ndarray:
 
 
 def distance_of(keys: dict[str, object], delays_ns: np.ndarray) -> float:
-    return law_distance(DelayLaw.of(link(**keys)), delays_ns)
+    return DelayLaw.of(link(**keys)).distance(delays_ns)
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,11 @@ from support.ledgers import as_received, changed, record_session, told, written
 from support.scene_files import DRONE, radar, scene_file, scene_text
 from support.significance import assert_chance
 
-from plotfeed.feeds.lab.evidence import AskedByTime, RecordedSettings
+from plotfeed.feeds.lab.evidence import AskedByTime
 from plotfeed.feeds.lab.gathering import FeedReport, SensorFigures
 from plotfeed.feeds.lab.links import LinkFigures
 from plotfeed.feeds.lab.report import lines
+from plotfeed.feeds.recording.recorded_settings import RecordedSettings
 from plotfeed.feeds.scene.scene import load
 from plotfeed.models.residuals import Check
 from plotfeed.proto import plotfeed_pb2 as pb

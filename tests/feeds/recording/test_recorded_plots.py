@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.recordings import START_NS, message
 
-from plotfeed.feeds.lab import evidence
-from plotfeed.feeds.lab.evidence import (
+from plotfeed.feeds.recording import recorded_plots
+from plotfeed.feeds.recording.recorded_plots import (
     SectorKey,
     SectorPlots,
     WaitingPlots,
@@ -81,7 +81,7 @@ def test_a_sector_without_plots_agrees_with_a_ledger_without_any() -> None:
 
 
 def test_the_oldest_plots_give_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(evidence, "MAX_WAITING_PLOTS", 3)
+    monkeypatch.setattr(recorded_plots, "MAX_WAITING_PLOTS", 3)
     plots = waiting(batch(1, 2))
     (later,) = plots_of(block(0, 1852.0, 1852.0), "south")
     plots.add(later)
