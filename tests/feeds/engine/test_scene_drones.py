@@ -9,7 +9,6 @@ import pytest
 
 from plotfeed.feeds.engine.scene_drones import SceneDrones, launch
 from plotfeed.feeds.scene.drones import Hold, Resume, Stray
-from plotfeed.feeds.scene.scene import SceneError
 from plotfeed.models.frames import ecef_to_geodetic
 from plotfeed.models.state import Floats
 from plotfeed.models.truth import Trajectories
@@ -262,45 +261,26 @@ def test_a_random_formation_is_by_the_seed_and_within_its_cylinder() -> None:
         ({"repeat": True}, "repeat of 'a': who has landed is gone"),
         ({"speed_m_s": 9.0}, "speed_m_s of 'a': of a path; legs have their own"),
         ({"limits": {"speed_m_s": 9.0}}, r"leg\[1\].speed_m_s of 'a': at most 9 m/s by its limits"),
-        (
-            {"leg": [{"kind": "orbit", **PLACE, "radius_m": 5.0, "speed_m_s": 8.0}]},
-            r"at most 4 m/s by its limits, on a circle of 5 m",
-        ),
+        ({"leg": [{"kind": "orbit", **PLACE, "radius_m": 5.0, "speed_m_s": 8.0}]},
+         r"at most 4 m/s by its limits, on a circle of 5 m"),
         ({"contingency": [{"kind": "hold"}]}, r"contingency\[0\].at_s of 'a': missing"),
-        (
-            {"contingency": [{"kind": "hold", "at_s": 9.0}, {"kind": "resume", "at_s": 9.0}]},
-            r"contingency\[1\].at_s of 'a': must be above",
-        ),
-        (
-            {"contingency": [{"kind": "hold", "at_s": 5e3}]},
-            r"'a': hold: it is not there then.*\[0\]",
-        ),
-    ],
-)
-def test_what_no_drone_can_fly_is_refused_with_its_key(
-    drone: dict[str, Any], expected: str
-) -> None:
-    given = {k: v for k, v in on_legs(**drone).items() if v is not None}
-    with pytest.raises(PlotfeedError, match=expected):
-        Flown(given)
-
-
-@pytest.mark.parametrize(
-    ("swarms", "expected"),
-    [
+        ({"contingency": [{"kind": "hold", "at_s": 9.0}, {"kind": "resume", "at_s": 9.0}]},
+         r"contingency\[1\].at_s of 'a': must be above"),
+        ({"contingency": [{"kind": "hold", "at_s": 5e3}]},
+         r"'a': hold: it is not there then.*\[0\]"),
         ([SWARM, SWARM], r"swarm\[1\].id: the id 's' is used twice"),
         ([SWARM | {"id": "a", "number": 0}], r"swarm\[0\].number of 'a'"),
-        (
-            [SWARM | {"claim": [{"from_s": 1.0, "freeze": True}]}],
-            r"swarm\[0\].claim of 's': the drone says nothing: it is not \[cooperative\]",
-        ),
+        ([SWARM | {"claim": [{"from_s": 1.0, "freeze": True}]}],
+         r"swarm\[0\].claim of 's': the drone says nothing: it is not \[cooperative\]"),
     ],
-)
-def test_swarms_that_cannot_be_are_refused_with_their_key(
-    swarms: list[dict[str, Any]], expected: str
+)  # fmt: skip
+def test_what_no_drone_and_no_swarm_can_be_is_refused_with_its_key(
+    drone: dict[str, Any] | list[dict[str, Any]], expected: str
 ) -> None:
-    with pytest.raises(SceneError, match=expected):
-        Flown(on_path(), swarm=swarms)
+    swarms = drone if isinstance(drone, list) else []
+    one = on_path() if isinstance(drone, list) else on_legs(**drone)
+    with pytest.raises(PlotfeedError, match=expected):
+        Flown({k: v for k, v in one.items() if v is not None}, swarm=swarms)
 
 
 def test_one_by_latitude_is_moved_like_one_by_metres() -> None:

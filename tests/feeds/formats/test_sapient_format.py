@@ -58,41 +58,28 @@ def test_without_the_extra_a_scene_that_needs_it_is_refused_in_one_line() -> Non
 
 
 @pytest.mark.parametrize(
-    ("files", "expected"),
+    ("folder", "module", "expected"),
     [
-        (
-            {"__init__.py": "", "bsi_flex_335_v1_0/__init__.py": ""},
-            "SAPIENT needs sapient-proto, and another package has its name: "
-            "pip install 'plotfeed[sapient]'",
-        ),
-        (
-            {
-                "__init__.py": "",
-                "bsi_flex_335_v2_0/__init__.py": "",
-                "bsi_flex_335_v2_0/sapient_message_pb2.py": "raise TypeError('two\\nof them')",
-            },
-            "sapient-proto does not load (two of them): pip install 'plotfeed[sapient]', "
-            "without sapient-msg or sapient-py",
-        ),
-        (
-            {
-                "__init__.py": "",
-                "bsi_flex_335_v2_0/__init__.py": "",
-                "bsi_flex_335_v2_0/sapient_message_pb2.py": "import nothing_like_it",
-            },
-            "sapient-proto does not load (No module named 'nothing_like_it'): "
-            "pip install 'plotfeed[sapient]', without sapient-msg or sapient-py",
-        ),
+        ("bsi_flex_335_v1_0", None, "SAPIENT needs sapient-proto, and another package has its "
+         "name: pip install 'plotfeed[sapient]'"),
+        ("bsi_flex_335_v2_0", "raise TypeError('two\\nof them')",
+         "sapient-proto does not load (two of them): pip install 'plotfeed[sapient]', "
+         "without sapient-msg or sapient-py"),
+        ("bsi_flex_335_v2_0", "import nothing_like_it",
+         "sapient-proto does not load (No module named 'nothing_like_it'): "
+         "pip install 'plotfeed[sapient]', without sapient-msg or sapient-py"),
     ],
-)
+)  # fmt: skip
 @pytest.mark.usefixtures("not_imported")
 def test_what_is_installed_wrongly_is_told_in_one_line(
-    files: dict[str, str], expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: str, module: str | None, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, text in files.items():
-        path = tmp_path / "sapient_msg" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+    package = tmp_path / "sapient_msg" / folder
+    package.mkdir(parents=True)
+    for path in (package.parent, package):
+        (path / "__init__.py").touch()
+    if module is not None:
+        (package / "sapient_message_pb2.py").write_text(module)
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(PlotfeedError) as caught:
         need_sapient()
