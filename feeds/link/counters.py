@@ -16,48 +16,44 @@ LATENESS_KEPT = 100_000
 
 
 class LastLateness:
-    """How late messages left, nanoseconds: of the last `most` of them, 8 octets each, in order."""
+    """How late messages left, nanoseconds: of the last `most` of them, in order.
+
+    Up to twice as many are held, 8 octets each.
+    """
 
     def __init__(self, most: int = LATENESS_KEPT) -> None:
         self._most = most
         self._values = array("q")
-        self._at = 0  # Where the next one goes: at the end, or once that is full, over the oldest
 
     def __len__(self) -> int:
-        return len(self._values)
+        return min(len(self._values), self._most)
 
     def __iter__(self) -> Iterator[int]:
         return iter(self.values().tolist())
 
     def append(self, lateness_ns: int, times: int = 1) -> None:
         """Keep another, of so many messages; the oldest give way where there is no more room."""
-        at, end = self._at, self._at + times
-        if end > self._most:
-            self.append(lateness_ns, self._most - at)
-            self.append(lateness_ns, end - self._most)
-            return
-        self._values[at:end] = array("q", (lateness_ns,)) * times
-        self._at = 0 if end == self._most else end
+        if times == 1:
+            self._values.append(lateness_ns)
+        else:
+            self._values.extend(array("q", (lateness_ns,)) * times)
+        if len(self._values) >= 2 * self._most:
+            del self._values[: -self._most]
 
     def clear(self) -> None:
         """Keep none."""
         del self._values[:]
-        self._at = 0
 
     def values(self) -> Ints:
         """The last of them, oldest first; a copy."""
-        return np.roll(self.in_any_order(), -self._at)
-
-    def in_any_order(self) -> Ints:
-        """The last of them, as they are kept; a copy."""
-        return np.array(self._values, np.int64)
+        return np.array(self._values[-self._most :], np.int64)
 
 
 def lateness_us(lateness_ns: LastLateness | Sequence[int], *percentiles: float) -> list[float]:
     """Percentiles of how late messages left, microseconds; zeros if none did."""
     if not lateness_ns:
         return [0.0] * len(percentiles)
-    values = lateness_ns.in_any_order() if isinstance(lateness_ns, LastLateness) else lateness_ns
+    values = lateness_ns.values() if isinstance(lateness_ns, LastLateness) else lateness_ns
     ordered = np.sort(np.asarray(values))  # of integers quicker than what np.percentile does
     at = np.array(percentiles) / 100 * (len(ordered) - 1)
     below = at.astype(np.int64)

@@ -116,10 +116,7 @@ class Encoder:
 
 def _array(column: ArrayLike, path: str) -> NDArray[Any]:
     """A column as an array of one dimension, or of none where it is one value for all."""
-    try:
-        values = np.asarray(column)
-    except ValueError:  # lists in a list
-        values = np.empty((0, 0))
+    values = np.asarray(column)
     if values.ndim > 1:
         raise EncodeError("a column is one-dimensional", field=path)
     return values

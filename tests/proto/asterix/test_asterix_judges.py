@@ -58,11 +58,6 @@ def payloads_of(path: Path) -> list[bytes]:
     return found
 
 
-def is_near(mine: Any, theirs: Any) -> bool:
-    is_float = isinstance(theirs, float)
-    return bool(mine == (pytest.approx(theirs, rel=1e-6, abs=1e-9) if is_float else theirs))
-
-
 def agree_with_decoder(records: list[Record], theirs: list[dict[str, Any]]) -> int:
     """Both have the same items in the same records, with the same values; how many values."""
     assert len(records) == len(theirs)
