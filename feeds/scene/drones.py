@@ -54,7 +54,6 @@ class TakeOffLeg(SceneTable):
     """Straight up from where it stands."""
 
     kind: Literal["take-off"]
-    """Which leg it is."""
     height_m: Positive
     """Above home."""
 
@@ -63,7 +62,6 @@ class PlaceLeg(Location):
     """Straight to a place, where it comes to rest."""
 
     kind: Literal["to"]
-    """Which leg it is."""
     speed_m_s: Speed | None = None
     """On the way; without it, the limit."""
 
@@ -72,7 +70,6 @@ class HoverLeg(SceneTable):
     """Staying where it is."""
 
     kind: Literal["hover"]
-    """Which leg it is."""
     for_s: Positive
     """How long."""
 
@@ -81,7 +78,6 @@ class OrbitLeg(Location):
     """Round a place, at its height, from the circle's nearest point."""
 
     kind: Literal["orbit"]
-    """Which leg it is."""
     radius_m: Annotated[float, Field(ge=1, le=100_000)]
     """Of the circle."""
     turns: Annotated[float, Field(gt=0, le=MAX_TURNS)] = 1.0
@@ -96,7 +92,6 @@ class LandLeg(SceneTable):
     """Straight down to the height of home; there the drone is gone."""
 
     kind: Literal["land"]
-    """Which leg it is."""
 
 
 Leg = Annotated[TakeOffLeg | PlaceLeg | HoverLeg | OrbitLeg | LandLeg, Field(discriminator="kind")]
@@ -113,7 +108,6 @@ class LostLink(_Happening):
     """The control link is lost: it waits, climbs if it must, flies home and lands."""
 
     kind: Literal["lost-link"]
-    """What happens."""
     hold_s: NotNegative = 10.0
     """It hovers so long before it returns."""
     return_height_m: Height | None = None
@@ -126,7 +120,6 @@ class FlyAway(_Happening):
     """The drone flies off, past geofences, until its battery is empty."""
 
     kind: Literal["fly-away"]
-    """What happens."""
     course_deg: Azimuth | None = None
     """Clockwise from true north; without it, where it is heading, or north."""
     speed_m_s: Speed | None = None
@@ -141,7 +134,6 @@ class Stray(Location, _Happening):
     """The drone leaves its way for a place, and then goes on."""
 
     kind: Literal["stray"]
-    """What happens."""
     hold_s: NotNegative = 0.0
     """It stays there so long."""
     speed_m_s: Speed | None = None
@@ -152,14 +144,12 @@ class LowBattery(_Happening):
     """The drone lands where it is."""
 
     kind: Literal["low-battery"]
-    """What happens."""
 
 
 class Hold(_Happening):
     """The drone hovers until it is told to resume, or lands after a while."""
 
     kind: Literal["hold"]
-    """What happens."""
     for_s: Annotated[float, Field(gt=0, le=86_400)] = 600.0
     """It lands after so long."""
 
@@ -168,7 +158,6 @@ class Resume(_Happening):
     """The drone goes on from the leg, waypoint or place that it left; orbits begin anew."""
 
     kind: Literal["resume"]
-    """What happens."""
 
 
 Contingency = Annotated[
@@ -240,7 +229,6 @@ class LobedAspectKeys(ModelTable):
     makes = "effects.target_echoes:LobedAspect"
 
     kind: Literal["lobes"]
-    """Which shape."""
     depth_db: Annotated[float, Field(ge=0, le=30)]
     """Of the lobes: half of what lies between the strongest and the weakest."""
 
@@ -249,7 +237,6 @@ class TableAspectKeys(SceneTable):
     """Cross-sections as they were measured around a target."""
 
     kind: Literal["table"]
-    """Which shape."""
     angle_deg: Annotated[tuple[Azimuth, ...], Field(strict=False, min_length=2, max_length=10_000)]
     """From the nose clockwise, seen from above, rising and less than a turn."""
     gain_db: Annotated[tuple[Decibels, ...], Field(strict=False, min_length=2, max_length=10_000)]
@@ -427,7 +414,6 @@ class SwarmArea(SceneTable):
     """Anywhere in an upright cylinder, by the scene's seed."""
 
     kind: Literal["random"]
-    """Which formation."""
     radius_m: Positive
     """About where the drone would be alone."""
     height_spread_m: NotNegative = 0.0

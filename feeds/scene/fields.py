@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields
 from functools import cache, lru_cache
 from importlib import import_module
+from itertools import chain, pairwise
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -70,11 +71,12 @@ class SceneTable(BaseModel):
 
     @classmethod
     def meanings(cls) -> dict[str, str]:
-        """The meanings of its keys, from the strings beneath them in the source."""
-        found: dict[str, str] = {}
+        """The meanings of its keys, from the strings beneath them in the source.
+
+        A key without a string is what the classes say that the table derives from.
+        """
+        found = {"kind": "Which kind it is."}
         for each in reversed(cls.__mro__):
-            for name in vars(each).get("__annotations__", ()):
-                found.pop(name, None)
             found |= _strings_beneath(each.__module__).get(each.__name__, {})
         return {name: text for name, text in found.items() if name in cls.model_fields}
 
@@ -108,7 +110,8 @@ def _strings_beneath(module: str) -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     for of_class in (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
         told = found.setdefault(of_class.name, {})
-        for key, below in zip(of_class.body, of_class.body[1:], strict=False):
+        for_checkers = (node.body for node in of_class.body if isinstance(node, ast.If))
+        for key, below in chain(*map(pairwise, (*for_checkers, of_class.body))):
             match key, below:
                 case (
                     ast.AnnAssign(target=ast.Name(id=name)),

@@ -20,7 +20,6 @@ class RandomLoss(SceneTable):
     """Each message is lost with one probability, or with the one before it."""
 
     kind: Literal["random"]
-    """Which model of loss."""
     probability: Chance
     """That a message is lost, from 0 to 1."""
     correlation: Correlation = 0.0
@@ -37,7 +36,6 @@ class GilbertElliott(SceneTable):
     """Two states, good and bad; netem's gemodel. By mean loss and mean burst, or by p and r."""
 
     kind: Literal["gilbert-elliott"]
-    """Which model of loss."""
     mean_loss: Annotated[float, Field(ge=0, lt=1)] | None = None
     """Share of messages that are lost, from 0 to 1; with mean_burst."""
     mean_burst: Annotated[float, Field(ge=1, le=1e6)] | None = None
@@ -83,7 +81,6 @@ class FourState(SceneTable):
     """States 1 good, 2 good within a burst, 3 lost within a burst, 4 lost alone; netem's state."""
 
     kind: Literal["four-state"]
-    """Which model of loss."""
     p13: Chance
     """Probability that a burst begins, per message."""
     p31: Chance | None = None

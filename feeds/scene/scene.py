@@ -11,7 +11,14 @@ from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import (
+    Field,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
@@ -22,55 +29,38 @@ from plotfeed.feeds.scene.output_keys import DestinationTables, Mqtt, PageKeys, 
 from plotfeed.feeds.scene.problems import located, problems_of
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sea_level import SeaLevel, with_ellipsoidal_heights
-from plotfeed.feeds.scene.sensors import SENSORS, Sensor, SensorKeys
+from plotfeed.feeds.scene.sensors import Sensor, SensorKeys
 from plotfeed.feeds.scene.sensors.mount_keys import refused_cues
-from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys
+from plotfeed.feeds.scene.sensors.scan_keys import Event
 from plotfeed.feeds.scene.story_keys import Story, usual_stories
 from plotfeed.feeds.scene.telemetry_keys import Telemetry
-from plotfeed.feeds.scene.world_keys import WorldKeys, with_spells
+from plotfeed.feeds.scene.world_keys import JammerSpell, WeatherSpell, WorldKeys
 from plotfeed.models.tracks import MAX_TRACKS
 from plotfeed.proto.errors import PlotfeedError
 
 LAST_CODE = 255
 # That a sensor must have for its tracks; where there are too many sensors, none has its own.
 FEWEST_NUMBERS = 1000
-Source = tuple[int, int]  # System area code and system identification code
 
 
-def numbered(sensors: Iterable[Any]) -> list[Any]:
-    """Tables of sensors, those without a `sic` with the first that is free of their `sac`.
+def numbered(sensors: Iterable[SensorKeys]) -> list[SensorKeys]:
+    """The sensors, those that state no `sic` with the first that is free of their `sac`.
 
     Free are 1 to 255, but for those that any sensor states; a sensor that states no `sac` either
-    has 0, or the next that has room. What is no table, or states nonsense, is left as it is.
+    has 0, or the next that has room. One that finds none keeps the usual.
     """
-    every = list(sensors)
-    taken = {source for sensor in every if (source := _stated(sensor)) is not None}
-    return [_numbered(sensor, taken) for sensor in every]
-
-
-def _stated(sensor: Any) -> Source | None:
-    if isinstance(sensor, SensorKeys):
-        return sensor.sac, sensor.sic
-    if not isinstance(sensor, dict) or not isinstance(sensor.get("sic"), int):
-        return None
-    sac = sensor.get("sac", 0)
-    return (sac, sensor["sic"]) if isinstance(sac, int) else None
-
-
-def _numbered(sensor: Any, taken: set[Source]) -> Any:
-    if not isinstance(sensor, dict) or "sic" in sensor:
-        return sensor
-    sac = sensor.get("sac")
-    sacs: Iterable[int] = range(LAST_CODE + 1)
-    if sac is not None:
-        sacs = [sac] if isinstance(sac, int) else []
-    codes = ((area, sic) for area in sacs for sic in range(1, LAST_CODE + 1))
-    found = next((each for each in codes if each not in taken), None)
-    if found is None:
-        return sensor
-    taken.add(found)
-    sac, sic = found
-    return {**sensor, **({"sac": sac} if sac else {}), "sic": sic}
+    found = list(sensors)
+    taken = {(s.sac, s.sic) for s in found if "sic" in s.model_fields_set}
+    for n, sensor in enumerate(found):
+        if "sic" in sensor.model_fields_set:
+            continue
+        sacs = [sensor.sac] if "sac" in sensor.model_fields_set else range(LAST_CODE + 1)
+        codes = ((area, sic) for area in sacs for sic in range(1, LAST_CODE + 1))
+        if (source := next((each for each in codes if each not in taken), None)) is not None:
+            taken.add(source)
+            sac, sic = source
+            found[n] = sensor.model_copy(update={"sic": sic, **({"sac": sac} if sac else {})})
+    return found
 
 
 def shared_sources(sensors: Sequence[SensorKeys]) -> Iterator[str]:
@@ -78,12 +68,11 @@ def shared_sources(sensors: Sequence[SensorKeys]) -> Iterator[str]:
 
     All go to the same brokers and files, where nothing else in a record tells them apart.
     """
-    known: dict[Source, str] = {}
+    known: dict[tuple[int, int], str] = {}
     for n, sensor in enumerate(sensors):
         if not any(REPORT_FORMATS[name].categories for name in sensor.report):
             continue
-        source = sensor.sac, sensor.sic
-        other = known.setdefault(source, sensor.id)
+        other = known.setdefault((sensor.sac, sensor.sic), sensor.id)
         if other != sensor.id:
             yield (
                 f"sensor[{n}].sic: {other!r} and {sensor.id!r} both have sac {sensor.sac} and sic "
@@ -92,36 +81,35 @@ def shared_sources(sensors: Sequence[SensorKeys]) -> Iterator[str]:
             )
 
 
-def with_track_numbers(sensors: Sequence[Any]) -> list[Any]:
-    """Tables of sensors, those that report tracks with an even share of their numbers each.
+def with_track_numbers(sensors: Sequence[SensorKeys]) -> list[SensorKeys]:
+    """The sensors, those that report tracks with an even share of their numbers each.
 
     A sensor that states its own keeps them, one that is alone has all, and so has each where all
     report in ASTERIX, whose records say of whom they are.
     """
-    formats = [_track_formats(sensor) for sensor in sensors]
-    tracking = [n for n, names in enumerate(formats) if names]
+    found: list[Any] = list(sensors)
+    told = [
+        [row for row in map(REPORT_FORMATS.__getitem__, s.report) if row.tells_tracks]
+        for s in found
+    ]
+    tracking = [n for n, rows in enumerate(told) if rows]
     share = MAX_TRACKS // max(len(tracking), 1)
-    is_asterix = all(REPORT_FORMATS[name].categories for names in formats for name in names)
-    found = list(sensors)
+    is_asterix = all(row.categories for rows in told for row in rows)
     if is_asterix or len(tracking) < 2 or share < FEWEST_NUMBERS:
         return found
     for place, n in enumerate(tracking):
-        tracks = sensors[n].get("tracks", {})
-        if isinstance(tracks, dict):
-            numbers = (place * share + 1, (place + 1) * share)
-            found[n] = {**sensors[n], "tracks": {"numbers": numbers, **tracks}}
+        tracks = found[n].tracks
+        if "numbers" not in tracks.model_fields_set:
+            own = tracks.model_copy(update={"numbers": (place * share + 1, (place + 1) * share)})
+            found[n] = found[n].model_copy(update={"tracks": own})
     return found
 
 
-def _track_formats(sensor: Any) -> list[str]:
-    """The formats of tracks in which a table's sensor reports."""
-    if not isinstance(sensor, dict) or not isinstance(sensor.get("report"), list | tuple):
-        return []
-    kind = SENSORS.get(str(sensor.get("type")))
-    if kind is None or not issubclass(kind, TrackingSensorKeys):
-        return []
-    names = [name for name in sensor["report"] if isinstance(name, str) and name in REPORT_FORMATS]
-    return [name for name in names if REPORT_FORMATS[name].tells_tracks]
+def _as_event(spell: WeatherSpell | JammerSpell) -> Event:
+    """What a spell of weather, or a jammer, of all sensors is to each of them."""
+    keys = spell.model_dump(exclude_unset=True, exclude={"from_s", "to_s", "id"})
+    named = {"jamming": {spell.id: keys}} if isinstance(spell, JammerSpell) else {"weather": keys}
+    return Event(from_s=spell.from_s, to_s=spell.to_s, set=named)
 
 
 MAX_SCENE_OCTETS = 4 << 20
@@ -259,11 +247,20 @@ class Scene(DestinationTables, WorldKeys):
 
     @model_validator(mode="before")
     @classmethod
-    def _sensors_are_numbered(cls, tree: Any) -> Any:
-        if not isinstance(tree, dict) or not isinstance(tree.get("sensor"), list | tuple):
-            return tree
-        tree = with_spells(with_ellipsoidal_heights(tree))
-        return {**tree, "sensor": with_track_numbers(numbered(tree["sensor"]))}
+    def _above_the_ellipsoid(cls, tree: Any) -> Any:
+        sensors = tree.get("sensor") if isinstance(tree, dict) else None
+        return with_ellipsoidal_heights(tree) if isinstance(sensors, list | tuple) else tree
+
+    @field_validator("sensor")
+    @classmethod
+    def _as_the_scene_has_them(
+        cls, sensors: tuple[SensorKeys, ...], info: ValidationInfo
+    ) -> tuple[SensorKeys, ...]:
+        """The sensors with what follows from the scene: its weather, and numbers of their own."""
+        spells = (*info.data.get("weather", ()), *info.data.get("jammer", ()))
+        if events := tuple(map(_as_event, spells)):
+            sensors = tuple(s.model_copy(update={"event": s.event + events}) for s in sensors)
+        return tuple(with_track_numbers(numbered(sensors)))
 
     def _refusals(self) -> Iterator[str]:
         known: set[str] = set()

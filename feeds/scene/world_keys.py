@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from plotfeed.feeds.scene.fields import (
     Azimuth,
@@ -42,8 +41,6 @@ class WeatherKeys(SceneTable):
 class WeatherSpell(WeatherKeys, ForAWhile):
     """Weather of all sensors for a while; where spells overlap, the later one."""
 
-    table: ClassVar[str] = "weather"
-
 
 class JammerKeys(Location):
     """A transmitter of noise, and its place."""
@@ -61,39 +58,8 @@ class JammerKeys(Location):
 class JammerSpell(JammerKeys, ForAWhile):
     """A jammer of all sensors for a while."""
 
-    table: ClassVar[str] = "jammer"
-
     id: Name
     """By which sensors know it."""
-
-
-def with_spells(tree: dict[str, Any]) -> dict[str, Any]:
-    """A scene's tree in which sensors have its weather and jammers among their events.
-
-    What is not right in these is left for whoever checks the tables themselves.
-    """
-    events = [*_events(tree, WeatherSpell), *_events(tree, JammerSpell)]
-    sensors = list(tree["sensor"])
-    for n, sensor in enumerate(sensors):
-        own = sensor.get("event", []) if isinstance(sensor, dict) else None
-        if events and isinstance(own, list | tuple):
-            sensors[n] = {**sensor, "event": [*own, *events]}
-    return {**tree, "sensor": sensors}
-
-
-def _events(
-    tree: dict[str, Any], kind: type[WeatherSpell | JammerSpell]
-) -> Iterator[dict[str, Any]]:
-    tables = tree.get(kind.table)
-    for table in tables if isinstance(tables, list | tuple) else ():
-        with suppress(ValidationError):
-            spell = kind.model_validate(table)
-            keys = spell.model_dump(exclude_unset=True, exclude={"from_s", "to_s", "id"})
-            changes: dict[str, Any] = {"weather": keys}
-            if isinstance(spell, JammerSpell):
-                changes = {"jamming": {spell.id: keys}}
-            until = {} if spell.to_s is None else {"to_s": spell.to_s}
-            yield {"from_s": spell.from_s, **until, "set": changes}
 
 
 Way = Annotated[tuple[Location, ...], Field(strict=False, min_length=2, max_length=10_000)]

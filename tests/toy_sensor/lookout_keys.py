@@ -27,11 +27,9 @@ class LookoutKeys(AzimuthCoverKeys):
     formats = ("asterix-015", "asterix-205", "plots", "sapient")
 
     type: Literal["lookout"]
-    """Which model."""
     report: Reports = ()
     """Without it, plots."""
     scan: StaringScan
-    """How it scans."""
     range_max_m: Positive
     """Nothing further away is seen."""
     sigma_deg: Annotated[float, Field(gt=0, le=10)] = 0.1

@@ -61,7 +61,6 @@ class MicrophoneKeys(AzimuthCoverKeys):
     report: Reports = ()
     """Without it, the first two; asterix-015 brings 025 along."""
     scan: StaringScan
-    """How it scans."""
     noise_db: Decibels
     """Of the surroundings and the microphones, in the band; re 20 uPa."""
     windscreen_m: Annotated[float, Field(ge=0.005, le=1)] = 0.1
@@ -205,7 +204,6 @@ class AcousticKeys(MicrophoneKeys):
     geometry = SensorGeometry.BEARINGS
 
     type: Literal["acoustic"]
-    """Which model."""
 
 
 class AcousticPairKeys(MicrophoneKeys):
@@ -215,7 +213,6 @@ class AcousticPairKeys(MicrophoneKeys):
     geometry = SensorGeometry.MONOSTATIC
 
     type: Literal["acoustic_pair"]
-    """Which model."""
     second_array: Location
     """Where the other array stands; places are seen from the first."""
 

@@ -37,7 +37,6 @@ class CameraKeys(SensorKeys):
     tells_models = True  # where it sees enough of a drone
 
     type: Literal["camera"]
-    """Which model."""
     report: Reports = ()
     """Without it, the first and plots; both ASTERIX formats bring 025 along."""
     scan: Scan

@@ -54,7 +54,6 @@ class GaussianCutKeys(_Beam):
     """One beam of Gaussian shape."""
 
     kind: Literal["gaussian"]
-    """Which shape."""
     beamwidth_deg: Beamwidth | None = None
     """At 3 dB; without it, the sensor's."""
 
@@ -70,7 +69,6 @@ class BeamsCutKeys(SceneTable):
     """Gaussian beams side by side over the cover, by the nearest of which a target is seen."""
 
     kind: Literal["beams"]
-    """Which shape."""
     beamwidth_deg: Beamwidth | None = None
     """At 3 dB; without it, the sensor's."""
     spacing_deg: Beamwidth | None = None
@@ -95,7 +93,6 @@ class CosecantSquaredKeys(SceneTable):
     """Equal echoes at any range of a target that keeps its height."""
 
     kind: Literal["cosecant-squared"]
-    """Which shape."""
     from_deg: Annotated[float, Field(gt=0, lt=90)]
     """Elevation of the peak, from which the gain goes as 1/sin^2."""
     to_deg: Annotated[float, Field(gt=0, lt=90)]
@@ -119,7 +116,6 @@ class TableCutKeys(_Beam):
     """Gains as they were measured, or as somebody else has worked them out."""
 
     kind: Literal["table"]
-    """Which shape."""
     angle_deg: Annotated[tuple[Azimuth, ...], Field(strict=False, min_length=2, max_length=10_000)]
     """Off the boresight, rising."""
     gain_db: Annotated[tuple[Decibels, ...], Field(strict=False, min_length=2, max_length=10_000)]

@@ -90,7 +90,6 @@ class MultistaticPassiveKeys(SeveralReceiversKeys, PassiveRadarKeys):
     formats = ("asterix-015", "plots", "sapient")
 
     type: Literal["multistatic_passive"]  # type: ignore[assignment]
-    """Which model."""
     sigma_height_m: Positive = 35.0
     """Standard deviation of heights of drones about expected_height_m."""
 
@@ -109,7 +108,6 @@ class MultistaticMimoKeys(SeveralReceiversKeys, MimoRadarKeys):
     formats = ("asterix-015", "plots", "sapient")
 
     type: Literal["multistatic_mimo"]  # type: ignore[assignment]
-    """Which model."""
     expected_height_m: Annotated[float, Field(ge=-10_000, le=50_000)] = 60.0
     """Of drones above the sensor, counted as a measurement beside the others."""
     sigma_height_m: Positive = 35.0

@@ -53,11 +53,9 @@ class PassiveRadarKeys(EchoRadarKeys):
     legs = 1
 
     type: Literal["passive_radar"]
-    """Which model."""
     report: Reports = ()
     """Without it, the first two; asterix-015 brings 025 along, and 016; asterix-062 brings 063."""
     scan: StaringScan
-    """How it scans."""
     transmitters: Annotated[
         tuple[IlluminatorKeys, ...], Field(strict=False, min_length=1, max_length=256)
     ]

@@ -113,7 +113,6 @@ class PolarRadarKeys(EchoRadarKeys):
     """Without it, plots, and asterix-048 (with 034) for a rotating scan, else asterix-015 (with
     025); asterix-062 brings 063."""
     scan: AnyScan
-    """How it scans."""
     frequency_hz: Frequency
     """Of the carrier."""
     gain_tx_dbi: Decibels
@@ -274,7 +273,6 @@ class ActiveRadarKeys(PolarRadarKeys):
     makes = ActiveRadar
 
     type: Literal["active_radar"]
-    """Which model."""
     power_w: Positive
     """Average."""
     decorrelation_s: Annotated[float, Field(ge=1e-3, le=1e6)] | None = None
@@ -339,9 +337,7 @@ class MimoRadarKeys(PolarRadarKeys):
     makes = MimoRadar
 
     type: Literal["mimo_radar"]
-    """Which model."""
     scan: StaringScan
-    """How it scans."""
     transmitters: Annotated[
         tuple[MimoTransmitterKeys, ...], Field(strict=False, min_length=1, max_length=32)
     ]

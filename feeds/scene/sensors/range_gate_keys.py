@@ -25,11 +25,9 @@ class RangeGateKeys(TrackingSensorKeys):
     formats = ("asterix-015", *TRACK_FORMATS, "plots", "sapient")
 
     type: Literal["range_gate"]
-    """Which model."""
     report: Reports = ()
     """Without it, plots."""
     scan: StaringScan
-    """How it scans."""
     range_max_m: Positive
     """Of the gate: beyond it nothing is reported."""
     sigma_m: NotNegative

@@ -60,14 +60,12 @@ class Friis(SceneTable):
     """Free space."""
 
     kind: Literal["friis"] = "friis"
-    """Which law."""
 
 
 class LogDistance(SceneTable):
     """Free space up to a distance, then a power of distance."""
 
     kind: Literal["log-distance"]
-    """Which law."""
     exponent: Annotated[float, Field(ge=1, le=10)]
     """2 is free space; 2.7 to 3.5 is usual over a town."""
     reference_m: Annotated[float, Field(ge=0.01, le=1e4)] = 1.0
@@ -78,7 +76,6 @@ class CityLoss(SceneTable):
     """Free space and the loss by houses, by the drone's elevation."""
 
     kind: Literal["city"]
-    """Which law."""
     environment: Literal["suburban", "urban", "dense-urban", "high-rise"]
     """Of the sensor, which is among the houses; whether it sees a drone is drawn once for each."""
     shadowing_db: Annotated[float, Field(ge=0, le=30)] = 0.0
@@ -95,11 +92,9 @@ class RfKeys(AzimuthCoverKeys):
     makes = RfDirectionFinder
 
     type: Literal["rf"]
-    """Which model."""
     report: Reports = ()
     """Without it, plots and, if it finds directions, asterix-205, which brings 025 along."""
     scan: StaringScan
-    """How it scans."""
     frequency_min_hz: Frequency
     """Where the band begins."""
     frequency_max_hz: Frequency

@@ -47,7 +47,6 @@ class RotatingScan(_Periodic):
     """A beam that turns clockwise, at true north at multiples of its period."""
 
     kind: Literal["rotating"]
-    """Which way of scanning."""
     sectors: Annotated[int, Field(ge=4, le=256)] = 32
     """Reports a turn; a divisor of 256 makes their edges exact in CAT034."""
     rotates = True
@@ -57,7 +56,6 @@ class StaringScan(_Periodic):
     """A sensor that looks everywhere at once, at whole multiples of its period."""
 
     kind: Literal["staring"]
-    """Which way of scanning."""
     sectors: ClassVar[int] = 1
     """Reports a scan."""
 
@@ -66,7 +64,6 @@ class ElectronicScan(_Periodic):
     """A beam steered dwell by dwell: search, confirmation and tracking."""
 
     kind: Literal["electronic"]
-    """Which way of scanning."""
     sectors: ClassVar[int] = 1
     """Reports a period."""
     dwell_s: Annotated[float, Field(ge=1e-5, le=10)]

@@ -76,8 +76,10 @@ class SensorKeys(SceneTable):
 
     if TYPE_CHECKING:  # keys of every sensor, which stand where each of them has them
         type: str
+        """Which model."""
         report: tuple[str, ...]
         scan: AnyScan
+        """How it scans."""
         range_max_m: float
 
     id: Name

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plotfeed.feeds.scene.changes import changed
-from plotfeed.feeds.scene.scene import SceneError, numbered, with_track_numbers
+from plotfeed.feeds.scene.scene import SceneError, numbered
+from plotfeed.feeds.scene.sensors import Sensor, sensor_of
 from plotfeed.models.tracks import MAX_TRACKS
 from plotfeed.proto.asterix.codec.decode import decode
 from plotfeed.testing import fly, held, radar, rotating, scene
@@ -17,6 +18,12 @@ CODES = st.none() | st.integers(0, 3)
 
 def sensors(*stated: dict[str, Any]) -> list[dict[str, Any]]:
     return [radar(id=f"r{i}", **keys) for i, keys in enumerate(stated)]
+
+
+def tables(*stated: dict[str, Any]) -> list[Sensor]:
+    """Sensors that say no more than that, before a scene numbers them."""
+    one = sensor_of(radar())
+    return [one.model_copy(update={"id": f"r{i}", **keys}) for i, keys in enumerate(stated)]
 
 
 def codes(*stated: dict[str, Any]) -> list[tuple[int, int]]:
@@ -42,7 +49,7 @@ def test_sensors_without_a_sic_are_numbered_in_their_order(
 
 
 def test_who_finds_no_room_in_an_area_goes_to_the_next() -> None:
-    found = [(s.get("sac", 0), s["sic"]) for s in numbered([{}] * 600)]
+    found = [(s.sac, s.sic) for s in numbered(tables(*[{}] * 600))]
     assert len(set(found)) == 600
     assert found[:255] == [(0, n) for n in range(1, 256)]
     assert found[255] == (1, 1)
@@ -50,30 +57,26 @@ def test_who_finds_no_room_in_an_area_goes_to_the_next() -> None:
 
 
 def test_an_area_that_is_stated_and_full_is_refused() -> None:
-    kept = numbered([{"sac": 5, "id": i} for i in range(256)])
-    assert "sic" not in kept[-1]
-    many = sensors(*({"sac": 5} for _ in range(256)))
+    full = [{"sac": 5}] * 256
+    assert "sic" not in numbered(tables(*full))[-1].model_fields_set
     with pytest.raises(SceneError, match="'r0' and 'r255' both have sac 5 and sic 1"):
-        scene(many, seed=1)
+        scene(sensors(*full), seed=1)
 
 
 @given(st.lists(st.tuples(CODES, CODES), max_size=12))
 def test_no_number_is_given_that_somebody_has(stated: list[tuple[int | None, int | None]]) -> None:
-    tables = [
+    keys = [
         {key: value for key, value in zip(("sac", "sic"), pair, strict=True) if value is not None}
         for pair in stated
     ]
-    found = numbered(tables)
+    found = numbered(tables(*keys))
     assert numbered(found) == found
-    given_to = [
-        (new.get("sac", 0), new["sic"])
-        for old, new in zip(tables, found, strict=True)
-        if "sic" not in old
-    ]
-    kept = [(t.get("sac", 0), t["sic"]) for t in tables if "sic" in t]
+    given_to = [(s.sac, s.sic) for s, old in zip(found, keys, strict=True) if "sic" not in old]
+    kept = {(old.get("sac", 0), old["sic"]) for old in keys if "sic" in old}
     assert len(set(given_to)) == len(given_to)
-    assert not set(given_to) & set(kept)
-    assert all({**new, **old} == new for old, new in zip(tables, found, strict=True))
+    assert not set(given_to) & kept
+    for new, old in zip(found, keys, strict=True):
+        assert {key: getattr(new, key) for key in old} == old
 
 
 @pytest.mark.parametrize("nonsense", [{"sic": "x"}, {"sac": "x"}, {"sic": 300}, {"sac": -1}])
@@ -96,13 +99,15 @@ def test_a_sensor_keeps_its_number_when_it_is_changed() -> None:
 
 
 def test_who_reports_tracks_in_a_format_of_no_source_has_a_share_of_their_numbers() -> None:
+    half, usual = MAX_TRACKS // 2, (1, MAX_TRACKS)
     both = sensors({"report": ["tracks"]}, {"report": ["plots"]}, {"report": ["tracks"]})
-    half = MAX_TRACKS // 2
-    found = [table.get("tracks") for table in with_track_numbers(both)]
-    assert found == [{"numbers": (1, half)}, None, {"numbers": (half + 1, 2 * half)}]
-    stated = with_track_numbers([both[0] | {"tracks": {"numbers": (5, 6)}}, both[2]])
-    assert [table["tracks"]["numbers"] for table in stated] == [(5, 6), (half + 1, 2 * half)]
-    assert with_track_numbers(both[:2]) == both[:2]
+    for some, numbers in (
+        (both, [(1, half), usual, (half + 1, 2 * half)]),
+        ([both[0] | {"tracks": {"numbers": [5, 6]}}, both[2]], [(5, 6), (half + 1, 2 * half)]),
+        (both[:2], [usual, usual]),
+    ):
+        found: list[Any] = list(scene(some, seed=1).sensor)
+        assert [sensor.tracks.numbers for sensor in found] == numbers
 
 
 def test_their_records_bear_their_numbers() -> None:
