@@ -146,8 +146,7 @@ pictures: pages
 	$(BIN)/python docs/commands/write_section_4.py
 	$(BIN)/python docs/commands/write_needs.py
 	if command -v $(CHROMIUM) >/dev/null; then $(BIN)/python docs/commands/draw_page.py; fi
-	$(BIN)/python docs/commands/draw_report.py
-	$(BIN)/python docs/commands/draw_sweep.py
+	$(BIN)/python docs/commands/draw_commands.py
 	$(BIN)/python docs/commands/draw_stability.py
 	$(BIN)/python docs/commands/equation_figures.py
 

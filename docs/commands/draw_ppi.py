@@ -12,9 +12,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.colors import LinearSegmentedColormap
-from section_4 import START_UTC_NS, scene_with, simulated
+from section_4 import START_UTC_NS, Floats, of_drone, scene_with, simulated
 
-from plotfeed.feeds.engine.simulation import SimulatedSensor
+from plotfeed.feeds.engine.simulation import SimulatedPlots, SimulatedSensor
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
@@ -45,36 +45,23 @@ mpl.rcParams.update(
 )
 
 
-class ShownPlots:
-    """Columns of the plots of one run: of the drone, and false; and of the looks that missed."""
-
-    def __init__(self, seen: SimulatedSensor) -> None:
-        plots, looks = seen.plots, seen.looks
-        t_s = (plots.t_utc_ns - START_UTC_NS) / 1e9
-        true, false = plots.drone >= 0, plots.drone < 0
-        self.t_s, self.false_t_s = t_s[true], t_s[false]
-        self.range_m, self.false_range_m = plots.range_m[true], plots.range_m[false]
-        azimuth = np.radians(plots.azimuth_deg)
-        self.azimuth, self.false_azimuth = azimuth[true], azimuth[false]
-        self.true_range_m = plots.true_range_m[true]
-        self.true_azimuth = np.radians(plots.true_azimuth_deg[true])
-        self.looks = len(looks)
-        self.missed_range_m = looks.range_m[~looks.detected]
-        self.missed_azimuth = np.radians(looks.azimuth_deg[~looks.detected])
-
-
 def draw() -> None:
     """The display at the left; what it means, and a part of it enlarged, at the right."""
-    plots = ShownPlots(simulated(scene_with("active"), SECONDS)["active"])
+    seen = simulated(scene_with("active"), SECONDS)["active"]
+    plots, false = of_drone(seen), seen.plots.rows(seen.plots.drone < 0)
     figure = plt.figure(figsize=(16, 10), dpi=100)
     display = figure.add_axes((0.03, 0.05, 0.5625, 0.9), projection="polar")
     _rose(display)
-    _plots(display, plots)
-    points = _legend(figure, plots)
+    _plots(display, plots, false)
+    points = _legend(figure, plots, len(seen.looks), len(false))
     _age_bar(figure, points)
-    _zoom(figure, display, plots)
+    _zoom(figure, display, plots, seen)
     figure.savefig(PICTURE, metadata={"Software": None})
-    print(f"{PICTURE}: {len(plots.t_s)} plots, {len(plots.false_t_s)} false alarms")
+    print(f"{PICTURE}: {len(plots)} plots, {len(false)} false alarms")
+
+
+def _age_s(plots: SimulatedPlots) -> Floats:
+    return SECONDS - (plots.t_utc_ns - START_UTC_NS) / 1e9
 
 
 def _rose(axes: Any) -> None:
@@ -102,23 +89,24 @@ def _rose(axes: Any) -> None:
         text.set_path_effects([patheffects.withStroke(linewidth=4, foreground=SEA)])
 
 
-def _plots(axes: Any, plots: ShownPlots) -> None:
-    age_s = SECONDS - plots.false_t_s
+def _plots(axes: Any, plots: SimulatedPlots, false: SimulatedPlots) -> None:
+    azimuth, range_km = np.radians(plots.azimuth_deg), plots.range_m / 1000
     axes.scatter(
-        plots.false_azimuth,
-        plots.false_range_m / 1000,
+        np.radians(false.azimuth_deg),
+        false.range_m / 1000,
         s=36,
         marker="x",
         linewidths=1.3,
-        color=[(*mpl.colors.to_rgb(ALARM), 0.95 - 0.65 * a / SECONDS) for a in age_s],
+        color=[(*mpl.colors.to_rgb(ALARM), 0.95 - 0.65 * a / SECONDS) for a in _age_s(false)],
         zorder=3,
     )
-    axes.plot(plots.true_azimuth, plots.true_range_m / 1000, color=TRACK, lw=0.8, zorder=6)
+    true_azimuth = np.radians(plots.true_azimuth_deg)
+    axes.plot(true_azimuth, plots.true_range_m / 1000, color=TRACK, lw=0.8, zorder=6)
     axes.scatter(
-        plots.azimuth,
-        plots.range_m / 1000,
+        azimuth,
+        range_km,
         s=30,
-        c=SECONDS - plots.t_s,
+        c=_age_s(plots),
         cmap=AGE,
         vmin=0,
         vmax=SECONDS,
@@ -129,13 +117,15 @@ def _plots(axes: Any, plots: ShownPlots) -> None:
     outline = [patheffects.withStroke(linewidth=4, foreground=SEA)]
     note = {"color": INK, "fontsize": 13, "zorder": 7, "path_effects": outline}
     axes.annotate("radar", (0, 0), (12, -16), textcoords="offset points", **note)
-    where = (plots.azimuth[-1], plots.range_m[-1] / 1000)
-    axes.annotate("drone, now", where, (-86, 10), textcoords="offset points", **note)
-    where = (plots.azimuth[0], plots.range_m[0] / 1000)
-    axes.annotate(f"{SECONDS / 60:g} min ago", where, (8, 10), textcoords="offset points", **note)
+    for row, words, off in (
+        (-1, "drone, now", (-86, 10)),
+        (0, f"{SECONDS / 60:g} min ago", (8, 10)),
+    ):
+        where = (azimuth[row], range_km[row])
+        axes.annotate(words, where, off, textcoords="offset points", **note)
 
 
-def _legend(figure: Any, plots: ShownPlots) -> Any:
+def _legend(figure: Any, plots: SimulatedPlots, looks: int, false: int) -> Any:
     """Words at the right, counted in this very run."""
     x = 0.635
     figure.text(x, 0.925, "What the radar reports", fontsize=23, weight="bold")
@@ -152,16 +142,14 @@ def _legend(figure: Any, plots: ShownPlots) -> Any:
         np.linspace(0.015, 0.085, 4), [0.84] * 4, s=60, c=[0, 80, 160, 240], cmap=AGE, vmin=0,
         vmax=SECONDS,
     )  # fmt: skip
-    told = f"plots of the drone: {len(plots.t_s)} of {plots.looks} looks"
-    axes.text(0.13, 0.84, told, va="center",
-              fontsize=13)  # fmt: skip
     axes.scatter([0.05], [0.6], s=60, marker="x", color=ALARM, linewidths=1.6)
-    rate = len(plots.false_t_s) / SECONDS
-    axes.text(0.13, 0.6, f"false alarms: {len(plots.false_t_s)}, {rate:.2f} a scan", va="center",
-              fontsize=13)  # fmt: skip
     axes.plot([0.015, 0.085], [0.36, 0.36], color=TRACK, lw=1)
-    axes.text(0.13, 0.36, "where it truly was: for you, not for the tracker", va="center",
-              fontsize=13)  # fmt: skip
+    for y, told in (
+        (0.84, f"plots of the drone: {len(plots)} of {looks} looks"),
+        (0.6, f"false alarms: {false}, {false / SECONDS:.2f} a scan"),
+        (0.36, "where it truly was: for you, not for the tracker"),
+    ):
+        axes.text(0.13, y, told, va="center", fontsize=13)
     return points
 
 
@@ -173,28 +161,29 @@ def _age_bar(figure: Any, points: Any) -> None:
     bar.ax.tick_params(length=0, labelsize=11)
 
 
-def _zoom(figure: Any, display: Any, plots: ShownPlots) -> None:
+def _zoom(figure: Any, display: Any, plots: SimulatedPlots, seen: SimulatedSensor) -> None:
     """Some seconds of the approach along and across the line of sight."""
-    middle = len(plots.t_s) // 8
-    range_m, azimuth = plots.true_range_m[middle], plots.true_azimuth[middle]
+    middle = len(plots) // 8
+    range_m, azimuth = plots.true_range_m[middle], np.radians(plots.true_azimuth_deg[middle])
+
+    def enlarged(range_of_m: Floats, azimuth_deg: Floats) -> Floats:
+        """Metres along the line of sight, and across it; (n, 2)."""
+        off = np.radians(azimuth_deg) - azimuth
+        return np.column_stack([range_of_m * np.cos(off) - range_m, range_of_m * np.sin(off)])
+
     axes = figure.add_axes((0.665, 0.095, 0.305, 0.37))
-    across_m = plots.range_m * np.sin(plots.azimuth - azimuth)
-    along_m = plots.range_m * np.cos(plots.azimuth - azimuth) - range_m
-    true_across_m = plots.true_range_m * np.sin(plots.true_azimuth - azimuth)
-    true_along_m = plots.true_range_m * np.cos(plots.true_azimuth - azimuth) - range_m
-    near = np.abs(along_m) < ZOOM_M[0] / 2
-    for true, measured in zip(
-        np.column_stack([true_along_m, true_across_m])[near],
-        np.column_stack([along_m, across_m])[near],
-        strict=True,
-    ):
-        axes.plot(*zip(true, measured, strict=True), color=QUIET, lw=0.7, zorder=2)
-    axes.plot(true_along_m, true_across_m, color=TRACK, lw=1, marker="|", ms=9, zorder=3)
+    there = enlarged(plots.range_m, plots.azimuth_deg)
+    true = enlarged(plots.true_range_m, plots.true_azimuth_deg)
+    near = np.abs(there[:, 0]) < ZOOM_M[0] / 2
+    for of_one, measured in zip(true[near], there[near], strict=True):
+        axes.plot(*zip(of_one, measured, strict=True), color=QUIET, lw=0.7, zorder=2)
+    axes.plot(*true.T, color=TRACK, lw=1, marker="|", ms=9, zorder=3)
     axes.scatter(
-        along_m[near], across_m[near], s=60, c=SECONDS - plots.t_s[near], cmap=AGE, vmin=0,
-        vmax=SECONDS, linewidths=0, zorder=4,
+        *there[near].T, s=60, c=_age_s(plots)[near], cmap=AGE, vmin=0, vmax=SECONDS, linewidths=0,
+        zorder=4,
     )  # fmt: skip
-    missed_m = plots.missed_range_m * np.cos(plots.missed_azimuth - azimuth) - range_m
+    missed = seen.looks.rows(~seen.looks.detected)
+    missed_m = enlarged(missed.range_m, missed.azimuth_deg)[:, 0]
     for along in missed_m[np.abs(missed_m) < ZOOM_M[0] / 2]:
         axes.annotate("missed", (along, 2), (along, 14), ha="center", color=QUIET,
                       arrowprops={"arrowstyle": "-", "color": QUIET})  # fmt: skip

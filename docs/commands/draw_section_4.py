@@ -7,6 +7,7 @@ The fifth, of many approaches, holds what was counted against what `plotfeed che
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,18 @@ from section_4 import (
     SENSORS,
     TITLES,
     Floats,
-    Measured,
+    across_m,
+    angle_error_deg,
+    distance_error_m,
     many_flights,
+    of_drone,
     one_flight,
+    place_m,
     predictions,
     scene_with,
 )
 
+from plotfeed.feeds.engine.simulation import SimulatedPlots, SimulatedSensor
 from plotfeed.models.sensors.sensor_model import Prediction
 from plotfeed.models.verdicts import TWO_SIDED_95
 
@@ -37,6 +43,7 @@ DOCS = Path(__file__).parents[1]
 FLIGHTS = 400
 BIN_M = 250.0
 NEAR_M = 450.0
+Seen = Mapping[str, SimulatedSensor]
 Predictions = dict[str, tuple[Floats, Prediction]]
 
 mpl.rcParams.update(
@@ -50,7 +57,9 @@ mpl.rcParams.update(
         "axes.titlelocation": "left",
         "axes.titleweight": "bold",
         "axes.titlesize": 12,
+        "figure.dpi": 100,
         "figure.titlesize": 14,
+        "figure.constrained_layout.use": True,
         "grid.color": GRID,
         "legend.frameon": False,
         "svg.hashsalt": "plotfeed",
@@ -60,37 +69,40 @@ mpl.rcParams.update(
 
 def main() -> None:
     """All five pictures, and the counts beside them."""
-    sensors = one_flight()
-    predicted = predictions()
-    for name, m in sensors.items():
-        print(
-            f"{name}: {m.of_drone.sum()} plots of the drone in {len(m.look_pd)} looks, "
-            f"{(~m.of_drone).sum()} false alarms"
-        )
-    draw_map(sensors)
-    draw_drone(sensors)
-    draw_angle(sensors, predicted)
-    draw_distance(sensors, predicted)
-    flights = many_flights(FLIGHTS)
-    draw_predicted({name: Measured.by(flights[name]) for name in SENSORS}, predicted)
+    seen, predicted = one_flight(), predictions()
+    for name in SENSORS:
+        plots, looks, false = counts(seen[name])
+        print(f"{name}: {plots} plots of the drone in {looks} looks, {false} false alarms")
+    draw_map(seen)
+    draw_drone(seen)
+    draw_errors(7, "azimuth", "degrees", seen, predicted)
+    draw_errors(8, "distance", "m", seen, predicted)
+    draw_predicted(many_flights(FLIGHTS), predicted)
 
 
-def draw_map(sensors: dict[str, Measured]) -> None:
+def counts(seen: SimulatedSensor) -> tuple[int, int, int]:
+    """Plots of the drone, looks, and false alarms."""
+    plots = len(of_drone(seen))
+    return plots, len(seen.looks), len(seen.plots) - plots
+
+
+def draw_map(sensors: Seen) -> None:
     """Figure 4: everything that was reported, and the surroundings of the facility enlarged."""
-    figure, (whole, near) = plt.subplots(1, 2, figsize=(16, 8.6), dpi=100, layout="constrained")
+    figure, (whole, near) = plt.subplots(1, 2, figsize=(16, 8.6))
     circle = np.linspace(0, 2 * np.pi, 361)
     whole.plot(10 * np.sin(circle), 10 * np.cos(circle), color=QUIET, lw=0.8, ls=":")
     whole.annotate("10 km", (0, 10), (0, 4), textcoords="offset points", ha="center", color=QUIET)
-    for azimuth_deg in (15, 75):
-        azimuth = np.radians(azimuth_deg)
+    for azimuth in np.radians((15, 75)):
         whole.plot([0, 10 * np.sin(azimuth)], [0, 10 * np.cos(azimuth)],
                    color=COLOURS["passive"], lw=0.8, ls="--", alpha=0.7)  # fmt: skip
-    for name, m in sensors.items():
-        _scatter_map(whole, name, m, 1000.0)
-        _scatter_map(near, name, m, 1.0)
+    for name in SENSORS:
+        _scatter_map(whole, name, sensors[name], 1000.0)
+        _scatter_map(near, name, sensors[name], 1.0)
     _dress_map(whole, 10.6, "km", "All plots; dashed, what the passive radar covers")
     _dress_map(near, NEAR_M, "m", f"The last {NEAR_M:g} m of the approach")
-    whole.add_patch(_box(NEAR_M / 1000))
+    half = NEAR_M / 1000
+    box = Rectangle((-half, -half), 2 * half, 2 * half, fill=False, ec="black", lw=1.2, zorder=4)
+    whole.add_patch(box)
     handles = [_key(name, sensors[name]) for name in SENSORS]
     whole.legend(handles=handles, loc="lower left", title="crosses: false alarms", frameon=True,
                  framealpha=0.95, edgecolor=GRID)  # fmt: skip
@@ -106,55 +118,38 @@ def draw_map(sensors: dict[str, Measured]) -> None:
     _save(figure, "section-4-map.png")
 
 
-def _scatter_map(axes: Any, name: str, m: Measured, unit_m: float) -> None:
-    east, north = (place / unit_m for place in m.place_m())
-    false, size = ~m.of_drone, 22 if unit_m > 1 else 34
+def _scatter_map(axes: Any, name: str, seen: SimulatedSensor, unit_m: float) -> None:
+    east, north = (place / unit_m for place in place_m(seen.plots))
+    false, size = seen.plots.drone < 0, 22 if unit_m > 1 else 34
     axes.scatter(east[false], north[false], marker="x", color=COLOURS[name], s=26, lw=1, alpha=0.7)
     axes.scatter(east[~false], north[~false], marker=MARKERS[name], s=size, alpha=0.6,
                  color=COLOURS[name], linewidths=0, zorder=3)  # fmt: skip
 
 
-def _box(half: float) -> Rectangle:
-    return Rectangle((-half, -half), 2 * half, 2 * half, fill=False, ec="black", lw=1.2, zorder=4)
-
-
 def _dress_map(axes: Any, half: float, unit: str, title: str) -> None:
-    axes.set_aspect("equal")
-    axes.set_xlim(-half, half)
-    axes.set_ylim(-half, half)
-    axes.set_xlabel(f"east of the facility, {unit}")
-    axes.set_ylabel(f"north, {unit}")
-    axes.set_title(title)
+    axes.set(aspect="equal", xlim=(-half, half), ylim=(-half, half), title=title,
+             xlabel=f"east of the facility, {unit}", ylabel=f"north, {unit}")  # fmt: skip
 
 
-def _key(name: str, m: Measured) -> Any:
-    false = int((~m.of_drone).sum())
-    label = f"{TITLES[name]}: {m.of_drone.sum()} plots of the drone, {false} false"
+def _key(name: str, seen: SimulatedSensor) -> Any:
+    plots, _, false = counts(seen)
+    label = f"{TITLES[name]}: {plots} plots of the drone, {false} false"
     (line,) = plt.plot([], [], color=COLOURS[name], marker=MARKERS[name], ls="", label=label)
     return line
 
 
-def draw_drone(sensors: dict[str, Measured]) -> None:
+def draw_drone(sensors: Seen) -> None:
     """Figures 5 and 6: plots of the drone, by its distance and, much enlarged, across its line."""
-    figure, panels = plt.subplots(2, 2, figsize=(16, 8.4), dpi=100, layout="constrained")
+    figure, panels = plt.subplots(2, 2, figsize=(16, 8.4))
     for axes, name in zip(panels.T.flat, SENSORS, strict=True):
-        m = sensors[name]
-        across_m = m.across_m()
-        which = m.of_drone
-        axes.axhline(0, color="black", lw=0.8)
-        axes.scatter(m.true_range_m[which] / 1000, across_m[which], s=16, marker=MARKERS[name],
-                     color=COLOURS[name], linewidths=0, alpha=0.8, zorder=3)  # fmt: skip
-        half_m = 1.15 * float(np.abs(across_m[which]).max())
-        missed_m = m.look_range_m[m.look_detected == 0]
+        plots, looks = of_drone(sensors[name]), sensors[name].looks
+        half_m = _by_distance(axes, name, plots, across_m(plots), size=16)
+        missed_m = looks.range_m[~looks.detected]
         axes.vlines(missed_m / 1000, -half_m, -0.92 * half_m, color=MISSED, lw=0.9)
-        axes.set_ylim(-half_m, half_m)
         axes.set_xlim(1.03 if name == "microphone" else 7.2, 0)
-        axes.set_xlabel("distance of the drone, km")
         axes.set_ylabel("across the line of sight, m")
-        axes.set_title(
-            f"{TITLES[name][0].upper()}{TITLES[name][1:]}: {which.sum()} plots, "
-            f"{len(missed_m)} looks missed"
-        )
+        title = f"{TITLES[name][0].upper()}{TITLES[name][1:]}"
+        axes.set_title(f"{title}: {len(plots)} plots, {len(missed_m)} looks missed")
     figure.suptitle(
         "Figures 5 (left) and 6 (right): plots of the drone; ticks at the bottom are looks that "
         "missed it\nEach panel has scales of its own; the microphones' bearings are drawn at the "
@@ -163,84 +158,71 @@ def draw_drone(sensors: dict[str, Measured]) -> None:
     _save(figure, "section-4-drone.png")
 
 
-def draw_angle(sensors: dict[str, Measured], predicted: Predictions) -> None:
-    """Figure 7."""
-    figure, panels = plt.subplots(1, 4, figsize=(16, 4.9), dpi=100, layout="constrained")
-    for axes, name in zip(panels, SENSORS, strict=True):
-        m = sensors[name]
-        range_m, expected = predicted[name]
-        _band(axes, range_m, np.zeros(len(range_m)), expected.sigma_azimuth_deg)
-        _errors(axes, name, m, m.angle_error_deg)
-    panels[0].set_ylabel("error of azimuth, degrees")
-    figure.suptitle("Figure 7: error of azimuth of each plot of the drone; "
-                    "shaded, twice the predicted rms error")  # fmt: skip
-    _save(figure, "section-4-angle.png")
-
-
-def draw_distance(sensors: dict[str, Measured], predicted: Predictions) -> None:
-    """Figure 8; the microphones measure no distance."""
-    names = [name for name in SENSORS if np.isfinite(sensors[name].range_m).any()]
-    figure, panels = plt.subplots(1, 3, figsize=(16, 4.9), dpi=100, layout="constrained")
+def draw_errors(number: int, what: str, unit: str, sensors: Seen, predicted: Predictions) -> None:
+    """Figures 7, of azimuth, and 8, of distance, which the microphones do not measure."""
+    is_angle = what == "azimuth"
+    names = [n for n in SENSORS if is_angle or np.isfinite(sensors[n].plots.range_m).any()]
+    figure, panels = plt.subplots(1, len(names), figsize=(16, 4.9))
     for axes, name in zip(panels, names, strict=True):
-        m = sensors[name]
         range_m, expected = predicted[name]
-        _band(axes, range_m, np.zeros(len(range_m)), expected.sigma_range_m)
-        _errors(axes, name, m, m.distance_error_m)
-    panels[0].set_ylabel("error of distance, m")
-    figure.suptitle("Figure 8: error of distance of each plot of the drone; "
-                    "shaded, twice the predicted rms error about the truth")  # fmt: skip
-    _save(figure, "section-4-distance.png")
+        sigma = 2 * (expected.sigma_azimuth_deg if is_angle else expected.sigma_range_m)
+        inside = range_m <= 7200
+        axes.fill_between(
+            range_m[inside] / 1000, -sigma[inside], sigma[inside], color="#e9eef0", lw=0
+        )
+        plots = of_drone(sensors[name])
+        error = angle_error_deg(plots) if is_angle else distance_error_m(plots)
+        _by_distance(axes, name, plots, error, size=14)
+        axes.set_xlim(0, 0.2 if name == "microphone" else 7.2)
+        axes.set_title(TITLES[name])
+    panels[0].set_ylabel(f"error of {what}, {unit}")
+    about = "" if is_angle else " about the truth"
+    figure.suptitle(f"Figure {number}: error of {what} of each plot of the drone; shaded, twice "
+                    f"the predicted rms error{about}")  # fmt: skip
+    _save(figure, f"section-4-{'angle' if is_angle else what}.png")
 
 
-def _band(axes: Any, range_m: Floats, middle: Floats, sigma: Floats) -> None:
-    inside = range_m <= 7200
-    low, high = (middle - 2 * sigma)[inside], (middle + 2 * sigma)[inside]
-    axes.fill_between(range_m[inside] / 1000, low, high, color="#e9eef0", lw=0)
-
-
-def _errors(axes: Any, name: str, m: Measured, error: Floats) -> None:
-    which = m.of_drone
+def _by_distance(
+    axes: Any, name: str, plots: SimulatedPlots, values: Floats, *, size: float
+) -> float:
+    """Points of a sensor's plots by the drone's distance, about zero; half the panel's height."""
     axes.axhline(0, color="black", lw=0.8)
-    axes.scatter(m.true_range_m[which] / 1000, error[which], s=14, color=COLOURS[name],
+    axes.scatter(plots.true_range_m / 1000, values, s=size, color=COLOURS[name],
                  marker=MARKERS[name], linewidths=0, alpha=0.8, zorder=3)  # fmt: skip
-    half = 1.15 * float(np.abs(error[which]).max())
+    half = 1.15 * float(np.abs(values).max())
     axes.set_ylim(-half, half)
-    axes.set_xlim(0, 0.2 if name == "microphone" else 7.2)
     axes.set_xlabel("distance of the drone, km")
-    axes.set_title(TITLES[name])
+    return half
 
 
-def draw_predicted(sensors: dict[str, Measured], predicted: Predictions) -> None:
+def draw_predicted(sensors: Seen, predicted: Predictions) -> None:
     """Pd and rms errors by distance: lines as predicted, points as counted over many flights."""
-    figure, (detected, turned, displaced) = plt.subplots(
-        1, 3, figsize=(16, 5.6), dpi=100, layout="constrained"
-    )
-    for name, m in sensors.items():
+    figure, (detected, turned, displaced) = plt.subplots(1, 3, figsize=(16, 5.6))
+    for name in SENSORS:
         range_m, expected = predicted[name]
+        looks, plots = sensors[name].looks, of_drone(sensors[name])
         style = {"color": COLOURS[name], "lw": 1.6, "label": TITLES[name]}
         detected.plot(range_m / 1000, expected.pd, **style)
         turned.semilogy(range_m / 1000, expected.sigma_azimuth_deg, **style)
         step_m = 20.0 if name == "microphone" else BIN_M
-        _counted(detected, name, m.look_range_m, m.look_detected, step_m, root=False)
-        true_m, which = m.true_range_m[m.of_drone], m.of_drone
-        _counted(turned, name, true_m, m.angle_error_deg[which] ** 2, step_m, root=True)
-        if np.isfinite(m.range_m).any():
+        _counted(detected, name, looks.range_m, looks.detected, step_m, root=False)
+        _counted(turned, name, plots.true_range_m, angle_error_deg(plots) ** 2, step_m, root=True)
+        if np.isfinite(plots.range_m).any():
             displaced.semilogy(range_m / 1000, expected.sigma_range_m, **style)
-            _counted(displaced, name, true_m, m.distance_error_m[which] ** 2, step_m, root=True)
-    for axes, title in zip(
-        (detected, turned, displaced),
-        ("Probability of detection", "Rms error of azimuth, degrees", "Rms error of distance, m"),
-        strict=True,
+            off_m2 = distance_error_m(plots) ** 2
+            _counted(displaced, name, plots.true_range_m, off_m2, step_m, root=True)
+    for axes, title in (
+        (detected, "Probability of detection"),
+        (turned, "Rms error of azimuth, degrees"),
+        (displaced, "Rms error of distance, m"),
     ):
-        axes.set_title(title)
-        axes.set_xlabel("distance of the drone, km")
-        axes.set_xlim(0, 7.2)
+        axes.set(title=title, xlabel="distance of the drone, km", xlim=(0, 7.2))
     turned.legend(loc="lower right")
     turned.set_ylim(5e-5, 4)
     displaced.set_ylim(2e-4, 40)
-    looks = sum(len(m.look_pd) for m in sensors.values())
-    figure.suptitle(f"Lines: what plotfeed check predicts. Points: {looks:,} looks at {FLIGHTS} "
-                    "approaches, with 95 % bars for Pd")  # fmt: skip
+    looks_of_all = sum(len(sensors[name].looks) for name in SENSORS)
+    figure.suptitle(f"Lines: what plotfeed check predicts. Points: {looks_of_all:,} looks at "
+                    f"{FLIGHTS} approaches, with 95 % bars for Pd")  # fmt: skip
     _save(figure, "section-4-predicted.png")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from math import cos, radians, sin, sqrt
 from pathlib import Path
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from plotfeed import simulate
 from plotfeed.feeds.cli.check import curves
-from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation
+from plotfeed.feeds.engine.simulation import SimulatedPlots, SimulatedSensor, Simulation
 from plotfeed.feeds.scene.scene import example, from_tree
 from plotfeed.models.frames import wrap_180
 from plotfeed.models.sensors.sensor_model import Prediction
@@ -38,54 +37,30 @@ Floats = NDArray[np.float64]
 Tree = dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """One sensor's plots and looks; range is NaN for a bearing alone, truth for a false alarm."""
+def of_drone(seen: SimulatedSensor) -> SimulatedPlots:
+    """A sensor's plots but its false alarms."""
+    return seen.plots.rows(seen.plots.drone >= 0)
 
-    range_m: Floats
-    azimuth_deg: Floats
-    true_range_m: Floats
-    true_azimuth_deg: Floats
-    look_range_m: Floats
-    look_pd: Floats
-    look_detected: Floats
 
-    @classmethod
-    def by(cls, seen: SimulatedSensor) -> Measured:
-        """Columns of what a sensor reported."""
-        plots, looks = seen.plots, seen.looks
-        return cls(
-            plots.range_m,
-            plots.azimuth_deg,
-            plots.true_range_m,
-            plots.true_azimuth_deg,
-            looks.range_m,
-            looks.pd,
-            looks.detected.astype(np.float64),
-        )
+def angle_error_deg(plots: SimulatedPlots) -> Floats:
+    return wrap_180(plots.azimuth_deg - plots.true_azimuth_deg)
 
-    @property
-    def of_drone(self) -> Any:
-        return np.isfinite(self.true_range_m)
 
-    @property
-    def angle_error_deg(self) -> Floats:
-        return wrap_180(self.azimuth_deg - self.true_azimuth_deg)
+def distance_error_m(plots: SimulatedPlots) -> Floats:
+    """NaN of a bearing alone."""
+    return plots.range_m - plots.true_range_m
 
-    @property
-    def distance_error_m(self) -> Floats:
-        return self.range_m - self.true_range_m
 
-    def place_m(self) -> tuple[Floats, Floats]:
-        """East and north; a bearing alone at the drone's true distance, as in the paper."""
-        range_m = np.where(np.isfinite(self.range_m), self.range_m, self.true_range_m)
-        azimuth = np.radians(self.azimuth_deg)
-        return range_m * np.sin(azimuth), range_m * np.cos(azimuth)
+def place_m(plots: SimulatedPlots) -> tuple[Floats, Floats]:
+    """East and north; a bearing alone at the drone's true distance, as in the paper."""
+    range_m = np.where(np.isfinite(plots.range_m), plots.range_m, plots.true_range_m)
+    azimuth = np.radians(plots.azimuth_deg)
+    return range_m * np.sin(azimuth), range_m * np.cos(azimuth)
 
-    def across_m(self) -> Floats:
-        """Metres to the right of the true line of sight, seen from the sensor."""
-        east_m, north_m = self.place_m()
-        return np.hypot(east_m, north_m) * np.sin(np.radians(self.angle_error_deg))
+
+def across_m(plots: SimulatedPlots) -> Floats:
+    """Metres to the right of the true line of sight, seen from the sensor."""
+    return np.hypot(*place_m(plots)) * np.sin(np.radians(angle_error_deg(plots)))
 
 
 def scene_with(*sensors: str, drones: Sequence[Tree] | None = None) -> Tree:
@@ -101,10 +76,9 @@ def simulated(tree: Tree, duration_s: float) -> Simulation:
     return simulate(scene, duration_s, start_utc_ns=START_UTC_NS)
 
 
-def one_flight() -> dict[str, Measured]:
+def one_flight() -> Simulation:
     """What each sensor reports of the scene as it comes: one drone, one approach."""
-    seen = simulate("section-4", SECONDS, start_utc_ns=START_UTC_NS)
-    return {sensor: Measured.by(seen[sensor]) for sensor in SENSORS}
+    return simulate("section-4", SECONDS, start_utc_ns=START_UTC_NS)
 
 
 def many_flights(n: int) -> Simulation:
@@ -117,7 +91,7 @@ def many_flights(n: int) -> Simulation:
     return simulated(scene_with(*SENSORS, drones=drones), SECONDS)
 
 
-def hovering_on_approach(sensor: str, range_m: float, drones: int, scans: int) -> Measured:
+def hovering_on_approach(sensor: str, range_m: float, drones: int, scans: int) -> SimulatedSensor:
     """What a sensor reports of drones that hover at that slant range on the line of approach."""
     (keys,) = scene_with(sensor)["sensor"]
     up_m = HEIGHT_M - float(keys.get("position_enu_m", (0, 0, 0))[2])
@@ -125,7 +99,7 @@ def hovering_on_approach(sensor: str, range_m: float, drones: int, scans: int) -
     there = [
         _on_approach(k, [(ground_m, -3.0), (ground_m, 3.0)], speed_m_s=0.01) for k in range(drones)
     ]
-    return Measured.by(simulated(scene_with(sensor, drones=there), float(scans))[sensor])
+    return simulated(scene_with(sensor, drones=there), float(scans))[sensor]
 
 
 def false_alarms(sensor: str, scans: int) -> int:

@@ -19,6 +19,7 @@ from section_4 import (
     false_alarms,
     hovering_on_approach,
     many_flights,
+    of_drone,
     one_flight,
 )
 
@@ -51,18 +52,18 @@ def counted() -> Pds:
     found = {}
     for sensor in SENSORS:
         for range_m in RANGES_M[sensor]:
-            m = hovering_on_approach(sensor, range_m, DRONES, SCANS)
-            hits, n = int(m.look_detected.sum()), len(m.look_detected)
+            looks = hovering_on_approach(sensor, range_m, DRONES, SCANS).looks
+            hits, n = int(looks.detected.sum()), len(looks)
             low, high = share_interval(hits, n)
             share = f"{hits / n:.3f} ({low:.3f} to {high:.3f})"
-            found[sensor, range_m] = (f"{m.look_pd.mean():.3f}", share)
+            found[sensor, range_m] = (f"{looks.pd.mean():.3f}", share)
             print(sensor, range_m, *found[sensor, range_m], flush=True)
     return found
 
 
 def first_plots_m(seen: SimulatedSensor) -> Floats:
     """How far away each drone was at its first plot."""
-    plots = seen.plots.rows(seen.plots.drone >= 0)
+    plots = of_drone(seen)
     _, first = np.unique(plots.drone, return_index=True)
     return plots.true_range_m[first]
 
@@ -85,9 +86,10 @@ def alarms() -> list[str]:
     one, scene, rows = one_flight(), example("section-4"), []
     means = {s.id: s.model(scene.scene.site).false_alarms_per_scan for s in scene.sensor}
     for sensor in SENSORS:
-        m, scans, mean = one[sensor], EMPTY_SCANS[sensor], means[sensor]
+        seen, scans, mean = one[sensor], EMPTY_SCANS[sensor], means[sensor]
+        plots, false = len(of_drone(seen)), len(seen.plots) - len(of_drone(seen))
         long_run = f"{false_alarms(sensor, scans):,} in {scans:,} scans"
-        counts = (m.of_drone.sum(), len(m.look_pd), (~m.of_drone).sum(), _mean(mean * SECONDS))
+        counts = (plots, len(seen.looks), false, _mean(mean * SECONDS))
         rows.append((TITLES[sensor], *counts, long_run, _mean(mean * scans)))
     head = ("sensor", "plots of the drone", "looks", "false alarms", "expected", "in the long run")
     return table((*head, "expected"), rows)

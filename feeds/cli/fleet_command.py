@@ -84,7 +84,7 @@ def run_fleet(path: Path, settings: FleetSettings) -> int:
 
 def broker_of(scene: Scene, settings: FleetSettings) -> str:
     """The broker by which the parts tell how they do; raises `PlotfeedError` without one."""
-    broker = settings.broker or scene.outgoing.broker
+    broker = settings.broker or scene.outgoing.mqtt.broker
     if broker is None or broker == NO_BROKER:
         raise PlotfeedError("the parts of a fleet need a broker: --broker mqtt://HOST:PORT")
     return broker

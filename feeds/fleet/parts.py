@@ -128,7 +128,7 @@ def part_asked(
     number, parts = map(int, found.groups()) if found else (0, 0)
     if not 1 <= number <= parts:
         raise PlotfeedError(f"--part: expected K/N, such as 2/3 for the second of three: {text!r}")
-    broker = broker or scene.outgoing.broker
+    broker = broker or scene.outgoing.mqtt.broker
     check_scene(scene, broker)
     is_simulated = speed == FASTEST and broker == NO_BROKER
     if speed != "1" and not is_simulated:

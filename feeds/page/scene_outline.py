@@ -294,7 +294,7 @@ def connections(scene: Scene, urls: Mapping[str, str], *, sends_udp: bool = True
     `urls` are addresses of the session's brokers by protocol, whatever is said after them. There is
     no word of the ledger, of control and of telemetry: they are not for a tracker.
     """
-    access = scene.outgoing.credentials_file is not None
+    access = scene.outgoing.mqtt.credentials_file is not None
     return {
         "brokers": [
             {"protocol": protocol, "url": url.split()[0], "needs_password": access}

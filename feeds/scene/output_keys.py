@@ -414,18 +414,10 @@ FILES = ("ca_file", "client_certificate_file", "client_key_file")
 class WaysOut:
     """Where a session sends, what opens the doors there, and whom it lets in and listens to."""
 
-    broker: str | None = None
-    """URL; None is the embedded broker."""
+    mqtt: Mqtt = field(default_factory=Mqtt)
+    """The broker and the keys to it, or what the embedded one bears and whom it lets in."""
     waits: bool = False
     """Whether a broker that is not up yet is waited for."""
-    port: int | None = None
-    """Of the embedded broker, if it must be that one."""
-    embedded: EmbeddedBrokerKeys = field(default_factory=EmbeddedBrokerKeys)
-    """Whom it lets in, and what it bears."""
-    ca_file: Path | None = None
-    certificate_file: Path | None = None
-    key_file: Path | None = None
-    credentials_file: Path | None = None
     udp: tuple[UdpDestination, ...] = ()
     tak: tuple[TakServer, ...] = ()
     http: tuple[HttpDestination, ...] = ()

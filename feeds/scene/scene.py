@@ -349,19 +349,8 @@ class Scene(DestinationTables, WorldKeys):
         """DestinationTables by the scene's own keys, unless somebody has named others."""
         if self._outgoing is not None:
             return self._outgoing
-        mqtt = self.mqtt
-        named = (mqtt.ca_file, mqtt.client_certificate_file, mqtt.client_key_file)
-        ca, certificate, key, credentials = (
-            None if name is None else self.file(name) for name in (*named, mqtt.credentials_file)
-        )
         return WaysOut(
-            broker=mqtt.broker,
-            port=mqtt.port if "port" in mqtt.model_fields_set else None,
-            embedded=mqtt.embedded,
-            ca_file=ca,
-            certificate_file=certificate,
-            key_file=key,
-            credentials_file=credentials,
+            mqtt=self.mqtt,
             middleware=self.sapient.middleware,
             sources=self.telemetry.source,
             **self.destinations(self.file),

@@ -7,7 +7,6 @@ import contextlib
 import socket
 from collections.abc import AsyncIterator
 
-from plotfeed.feeds.scene.output_keys import USUAL_PORT
 from plotfeed.feeds.scene.scene import Scene
 from plotfeed.feeds.transport.mqtt.address import BrokerAccess, BrokerAddress
 
@@ -21,7 +20,7 @@ Brokers = tuple[list[BrokerAddress], dict[str, str]]  # Where to publish, and wh
 async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]:
     """The brokers to publish to, and what to call them; the embedded one lives meanwhile."""
     to = scene.outgoing
-    url = broker or to.broker
+    url = broker or to.mqtt.broker
     if url == NO_BROKER:
         yield [], {}
         return
@@ -32,9 +31,12 @@ async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]
     from plotfeed.feeds.transport.embedded_broker import EmbeddedBroker
     from plotfeed.feeds.transport.local_hosts import LOOPBACK
 
-    keys = to.embedded
+    keys = to.mqtt.embedded
     embedded = await EmbeddedBroker.start(
-        to.port or USUAL_PORT, keys, prefix=scene.mqtt.prefix, may_be_others=to.port is None
+        to.mqtt.port,
+        keys,
+        prefix=scene.mqtt.prefix,
+        may_be_others="port" not in to.mqtt.model_fields_set,
     )
     keeping_up = asyncio.create_task(embedded.keep_up(), name="embedded broker")
     try:
@@ -51,11 +53,15 @@ async def brokers_of(scene: Scene, broker: str | None) -> AsyncIterator[Brokers]
 
 def broker_address(scene: Scene, url: str) -> BrokerAddress:
     """A broker of the user's own, with the keys to it that the scene names."""
-    to = scene.outgoing
+    keys = scene.outgoing.mqtt
+    named = (keys.ca_file, keys.client_certificate_file, keys.client_key_file)
+    ca, certificate, key, credentials = (
+        None if name is None else scene.file(name) for name in (*named, keys.credentials_file)
+    )
     access = BrokerAccess(
-        ca_file=to.ca_file,
-        certificate_file=to.certificate_file,
-        key_file=to.key_file,
+        ca_file=ca,
+        certificate_file=certificate,
+        key_file=key,
         version=scene.mqtt.version if "version" in scene.mqtt.model_fields_set else None,
-    ).with_credentials(to.credentials_file)
-    return BrokerAddress.parse(url, access=access, waits=to.waits)
+    ).with_credentials(credentials)
+    return BrokerAddress.parse(url, access=access, waits=scene.outgoing.waits)

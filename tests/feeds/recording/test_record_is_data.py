@@ -214,7 +214,7 @@ def test_files_that_it_names_are_not_even_opened(tmp_path: Path, key: str) -> No
         "sensor": [{"id": "mic", "preset": "widealert"}],
     }
     scene = from_tree(tree, tmp_path / "scene.toml").enclosed({})
-    assert scene.outgoing.broker is None
+    assert scene.outgoing.mqtt.broker is None
     with pytest.raises(PlotfeedError, match="does not hold it"):
         scene.file("/dev/zero")
 
@@ -304,8 +304,8 @@ def test_it_opens_no_door_to_web_pages_and_claims_no_port(tmp_path: Path) -> Non
         mqtt=f'[mqtt.embedded]\nwebsocket_origins = ["{origin}"]',
     )
     scene = load(scene_file(tmp_path, text))
-    assert scene.outgoing.port == listening_at
-    assert scene.outgoing.embedded.websocket_origins == (origin,)
+    assert scene.outgoing.mqtt.port == listening_at
+    assert scene.outgoing.mqtt.embedded.websocket_origins == (origin,)
     record = recorded_by_a_stranger(tmp_path / "x.mcap", scene)
     with port_is_taken(listening_at), running("run", record) as again:
         assert not any("WebSocket" in line for line in again.introduction)
