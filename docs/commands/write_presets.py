@@ -5,7 +5,6 @@ python docs/commands/write_presets.py
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from pages import table
 from plotfeed.feeds.cli.show_sensors import details, shown_reach, shown_value, system_summary, why
 from plotfeed.feeds.scene.presets.preset import names, preset, system_names
 from plotfeed.feeds.scene.presets.system import system
-from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS
+from plotfeed.feeds.scene.sensors.illuminator_keys import OF_A_KIND, broadcasts
 
 BROADCAST_HEAD = """
 ## Broadcasts as illuminators
@@ -124,21 +123,6 @@ def _keys(found: list[dict[str, Any]]) -> list[str]:
     return table(("preset", "stated", "derived", "assumed", "stated and not modelled"), rows)
 
 
-def _items(keys: Iterable[tuple[str, str, str, str]]) -> list[str]:
-    """A line for each reason: of keys that have the same one, or are as another key, together."""
-    found: list[tuple[list[str], list[str], str, str]] = []
-    for key, value, mark, reason in keys:
-        shown, same = f"`{key}` {value}", reason.removeprefix("As ").removesuffix(".")
-        for names_, told, its_mark, its_reason in found:
-            if mark == its_mark and (reason == its_reason or same in names_):
-                names_.append(key)
-                told.append(shown)
-                break
-        else:
-            found.append(([key], [shown], mark, reason))
-    return [f"- {', '.join(told)} ({mark}): {reason}" for _, told, mark, reason in found]
-
-
 def _systems() -> list[str]:
     rows = [
         (
@@ -154,9 +138,11 @@ def _systems() -> list[str]:
 
 def _broadcasts() -> list[str]:
     lines = []
-    for name, kind in BROADCASTS.items():
-        keys = ((key, shown_value(value), *kind.notes[key]) for key, value in kind.keys.items())
-        lines += ["", f"`{name}`: {kind.title}", "", *_items(keys)]
+    for name, kind in broadcasts().items():
+        lines += ["", f"`{name}`: {kind['title']}", ""]
+        for key in OF_A_KIND:
+            of = kind[key]
+            lines.append(f"- `{key}` {shown_value(of['value'])} ({of['mark']}): {of['note']}")
     return lines
 
 

@@ -21,7 +21,7 @@ from plotfeed.feeds.scene.presets.preset import (
 )
 from plotfeed.feeds.scene.presets.system import SystemPreset, system
 from plotfeed.feeds.scene.scene import example
-from plotfeed.feeds.scene.sensors.illuminator_keys import BROADCASTS
+from plotfeed.feeds.scene.sensors.illuminator_keys import broadcasts
 
 DISCLAIMER = "Models of published figures, not measurements of the products."
 
@@ -174,7 +174,7 @@ def _list_lines(found: list[dict[str, Any]], systems: list[dict[str, Any]]) -> l
         "",
         DISCLAIMER,
         "",
-        f"Transmitters of a passive radar have presets too: {', '.join(BROADCASTS)}.",
+        f"Transmitters of a passive radar have presets too: {', '.join(broadcasts())}.",
     ]
 
 

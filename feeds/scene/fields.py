@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields
 from functools import cache, lru_cache
 from importlib import import_module
@@ -185,6 +185,15 @@ def split_address(text: str) -> tuple[str, int]:
     if not name or not plain or not number:
         raise ValueError(f"expected HOST:PORT such as 127.0.0.1:5000, not {text!r}")
     return name, number
+
+
+def used_twice(kind: str, ids: Iterable[str]) -> Iterator[str]:
+    """Refusals of entries of a list of tables that have the id of an earlier one."""
+    known: set[str] = set()
+    for n, name in enumerate(ids):
+        if name in known:
+            yield f"{kind}[{n}].id: the id {name!r} is used twice"
+        known.add(name)
 
 
 class ForAWhile(SceneTable):

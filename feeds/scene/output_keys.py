@@ -28,9 +28,6 @@ from plotfeed.feeds.scene.telemetry_keys import TelemetrySource
 USUAL_MESSAGES = (0, 10_000)  # Of QoS 0, of which a late one is worth nothing, and of QoS 1
 
 
-USUAL_PORT = 1883  # Of MQTT
-
-
 class MqttQueueKeys(SceneTable):
     """What waits for a broker that is away or slow; for each sensor."""
 
@@ -98,7 +95,7 @@ class Mqtt(SceneTable):
     """First level or levels of every topic."""
     broker: str | None = None
     """mqtt://HOST:PORT, or mqtts:// for TLS; without it, the embedded one on loopback."""
-    port: Annotated[int, Field(ge=1, le=65534)] = USUAL_PORT
+    port: Annotated[int, Field(ge=1, le=65534)] = 1883
     """Of the embedded broker; WebSocket is on the next. If it is taken: an error, or without this
     key another port."""
     version: Literal["5", "3.1.1", "any"] = "any"

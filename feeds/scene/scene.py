@@ -24,7 +24,7 @@ from plotfeed.feeds.console.printed import printable
 from plotfeed.feeds.scene.changes import ChangeError, changed
 from plotfeed.feeds.scene.claim_keys import CLAIMED, COOPERATIVE, CooperativeKeys
 from plotfeed.feeds.scene.drones import Drone, Fleet, Swarm, Targets
-from plotfeed.feeds.scene.fields import Azimuth, Enu, Name, Positive, SceneTable, Site
+from plotfeed.feeds.scene.fields import Azimuth, Enu, Name, Positive, SceneTable, Site, used_twice
 from plotfeed.feeds.scene.output_keys import DestinationTables, Mqtt, PageKeys, SapientKeys, WaysOut
 from plotfeed.feeds.scene.problems import located, problems_of
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
@@ -263,11 +263,8 @@ class Scene(DestinationTables, WorldKeys):
         return tuple(with_track_numbers(numbered(sensors)))
 
     def _refusals(self) -> Iterator[str]:
-        known: set[str] = set()
+        yield from used_twice("sensor", (sensor.id for sensor in self.sensor))
         for n, sensor in enumerate(self.sensor):
-            if sensor.id in known:
-                yield f"sensor[{n}].id: the id {sensor.id!r} is used twice"
-            known.add(sensor.id)
             if sensor.id in TOPICS_OF_SESSION:
                 yield f"sensor[{n}].id: the id {sensor.id!r} is a topic of the session"
         yield from shared_sources(self.sensor)
@@ -293,11 +290,8 @@ class Scene(DestinationTables, WorldKeys):
 
     def _refused_stories(self) -> Iterator[str]:
         sensors = {sensor.id: sensor for sensor in self.sensor}
-        known: set[str] = set()
+        yield from used_twice("story", (story.id for story in self.story))
         for n, story in enumerate(self.story):
-            if story.id in known:
-                yield f"story[{n}].id: the id {story.id!r} is used twice"
-            known.add(story.id)
             for key, why in story.problems(sensors, self.fleet.names, self.fleet.cooperative_names):
                 yield f"story[{n}].{key}: {why}"
             for name, keys in story.sets.items():

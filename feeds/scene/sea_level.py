@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plotfeed.models.frames import LocalFrame
+from plotfeed.models.frames import LocalFrame, geoid_undulation_m
 from plotfeed.models.state import Floats
 from plotfeed.proto.errors import PlotfeedError
 
@@ -29,8 +29,6 @@ class SeaLevel:
         """Height of sea level above the WGS-84 ellipsoid, metres, at places; (...)."""
         if self._stated_m is not None:
             return np.full(np.broadcast(latitude_deg, longitude_deg).shape, self._stated_m)
-        from plotfeed.models.frames import geoid_undulation_m
-
         if self._of_grid is None:
             return geoid_undulation_m(latitude_deg, longitude_deg)
         found_m = self._of_grid(latitude_deg, longitude_deg)
@@ -78,7 +76,6 @@ PLACE = ("latitude_deg", "longitude_deg")
 # Of the fixed point for how high over the site's horizontal a sensor stands: 1 um at 1000 km.
 STEPS = 3
 LARGEST = 1e6  # Of the numbers that a place can have
-UndulationAt = Callable[[float, float], float]
 
 
 def with_ellipsoidal_heights(tree: dict[str, Any]) -> dict[str, Any]:
@@ -89,14 +86,7 @@ def with_ellipsoidal_heights(tree: dict[str, Any]) -> dict[str, Any]:
     """
     telemetry = tree.get("telemetry")
     keys = telemetry if isinstance(telemetry, dict) else {}
-    stated_m = _numbers(keys.get("geoid_undulation_m"))
-
-    def undulation_m(latitude_deg: float, longitude_deg: float) -> float:
-        if stated_m:
-            return stated_m[0]
-        from plotfeed.models.frames import geoid_undulation_m
-
-        return float(geoid_undulation_m(latitude_deg, longitude_deg))
+    level = SeaLevel(*_numbers(keys.get("geoid_undulation_m")))
 
     def converted(part: Any, key: str) -> Any:
         if isinstance(part, list | tuple):
@@ -115,7 +105,7 @@ def with_ellipsoidal_heights(tree: dict[str, Any]) -> dict[str, Any]:
             )
         if place := _numbers(part[ABOVE_SEA], *map(part.get, PLACE)):
             del part[ABOVE_SEA]
-            part[ABOVE_ELLIPSOID] = place[0] + undulation_m(*place[1:])
+            part[ABOVE_ELLIPSOID] = place[0] + float(level.undulation_m(*place[1:]))
         return part
 
     tree = converted(tree, "")
@@ -124,13 +114,12 @@ def with_ellipsoidal_heights(tree: dict[str, Any]) -> dict[str, Any]:
     if isinstance(site, dict) and (place := _numbers(*map(site.get, (*PLACE, ABOVE_ELLIPSOID)))):
         frame = LocalFrame(*place)
         tree["sensor"] = [
-            _put(sensor, f"sensor[{n}]", frame, undulation_m)
-            for n, sensor in enumerate(tree["sensor"])
+            _put(sensor, f"sensor[{n}]", frame, level) for n, sensor in enumerate(tree["sensor"])
         ]
     return tree
 
 
-def _put(sensor: Any, key: str, site: LocalFrame, undulation_m: UndulationAt) -> Any:
+def _put(sensor: Any, key: str, site: LocalFrame, level: SeaLevel) -> Any:
     """A sensor whose height above the sea is the third of its `position_enu_m`."""
     above_sea_m = _numbers(sensor.get(ABOVE_SEA)) if isinstance(sensor, dict) else []
     if not above_sea_m:
@@ -143,7 +132,8 @@ def _put(sensor: Any, key: str, site: LocalFrame, undulation_m: UndulationAt) ->
         raise ValueError(f"{key}.{ABOVE_SEA}: gives the third of position_enu_m, which is 0 then")
     for _ in range(STEPS):
         latitude_deg, longitude_deg, height_m = (float(x) for x in site.to_geodetic(place_m))
-        place_m[2] += above_sea_m[0] + undulation_m(latitude_deg, longitude_deg) - height_m
+        undulation_m = float(level.undulation_m(latitude_deg, longitude_deg))
+        place_m[2] += above_sea_m[0] + undulation_m - height_m
     others = {name: value for name, value in sensor.items() if name != ABOVE_SEA}
     return others | {"position_enu_m": place_m.tolist()}
 

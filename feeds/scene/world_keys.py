@@ -18,6 +18,7 @@ from plotfeed.feeds.scene.fields import (
     SceneTable,
     Size,
     Speed,
+    used_twice,
 )
 from plotfeed.models.propagation import USUAL_K
 
@@ -210,7 +211,4 @@ class WorldKeys(SceneTable):
 
     def _refusals(self) -> Iterator[str]:
         for kind in ("jammer", "birds", "road", "turbine", "clutter"):
-            ids = [each.id for each in getattr(self, kind)]
-            for n, name in enumerate(ids):
-                if name in ids[:n]:
-                    yield f"{kind}[{n}].id: the id {name!r} is used twice"
+            yield from used_twice(kind, (each.id for each in getattr(self, kind)))

@@ -10,10 +10,21 @@ import numpy as np
 from pydantic import Field
 
 from plotfeed.feeds.scene.fields import Azimuth, Beamwidth, Decibels, Loss, SceneTable, Site
-from plotfeed.feeds.scene.sensors.effect_keys import DopplerKeys, MergingKeys
+from plotfeed.feeds.scene.sensors.effect_keys import DopplerKeys, MergingKeys, stated_or
 from plotfeed.feeds.scene.sensors.sensor_keys import TrackingSensorKeys, VolumeKeys
 from plotfeed.feeds.scene.world_keys import JammerKeys, WeatherKeys
-from plotfeed.models.effects.echo_effects import EchoEffect, EchoEffects, Straddling
+from plotfeed.models.effects.echo_effects import (
+    Antenna,
+    BeamCut,
+    CosecantSquaredCut,
+    EchoEffect,
+    EchoEffects,
+    GaussianCut,
+    Pattern,
+    Straddling,
+    TableCut,
+    cosecant_peak_loss_db,
+)
 from plotfeed.models.frames import enu_to_aer
 from plotfeed.models.propagation import C_M_S, beam_gain_dbi
 from plotfeed.models.sensors.active_radar import ActiveRadar
@@ -22,7 +33,6 @@ from plotfeed.proto.utc import NS
 
 if TYPE_CHECKING:
     from plotfeed.models.effects.doppler import Doppler
-    from plotfeed.models.effects.echo_effects import Antenna, BeamCut, Pattern
     from plotfeed.models.effects.jamming import Jammer
     from plotfeed.models.effects.merging import Merging
 
@@ -37,17 +47,17 @@ class BeamCover(NamedTuple):
     min_deg: float
     max_deg: float
 
+    @property
+    def middle_deg(self) -> float:
+        """The middle of the cover."""
+        return (self.min_deg + self.max_deg) / 2
+
 
 class _Beam(SceneTable):
     """What cuts with a boresight have in common."""
 
     boresight_deg: Azimuth | None = None
     """Where the peak is; without it, in the middle of the cover."""
-
-    def _boresight_deg(self, cover: BeamCover) -> float:
-        if self.boresight_deg is None:
-            return (cover.min_deg + cover.max_deg) / 2
-        return self.boresight_deg
 
 
 class GaussianCutKeys(_Beam):
@@ -59,10 +69,10 @@ class GaussianCutKeys(_Beam):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
-        from plotfeed.models.effects.echo_effects import GaussianCut
-
-        width_deg = self.beamwidth_deg or cover.beamwidth_deg
-        return GaussianCut(beamwidth_deg=width_deg, boresight_deg=self._boresight_deg(cover))
+        return GaussianCut(
+            beamwidth_deg=self.beamwidth_deg or cover.beamwidth_deg,
+            boresight_deg=stated_or(self.boresight_deg, cover.middle_deg),
+        )
 
 
 class BeamsCutKeys(SceneTable):
@@ -79,11 +89,9 @@ class BeamsCutKeys(SceneTable):
         width_deg = self.beamwidth_deg or cover.beamwidth_deg
         span_deg = cover.max_deg - cover.min_deg
         beams = max(int(np.ceil(span_deg / (self.spacing_deg or width_deg) * (1 - 1e-12))), 1)
-        from plotfeed.models.effects.echo_effects import GaussianCut
-
         return GaussianCut(
             beamwidth_deg=width_deg,
-            boresight_deg=(cover.min_deg + cover.max_deg) / 2,
+            boresight_deg=cover.middle_deg,
             spacing_deg=span_deg / beams,
             beams=beams,
         )
@@ -106,8 +114,6 @@ class CosecantSquaredKeys(SceneTable):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
-        from plotfeed.models.effects.echo_effects import CosecantSquaredCut
-
         width_deg = self.beamwidth_deg or cover.beamwidth_deg
         return self.made(CosecantSquaredCut, beamwidth_deg=width_deg)
 
@@ -129,12 +135,10 @@ class TableCutKeys(_Beam):
 
     def model(self, cover: BeamCover) -> BeamCut:
         """The beam of a sensor with that cover."""
-        from plotfeed.models.effects.echo_effects import TableCut
-
         return TableCut(
             angles_deg=self.angle_deg,
             gains_db=self.gain_db,
-            boresight_deg=self._boresight_deg(cover),
+            boresight_deg=stated_or(self.boresight_deg, cover.middle_deg),
         )
 
 
@@ -156,8 +160,6 @@ class PatternKeys(SceneTable):
 
     def model(self, azimuth: BeamCover, elevation: BeamCover) -> Pattern:
         """The pattern of a sensor with those covers."""
-        from plotfeed.models.effects.echo_effects import Pattern
-
         return self.made(
             Pattern,
             azimuth=self.azimuth and self.azimuth.model(azimuth),
@@ -182,8 +184,6 @@ class AntennaKeys(SceneTable):
             None if part is None else part.model(azimuth, elevation)
             for part in (self.transmit, self.receive)
         )
-        from plotfeed.models.effects.echo_effects import Antenna
-
         return Antenna(transmit=transmit, receive=receive, shows_sidelobes=self.sidelobe_plots)
 
     def _refusals(self) -> Iterator[str]:
@@ -196,8 +196,6 @@ class AntennaKeys(SceneTable):
         cut = None if self.receive is None else self.receive.elevation
         if not isinstance(cut, CosecantSquaredKeys):
             return 0.0
-        from plotfeed.models.effects.echo_effects import cosecant_peak_loss_db
-
         return float(cosecant_peak_loss_db(cut.from_deg, cut.to_deg))
 
     @property

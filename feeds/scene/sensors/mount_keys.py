@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterator, Sequence
+from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -209,14 +210,15 @@ def cue_order(sensors: Sequence[SensorKeys]) -> list[int]:
         i: [index[name] for name in (mount.cuers if mount else ()) if name in index]
         for i, mount in enumerate(mounts)
     }
-    found: dict[int, int] = {}
-    while len(found) < len(sensors):
-        ready = [i for i, by in cuers.items() if i not in found and found.keys() >= set(by)]
-        if not ready:
-            stuck = min(cuers.keys() - found.keys())
-            raise ValueError(f"sensor[{stuck}].mount.cued_by: sensors would cue each other")
-        found |= {i: max((found[each] + 1 for each in cuers[i]), default=0) for i in ready}
-    return [found[i] for i in range(len(sensors))]
+    behind = [0] * len(sensors)
+    try:
+        for i in TopologicalSorter(cuers).static_order():
+            behind[i] = max((behind[each] + 1 for each in cuers[i]), default=0)
+    except CycleError as error:
+        first = min(error.args[1])
+        text = f"sensor[{first}].mount.cued_by: sensors would cue each other"
+        raise ValueError(text) from None
+    return behind
 
 
 def refused_cues(sensors: Sequence[SensorKeys]) -> Iterator[str]:

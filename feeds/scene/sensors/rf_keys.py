@@ -33,6 +33,7 @@ from plotfeed.feeds.scene.sensors.sensor_keys import AzimuthCoverKeys, Reports, 
 from plotfeed.feeds.scene.world_keys import JammerKeys
 from plotfeed.models.detection import cells_across
 from plotfeed.models.effects.jamming import BandNoise, jamming_over_noise
+from plotfeed.models.effects.surroundings import CITIES
 from plotfeed.models.frames import distance_m
 from plotfeed.models.sensors.rf import RfDirectionFinder
 
@@ -187,8 +188,6 @@ class RfKeys(AzimuthCoverKeys):
         """What is received at once, the beams of its cover, and the path's loss."""
         path_loss, city = self.path_loss, None
         if isinstance(path_loss, CityLoss):
-            from plotfeed.models.effects.surroundings import CITIES
-
             city = replace(CITIES[path_loss.environment], shadowing_db=path_loss.shadowing_db)
         if not isinstance(path_loss, LogDistance):  # free space is log-distance with exponent 2
             path_loss = LogDistance(kind="log-distance", exponent=2.0)
