@@ -90,41 +90,12 @@ def targets(target: PresetTarget) -> Targets:
     return Targets.of_one(target.signature, enu_m)
 
 
-class Goal(CatalogueTable):
-    """What the sensor's own prediction of the preset's target is to come to."""
-
-    pd: Annotated[float, Field(gt=0, lt=1)] | None = None
-    sigma_range_m: Positive | None = None
-    sigma_azimuth_deg: Positive | None = None
-    sigma_elevation_deg: Positive | None = None
-    other_target: Annotated[int, Field(ge=0)] | None = None
-    """Of the preset's other targets, the one meant: 0 is the first of them."""
-
-    @model_validator(mode="after")
-    def _one(self) -> Self:
-        if len(self._given()) != 1:
-            raise ValueError("a rule solves for one thing")
-        return self
-
-    @property
-    def quantity(self) -> str:
-        """The name in `Prediction` of what is solved for."""
-        return next(iter(self._given()))
-
-    def _given(self) -> dict[str, float]:
-        return self.model_dump(exclude_none=True, exclude={"other_target"})
-
-    @property
-    def wanted(self) -> float:
-        """The value that the quantity is to have."""
-        return float(getattr(self, self.quantity))
-
-
+Quantity = Literal["pd", "sigma_range_m", "sigma_azimuth_deg", "sigma_elevation_deg"]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class PresetRule(CatalogueTable):
-    """How the value of a key comes about, by one of `METHODS`, and why so."""
+    """How the value of a key comes about, by one of `METHODS` or by solving, and why so."""
 
     note: str
     middle_of: Pair | None = None
@@ -136,31 +107,34 @@ class PresetRule(CatalogueTable):
     share_of: str | None = None
     share: Positive | None = None
     share_of_time_on_target: Annotated[float, Field(gt=0, le=1)] | None = None
-    solve: Goal | None = None
+    solve: Annotated[dict[Quantity, Positive], Field(min_length=1, max_length=1)] | None = None
+    """What the sensor's own prediction of the preset's target is to come to."""
+    other_target: Annotated[int, Field(ge=0)] | None = None
+    """Of the preset's other targets, the one for which it is solved: 0 is the first of them."""
 
     @model_validator(mode="after")
     def _one_method(self) -> Self:
-        if sum(getattr(self, name) is not None for name in METHODS) != 1:
-            raise ValueError(f"a rule has one of {', '.join(METHODS)}")
+        if sum(getattr(self, name) is not None for name in (*METHODS, "solve")) != 1:
+            raise ValueError(f"a rule has one of {', '.join(METHODS)}, solve")
         if (self.share is None) != (self.share_of is None):
             raise ValueError("share_of and share belong together")
         return self
 
     @property
     def method(self) -> str:
-        """The one method that is given, a key of `METHODS`."""
-        return next(name for name in METHODS if getattr(self, name) is not None)
+        """The one method that is given: a key of `METHODS`, or solve."""
+        return next((name for name in METHODS if getattr(self, name) is not None), "solve")
 
     def value(self, keys: Mapping[str, Any]) -> Any:
-        """The key's value, from others that are known so far; a `solve` takes a whole sensor."""
+        """The key's value by a method, from others that are known so far."""
         return METHODS[self.method][0](self, keys)
 
     def __str__(self) -> str:
-        return METHODS[self.method][1](self)
-
-
-def _unsolved(_rule: Any, _keys: Mapping[str, Any]) -> Any:
-    raise LookupError("what is solved for takes the sensor's model")
+        if self.solve is None:
+            return METHODS[self.method][1](self)
+        ((quantity, wanted),) = self.solve.items()
+        where = "the quoted range" if self.other_target is None else "another quoted range"
+        return f"such that {quantity} = {wanted:g} at {where}"
 
 
 def _on_target_s(rule: Any, keys: Mapping[str, Any]) -> float:
@@ -206,13 +180,6 @@ METHODS: Mapping[str, tuple[Callable[[Any, Mapping[str, Any]], Any], Callable[[A
         lambda rule: f"{rule.share:g} of {rule.share_of}",
     ),
     "share_of_time_on_target": (_on_target_s, _on_target_text),
-    "solve": (
-        _unsolved,
-        lambda rule: (
-            f"such that {rule.solve.quantity} = {rule.solve.wanted:g} at "
-            f"{'the quoted range' if rule.solve.other_target is None else 'another quoted range'}"
-        ),
-    ),
 }
 
 
@@ -232,15 +199,15 @@ def derive(
     for key, rule in rules.items():
         if rule.solve is None:
             derived[key] = rule.value({**given, **derived})
-    solves = {key: rule.solve for key, rule in rules.items() if rule.solve is not None}
+    solves = {key: rule for key, rule in rules.items() if rule.solve is not None}
     if not solves:
         return derived
     # Something that a scene may say, until it is found.
     start = {key: max(_bracket(key)[0], 0.0) for key in solves}
     sensor = sensor_of({**given, **derived, **start, "type": kind, "id": "preset"})
-    for key, goal in solves.items():
-        meant = target if goal.other_target is None else others[goal.other_target]
-        derived[key] = _solved(sensor, key, goal, meant)
+    for key, rule in solves.items():
+        meant = target if rule.other_target is None else others[rule.other_target]
+        derived[key] = _solved(sensor, key, rule, meant)
         sensor = sensor.model_copy(update={key: derived[key]})
     return derived
 
@@ -252,8 +219,9 @@ def predicted(sensor: Sensor, target: PresetTarget, quantity: str) -> float:
     return float(getattr(prediction, quantity)[0])
 
 
-def _solved(sensor: Sensor, key: str, goal: Goal, target: PresetTarget) -> float:
+def _solved(sensor: Sensor, key: str, rule: PresetRule, target: PresetTarget) -> float:
     """The key's value by Brent's method; of powers, over their logarithm."""
+    ((quantity, wanted),) = (rule.solve or {}).items()
     ends = _bracket(key)
     in_decades = ends[0] > 0
 
@@ -262,14 +230,13 @@ def _solved(sensor: Sensor, key: str, goal: Goal, target: PresetTarget) -> float
 
     def surplus(x: float) -> float:
         trial = sensor.model_copy(update={key: value_at(x)})
-        return predicted(trial, target, goal.quantity) - goal.wanted - MARGIN
+        return predicted(trial, target, quantity) - wanted - MARGIN
 
     low, high = (math.log10(end) if in_decades else end for end in ends)
     try:
         return value_at(root(surplus, low, high))
     except ValueError:
-        text = f"{key}: no value gives {goal.quantity} {goal.wanted:g}"
-        raise PlotfeedError(text) from None
+        raise PlotfeedError(f"{key}: no value gives {quantity} {wanted:g}") from None
 
 
 def _bracket(key: str) -> tuple[float, float]:
@@ -375,36 +342,37 @@ class Preset(CatalogueTable):
             if key in SCENE_ONLY:
                 continue
             value = self.keys.get(key, defaults[key])
-            if key in self.derived:
-                rule = self.derived[key]
+            if (rule := self.derived.get(key)) is not None:
                 yield MarkedKey(key, value, "derived", str(rule), rule.note)
-            elif key in self.stated:
-                yield MarkedKey(key, value, "stated", "", self.stated[key].note)
-            elif key in self.assumed:
-                yield MarkedKey(key, value, "assumed", "", self.assumed[key].note)
+            elif (given := self.stated.get(key)) is not None:
+                yield MarkedKey(key, value, "stated", "", given.note)
             else:
-                note = f"The default. {meanings.get(key, '')}".rstrip()
+                given = self.assumed.get(key)
+                default = f"The default. {meanings.get(key, '')}".rstrip()
+                note = default if given is None else given.note
                 yield MarkedKey(key, value, "assumed", "", note)
 
 
-@cache
-def names() -> list[str]:
-    """The names of all presets of one sensor, in alphabetical order."""
-    return _tables_in("plotfeed.feeds.scene.presets")
+PRESETS = "plotfeed.feeds.scene.presets"
+SYSTEMS = f"{PRESETS}.systems"
 
 
 @cache
+def names(package: str = PRESETS) -> list[str]:
+    """The names of all presets of one sensor, or of `SYSTEMS`, in alphabetical order."""
+    found = (entry.name for entry in files(package).iterdir())
+    return sorted(name.removesuffix(".toml") for name in found if name.endswith(".toml"))
+
+
 def system_names() -> list[str]:
     """The names of all presets of several sensors, in alphabetical order."""
-    return _tables_in("plotfeed.feeds.scene.presets.systems")
+    return names(SYSTEMS)
 
 
-def _tables_in(package: str) -> list[str]:
-    return sorted(
-        entry.name.removesuffix(".toml")
-        for entry in files(package).iterdir()
-        if entry.name.endswith(".toml")
-    )
+def tree_of(name: str, package: str) -> dict[str, Any]:
+    """What the file of a preset says, and its name."""
+    text = files(package).joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return {"name": name, **tomllib.loads(text)}
 
 
 @cache
@@ -412,10 +380,7 @@ def preset(name: str) -> Preset:
     """The preset of that name; raises `UnknownPresetError`."""
     if name not in names():
         raise UnknownPresetError(name)
-    text = (
-        files("plotfeed.feeds.scene.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    )
-    return Preset.model_validate({"name": name, **tomllib.loads(text)})
+    return Preset.model_validate(tree_of(name, PRESETS))
 
 
 def with_presets(tree: dict[str, Any]) -> tuple[dict[str, Any], list[tuple[str, str]]]:

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
-from importlib.resources import files
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
 from plotfeed.feeds.scene.presets.preset import (
     MAX_SHOWN,
+    SYSTEMS,
     CatalogueTable,
     closest,
     names,
     preset,
     system_names,
+    tree_of,
 )
 from plotfeed.models.frames import wrap_180
 
 # Sensors that a system may have, as the ends of their ids.
-MEMBERS = ("radar", "rf", "detector", "audio", "camera")
+MemberName = Literal["radar", "rf", "detector", "audio", "camera"]
+MEMBERS: tuple[MemberName, ...] = get_args(MemberName)
 OF_SYSTEM = frozenset({"id", "type"})  # Keys of its sensors that the system itself has
 Problems = list[tuple[str, str]]
 
@@ -45,25 +46,14 @@ class SystemPreset(CatalogueTable):
     source: str
     left_out: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """What the source says of the product and nothing stands for."""
-    radar: Member | None = None
-    rf: Member | None = None
-    detector: Member | None = None
-    audio: Member | None = None
-    camera: Member | None = None
-
-    @property
-    def members(self) -> Mapping[str, Member]:
-        """Sensors that it brings, by the ends of their ids."""
-        every = {name: getattr(self, name) for name in MEMBERS}
-        return {name: member for name, member in every.items() if member is not None}
+    members: dict[MemberName, Member]
+    """Sensors that it brings, by the ends of their ids."""
 
 
 @cache
 def system(name: str) -> SystemPreset:
     """The system of that name, one of `system_names`."""
-    folder = files("plotfeed.feeds.scene.presets.systems")
-    text = folder.joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    return SystemPreset.model_validate({"name": name, **tomllib.loads(text)})
+    return SystemPreset.model_validate(tree_of(name, SYSTEMS))
 
 
 def with_systems(tree: dict[str, Any]) -> tuple[dict[str, Any], Problems, dict[str, str]]:

@@ -93,12 +93,13 @@ def test_a_preset_is_as_its_table_says_and_sees_as_far_as_is_quoted(name: str) -
 @each
 def test_every_rule_that_is_solved_is_met_by_the_whole_sensor(name: str) -> None:
     shown = preset(name)
-    solved = [rule.solve for rule in shown.derived.values() if rule.solve is not None]
-    assert "pd" in [goal.quantity for goal in solved]
-    for goal in solved:
-        meant = shown.target if goal.other_target is None else shown.other_target[goal.other_target]
-        reached = predicted(shown.sensor, meant, goal.quantity)
-        assert reached == pytest.approx(goal.wanted, rel=1e-6)
+    solved = [rule for rule in shown.derived.values() if rule.solve is not None]
+    assert "pd" in [quantity for rule in solved for quantity in rule.solve or ()]
+    for rule in solved:
+        meant = shown.target if rule.other_target is None else shown.other_target[rule.other_target]
+        for quantity, wanted in (rule.solve or {}).items():
+            reached = predicted(shown.sensor, meant, quantity)
+            assert reached == pytest.approx(wanted, rel=1e-6)
 
 
 @each

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import runpy
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.command import plotfeed_here
+from support.doc_commands import doc_command
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.engine.simulation import SimulatedSensor, Simulation, simulate
@@ -157,18 +157,14 @@ def test_the_city_s_turret_turns_to_what_is_heard() -> None:
     assert "Phantom 4" in turret.plots.kind[turret.plots.drone == courier].tolist()
 
 
-def test_maps_and_ground_are_what_their_commands_make() -> None:
-    commands, folder = ROOT / "docs" / "commands", ROOT / "feeds" / "scene" / "examples"
-    field = folder / "field-day.geojson"
-    before = field.read_bytes()
-    runpy.run_path(str(commands / "write_field_map.py"), run_name="__main__")
-    assert field.read_bytes() == before
-    shown = example("field-day")
-    assert load_basemap(field.name, field, shown.scene.site).content.count(b'"town"') == 1
-    made = runpy.run_path(str(commands / "write_example_ground.py"))
+def test_maps_and_ground_are_what_their_command_makes() -> None:
+    made, folder = doc_command("write_example_ground"), ROOT / "feeds" / "scene" / "examples"
+    for name in made["MAPS"]:
+        assert (folder / f"{name}.geojson").read_text() == made["geojson"](name)
     tile = made["valley_heights_m"]().round().astype(">i2").tobytes()
     assert made["TILE"].read_bytes() == tile
-    assert json.loads(made["CITY"].read_text()) == made["city_blocks"]()
+    shown, field = example("field-day"), folder / "field-day.geojson"
+    assert load_basemap(field.name, field, shown.scene.site).content.count(b'"town"') == 1
 
 
 def test_the_coast_s_broadcasts_place_a_drone_finely_and_coarsely() -> None:
