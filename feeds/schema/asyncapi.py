@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -293,91 +294,30 @@ MOST_OCTETS = 1200  # Of an example, unless no message is so short
 # Where a definition of our protobuf schema begins, with what is said before it.
 DEFINITION = re.compile(r"\n\n(?=(?://.*\n)*(?:message|enum) \w+ \{)")
 NAME = re.compile(r"(?m)^(?:message|enum) (\w+) \{")
-CLOUD_EVENTS: dict[str, dict[str, Any]] = {
-    "specversion": {"const": "1.0"},
-    "id": {"type": "string", "description": "Unique among those of its source."},
-    "source": {"type": "string", "description": "Prefix and sensor, or the prefix."},
-    "time": {"type": "string", "format": "date-time", "description": "Of what it tells of."},
-}
-ATTRIBUTES: dict[str, dict[str, Any]] = {
-    "sensor": {"type": "string"},
-    "drone": {"type": "string"},
-    "scan": {"type": "string", "pattern": "^[0-9]+$", "description": "floor(time / period)"},
-    "sector": {"type": "string", "pattern": "^[0-9]+$", "description": "0 begins at north."},
-}
-PARAMETERS = {
-    "prefix": {
-        "description": "One or more levels: mqtt.prefix of the scene.",
-        "default": "plotfeed",
-        "examples": ["plotfeed", "north/site/7"],
-    },
-    "sensor": {"description": "The sensor's id in the scene.", "examples": ["radar"]},
-    "drone": {
-        "description": "Any name of 1 to 64 printable characters without / + #.",
-        "examples": ["phantom-4"],
-    },
-}
-DESCRIPTION = (
-    "Plots of simulated counter-UAS sensors. Header objects are user properties of MQTT 5, the "
-    "attributes of CloudEvents 1.0 in binary mode; over MQTT 3.1.1 they are left out, and so are "
-    "content types. Where an operation has x-qos, the scene's mqtt.qos tells which; x-needs says "
-    "what must be so that there are any such messages."
-)
+
+
+@lru_cache
+def _fixed() -> Mapping[str, Any]:
+    """What stands fixed in the document, and what its parts may have, from asyncapi.toml."""
+    return tomllib.loads(
+        files("plotfeed.feeds.schema").joinpath("asyncapi.toml").read_text("utf-8")
+    )
 
 
 def document() -> dict[str, Any]:
     """The whole AsyncAPI document."""
-    found = flows()
+    found, fixed = flows(), _fixed()
     return {
-        "asyncapi": "3.0.0",
-        "info": {
-            "title": "plotfeed",
-            "version": version("plotfeed"),
-            "description": DESCRIPTION,
-            "license": {"name": "Apache-2.0"},
-        },
-        "servers": _servers(),
+        "asyncapi": fixed["asyncapi"],
+        "info": fixed["info"] | {"version": version("plotfeed")},
+        "servers": fixed["servers"],
         "channels": _channels(found),
         "operations": {_operation_name(flow): _operation(flow) for flow in found},
         "components": {
             "messages": {flow.name: _message(flow) for flow in found},
             "schemas": _schemas(),
-            "securitySchemes": {
-                "password": {"type": "userPassword"},
-                "certificate": {"type": "X509"},
-            },
+            "securitySchemes": fixed["securitySchemes"],
         },
-    }
-
-
-def _servers() -> dict[str, Any]:
-    embedded = "The embedded broker's usual port, on loopback; `plotfeed run` tells others."
-    return {
-        "embedded5": _server("127.0.0.1:1883", "mqtt", "5.0", embedded),
-        "embedded3": _server("127.0.0.1:1883", "mqtt", "3.1.1", embedded),
-        "browsers": {
-            "host": "127.0.0.1:1884",
-            "protocol": "ws",
-            "description": "MQTT over WebSocket, subprotocol mqtt, for the pages that "
-            f"mqtt.embedded.websocket_origins names. {embedded}",
-        },
-        "yours": {
-            **_server("{host}:{port}", "secure-mqtt", "5.0", "A broker of your own: mqtts://."),
-            "variables": {"host": {"default": "localhost"}, "port": {"default": "8883"}},
-            "security": [
-                {"$ref": "#/components/securitySchemes/password"},
-                {"$ref": "#/components/securitySchemes/certificate"},
-            ],
-        },
-    }
-
-
-def _server(host: str, protocol: str, number: str, description: str) -> dict[str, Any]:
-    return {
-        "host": host,
-        "protocol": protocol,
-        "protocolVersion": number,
-        "description": description,
     }
 
 
@@ -392,7 +332,7 @@ def _channels(found: list[Flow]) -> dict[str, Any]:
                 "messages": {},
                 "parameters": {
                     name: value
-                    for name, value in PARAMETERS.items()
+                    for name, value in _fixed()["parameters"].items()
                     if f"{{{name}}}" in flow.address
                 },
             },
@@ -441,9 +381,9 @@ def _message(flow: Flow) -> dict[str, Any]:
     message: dict[str, Any] = {"name": flow.name, "contentType": flow.content_type}
     if not flow.inbound:
         properties = {
-            **CLOUD_EVENTS,
+            **_fixed()["cloud_events"],
             "type": {"const": flow.kind},
-            **{name: ATTRIBUTES[name] for name in flow.attributes},
+            **{name: _fixed()["attributes"][name] for name in flow.attributes},
         }
         message["headers"] = {
             "type": "object",
