@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -23,7 +22,6 @@ from plotfeed.feeds.scene.presets.preset import (
 from plotfeed.feeds.scene.scene import Scene, SceneError, from_tree
 from plotfeed.proto.errors import PlotfeedError
 
-ROOT = Path(__file__).parents[3]
 PATH = Path("test.toml")
 
 
@@ -211,9 +209,3 @@ def test_an_unknown_name_is_wrong_use() -> None:
     with pytest.raises(UnknownPresetError, match=r"did you mean doruk\?") as caught:
         run("dorak")
     assert caught.value.exit_code == 2
-
-
-def test_the_wheel_takes_the_presets_along() -> None:
-    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    assert "plotfeed.feeds.scene.presets" in setuptools["packages"]
-    assert setuptools["package-data"]["plotfeed.feeds.scene.presets"] == ["*.toml"]
