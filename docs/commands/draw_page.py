@@ -10,30 +10,18 @@ from __future__ import annotations
 import asyncio
 import shutil
 import sys
+from asyncio.subprocess import PIPE
 from itertools import product
 from pathlib import Path
 from typing import Literal
 
 from playwright.async_api import Browser, Page, ViewportSize, async_playwright
 
-from plotfeed.feeds.messages.message import Message
-from plotfeed.feeds.page.page_access import PageAddress
-from plotfeed.feeds.page.page_sessions import PageSessions
-from plotfeed.feeds.page.run_with_page import alongside
-from plotfeed.feeds.page.scene_outline import load_basemap
-from plotfeed.feeds.page.server import PageServer, serving
-from plotfeed.feeds.page.shown import tracks_to_show
-from plotfeed.feeds.page.view import View
-from plotfeed.feeds.scene.fields import site_frame
-from plotfeed.feeds.scene.scene import example
-from plotfeed.feeds.session.observer import Tap
-from plotfeed.feeds.session.session import run
-from plotfeed.feeds.timing.clock import WallClock
+from plotfeed.feeds.page.page_access import AUDIENCE_PATH
 
 DOCS = Path(__file__).parents[1]
-START_UTC_NS = 1_767_268_800_000_000_000
 SECONDS = 70.0
-TRACKS_TOPIC = "plotfeed/tower/asterix/062"
+DEMO = (sys.executable, "-um", "plotfeed.feeds.cli", "demo", "--page", "127.0.0.1:0")
 OPTIONS = ["--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
 WINDOW: ViewportSize = {"width": 1680, "height": 1000}
 PHONE: ViewportSize = {"width": 360, "height": 740}
@@ -49,50 +37,38 @@ THEMES: tuple[Theme, ...] = ("dark", "light")
 
 
 async def draw(folders: list[Path]) -> None:
-    """Run the scene, look at it."""
-    shown, view = example("field-day"), View()
-    sessions = PageSessions(shown, view, Path("nowhere"))
-    basemap = str(shown.page.basemap)
-    sessions.basemap = load_basemap(basemap, shown.file(basemap), shown.scene.site)
-    site = site_frame(shown.scene.site)
-
-    def tap(message: Message, _sent_utc_ns: int) -> None:
-        if message.topic == TRACKS_TOPIC:
-            view.tracks(tracks_to_show(message.payload, None, sessions.now_utc_ns(), site))
-
-    address = PageAddress("127.0.0.1", 0)
-    async with (
-        serving(address, view, sessions, sessions.now_utc_ns) as server,
-        alongside(sessions.follow(), "page-follow"),
-        async_playwright() as playwright,
-    ):
-        session = asyncio.create_task(
-            run(
-                shown,
-                clock=WallClock(START_UTC_NS),
-                broker="none",
-                duration_s=SECONDS + 60,
-                observers=[Tap(tap), sessions],
+    """Run the demo, look at it."""
+    demo = await asyncio.create_subprocess_exec(*DEMO, stdout=PIPE)
+    url = ""
+    while demo.stdout and not url:  # in the line of its introduction that begins so
+        line = (await demo.stdout.readline()).decode()
+        url = line.split()[1] if line.startswith("  page ") else ""
+    try:
+        async with async_playwright() as playwright:
+            browser = await playwright.chromium.launch(
+                executable_path=shutil.which("chromium"), args=OPTIONS
             )
-        )
-        browser = await playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=OPTIONS
-        )
-        dark = await _opened(browser, server.url, WINDOW, "dark")
-        light = await _opened(browser, server.url, WINDOW, "light")
-        phone = await _opened(browser, server.url, PHONE, "dark")
-        await light.click("#truth")
-        await light.get_by_role("button", name="gate").click()
-        await asyncio.sleep(SECONDS)
-        await dark.screenshot(path=DOCS / "page-dark.png")
-        await phone.screenshot(path=DOCS / "page-phone.png")
-        await _select(light)
-        await light.screenshot(path=DOCS / "page-light.png")
-        for folder in folders:
-            await _draw_sizes(browser, server, folder)
-        await browser.close()
-        session.cancel()
+            await draw_page(browser, url, folders)
+    finally:
+        demo.terminate()
+        await demo.wait()
     print(f"{DOCS}/page-dark.png, page-light.png, page-phone.png")
+
+
+async def draw_page(browser: Browser, url: str, folders: list[Path]) -> None:
+    """The pictures of the docs after a while, and those in folders."""
+    dark = await _opened(browser, url, WINDOW, "dark")
+    light = await _opened(browser, url, WINDOW, "light")
+    phone = await _opened(browser, url, PHONE, "dark")
+    await light.click("#truth")
+    await light.get_by_role("button", name="gate").click()
+    await asyncio.sleep(SECONDS)
+    await dark.screenshot(path=DOCS / "page-dark.png")
+    await phone.screenshot(path=DOCS / "page-phone.png")
+    await _select(light)
+    await light.screenshot(path=DOCS / "page-light.png")
+    for folder in folders:
+        await _draw_sizes(browser, url, folder)
 
 
 async def _opened(browser: Browser, url: str, window: ViewportSize, theme: Theme) -> Page:
@@ -105,10 +81,10 @@ async def _opened(browser: Browser, url: str, window: ViewportSize, theme: Theme
     return page
 
 
-async def _draw_sizes(browser: Browser, server: PageServer, folder: Path) -> None:
+async def _draw_sizes(browser: Browser, url: str, folder: Path) -> None:
     for window, theme in product(SIZES, THEMES):
-        for kind, url in (("", server.url), ("-audience", server.audience_url)):
-            page = await _opened(browser, url, window, theme)
+        for kind, path in (("", ""), ("-audience", f"{AUDIENCE_PATH.strip('/')}/")):
+            page = await _opened(browser, url + path, window, theme)
             name = f"{window['width']}-{theme}{kind}.png"
             if not kind:
                 await page.click("#truth")

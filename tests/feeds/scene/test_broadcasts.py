@@ -59,13 +59,3 @@ def test_a_kind_that_nobody_has_is_told_with_those_that_there_are() -> None:
     ((key, text),) = caught.value.problems
     assert key == "sensor[0].transmitters[0].preset"
     assert "'dab', 'dvb-t', 'fm' or 'gsm'" in text
-
-
-@pytest.mark.parametrize("given", [{"preset": "fm"}, {"erp_w": 1.0}])
-def test_the_schema_asks_for_a_kind_or_for_its_keys(given: dict[str, Any], schema: Any) -> None:
-    tree = {
-        "scene": {"name": "a", "seed": 1, "site": dict.fromkeys(
-            ("latitude_deg", "longitude_deg", "height_m"), 1.0)},
-        "sensor": [passive({"id": "a"} | given)],
-    }  # fmt: skip
-    assert schema.is_valid(tree) == ("preset" in given)

@@ -141,12 +141,6 @@ def test_the_tree_that_a_scene_came_from_is_left_as_it_was() -> None:
     assert own == {"id": "a", "preset": "doruk"}
 
 
-def test_the_schema_asks_no_key_of_a_sensor_with_a_preset(schema: Any) -> None:
-    of_a_preset = schema.schema["properties"]["sensor"]["items"]["anyOf"][0]
-    assert of_a_preset["required"] == ["id", "preset"]
-    assert of_a_preset["properties"]["preset"]["enum"] == names()
-
-
 def test_a_rule_that_nothing_meets_says_so() -> None:
     given = preset("doruk").keys | {"range_floor_m": 9.0}
     given = {key: value for key, value in given.items() if key not in {"type", "power_w"}}

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import math
 import re
 import tomllib
@@ -14,7 +15,8 @@ import jsonschema
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.scene_files import radar, scene_text
+from support import every_kind
+from support.scene_files import scene_text
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.feeds.engine.engine import Engine
@@ -193,6 +195,7 @@ def test_a_damaged_scene_loads_or_says_why(data: st.DataObject) -> None:
         assert "scene.toml" in str(error)
 
 
+FLOORS = ("range_floor_m", "azimuth_floor_deg", "elevation_floor_deg")
 json_like = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
@@ -211,45 +214,14 @@ def leaves(tree: Any, key: str = "") -> Iterator[tuple[str, Any]]:
         yield key, tree
 
 
-EVERY_NUMBER = tomllib.loads(
-    scene_text(
-        start_utc="2026-01-01T12:00:00Z",
-        port=1883,
-        general="duration_s = 0.2",
-        telemetry="""
-            stale_after_s = 3.0
-            takeoff_height_m = 0.0
-            geoid_undulation_m = 0.0
-            max_ahead_s = 2.0
-            max_age_s = 60.0
-            max_drones = 100
-            rcs_m2 = 0.01
-            sound_power_db = 80.0
-        """,
-        sensors=radar(
-            period_s=0.05,
-            sectors=4,
-            more="""
-                sac = 1
-                sic = 2
-                position_enu_m = [0.0, 0.0, 0.0]
-                gain_rx_dbi = 30.0
-                antenna_efficiency = 0.5
-                loss_db = 4.0
-                noise_figure_db = 5.0
-                n_reference = 16
-                range_min_m = 0.0
-                receive_beams = 1
-                azimuth_min_deg = -180.0
-                azimuth_max_deg = 180.0
-                doppler_cells = 1
-                range_floor_m = 0.0
-                azimuth_floor_deg = 0.0
-                elevation_floor_deg = 0.0
-            """,
-        ),
+# Every key of a scene of one radar, what it leaves out among them.
+EVERY_NUMBER = json.loads(
+    from_tree(TREE, Path()).model_dump_json(
+        include={"scene", "telemetry", "sensor", "drone"}, exclude_none=True
     )
 )
+EVERY_NUMBER["scene"] |= {"start_utc": TREE["scene"]["start_utc"], "duration_s": 0.2}
+EVERY_NUMBER["sensor"][0] |= {"gain_rx_dbi": 30.0, **dict.fromkeys(FLOORS, 0.0)}
 LEAVES = list(leaves(EVERY_NUMBER))
 NUMBERS = [(k, v) for k, v in LEAVES if isinstance(v, int | float) and not isinstance(v, bool)]
 
@@ -290,6 +262,40 @@ def test_the_schema_takes_what_the_scene_takes_and_refuses_what_it_refuses(schem
     for key, value, says in MISTAKES:
         if says.startswith((*kinds, "input should be less than or")):
             assert not schema.is_valid(changed(tree, key, value)), key
+
+
+GENERAL = {k: v for k, v in TREE["scene"].items() if k != "start_utc"}
+NOWHERE = {"latitude_deg": 1.0, "longitude_deg": 2.0}
+ABOVE, ABOVE_SEA = {"height_m": 1.0}, {"height_msl_m": 1.0}
+DORUK = {"id": "a", "preset": "doruk"}
+
+
+def illuminated(**keys: Any) -> dict[str, Any]:
+    place = every_kind.PASSIVE["transmitters"][0]["place"]  # type: ignore[index]
+    return every_kind.PASSIVE | {"transmitters": [{"id": "tv", "place": place, **keys}]}
+
+
+@pytest.mark.parametrize(
+    ("tables", "is_valid"),
+    [
+        ({"system": [{"id": "gate", "preset": "dronesentry"}]}, True),
+        ({}, False),
+        ({"sensor": [DORUK]}, True),
+        ({"sensor": [DORUK | {"preset": "dorak"}]}, False),
+        ({"sensor": [illuminated(preset="fm")]}, True),
+        ({"sensor": [illuminated(erp_w=1.0)]}, False),
+        *(
+            ({"sensor": [DORUK], "scene": GENERAL | {"site": NOWHERE | heights}}, is_valid)
+            for heights, is_valid in (
+                (ABOVE, True), (ABOVE_SEA, True), ({}, False), (ABOVE | ABOVE_SEA, False)
+            )
+        ),
+    ],
+)  # fmt: skip
+def test_the_schema_knows_what_stands_in_the_place_of_what(
+    tables: dict[str, Any], is_valid: bool, schema: Schema
+) -> None:
+    assert schema.is_valid({"scene": GENERAL} | tables) == is_valid
 
 
 def test_every_key_of_the_schema_that_has_a_unit_says_it(schema: Schema) -> None:

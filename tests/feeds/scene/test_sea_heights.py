@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import numpy as np
 import pytest
 from support.scene_files import scene_file, scene_text
@@ -131,15 +130,6 @@ def test_what_is_not_one_height_is_refused_by_its_key(
     with pytest.raises(SceneError) as refused:
         written(tmp_path, **changes)
     assert told in str(refused.value)
-
-
-def test_editors_take_either_height_and_not_both(schema: Any) -> None:
-    of_site = {"$defs": schema.schema["$defs"], "$ref": "#/$defs/Site"}
-    place = {"latitude_deg": 1.0, "longitude_deg": 2.0}
-    valid = jsonschema.Draft202012Validator(of_site).is_valid
-    one, other = {"height_m": 1.0}, {"height_msl_m": 1.0}
-    told = [valid(place | heights) for heights in (one, other, {}, one | other)]
-    assert told == [True, True, False, False]
 
 
 def gtx(path: Path) -> None:

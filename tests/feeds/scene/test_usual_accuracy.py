@@ -17,17 +17,13 @@ from support.scene_files import scene_file, scene_text
 
 from plotfeed.feeds.cli.check import report
 from plotfeed.models.propagation import C_M_S
-from plotfeed.testing import radar, scene, staring, waypoint
+from plotfeed.testing import radar, scene, waypoint
 
 RADAR = {k: v for k, v in radar().items() if "floor" not in k}
-MIMO = {k: RADAR[k] for k in RADAR if k != "power_w"} | {
-    "type": "mimo_radar", "report": ["plots"],
-    "transmitters": [{"power_w": 2000.0, "east_m": 0.0, "north_m": 100.0, "above_site_m": 0.0}],
-}  # fmt: skip
-PASSIVE = {
-    "id": "radar", "type": "passive_radar", "scan": staring(), "gain_rx_dbi": 10.0,
-    "azimuth_beamwidth_deg": 4.0, "integration_s": 0.3, "external_noise_db": 0.0,
-    "range_max_m": 8000.0, "azimuth_min_deg": 90.0, "azimuth_max_deg": 270.0,
+CELLS = ("range_resolution_m", "azimuth_beamwidth_deg", "elevation_beamwidth_deg", "frequency_hz")
+MIMO = every_kind.MIMO | {key: RADAR[key] for key in CELLS}
+PASSIVE = every_kind.PASSIVE | {
+    "azimuth_beamwidth_deg": 4.0, "azimuth_min_deg": 90.0, "azimuth_max_deg": 270.0,
     "transmitters": [
         {"id": name, "erp_w": 1e5, "frequency_hz": 1e8 * n, "bandwidth_hz": 1e6 * n,
          "place": waypoint(10.0 * n, 0.2, 20_000.0)} for n, name in ((2, "dab"), (6, "tv"))

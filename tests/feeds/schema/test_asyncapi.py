@@ -14,7 +14,6 @@ from typing import Any
 import jsonschema
 import pytest
 from google.protobuf.json_format import ParseDict
-from support.asyncapi_rules import problems
 from support.brokers import free_port, mosquitto, own_broker
 from support.command import plotfeed_here
 from support.dice import Dice
@@ -175,42 +174,8 @@ def matching(api: dict[str, Any], heard: MqttMessage) -> list[str]:
     return found
 
 
-WRONG: tuple[tuple[tuple[str, ...], object], ...] = (
-    (("operations", "sendPlots", "bindings", "mqtt", "qos"), 7),
-    (("operations", "sendPlots", "action"), "publish"),
-    (("operations", "sendPlots", "channel", "$ref"), "#/channels/truth"),
-    (("channels", "plots", "adress"), "x"),
-    (("channels", "plots", "address"), "plots"),
-    (("info", "version"), None),
-    (("components", "messages", "plots", "headers", "type"), "text"),
-)
-
-
-def test_the_command_prints_the_document_which_is_what_the_standard_asks_for(
-    api: dict[str, Any],
-) -> None:
+def test_the_command_prints_the_document(api: dict[str, Any]) -> None:
     assert json.loads(plotfeed_here("schema", "asyncapi").stdout) == api
-    assert problems(api) == []
-    for (*above, last), value in WRONG:
-        wrong = place = json.loads(json.dumps(api))
-        for step in above:
-            place = place[step]
-        if value is None:
-            del place[last]
-        else:
-            place[last] = value
-        assert problems(wrong), last
-
-
-def test_every_reference_leads_somewhere(api: dict[str, Any]) -> None:
-    for operation in api["operations"].values():
-        channel = resolved(api, operation["channel"])
-        named = [resolved(api, m) for m in channel["messages"].values()]
-        assert all(resolved(api, m) in named for m in operation["messages"])
-    for message in api["components"]["messages"].values():
-        assert resolved(api, message["payload"])
-    for channel in api["channels"].values():
-        assert set(channel["parameters"]) == set(re.findall(r"\{(\w+)\}", channel["address"]))
 
 
 def test_every_format_and_category_is_told_of(api: dict[str, Any]) -> None:
@@ -337,8 +302,7 @@ def test_examples_are_what_they_are_examples_of(api: dict[str, Any], flow: Any) 
     payload = message_api["examples"][0]["payload"]
     if "json" in flow.content_type:
         schema = message_api["payload"]
-        problems = [e.message for e in jsonschema.Draft202012Validator(schema).iter_errors(payload)]
-        assert not problems
+        jsonschema.Draft202012Validator(schema).validate(payload)
     elif flow.message.startswith(f"{OURS}."):
         message = ParseDict(payload, OUR_MESSAGES[flow.message]())
         assert message.ByteSize() > 20
