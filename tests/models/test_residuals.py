@@ -40,9 +40,7 @@ def made_up(
     rng: np.random.Generator,
     n: int = 60,
     *,
-    bias: tuple[float, float] = (0.0, 0.0),
     late_s: float = 0.0,
-    spread: float = 1.0,
     rho: float = 0.0,
     rate: np.ndarray | None = None,
 ) -> Residuals:
@@ -58,7 +56,7 @@ def made_up(
     return Residuals(
         target=np.zeros(n, np.int64),
         t_s=t_s,
-        error=np.array(bias) - late_s * rate + spread * sigma * noise,
+        error=sigma * noise - late_s * rate,
         sigma=sigma,
         rate=rate,
         kurtosis=np.full((n, 2), 3.0),
@@ -78,23 +76,6 @@ def error_checks(
 def wrong(residuals: Residuals) -> set[str]:
     found = error_checks(residuals)
     return {c.name for c, w in zip(found, wrong_at(found, 0.01), strict=True) if w}
-
-
-@pytest.mark.parametrize(
-    ("planted", "named"),
-    [
-        ({"bias": (0.0, 2.0)}, {"azimuth"}),
-        ({"bias": (40.0, 0.0)}, {"range"}),
-        ({"late_s": 1.5}, {"time"}),
-        ({"spread": 2.5}, {"range spread", "azimuth spread"}),
-    ],
-)
-def test_a_fault_has_its_name_and_no_other(planted: dict[str, object], named: set[str]) -> None:
-    rng = np.random.default_rng(1)
-    found = [wrong(made_up(rng, **planted)) for _ in range(100)]  # type: ignore[arg-type]
-    # The other checks fail together at 1 % at most: 8 of 100 by chance less than once in 10,000.
-    assert sum(named <= each for each in found) >= 99
-    assert sum(each == named for each in found) >= 92
 
 
 def test_where_all_is_right_one_in_a_hundred_is_called_wrong_at_most() -> None:

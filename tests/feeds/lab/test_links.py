@@ -45,20 +45,21 @@ LINKS: dict[str, dict[str, Any]] = {
 }
 
 
-# Links that do one thing and say another, and what of it shows.
+# Links that do one thing and say another, by what is called wrong of them.
 WRONG: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "delay": ({"latency_ms": 101.0, "jitter_ms": 10.0}, JITTERED),
-    "jitter": ({"latency_ms": 100.0, "jitter_ms": 12.0}, JITTERED),
+    "delay, by its jitter": ({"latency_ms": 100.0, "jitter_ms": 12.0}, JITTERED),
     "loss": (
         {"loss": {"kind": "random", "probability": 0.07}},
         {"loss": {"kind": "random", "probability": 0.05}},
     ),
-    "bursts": (
+    "bursts of losses": (
         {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 7.0}},
         {"loss": {"kind": "gilbert-elliott", "mean_loss": 0.1, "mean_burst": 4.0}},
     ),
-    "doubled": ({"duplicate": 0.14}, {"duplicate": 0.1}),
-    "corrupted": ({"corrupt": 0.14}, {"corrupt": 0.1}),
+    "duplicates": ({"duplicate": 0.14}, {"duplicate": 0.1}),
+    "flipped bits": ({"corrupt": 0.14}, {"corrupt": 0.1}),
+    "order": (JITTERED, JITTERED | {"in_order": True}),
 }
 NOT_PLAIN = {
     "kept in order": JITTERED | {"in_order": True},
@@ -92,7 +93,7 @@ def called(name: str, ledgers: list[pb.Ledger], link: str | None = None) -> list
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, LinkFigures]:
+def told(tmp_path_factory: pytest.TempPathFactory) -> FeedReport:
     """Of one recording, with a sensor for each of those links."""
     made = [called(n, entries(link(**k), COUNT, seed=5, in_each=20)) for n, k in LINKS.items()]
     for name, (does, says) in WRONG.items():
@@ -104,7 +105,11 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, LinkFigures]:
     made += [called(text[:50], entries(link(**JITTERED), 400), text) for text in NONE]
     late = entries(link(**JITTERED), COUNT, late_ns=2 * MS, in_each=20)
     made += [called("late", late), called("nothing", entries(link(), 400), "")]
-    told = told_of(tmp_path_factory.mktemp("links"), [entry for each in made for entry in each])
+    return told_of(tmp_path_factory.mktemp("links"), [entry for each in made for entry in each])
+
+
+@pytest.fixture(scope="module")
+def found(told: FeedReport) -> dict[str, LinkFigures]:
     return {each.sensor: each for each in told.links}
 
 
@@ -139,16 +144,9 @@ def test_a_right_link_delivers_what_it_asks(name: str, found: dict[str, LinkFigu
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_link_that_does_something_else_is_found_out(
-    name: str, found: dict[str, LinkFigures]
-) -> None:
-    of = found[f"not {name}"]
-    if name in ("delay", "jitter"):
-        assert of.fit.p_value < 1e-6
-        return
-    each = (of.loss, of.bursts, of.duplicates, of.corrupted)
-    shares = dict(zip(("loss", "bursts", "doubled", "corrupted"), each, strict=True))
-    assert [what for what, share in shares.items() if abs(share.z) > 5] == [name]
+def test_a_link_that_does_something_else_is_found_out(name: str, told: FeedReport) -> None:
+    wrong = {each.name for each in told.verdicts.wrong if each.sensor == f"not {name}"}
+    assert wrong == {name.partition(",")[0]}
 
 
 def test_the_engine_is_told_apart_from_the_link(found: dict[str, LinkFigures]) -> None:
@@ -232,14 +230,9 @@ def test_counts_are_those_of_the_ledger(tmp_path: Path) -> None:
     assert found.corrupted.count == sum(one.HasField("flipped_bit") for one in sent)
     assert found.corrupted.of == sum(one.fate == pb.SENT for one in sent)
     assert found.overtook.count == (left < np.maximum.accumulate(left)).sum()
-    assert found.overtook.delivered == pytest.approx(
-        (left < np.maximum.accumulate(left)).mean(), abs=1e-12
-    )
     assert np.isnan(found.overtook.asked)
     assert found.delivered.mean_ms == pytest.approx(delays_ms.mean())
-    assert found.delivered.p99_ms == pytest.approx(np.quantile(delays_ms, 0.99), rel=0.01)
-    assert found.delivered.max_ms == delays_ms.max()
-    assert list(found.delivered.curve_ms) == sorted(found.delivered.curve_ms)
+    assert found.delivered.curve_ms[-1] == found.delivered.max_ms == delays_ms.max()
     lost = "".join("x" if one.fate == pb.LOST else "." for one in first)
     runs = [len(run) for run in lost.split(".")[1:-1] if run]
     assert found.bursts.lengths == {str(n): runs.count(n) for n in sorted(set(runs))}

@@ -5,7 +5,6 @@ One recording has a sensor for each fault beside those that are right.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
 from pathlib import Path
@@ -143,23 +142,9 @@ def scans_are_missed(entry: pb.Ledger, _: np.random.Generator) -> None:
         entry.Clear()
 
 
-def with_link(**keys: Any) -> Callable[[pb.Ledger, np.random.Generator], None]:
-    asked = {key: value for key, value in (LINK | keys).items() if value is not None}
-
-    def says(entry: pb.Ledger, _: np.random.Generator) -> None:
-        entry.link = json.dumps(asked)
-
-    return says
-
-
-LESS = {"kind": "random", "probability": 0.03}
 IN_THE_LEDGER: dict[str, tuple[Any, set[str]]] = {
     "three in five are detected": (seldom, {"Pd"}),
     "scans are missed": (scans_are_missed, {"missed scans"}),
-    "a delay that is too long": (with_link(latency_ms=170.0), {"delay"}),
-    "more loss than asked": (with_link(loss=LESS), {"loss"}),
-    "duplicates that nobody asked for": (with_link(duplicate=None), {"duplicates"}),
-    "order that is not kept": (with_link(in_order=True), {"order"}),
 }
 
 

@@ -11,14 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.command import plotfeed_here
-from support.every_kind import MICROPHONES, RADAR
-from support.ledgers import entries, record_session, recorded, told, written
+from support.ledgers import entries, recorded, told, written
 from support.links import link
-from support.random_scenes import random_tree
 from support.recordings import mcap_of
 
 from plotfeed.feeds.lab.report import lines, print_report
-from plotfeed.feeds.testing.built_scene import toml_of
 from plotfeed.proto import plotfeed_pb2 as pb
 from plotfeed.proto.errors import PlotfeedError
 
@@ -240,32 +237,3 @@ def test_whatever_a_ledger_says_is_told_or_left_out(
     found = told(written(tmp_path / "hostile.mcap", messages))
     assert all("\n" not in line for line in lines(found))
     json.dumps(found.as_values(), allow_nan=False)
-
-
-LAYOUT = {"shape": "circle", "spacing_m": 0.3}
-SECOND = {"east_m": 100.0, "north_m": 0.0, "above_site_m": 0.0}
-PAIR = {"type": "acoustic_pair", "second_array": SECOND}
-
-
-@pytest.mark.parametrize(
-    ("sensor", "reason"),
-    [
-        (MICROPHONES | PAIR, "detections are joined to places"),
-        (MICROPHONES | {"microphones": 8, "layout": LAYOUT}, "layout"),
-        (RADAR, ""),
-    ],
-    ids=["pair", "layout", "radar"],
-)
-def test_what_is_not_judged_is_said_with_the_reason(
-    sensor: dict[str, Any], reason: str, tmp_path: Path, capsys: Capture
-) -> None:
-    tree = random_tree(0) | {"sensor": [sensor]}
-    tree = {name: tree[name] for name in ("scene", "sensor", "drone")}
-    scene = tmp_path / "scene.toml"
-    scene.write_text(toml_of(tree))
-    record = record_session(scene, tmp_path / "session.mcap", 3.0)
-    code, out, _ = printed(record, capsys)
-    assert code == 0
-    found = [line for line in out.splitlines() if ": not judged: " in line]
-    assert len(found) == bool(reason)
-    assert all(line.strip().startswith(sensor["id"]) and reason in line for line in found)
