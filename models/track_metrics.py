@@ -492,10 +492,6 @@ class TrajectoryScore(NamedTuple):
     false: float
     switching: float
 
-    def t_gospa_m(self, order: float = 2.0) -> float:
-        """T-GOSPA of the window, metres, of the order for which the parts are."""
-        return float(sum(self) ** (1.0 / order))
-
 
 def t_gospa(
     distances_m: Floats,

@@ -43,25 +43,6 @@ def distances(truth: list[float], tracks: list[float]) -> np.ndarray:
     return np.abs(np.subtract.outer(np.array(truth, float), np.array(tracks, float)))
 
 
-def test_the_worked_case() -> None:
-    """Truths at 0 and 100, tracks at 3, 104 and 500, c 50, p 2."""
-    score = set_score(distances([0, 100], [3, 104, 500]), 50.0, 2.0)
-    assert (score.localisation, score.missed, score.false) == (25.0, 0.0, 1250.0)
-    assert score.gospa_m() == pytest.approx(35.7071, abs=1e-4)
-    assert score.ospa_m == pytest.approx(29.0115, abs=1e-4)
-    assert (score.rows.tolist(), score.columns.tolist()) == ([0, 1], [0, 1])
-
-
-@pytest.mark.parametrize(
-    ("shape", "gospa_m", "ospa_m"),
-    [((0, 0), 0.0, 0.0), ((2, 0), 50.0, 50.0), ((0, 1), 50 / 2**0.5, 50.0)],
-)
-def test_nothing_on_one_side(shape: tuple[int, int], gospa_m: float, ospa_m: float) -> None:
-    score = set_score(np.zeros(shape), 50.0, 2.0)
-    assert score.gospa_m() == pytest.approx(gospa_m)
-    assert score.ospa_m == ospa_m
-
-
 def test_what_is_at_the_cut_off_or_unknown_is_missed_and_false() -> None:
     for distance in (50.0, 80.0, np.nan, np.inf):
         score = set_score(np.array([[distance]]), 50.0, 2.0)
@@ -173,28 +154,7 @@ def test_a_velocity_that_is_not_told_is_that_between_the_last_two_reports() -> N
     assert np.isnan(found[[0, 2, 3]]).all()
 
 
-CUTOFF_M, ORDER, SWITCH_M = 10.0, 1.0, 2.0
-
-
-def worked(track_there: list[list[int]]) -> float:
-    """One flight over four steps, tracks 1 m off it."""
-    there = np.array(track_there, np.bool_)
-    return t_gospa(
-        np.ones((4, 1, there.shape[1])),
-        np.ones((4, 1), np.bool_),
-        there,
-        cutoff_m=CUTOFF_M,
-        order=ORDER,
-        switch_m=SWITCH_M,
-    ).t_gospa_m(ORDER)
-
-
-def test_a_hand_over_half_way_costs_a_switch() -> None:
-    assert worked([[1, 0], [1, 0], [0, 1], [0, 1]]) == pytest.approx(6.0)
-
-
-def test_a_track_that_ends_half_way_costs_what_is_missed() -> None:
-    assert worked([[1], [1], [0], [0]]) == pytest.approx(12.0)
+CUTOFF_M = 10.0
 
 
 def drawn(seed: int, steps: int, drones: int, tracks: int) -> tuple[np.ndarray, ...]:
@@ -270,18 +230,19 @@ def test_pairs_without_rivals_are_as_the_programme_has_them(seed: int) -> None:
         assert costs[0] == pytest.approx(costs[1])
 
 
-def test_ospa2_of_a_track_that_comes_late() -> None:
-    """A flight over four steps; a track 1 m off over the last two: (10 + 10 + 1 + 1) / 4."""
-    there = np.array([[0], [0], [1], [1]], np.bool_)
-    found_m = ospa2_m(np.ones((4, 1, 1)), np.ones((4, 1), np.bool_), there, CUTOFF_M, 2.0)
-    assert found_m == pytest.approx(5.5)
-
-
-def test_ospa2_of_one_flight_and_two_tracks() -> None:
-    """Half of it each: ((5.5^2 + 10^2) / 2)^(1/2)."""
-    there = np.array([[1, 0], [1, 0], [0, 1], [0, 1]], np.bool_)
-    found_m = ospa2_m(np.ones((4, 1, 2)), np.ones((4, 1), np.bool_), there, CUTOFF_M, 2.0)
-    assert found_m == pytest.approx(((5.5**2 + 100) / 2) ** 0.5)
+@pytest.mark.parametrize(
+    ("track_there", "found_m"),
+    [
+        ([[0], [0], [1], [1]], 5.5),  # it comes late: (10 + 10 + 1 + 1) / 4
+        ([[1, 0], [1, 0], [0, 1], [0, 1]], ((5.5**2 + 10.0**2) / 2) ** 0.5),  # half of it each
+    ],
+)
+def test_ospa2_of_a_flight_over_four_steps_and_tracks_1_m_off(
+    track_there: list[list[int]], found_m: float
+) -> None:
+    there = np.array(track_there, np.bool_)
+    apart = np.ones((4, 1, there.shape[1]))
+    assert ospa2_m(apart, np.ones((4, 1), np.bool_), there, CUTOFF_M, 2.0) == pytest.approx(found_m)
 
 
 FRAME = LocalFrame(40.45, -3.73, 650.0)
