@@ -12,7 +12,7 @@ import numpy as np
 # SciPy takes three times as long to load as NumPy: functions that need it load it.
 from numpy.typing import ArrayLike
 
-from plotfeed.models.frames import axes_enu, geodetic_to_ecef
+from plotfeed.models.frames import axes_enu, ecef_to_geodetic, geodetic_to_ecef
 from plotfeed.models.state import NS, Bools, Columns, Floats, Ints
 
 GROUND, SPACE = 3, 4  # Columns of points by which a distance is over the ground, or in space
@@ -47,6 +47,28 @@ def along_enu(differences: Floats, latitude_deg: Floats, longitude_deg: Floats) 
     level = differences[:, :3]
     return np.stack(
         [(level * east).sum(axis=1), (level * north).sum(axis=1), differences[:, 3]], axis=-1
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrueStates:
+    """Where drones were: points (..., 4), velocities east, north, up (..., 3); NaN if not there."""
+
+    point: Floats
+    velocity_enu_m_s: Floats
+    latitude_deg: Floats
+    longitude_deg: Floats
+
+
+def true_states(ecef_m: Floats, velocity_ecef_m_s: Floats, level: Level) -> TrueStates:
+    """True states of places and velocities in ECEF, (n, 3)."""
+    latitude_deg, longitude_deg, height_m = ecef_to_geodetic(ecef_m)
+    axes = axes_enu(latitude_deg, longitude_deg)
+    return TrueStates(
+        point=level.points(latitude_deg, longitude_deg, height_m),
+        velocity_enu_m_s=np.einsum("axn,nx->na", axes, velocity_ecef_m_s),
+        latitude_deg=latitude_deg,
+        longitude_deg=longitude_deg,
     )
 
 
@@ -145,6 +167,12 @@ def stays_of(times: Ints, gap: int) -> list[tuple[int, int]]:
     firsts = times[np.concatenate([[0], ends + 1])]
     lasts = times[np.append(ends, len(times) - 1)]
     return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
+
+
+def stretches(flags: Bools) -> tuple[Ints, Ints]:
+    """Where flags (n, k) begin to hold and where they do not any more, column by column; (m,)."""
+    edges = np.diff(np.pad(flags.astype(np.int8), ((1, 1), (0, 0))), axis=0).T
+    return np.nonzero(edges == 1)[1], np.nonzero(edges == -1)[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

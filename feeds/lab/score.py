@@ -30,20 +30,13 @@ from plotfeed.feeds.lab.lab_settings import ScoreOptions
 from plotfeed.feeds.lab.pictures import figure_of, finish, plain_text, svg_of
 from plotfeed.feeds.lab.possible import RecordedRun, possible, read_run
 from plotfeed.feeds.lab.report import feed_lines
-from plotfeed.feeds.lab.scoring import (
-    FIGURE_NAMES,
-    REPORTS,
-    SETS,
-    Figures,
-    Score,
-    ScoreSettings,
-    stretches,
-)
+from plotfeed.feeds.lab.scoring import FIGURE_NAMES, REPORTS, SETS, Figures, Score, ScoreSettings
 from plotfeed.feeds.lab.tables import Table, TextColumn, number, of_cells
 from plotfeed.feeds.lab.track_reports import TracksRead, read_tracks
 from plotfeed.feeds.scene.fields import SceneTable
 from plotfeed.feeds.scene.problems import in_a_line, problems_of
 from plotfeed.models.state import Floats, Ints
+from plotfeed.models.track_metrics import stretches
 from plotfeed.models.verdicts import RISK, Decision, FigureSamples, Interval, decided, times_more
 from plotfeed.proto.errors import PlotfeedError
 from plotfeed.proto.utc import DAY_NS, NS, iso_utc
