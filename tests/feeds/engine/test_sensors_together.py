@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from collections.abc import Collection, Iterable
 from itertools import cycle
@@ -19,7 +20,7 @@ from plotfeed.feeds.scene.changes import command_of
 from plotfeed.feeds.scene.report_formats import REPORT_FORMATS
 from plotfeed.feeds.scene.sensors import SENSORS
 from plotfeed.models.state import Plots
-from plotfeed.proto.utc import NS
+from plotfeed.proto.utc import NS, iso_utc
 from plotfeed.testing import START_NS, radar, rotating, scene, staring, waypoint
 
 END_NS = START_NS + 2 * NS
@@ -183,3 +184,28 @@ def test_drones_draw_the_same_whatever_else_moves(kind: str) -> None:
         numbers = {name: of for name, of in vars(alone).items() if of.dtype.kind in "fi"}
         for name, column in numbers.items():
             np.testing.assert_allclose(beside[name], column, rtol=within, err_msg=f"{key}: {name}")
+
+
+def test_a_drone_that_comes_after_birds_draws_the_same() -> None:
+    """Its number is behind theirs, which are no drones."""
+
+    def plots(**world: Any) -> Plots:
+        engine = Engine(scene([KINDS["staring"]], drones(3, 1), seed=3, **world), START_NS)
+        found = []
+        for second in range(1, 7):
+            at_ns = START_NS + second * NS
+            told = waypoint(30.0, 5.0, 2000.0 + 10 * second) | {"time_utc": iso_utc(at_ns)}
+            told |= {"altitude_m": told.pop("height_m"), "altitude_reference": "ELLIPSOID"}
+            assert (
+                engine.receive("plotfeed/telemetry/live", json.dumps(told).encode(), at_ns) is None
+            )
+            for batch in engine.until(at_ns):
+                name = np.array([*batch.names, ""])[batch.plots.drone]
+                found.append(batch.plots.rows((name == "live") | (name == "d0")))
+        assert len(engine.trajectories) == 2
+        return Plots.joined(found)
+
+    alone, beside = (vars(plots(**world)) for world in ({}, {"birds": [OTHERS["birds"][0]]}))
+    assert len(alone["drone"]) > 10
+    for name in ("t_utc_ns", "range_m", "azimuth_deg", "snr"):
+        np.testing.assert_array_equal(beside[name], alone[name])
